@@ -1,0 +1,105 @@
+"""The exception tree, its stable codes, and the exit code of each branch.
+
+    MaskfabError
+     ├─ InputError          exit 2: the user can mend it
+     │   ├─ JobError        MF1xx  the job file
+     │   ├─ OpeningError    MF2xx  an opening
+     │   ├─ SourceError     MF3xx  a file that is read
+     │   └─ OutputError     MF4xx  the place results go to
+     └─ InternalError       MF9xx  exit 3: our own fault
+
+Every error says what is wrong, the value with its unit, the limit, where it stands, and the cure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+CATALOGUE: Mapping[str, str] = MappingProxyType(
+    {
+        "MF101": "The job file is not valid TOML.",
+        "MF102": "The job file has a key that maskfab does not know.",
+        "MF103": "A quantity has no unit, or a unit of the wrong kind.",
+        "MF104": "A length, wavelength or ratio is zero, negative, NaN, infinite or out of its range.",
+        "MF105": "A key is missing or has a value of the wrong type.",
+        "MF106": "dots x dot + gutter differs from the stated pitch.",
+        "MF107": "A length does not lie on the database grid of 1 nm.",
+        "MF108": "A die or a panel is larger than the room it has.",
+        "MF109": "Two dies have one name.",
+        "MF110": "A name would be refused by mask houses.",
+        "MF111": "A random tiling needs a seed.",
+        "MF112": "A wavelength is outside 200 to 2000 nm.",
+        "MF113": "The PSF window is wider than its alias-free range.",
+        "MF114": "The lens stop is larger than the panel in front of it.",
+        "MF115": "The request needs more memory or time than one job may take.",
+        "MF201": "The rows of an opening's grid differ in length or number.",
+        "MF202": "An opening's grid has characters other than '.' and '#'.",
+        "MF203": "An opening is closed everywhere.",
+        "MF204": "The open ratio cannot be reached on this dot grid.",
+        "MF205": "A polygon of an imported opening does not lie on the dot grid.",
+        "MF206": "An opening's stated facts contradict its grid.",
+        "MF301": "A file is missing.",
+        "MF302": "A file is empty.",
+        "MF303": "A file is truncated or damaged.",
+        "MF304": "A file is not what its suffix says.",
+        "MF305": "A layout has more than one top cell.",
+        "MF306": "A layout has no such layer.",
+        "MF307": "A layout has no such cell.",
+        "MF308": "maskfab does not read files of this kind.",
+        "MF309": "There is no geometry where the analysis looks for it.",
+        "MF401": "The output directory cannot be written.",
+        "MF402": "The output directory is not empty.",
+        "MF403": "The directory is not one that maskfab finished.",
+        "MF901": "maskfab failed; this is our fault.",
+    }
+)
+
+
+class MaskfabError(Exception):
+    """Root of every error that maskfab raises on purpose.
+
+    Args:
+        code: a key of :data:`CATALOGUE`.
+        what: what is wrong, with the value and its unit and the limit it breaks.
+        where: file and key (``layouts/x.toml: camera.focal``), or empty.
+        cure: what to do about it.
+    """
+
+    exit_code = 3
+
+    def __init__(self, code: str, what: str, *, where: str = "", cure: str = "") -> None:
+        self.code = code
+        self.summary = CATALOGUE[code]
+        self.what = what
+        self.where = where
+        self.cure = cure
+        place = f" ({where})" if where else ""
+        remedy = f" {cure}" if cure else ""
+        super().__init__(f"{code} {what}{place}.{remedy}")
+
+
+class InputError(MaskfabError):
+    """The user's input is at fault; nothing was written."""
+
+    exit_code = 2
+
+
+class JobError(InputError):
+    """The job file asks for something that cannot be made."""
+
+
+class OpeningError(InputError):
+    """An opening is malformed."""
+
+
+class SourceError(InputError):
+    """A file that was to be read is missing, damaged or of another kind."""
+
+
+class OutputError(InputError):
+    """Results cannot be put where the user wants them."""
+
+
+class InternalError(MaskfabError):
+    """An invariant of maskfab itself was broken."""

@@ -1,0 +1,102 @@
+"""Lengths, wavelengths and pitches as a user writes them: ``"168 um"``, ``"530 nm"``, ``"300 dpi"``.
+
+Inside maskfab lengths are float micrometres (``_um``), wavelengths float nanometres (``_nm``),
+and polygon coordinates integer nanometres, one database unit each.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from maskfab.errors import JobError
+
+UM_PER_INCH = 25400.0
+NM_PER_UM = 1000
+DBU_NM = 1
+
+_UM_PER_UNIT: Mapping[str, float] = MappingProxyType(
+    {"nm": 1e-3, "um": 1.0, "µm": 1.0, "μm": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6, "in": UM_PER_INCH, "mil": 25.4}
+)
+_QUANTITY = re.compile(
+    r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?))\s*(\S*)\s*", re.IGNORECASE
+)
+
+
+def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False) -> float:
+    """Micrometres of a length written with its unit.
+
+    Raises:
+        JobError: MF103 if there is no unit or it is no unit of length; MF104 if the length is not
+            finite and positive (or zero where that is allowed).
+    """
+    number, unit = _split(text, where)
+    if unit not in _UM_PER_UNIT:
+        known = ", ".join(dict.fromkeys(u for u in _UM_PER_UNIT if u.isascii()))
+        problem = f"{text!r} has no unit" if not unit else f"{text!r} has the unit {unit!r}, which is no unit of length"
+        raise JobError("MF103", problem, where=where, cure=f'Write it as "168 um"; units: {known}')
+    value = _decimal_scale(number, _UM_PER_UNIT[unit])
+    if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
+        limit = "at least 0" if zero_allowed else "positive"
+        raise JobError("MF104", f"{text!r} must be a finite length, {limit}", where=where, cure="Give a finite length")
+    return value
+
+
+def parse_pitch_um(text: object, *, where: str = "") -> float:
+    """Micrometres of a pitch, written as a length or as a pixel density (``"300 dpi"``)."""
+    number, unit = _split(text, where)
+    if unit.lower() not in {"dpi", "ppi"}:
+        return parse_length_um(text, where=where)
+    if not math.isfinite(number) or number <= 0:
+        raise JobError("MF104", f"{text!r} must be a finite, positive density", where=where, cure="Give a positive DPI")
+    return UM_PER_INCH / number
+
+
+def parse_wavelength_nm(text: object, *, where: str = "") -> float:
+    """Nanometres of a vacuum wavelength between 200 and 2000 nm (MF112 outside)."""
+    value = parse_length_um(text, where=where) * NM_PER_UM
+    value = round(value, 9)
+    if not 200.0 <= value <= 2000.0:
+        raise JobError(
+            "MF112",
+            f"wavelength {value:g} nm is outside 200 nm to 2000 nm",
+            where=where,
+            cure="Give a wavelength that silica passes and a camera sees, such as 530 nm",
+        )
+    return value
+
+
+def to_nm(value_um: float, *, where: str = "", name: str = "length") -> int:
+    """Integer nanometres of a length that must lie on the database grid (MF107 otherwise)."""
+    exact = value_um * NM_PER_UM
+    nearest = round(exact)
+    if abs(exact - nearest) > 1e-6:
+        raise JobError(
+            "MF107",
+            f"{name} {value_um:.6f} um is off the database grid of {DBU_NM} nm by {exact - nearest:+.3f} nm",
+            where=where,
+            cure=f"Use {nearest / NM_PER_UM:g} um",
+        )
+    return nearest
+
+
+def dpi(pitch_um: float) -> float:
+    """Pixels per inch of a pitch in micrometres."""
+    return UM_PER_INCH / pitch_um
+
+
+def _split(text: object, where: str) -> tuple[float, str]:
+    if isinstance(text, int | float) and not isinstance(text, bool):
+        text = repr(text)
+    match = _QUANTITY.fullmatch(text) if isinstance(text, str) else None
+    if match is None:
+        raise JobError("MF103", f"{text!r} is not a number with a unit", where=where, cure='Write it as "168 um"')
+    return float(match.group(1)), match.group(2)
+
+
+def _decimal_scale(number: float, scale: float) -> float:
+    """number x scale, rounded to 15 significant digits so that 0.168 mm equals 168 um."""
+    value = number * scale
+    return float(f"{value:.15g}") if math.isfinite(value) else value
