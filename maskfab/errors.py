@@ -18,15 +18,15 @@ from types import MappingProxyType
 
 CATALOGUE: Mapping[str, str] = MappingProxyType(
     {
-        "MF101": "The job file is not valid TOML.",
-        "MF102": "The job file has a key that maskfab does not know.",
+        "MF101": "A job or opening file is not valid TOML.",
+        "MF102": "A job or opening file has a key that maskfab does not know.",
         "MF103": "A quantity has no unit, or a unit of the wrong kind.",
         "MF104": "A length, wavelength or ratio is zero, negative, NaN, infinite or out of its range.",
         "MF105": "A key is missing or has a value of the wrong type.",
         "MF106": "dots x dot + gutter differs from the stated pitch.",
         "MF107": "A length does not lie on the database grid of 1 nm.",
         "MF108": "A die or a panel is larger than the room it has.",
-        "MF109": "Two dies have one name.",
+        "MF109": "Two dies, or two different openings, have one name.",
         "MF110": "A name would be refused by mask houses.",
         "MF111": "A random tiling needs a seed.",
         "MF112": "A wavelength is outside 200 to 2000 nm.",
@@ -34,7 +34,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF114": "The lens stop is larger than the panel in front of it.",
         "MF115": "The request needs more memory or time than one job may take.",
         "MF201": "The rows of an opening's grid differ in length or number.",
-        "MF202": "An opening's grid has characters other than '.' and '#'.",
+        "MF202": "An opening has values other than clear and opaque.",
         "MF203": "An opening is closed everywhere.",
         "MF204": "The open ratio cannot be reached on this dot grid.",
         "MF205": "A polygon of an imported opening does not lie on the dot grid.",

@@ -1,0 +1,50 @@
+"""What made an artefact: hashes of jobs and files, versions of what was used."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import platform
+from collections.abc import Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+
+from maskfab import __version__
+from maskfab.model import WrittenFile
+
+_RELEVANT = ("numpy", "scipy", "klayout", "gdstk", "ezdxf", "finufft", "matplotlib", "torch")
+
+
+def sha256_of_file(path: Path) -> str:
+    """Hexadecimal SHA-256 of a file's bytes."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def job_hash(resolved: Mapping[str, object]) -> str:
+    """Hexadecimal SHA-256 of a resolved job: its canonical JSON, openings included, so that a comment or the
+    order of keys does not change it while any dot of any opening does."""
+    canonical = json.dumps(resolved, sort_keys=True, separators=(",", ":"), ensure_ascii=False, allow_nan=False)
+    return hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def versions() -> dict[str, str]:
+    """Versions of maskfab, Python, and the libraries that touch the numbers, as installed here."""
+    found = {"maskfab": __version__, "python": platform.python_version()}
+    for name in _RELEVANT:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    return found
+
+
+def signature(job_digest: str, seeds: Mapping[str, int]) -> str:
+    """One line that every artefact carries: who made it, from which job, with which seeds."""
+    drawn = ",".join(f"{name}={seed}" for name, seed in seeds.items()) or "none"
+    return f"maskfab {__version__} | job {job_digest[:16]} | seeds {drawn}"
+
+
+def written(root: Path, path: Path, kind: str) -> WrittenFile:
+    """The record of a finished file under the output directory ``root``."""
+    return WrittenFile(path.relative_to(root).as_posix(), kind, path.stat().st_size, sha256_of_file(path))

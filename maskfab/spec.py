@@ -1,0 +1,302 @@
+"""The job file: what the user asks for, validated completely before any work starts.
+
+Every length is written with its unit (``"168 um"``); a validated spec holds micrometres and nanometres, and dumps back
+to text that loads to the same spec.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections import Counter
+from pathlib import Path
+from typing import Annotated, Any, Literal, TypeVar
+
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
+from pydantic_core import PydanticCustomError
+
+from maskfab import units
+from maskfab.errors import JobError, SourceError
+from maskfab.model import Camera, Stop, Tiling
+
+_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
+_MOST_DOTS_ACROSS_STOP = 6000
+
+
+def _refusing(parse: Any, value: object, **options: object) -> Any:
+    """Run one of our parsers inside pydantic, which then adds the place of the value."""
+    try:
+        return parse(value, **options)
+    except JobError as error:
+        text = (error.what + "|" + error.cure).replace("{", "{{").replace("}", "}}")
+        raise PydanticCustomError(error.code, text) from error  # type: ignore[arg-type]
+
+
+def check_name(name: object, *, where: str = "") -> str:
+    """A name that mask houses take: a letter, then up to 23 letters, digits or underscores, without "main" (MF110)."""
+    if not isinstance(name, str) or not _NAME.fullmatch(name) or "main" in name.lower():
+        raise JobError(
+            "MF110",
+            f"the name {name!r} would be refused by mask houses",
+            where=where,
+            cure='Use a letter, then up to 23 letters, digits or underscores, and not the word "main"',
+        )
+    return name
+
+
+def _um_text(value: float) -> str:
+    return f"{value:.15g} um"
+
+
+def _nm_text(value: float) -> str:
+    return f"{value:.15g} nm"
+
+
+Length = Annotated[float, BeforeValidator(lambda v: _refusing(units.parse_length_um, v)), PlainSerializer(_um_text)]
+LengthOrZero = Annotated[
+    float,
+    BeforeValidator(lambda v: _refusing(units.parse_length_um, v, zero_allowed=True)),
+    PlainSerializer(_um_text),
+]
+Pitch = Annotated[float, BeforeValidator(lambda v: _refusing(units.parse_pitch_um, v)), PlainSerializer(_um_text)]
+Wavelength = Annotated[
+    float, BeforeValidator(lambda v: _refusing(units.parse_wavelength_nm, v)), PlainSerializer(_nm_text)
+]
+Name = Annotated[str, BeforeValidator(lambda v: _refusing(check_name, v))]
+
+
+class _Section(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+Section = TypeVar("Section", bound=_Section)
+
+
+class JobSection(_Section):
+    """[job]: what the plate is called."""
+
+    name: Name
+    title: str = Field(max_length=80)
+
+
+class StopSection(_Section):
+    """camera.stop: the lens aperture."""
+
+    shape: Literal["circle", "square"] = "circle"
+    diameter: Length
+
+
+class CameraSection(_Section):
+    """[camera]: what looks through the panel, and how much of the sensor around the axis is looked at."""
+
+    focal: Length
+    stop: StopSection
+    wavelengths: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64, strict=False)]
+    pixel: Length
+    window: Length = 256.0
+
+    def camera(self) -> Camera:
+        """The camera of the model."""
+        stop = Stop(self.stop.shape, self.stop.diameter)
+        return Camera(self.focal, stop, self.wavelengths, self.pixel, self.window)
+
+
+class PlateSection(_Section):
+    """[plate]: the blank and how dies are arranged on it."""
+
+    blank: Length
+    writable: Length
+    die_size: Length
+    die_pitch: Length
+    columns: int = Field(ge=1, le=100)
+
+
+class LimitsSection(_Section):
+    """[limits]: what a die must keep to; what is left out is reported without judgement."""
+
+    corner_touches: int | None = Field(default=None, ge=0)
+    min_feature: Length | None = None
+    min_space: Length | None = None
+
+
+class DieSection(_Section):
+    """[[die]]: one opening laid out as one panel.
+
+    ``opening`` is a key of [openings], or the path of a file relative to the job file; ``opening_layer`` and
+    ``opening_cell`` say where in a layout file it is.
+    """
+
+    name: Name
+    label: str = Field(min_length=1, max_length=40)
+    opening: str
+    opening_layer: str | None = None
+    opening_cell: str | None = None
+    dot: Length
+    pitch: Pitch | None = None
+    gutter: LengthOrZero = 0.0
+    tiling: Annotated[Tiling, Field(strict=False)]
+    seed: int | None = Field(default=None, ge=0)
+
+
+class DesignSection(_Section):
+    """[design]: an opening to be found."""
+
+    name: Name
+    dots: int = Field(ge=1, le=128)
+    pitch: Pitch
+    open_ratio: float = Field(gt=0, le=1, allow_inf_nan=False)
+    tiling: Annotated[Tiling, Field(strict=False)]
+    tiling_seed: int | None = Field(default=None, ge=0)
+    seed: int = Field(ge=0)
+    iterations: int = Field(default=300, ge=1, le=100_000)
+    epsilon: float = Field(default=0.015, gt=0, le=1, allow_inf_nan=False)
+    worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
+    output: str | None = None
+
+
+class JobSpec(_Section):
+    """A whole job file. ``openings`` holds opening files by the names that dies use, to make a job self-contained."""
+
+    job: JobSection | None = None
+    camera: CameraSection
+    plate: PlateSection | None = None
+    limits: LimitsSection = LimitsSection()
+    die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
+    design: DesignSection | None = None
+    openings: dict[str, str] = {}
+
+    def dump(self) -> dict[str, Any]:
+        """Plain data that loads to an equal spec; defaults are written out, so that they are part of the job's hash."""
+        return self.model_dump(mode="json", exclude_none=True)
+
+
+def read(path: Path) -> JobSpec:
+    """Load and validate a job file (.toml, or the .json that a run keeps).
+
+    Raises:
+        SourceError: MF301, MF302, MF303 or MF308 if the file cannot be read.
+        JobError: MF101 to MF115 for the first thing that is wrong with its content.
+    """
+    if not path.is_file():
+        raise SourceError("MF301", f"there is no job file {path}", cure="Check the path")
+    data = path.read_bytes()
+    if not data.strip():
+        raise SourceError("MF302", f"the job file {path} is empty", cure="Start from layouts/upc12.toml")
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise SourceError("MF304", f"the job file {path} is not text: {error}", cure="Save it as UTF-8") from error
+    if path.suffix == ".json":
+        try:
+            document = json.loads(text)
+        except json.JSONDecodeError as error:
+            raise SourceError("MF303", f"{path} is not valid JSON: {error}", cure="Run the job again") from error
+    elif path.suffix == ".toml":
+        document = _toml(text, str(path))
+    else:
+        raise SourceError("MF308", f"{path} has the suffix {path.suffix!r}", cure="A job file ends in .toml")
+    return validate(document, where=str(path))
+
+
+def validate(document: object, *, where: str) -> JobSpec:
+    """A spec from parsed data; ``where`` names the file in errors."""
+    spec = parse_section(JobSpec, document, where=where)
+    _check_dies(spec, where)
+    return spec
+
+
+def parse_section(kind: type[Section], values: object, *, where: str) -> Section:
+    """One section from values that did not come from a file; errors as for a job."""
+    try:
+        return kind.model_validate(values)
+    except ValidationError as error:
+        raise _first(error, where) from error
+
+
+def _toml(text: str, where: str) -> dict[str, Any]:
+    try:
+        return tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        found = re.search(r"line (\d+), column (\d+)", str(error))
+        place = f"{where}:{found[1]}:{found[2]}" if found else f"{where}, at the end"
+        raise JobError("MF101", f"TOML syntax: {error}", where=place, cure="Mend the syntax there") from error
+
+
+def _first(error: ValidationError, where: str) -> JobError:
+    """The first problem pydantic found, as an error of ours that names the key; the number of others is told."""
+    problems = error.errors(include_url=False)
+    problem = problems[0]
+    key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in problem["loc"]).lstrip(".") or "the file"
+    place = f"{where}: {key}"
+    others = f"; {len(problems) - 1} more problems follow" if len(problems) > 1 else ""
+    kind = problem["type"]
+    if kind.startswith("MF"):
+        what, _, cure = problem["msg"].partition("|")
+        return JobError(kind, f"{key} = {what}{others}" if kind != "MF110" else what + others, where=place, cure=cure)
+    if kind == "extra_forbidden":
+        return JobError("MF102", f"unknown key {key!r}{others}", where=place, cure="Remove it, or mend its spelling")
+    if kind == "missing":
+        return JobError("MF105", f"the key {key!r} is missing{others}", where=place, cure=f"Add {key}")
+    code = "MF104" if kind in _OUT_OF_RANGE else "MF105"
+    what = f"{key} = {problem['input']!r}: {problem['msg'][0].lower()}{problem['msg'][1:]}{others}"
+    return JobError(code, what, where=place, cure=f"Change {key}")
+
+
+_OUT_OF_RANGE = frozenset({"greater_than", "greater_than_equal", "less_than", "less_than_equal", "finite_number"})
+
+
+def _check_dies(spec: JobSpec, where: str) -> None:
+    """What one section alone cannot tell."""
+    for name, count in Counter(die.name for die in spec.die).items():
+        if count > 1:
+            raise JobError("MF109", f"{count} dies have the name {name!r}", where=f"{where}: die", cure="Rename all but one")
+    for number, die in enumerate(spec.die):
+        place = f"{where}: die[{number}]"
+        if die.tiling is not Tiling.PERIODIC and die.seed is None:
+            raise JobError(
+                "MF111", f"die {die.name!r} is tiled {die.tiling} without a seed", where=f"{place}.seed", cure="Add seed = 1"
+            )
+        units.to_nm(die.dot, where=f"{place}.dot", name="dot")
+        if units.to_nm(die.gutter, where=f"{place}.gutter", name="gutter") % 2:
+            raise JobError(
+                "MF107",
+                f"gutter {die.gutter:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
+                where=f"{place}.gutter",
+                cure=f"Use {die.gutter + 1e-3:g} um",
+            )
+        check_optics(spec.camera.camera(), die.dot, where=place)
+
+
+def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse a window with replicas of the PSF in it, and an aperture too fine to hold.
+
+    Raises:
+        JobError: MF113 if the window is wider than λf/dot at the shortest wavelength; MF115 if the stop is more than
+            6000 dots across.
+    """
+    shortest = min(camera.wavelengths_nm)
+    limit = shortest * 1e-3 * camera.focal_um / dot_um
+    if camera.window_um > limit:
+        raise JobError(
+            "MF113",
+            f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of {dot_um:g} um",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {limit:.0f} um",
+        )
+    if camera.window_um < camera.pixel_um:
+        raise JobError(
+            "MF104",
+            f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um",
+            where=f"{where}: camera.window",
+            cure="Use a window of many pixels",
+        )
+    across = camera.stop.diameter_um / dot_um
+    if across > _MOST_DOTS_ACROSS_STOP:
+        raise JobError(
+            "MF115",
+            f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
+            f"{_MOST_DOTS_ACROSS_STOP}",
+            where=where,
+            cure="Use a smaller stop or a coarser dot",
+        )
