@@ -1,0 +1,58 @@
+"""Polygons cut by the lens stop, as directed edges for the polygon transform."""
+
+from __future__ import annotations
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.model import Box, Stop
+
+Floats = NDArray[np.float64]
+
+_RIM_VERTICES = 4096
+_LARGEST_COORDINATE = 2_000_000_000
+
+
+def edges_in_stop(region: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
+    """Boundary of region ∩ stop about the stop's centre.
+
+    The circle becomes a regular polygon of 4096 sides and the circle's own area; coordinates are refined to a
+    fraction of a nanometre first, so that neither the sides nor their rounding shows at 1e-7.
+
+    Args:
+        region: clear polygons in nanometres; see :func:`stop_box` for how much of them is needed.
+        stop: the lens stop.
+        centre_nm: where the optical axis meets the plate, to half a nanometre.
+
+    Returns:
+        Edges [n, 4] in micrometres (x0, y0, x1, y1; clear side on the left) and the clear area in µm².
+    """
+    scale = 2 * max(1, min(50, int(_LARGEST_COORDINATE / (1.1 * stop.diameter_um * 1e3))))
+    whole = [int(np.floor(c)) for c in centre_nm]
+    local = (region & db.Region(db.Box(*stop_box(stop, centre_nm)))).moved(-whole[0], -whole[1])
+    local.transform(db.ICplxTrans(float(scale)))
+    local.move(*(round((w - c) * scale) for w, c in zip(whole, centre_nm, strict=True)))
+    cut = local & db.Region(_stop_polygon(stop, scale))
+    cut.merge()
+    per_um = 1e-3 / scale
+    corners = [(e.x2, e.y2, e.x1, e.y1) for e in cut.edges().each()]  # KLayout has the clear side on the right
+    return np.array(corners, dtype=np.float64).reshape(-1, 4) * per_um, cut.area() * per_um**2
+
+
+def stop_box(stop: Stop, centre_nm: tuple[float, float]) -> Box:
+    """A square of whole nanometres that holds the stop and a little more."""
+    reach = int(stop.diameter_um * 505) + 1
+    x, y = (round(c) for c in centre_nm)
+    return x - reach, y - reach, x + reach, y + reach
+
+
+def _stop_polygon(stop: Stop, scale: int) -> db.Polygon:
+    half = stop.diameter_um / 2 * 1e3 * scale
+    if stop.shape == "square":
+        return db.Polygon(db.Box(round(-half), round(-half), round(half), round(half)))
+    turn = 2 * np.pi / _RIM_VERTICES
+    equal_area = half * np.sqrt(turn / np.sin(turn))
+    angle = turn * (np.arange(_RIM_VERTICES) + 0.5)
+    corners = zip(np.rint(equal_area * np.cos(angle)), np.rint(equal_area * np.sin(angle)), strict=True)
+    return db.Polygon([db.Point(int(px), int(py)) for px, py in corners])
