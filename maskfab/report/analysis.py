@@ -1,0 +1,21 @@
+"""The files of one analysis: PSFs as EXR, a picture, and the numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from maskfab import __version__
+from maskfab.analysis import Analysis
+from maskfab.export.raster import write_psf
+from maskfab.export.staging import staged
+from maskfab.report import figures
+
+
+def write(analysis: Analysis, target: Path) -> list[Path]:
+    """Write everything into a new directory, and return the paths."""
+    signature = f"maskfab {__version__} | {analysis.name}"
+    with staged(target, force=False) as folder:
+        for psf in analysis.psfs:
+            write_psf(psf, folder / f"psf_{psf.kind}_{psf.wavelength_nm:g}nm.exr", signature)
+        (folder / "optics.png").write_bytes(figures.optics(analysis.psfs, analysis.mtfs, analysis.name))
+    return sorted(target.iterdir())

@@ -1,0 +1,208 @@
+"""report.json: the machine's twin of the report. The page a person reads is rendered from this document alone."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from maskfab import __version__
+from maskfab.errors import InternalError
+from maskfab.model import Camera, Die, Plate, Quantity, Report, WrittenFile
+from maskfab.units import NM_PER_UM, dpi
+
+SCHEMA_VERSION = 1
+
+Document = dict[str, Any]
+
+
+def to_document(report: Report, plate: Plate, camera: Camera) -> Document:
+    """The report.json of one run, of plain Python types throughout.
+
+    Only ``"time"`` may differ between two runs of one job.
+
+    Raises:
+        InternalError: MF901 if the report's dies are not the plate's, or a number is NaN or infinite.
+    """
+    drawn, reported = [die.name for die in plate.dies], list(report.dies)
+    if sorted(drawn) != sorted(reported):
+        raise InternalError("MF901", f"the report has the dies {reported}, the plate {drawn}")
+    document: Document = {
+        "schema_version": SCHEMA_VERSION,
+        "maskfab_version": __version__,
+        "title": report.title,
+        "job_hash": report.job_hash,
+        "verdict": "pass" if report.passed else "fail",
+        "seeds": dict(report.seeds),
+        "camera": _camera(camera),
+        "dies": [_die(die, report.dies[die.name]) for die in plate.dies],
+        "plate": [_quantity(quantity) for quantity in report.plate],
+        "checks": [_quantity(quantity) for quantity in report.checks],
+        "files": [_file(file) for file in report.files],
+        "time": {"seconds": dict(report.seconds)},
+    }
+    plain: Document = _plain(document, "report")
+    return plain
+
+
+def dumps(document: Mapping[str, Any]) -> str:
+    """The document as JSON text: equal documents give equal bytes, keys in the contract's order.
+
+    Raises:
+        InternalError: MF901 if a number is NaN or infinite, neither of which JSON can say.
+    """
+    return json.dumps(_plain(document, "report"), indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def schema() -> Document:
+    """The JSON Schema (draft 2020-12) of report.json."""
+    text, number, integer = {"type": "string"}, {"type": "number"}, {"type": "integer"}
+    quantities = {"type": "array", "items": {"$ref": "#/$defs/quantity"}}
+    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    scalar = {"type": ["number", "string", "null"]}
+    quantity = _object(
+        {
+            "name": text,
+            "symbol": text,
+            "value": scalar,
+            "unit": text,
+            "uncertainty": {"type": ["number", "null"], "description": "half width of the error bar; null if exact"},
+            "method": text,
+            "limit": scalar | {"description": "what `passed` was judged against; null if nothing is required"},
+            "passed": {"type": ["boolean", "null"]},
+            "wavelength_nm": number,
+            "die": text,
+        },
+        optional=("wavelength_nm", "die"),
+    )
+    die = _object(
+        {
+            "name": text,
+            "label": text,
+            "opening": text,
+            "dot_um": number,
+            "pitch_um": number,
+            "dpi": number,
+            "gutter_um": number,
+            "tiling": {"enum": ["periodic", "random", "paper4"]},
+            "seed": {"type": ["integer", "null"]},
+            "cells": pair | {"items": integer, "description": "columns, rows"},
+            "centre_um": pair | {"description": "x, y from the plate's centre, y upwards"},
+            "quantities": quantities,
+        }
+    )
+    camera = _object(
+        {
+            "focal_um": number,
+            "stop": _object({"shape": {"enum": ["circle", "square"]}, "diameter_um": number}),
+            "wavelengths_nm": {"type": "array", "items": number},
+            "pixel_um": number,
+            "window_um": number,
+        }
+    )
+    seconds = {"type": "object", "additionalProperties": number}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "maskfab report",
+        **_object(
+            {
+                "schema_version": {"const": SCHEMA_VERSION},
+                "maskfab_version": text,
+                "title": text,
+                "job_hash": text,
+                "verdict": {"enum": ["pass", "fail"]},
+                "seeds": {"type": "object", "additionalProperties": integer},
+                "camera": camera,
+                "dies": {"type": "array", "items": die},
+                "plate": quantities,
+                "checks": quantities,
+                "files": {
+                    "type": "array",
+                    "items": _object({"path": text, "format": text, "bytes": integer, "sha256": text}),
+                },
+                "time": _object({"seconds": seconds})
+                | {"description": "the only part that may differ between two runs of one job"},
+            }
+        ),
+        "$defs": {"quantity": quantity},
+    }
+
+
+def _object(properties: Mapping[str, Any], optional: Sequence[str] = ()) -> Document:
+    required = [name for name in properties if name not in optional]
+    return {
+        "type": "object",
+        "properties": dict(properties),
+        "required": required,
+        "additionalProperties": False,
+    }
+
+
+def _camera(camera: Camera) -> Document:
+    return {
+        "focal_um": camera.focal_um,
+        "stop": {"shape": camera.stop.shape, "diameter_um": camera.stop.diameter_um},
+        "wavelengths_nm": camera.wavelengths_nm,
+        "pixel_um": camera.pixel_um,
+        "window_um": camera.window_um,
+    }
+
+
+def _die(die: Die, quantities: Sequence[Quantity]) -> Document:
+    panel = die.panel
+    rows, columns = panel.orientations.shape
+    pitch_um = panel.pitch_nm / NM_PER_UM
+    return {
+        "name": die.name,
+        "label": die.label,
+        "opening": panel.opening.name,
+        "dot_um": panel.dot_nm / NM_PER_UM,
+        "pitch_um": pitch_um,
+        "dpi": dpi(pitch_um),
+        "gutter_um": panel.gutter_nm / NM_PER_UM,
+        "tiling": panel.tiling.value,
+        "seed": panel.seed,
+        "cells": (columns, rows),
+        "centre_um": tuple(coordinate / NM_PER_UM for coordinate in die.centre_nm),
+        "quantities": [_quantity(quantity) for quantity in quantities],
+    }
+
+
+def _quantity(quantity: Quantity) -> Document:
+    row: Document = {
+        "name": quantity.name,
+        "symbol": quantity.symbol,
+        "value": quantity.value,
+        "unit": quantity.unit,
+        "uncertainty": quantity.uncertainty,
+        "method": quantity.method,
+        "limit": quantity.limit,
+        "passed": quantity.passed,
+    }
+    if quantity.wavelength_nm is not None:
+        row["wavelength_nm"] = quantity.wavelength_nm
+    if quantity.die is not None:
+        row["die"] = quantity.die
+    return row
+
+
+def _file(file: WrittenFile) -> Document:
+    return {"path": file.path, "format": file.format, "bytes": file.bytes, "sha256": file.sha256}
+
+
+def _plain(value: Any, where: str) -> Any:
+    """The value in the types JSON knows; a number it has no word for is refused with its place."""
+    if isinstance(value, np.generic):
+        value = value.item()
+    if isinstance(value, float) and not math.isfinite(value):
+        raise InternalError("MF901", f"{where} is {value}, not a finite number")
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item, f"{where}.{key}") for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, f"{where}[{index}]") for index, item in enumerate(value)]
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    raise InternalError("MF901", f"{where} is a {type(value).__name__}, which JSON has no word for")

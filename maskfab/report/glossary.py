@@ -1,0 +1,135 @@
+"""What the reported names mean, and what to do when a check on one of them fails."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+
+@dataclass(frozen=True)
+class Term:
+    """A reported quantity in a reader's words.
+
+    Attributes:
+        title: heading in tables.
+        meaning: one sentence.
+        cure: what to do if its check fails.
+    """
+
+    title: str
+    meaning: str
+    cure: str = ""
+
+
+_DIFFERS = (
+    "The written file is not the design. Do not send this plate: compare the file with the design where they differ."
+)
+_SUSPECT = (
+    "The numbers of this die cannot be trusted. Raise the accuracy; if the error stays, report it with report.json."
+)
+
+QUANTITIES: Mapping[str, Term] = MappingProxyType(
+    {
+        "open_ratio": Term(
+            "Open ratio",
+            "Clear share of a display pixel, its wiring gutter included.",
+            "Open or close dots of the opening, or change the gutter.",
+        ),
+        "stop_open_ratio": Term(
+            "Open ratio in the stop",
+            "Clear share of the lens stop. It differs a little from the open ratio, as the rim of the stop cuts cells.",
+            "Change the opening, or the stop.",
+        ),
+        "auc_radial_min": Term(
+            "Area under the radial-minimum MTF",
+            "Mean, from 0 to half a cycle per pixel, of the lowest MTF over all directions. "
+            "High means that no direction of the picture is lost beyond restoring.",
+            "Choose an opening without a preferred direction, or a random tiling.",
+        ),
+        "mtf50": Term(
+            "MTF50",
+            "Frequency at which the MTF falls to one half.",
+            "Raise the open ratio, or the share of light in the PSF's core.",
+        ),
+        "psf_energy_in_window": Term(
+            "PSF energy in window",
+            "Share of all light through the panel that lands inside the window in which the PSF is shown; "
+            "the rest is haze beyond its edge.",
+            "Widen the window (camera.window).",
+        ),
+        "readback_psf_difference": Term(
+            "Read-back PSF difference",
+            "Relative L2 difference between the PSF of the polygons read back from the file and that of the design.",
+            _DIFFERS,
+        ),
+        "readback_xor_area": Term(
+            "Read-back XOR area",
+            "Area that is clear in the file and not in the design, or the reverse.",
+            _DIFFERS,
+        ),
+        "strehl_invariant_error": Term(
+            "Strehl invariant error",
+            "Relative difference between the PSF's peak and the value that the clear area alone fixes for it.",
+            _SUSPECT,
+        ),
+        "mtf_volume_invariant_error": Term(
+            "MTF volume invariant error",
+            "Relative difference between the volume under the transfer function and the value that the clear area "
+            "alone fixes for it.",
+            _SUSPECT,
+        ),
+        "corner_touches": Term(
+            "Corner touches",
+            "Places where two clear dots meet in a single point, which a mask writer may join or part at will.",
+            "Open or close one dot at every such corner of the opening.",
+        ),
+        "min_feature": Term(
+            "Minimum feature",
+            "Narrowest clear width in the file.",
+            "Make the dots larger, or choose a writer with a finer limit.",
+        ),
+        "min_space": Term(
+            "Minimum space",
+            "Narrowest chrome between two clear shapes in the file.",
+            "Widen the gutter or the dots, or choose a writer with a finer limit.",
+        ),
+        "peak_strehl": Term(
+            "Peak against an open stop",
+            "Peak of the PSF over that of the same stop without a panel.",
+            "Raise the open ratio: the peak falls with its square.",
+        ),
+        "led_footprint": Term(
+            "Emitter footprint",
+            "Room for the emitters beside the opening.",
+            "Lower the open ratio, or ask for smaller emitters.",
+        ),
+    }
+)
+
+WORDS: Mapping[str, str] = MappingProxyType(
+    {
+        "opening": "The clear shape in one display pixel.",
+        "open ratio": "The clear share of the pixel. Not the fill factor, which is the share of a subpixel that emits.",
+        "dot": "One square element of an opening.",
+        "pitch": "Side of one display pixel; DPI = 25 400 µm / pitch.",
+        "tiling": "Which of the eight mirrored and turned orientations each pixel takes: one for all (periodic), "
+        "or drawn from a seed (random; paper4 draws from four).",
+        "gutter": "Opaque space round every pixel, kept for wiring.",
+        "die": "One panel on the plate.",
+        "PSF": "Point spread function: the picture of a distant point of light.",
+        "MTF": "Modulation transfer function: contrast of the picture of a sine pattern. Presampled: the sensor "
+        "pixel's blur is included, its aliasing is not.",
+        "radial minimum": "The lowest MTF over all directions at one frequency.",
+        "XOR": "The area in which two layouts differ.",
+        "CD": "Critical dimension: a width measured at a named gauge.",
+    }
+)
+
+
+def term(name: str) -> Term:
+    """The words for a quantity; a name that the glossary lacks is spelt out."""
+    if name.startswith("cd_"):
+        return Term(f"CD {name[3:].replace('_', ' ')}", "Clear width at a gauge.", _DIFFERS)
+    title = name.replace("_", " ")
+    return QUANTITIES.get(name) or Term(title[:1].upper() + title[1:], "")

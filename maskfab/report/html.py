@@ -1,0 +1,206 @@
+"""The report a person reads: one HTML file, rendered from report.json and its pictures, that needs nothing else."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any, Literal
+
+from jinja2 import Environment, StrictUndefined
+from markupsafe import Markup
+
+from maskfab.report import figures
+from maskfab.report.glossary import QUANTITIES, WORDS, term
+from maskfab.report.numbers import number, short
+from maskfab.resources import template
+
+Row = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Headline:
+    """One number of the front page: the extreme of a quantity over all dies and wavelengths."""
+
+    title: str
+    name: str
+    pick: Callable[..., Row]
+
+
+_HEADLINES = (
+    Headline("Largest PSF difference, file against design", "readback_psf_difference", max),
+    Headline("Largest XOR area, file against design", "readback_xor_area", max),
+    Headline("Largest Strehl invariant error", "strehl_invariant_error", max),
+    Headline("Largest MTF volume invariant error", "mtf_volume_invariant_error", max),
+    Headline("Best area under radial-minimum MTF", "auc_radial_min", max),
+    Headline("Worst area under radial-minimum MTF", "auc_radial_min", min),
+)
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column of the table that compares the dies.
+
+    Attributes:
+        lines: ``each`` wavelength has its own column, or the ``worst`` (largest) of them, or the ``middle`` one, stands
+            for all.
+        best: whether a larger value is better, so that the best is marked.
+    """
+
+    name: str
+    title: str
+    lines: Literal["each", "middle", "worst"]
+    best: bool = False
+    wavelength_nm: float | None = None
+
+
+_COLUMNS = (
+    Column("open_ratio", "Open ratio", "worst"),
+    Column("auc_radial_min", "AUC radial min", "each", best=True),
+    Column("mtf50", "MTF50", "middle", best=True),
+    Column("psf_energy_in_window", "Energy in window", "middle"),
+    Column("readback_psf_difference", "Read-back difference", "worst"),
+    Column("corner_touches", "Corner touches", "worst"),
+)
+
+_UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²", "um2": "µm²"})
+
+
+def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
+    """The report as one HTML page.
+
+    Args:
+        document: report.json, as :func:`maskfab.report.data.to_document` makes it.
+        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.pictures` makes them; a figure
+            that is missing is left out.
+
+    The wall-clock times of ``document["time"]`` are not shown, so that equal runs give equal pages.
+    """
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    environment.filters.update(
+        number=number,
+        short=short,
+        amount=amount,
+        full=full,
+        plusminus=plusminus,
+        unit=unit,
+        limit=limit,
+        term=term,
+        verdict=verdict,
+        where=where,
+    )
+    drawn = {place: {name: Markup(image) for name, image in images.items()} for place, images in pictures.items()}
+    checks: Sequence[Row] = document["checks"]
+    return environment.from_string(template("report.html.j2")).render(
+        document=document,
+        whole=drawn.get(figures.PLATE, {}),
+        drawn=drawn,
+        headlines=list(_headlines(document)),
+        failures=_by_name(check for check in checks if not check["passed"]),
+        summary=_by_name(checks),
+        failed_dies={check["die"] for check in checks if not check["passed"] and "die" in check},
+        columns=_columns(document),
+        cell=_cell,
+        best=_best,
+        quantities=QUANTITIES,
+        words=WORDS,
+    )
+
+
+def plusminus(row: Row) -> str:
+    """The error bar with its sign, to two digits; nothing where the value is exact."""
+    error = row["uncertainty"]
+    return f"± {number(float(error), 2)}" if error else ""
+
+
+def unit(row: Row) -> str:
+    """The unit as a reader writes it; a plain number has none."""
+    return _UNITS.get(row["unit"], row["unit"])
+
+
+def amount(text: str, row: Row) -> str:
+    """A number's text with the unit of its row, if it has one."""
+    return f"{text} {unit(row)}".rstrip()
+
+
+def full(row: Row) -> str:
+    """The value with every digit that report.json has."""
+    error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
+    return f"{row['value']!r}{error} {unit(row)}".rstrip()
+
+
+def limit(row: Row) -> str:
+    """The limit with the side on which a value must lie, as far as value and verdict tell it."""
+    bound, value = row["limit"], row["value"]
+    if bound is None:
+        return "–"
+    if isinstance(bound, str) or isinstance(value, str) or value is None or abs(value) == bound:
+        return short(bound)
+    return f"{'≤' if (abs(value) < bound) == bool(row['passed']) else '≥'} {short(bound)}"
+
+
+def verdict(row: Row) -> str:
+    """Pass or fail in words, since colour alone does not reach everybody; a dash where nothing was required."""
+    return "–" if row["passed"] is None else "✓ pass" if row["passed"] else "✗ FAIL"
+
+
+def where(row: Row) -> str:
+    """Die and wavelength of a row, as far as it has them."""
+    places = [row["die"]] if "die" in row else []
+    return ", ".join(places + ([f"{row['wavelength_nm']:g} nm"] if "wavelength_nm" in row else []))
+
+
+def _headlines(document: Mapping[str, Any]) -> Iterable[tuple[str, Row]]:
+    rows = [{"die": die["name"], **row} for die in document["dies"] for row in die["quantities"]]
+    for headline in _HEADLINES:
+        known = [row for row in rows if row["name"] == headline.name and _is_number(row["value"])]
+        if known:
+            # A failed row is the one to show, whichever value is the extreme.
+            failed = [row for row in known if row["passed"] is False]
+            yield headline.title, headline.pick(failed or known, key=_value)
+
+
+def _by_name(checks: Iterable[Row]) -> list[tuple[str, list[Row], Row]]:
+    """Checks gathered by quantity: name, its rows, and the row to show, failed before passed, then the largest."""
+    groups: dict[str, list[Row]] = {}
+    for check in checks:
+        groups.setdefault(check["name"], []).append(check)
+    return [(name, rows, max(rows, key=lambda row: (not row["passed"], _value(row)))) for name, rows in groups.items()]
+
+
+def _columns(document: Mapping[str, Any]) -> list[Column]:
+    """The comparison's columns, one for each wavelength where they are told apart; none for a quantity nobody has."""
+    lines = document["camera"]["wavelengths_nm"]
+    present = {row["name"] for die in document["dies"] for row in die["quantities"]}
+    columns = []
+    for column in _COLUMNS:
+        if column.name in present:
+            chosen = {"each": lines, "middle": [lines[len(lines) // 2]], "worst": [None]}[column.lines]
+            columns += [Column(column.name, column.title, column.lines, column.best, line) for line in chosen]
+    return columns
+
+
+def _cell(die: Mapping[str, Any], column: Column) -> Row | None:
+    """The row of a die that a column shows; a row without a wavelength holds for all."""
+    rows = [row for row in die["quantities"] if row["name"] == column.name]
+    if column.wavelength_nm is not None:
+        rows = [row for row in rows if row.get("wavelength_nm", column.wavelength_nm) == column.wavelength_nm]
+    return max(rows, key=lambda row: (row["passed"] is False, _value(row)), default=None)
+
+
+def _best(dies: Sequence[Mapping[str, Any]], column: Column) -> float | None:
+    """The largest value of a column that wants large ones, unless all are equal."""
+    cells = [_cell(die, column) for die in dies] if column.best else []
+    values = {_value(cell) for cell in cells if cell is not None}
+    return max(values) if len(values) > 1 else None
+
+
+def _value(row: Row) -> float:
+    return float(row["value"]) if _is_number(row["value"]) else -math.inf
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)

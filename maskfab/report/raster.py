@@ -1,0 +1,97 @@
+"""Pictures of openings, panels and PSFs as arrays of grey or colour levels, and as small palette PNGs."""
+
+from __future__ import annotations
+
+import base64
+import struct
+import zlib
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.model import Panel, Psf, orient
+
+DECADES = 6
+"""Decades below the peak that every picture of a PSF shows; equal for all, so that pictures can be compared."""
+
+
+def panel_coverage(panel: Panel, side_nm: int, pixels: int) -> NDArray[np.float64]:
+    """Clear share of each pixel of a square view into the middle of a panel, [y, x], row 0 the lowest.
+
+    Areas are exact: a gutter narrower than a pixel darkens it by its share and cannot vanish or beat with the grid.
+    """
+    rows, columns = panel.orientations.shape
+    wanted = -(-side_nm // panel.pitch_nm)
+    high, wide = min(rows, wanted), min(columns, wanted)
+    bottom, left = (rows - high) // 2, (columns - wide) // 2
+    dots = panel.opening.dots
+    cells = np.zeros((high, dots + 2, wide, dots + 2))
+    for row in range(high):
+        for column in range(wide):
+            orientation = int(panel.orientations[bottom + row, left + column])
+            cells[row, 1:-1, column, 1:-1] = orient(panel.opening.mask, orientation)
+    clear = cells.reshape(high * (dots + 2), wide * (dots + 2))
+    return _shares(panel, high, side_nm, pixels) @ clear @ _shares(panel, wide, side_nm, pixels).T
+
+
+def log_intensity(psf: Psf, pixels: int) -> NDArray[np.float64]:
+    """log10 of intensity over its peak, from -DECADES to 0, on at most ``pixels`` samples a side.
+
+    Notes:
+        A PSF with more samples is averaged over areas, never thinned out: thinning drops whole orders. Averaging
+        lowers a peak narrower than the new sample, so a reduced picture is for the eye and not for reading values.
+    """
+    values = psf.values
+    peak = float(values.max())
+    samples = len(values)
+    if samples > pixels:
+        kept = pixels if pixels % 2 else pixels - 1  # odd, so that the optical axis stays in the middle of a sample
+        edges = np.linspace(0.0, samples, kept + 1)
+        mean = _overlap(edges, np.arange(samples + 1.0)) * (kept / samples)
+        values = mean @ values @ mean.T
+    if peak <= 0:
+        return np.full(values.shape, -float(DECADES))
+    return np.log10(np.clip(values / peak, 10.0**-DECADES, 1.0))
+
+
+def png(levels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
+    """An 8-bit palette PNG of ``levels`` [y, x], row 0 the lowest; ``palette`` is [colours, 3].
+
+    Equal input gives equal bytes: there is no date and no name of a program in it.
+    """
+    height, width = levels.shape
+    rows = np.zeros((height, width + 1), dtype=np.uint8)  # the leading zero of a row says "unfiltered"
+    rows[:, 1:] = levels[::-1]
+    header = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
+    parts = (
+        (b"IHDR", header),
+        (b"PLTE", palette.tobytes()),
+        (b"IDAT", zlib.compress(rows.tobytes(), 9)),
+        (b"IEND", b""),
+    )
+    chunks = (
+        struct.pack(">I", len(data)) + tag + data + struct.pack(">I", zlib.crc32(tag + data)) for tag, data in parts
+    )
+    return b"\x89PNG\r\n\x1a\n" + b"".join(chunks)
+
+
+def data_uri(image: bytes) -> str:
+    """A PNG as a ``data:`` address."""
+    return "data:image/png;base64," + base64.b64encode(image).decode("ascii")
+
+
+def _shares(panel: Panel, cells: int, side_nm: int, pixels: int) -> NDArray[np.float64]:
+    """Share of each pixel that each interval covers: half a gutter, the dots, half a gutter, cell after cell."""
+    dots, half = panel.opening.dots, panel.gutter_nm // 2
+    cell = np.concatenate([[0], half + panel.dot_nm * np.arange(dots + 1)])
+    starts = (np.arange(cells)[:, None] * panel.pitch_nm + cell).ravel()
+    edges = np.append(starts, cells * panel.pitch_nm).astype(np.float64)
+    return _overlap(np.linspace(0.0, side_nm, pixels + 1), edges) * (pixels / side_nm)
+
+
+def _overlap(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Length of the overlap of every interval between neighbours of ``a`` with every interval of ``b``."""
+    high = np.minimum(a[1:, None], b[1:])
+    low = np.maximum(a[:-1, None], b[:-1])
+    shared: NDArray[np.float64] = np.maximum(high - low, 0.0)
+    return shared

@@ -1,0 +1,99 @@
+"""A made-up report of two dies, one of which fails: no optics, only the shapes that the report is fed with."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from maskfab.model import (
+    CLEAR,
+    OUTLINE,
+    Camera,
+    Die,
+    DieOptics,
+    Furniture,
+    Mtf,
+    Opening,
+    Panel,
+    Plate,
+    Psf,
+    Quantity,
+    Report,
+    Stop,
+    Tiling,
+    WrittenFile,
+)
+
+MARKUP = "<script>alert('x')</script>"
+
+
+@dataclass(frozen=True)
+class Run:
+    report: Report
+    plate: Plate
+    camera: Camera
+    optics: tuple[DieOptics, ...]
+
+
+@pytest.fixture(scope="session")
+def run() -> Run:
+    camera = Camera(10_000.0, Stop("circle", 4000.0), (610.0, 530.0), 2.0, 64.0)
+    optics = (_die("PLAIN", "Plain", Tiling.PERIODIC, camera), _die("TURNED", MARKUP, Tiling.RANDOM, camera))
+    square = ((0, 0), (1_000_000, 0), (1_000_000, 1_000_000), (0, 1_000_000))
+    furniture = (
+        Furniture("FID_0", "fiducial", CLEAR, (square,)),
+        Furniture("BLANK", "outline", OUTLINE, (square,)),
+    )
+    dies = tuple(item.die for item in optics)
+    plate = Plate("P", f"Plate {MARKUP} $", 127_000_000, 117_000_000, dies, furniture, (), ())
+    gauge = Quantity("cd_1_x", "CD", 8.0, "um", "probe on the file", 0.0005, 8.0, True)
+    own = [quantity for item in optics for quantity in item.quantities]
+    report = Report(
+        title=plate.title,
+        job_hash="ab" * 32,
+        seeds={"TURNED": 7},
+        dies={item.die.name: item.quantities for item in optics},
+        plate=(gauge, Quantity("polygons", "N", 12_345, "1", "count")),
+        checks=(*(quantity for quantity in own if quantity.passed is not None), gauge),
+        files=(WrittenFile("P.gds", "GDSII", 1234, "c" * 64), WrittenFile("P.dxf", "DXF R12", 99, "d" * 64)),
+        seconds={"export": 0.25},
+    )
+    return Run(report, plate, camera, optics)
+
+
+def _die(name: str, label: str, tiling: Tiling, camera: Camera) -> DieOptics:
+    mask = np.zeros((5, 5), dtype=bool)
+    mask[1:4, 1:3] = True
+    turned = tiling is Tiling.RANDOM
+    orientations = (np.arange(64).reshape(8, 8) % 8 if turned else np.zeros((8, 8))).astype(np.int8)
+    panel = Panel(Opening("block", mask, 8000), 8000, 2000, orientations, tiling, 7 if turned else None)
+    die = Die(name, label, panel, (10_000_000 if turned else -10_000_000, 0), 12_000_000)
+    psfs, mtfs, rows = [], [], [Quantity("open_ratio", "ρ", panel.open_ratio, "1", "exact", 0.0, die=name)]
+    for line in camera.wavelengths_nm:
+        axis = np.arange(-16, 17) / (line / 100)
+        values = np.sinc(axis)[:, None] ** 2 * np.sinc(axis) ** 2
+        psfs.append(Psf(values, 2.0, line, "point"))
+        frequency = np.linspace(0.0, 250.0, 300)
+        cut = np.exp(-frequency / line)
+        names = ("horizontal", "vertical", "diagonal", "antidiagonal", "radial_mean")
+        cuts = {**dict.fromkeys(names, cut), "radial_min": cut**2, "radial_max": np.sqrt(cut)}
+        mtfs.append(Mtf(frequency, cuts, line, 1e-7))
+        difference = 3e-4 if turned else 2.5e-13
+        rows += [
+            Quantity("auc_radial_min", "AUC", 0.123456789, "1", "mean", 1e-7, die=name, wavelength_nm=line),
+            Quantity(
+                "readback_psf_difference",
+                "δ",
+                np.float64(difference),
+                "1",
+                "relative L2",
+                limit=1e-6,
+                passed=not turned,
+                die=name,
+                wavelength_nm=line,
+            ),
+        ]
+    rows.append(Quantity("not_in_any_glossary", "?", None, "furlong", "guess", die=name))
+    return DieOptics(die, tuple(psfs), tuple(mtfs), tuple(rows))

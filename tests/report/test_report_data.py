@@ -1,0 +1,140 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from maskfab import __version__
+from maskfab.errors import InternalError
+from maskfab.model import Quantity
+from maskfab.report.data import dumps, schema, to_document
+
+QUANTITY_KEYS = ["name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed"]
+
+
+@pytest.fixture(scope="module")
+def document(run):
+    return to_document(run.report, run.plate, run.camera)
+
+
+def test_document_has_the_keys_of_the_contract_in_their_order(document):
+    assert list(document) == [
+        "schema_version",
+        "maskfab_version",
+        "title",
+        "job_hash",
+        "verdict",
+        "seeds",
+        "camera",
+        "dies",
+        "plate",
+        "checks",
+        "files",
+        "time",
+    ]
+    assert document["maskfab_version"] == __version__
+    assert document["verdict"] == "fail"
+    assert document["seeds"] == {"TURNED": 7}
+    assert document["time"] == {"seconds": {"export": 0.25}}
+    assert document["files"][0] == {"path": "P.gds", "format": "GDSII", "bytes": 1234, "sha256": "c" * 64}
+
+
+def test_die_states_how_it_was_laid_out(document):
+    plain, turned = document["dies"]
+    assert (plain["name"], plain["dot_um"], plain["pitch_um"], plain["gutter_um"]) == ("PLAIN", 8.0, 42.0, 2.0)
+    assert plain["dpi"] == 25400 / 42
+    assert plain["cells"] == [8, 8]
+    assert plain["centre_um"] == [-10_000.0, 0.0]
+    assert (plain["tiling"], plain["seed"]) == ("periodic", None)
+    assert (turned["tiling"], turned["seed"]) == ("random", 7)
+
+
+def test_quantity_names_wavelength_and_die_only_where_they_apply(document):
+    by_name = {row["name"]: row for row in document["dies"][0]["quantities"]}
+    assert list(by_name["open_ratio"]) == [*QUANTITY_KEYS, "die"]
+    assert list(by_name["auc_radial_min"]) == [*QUANTITY_KEYS, "wavelength_nm", "die"]
+    assert list(document["plate"][0]) == QUANTITY_KEYS
+
+
+def test_document_is_what_its_schema_says(document):
+    rules = schema()
+    check(document, rules, rules["$defs"], "report")
+    check(json.loads(dumps(document)), rules, rules["$defs"], "report")
+
+
+def test_schema_refuses_what_the_contract_does_not_know(document):
+    rules = schema()
+    with pytest.raises(AssertionError, match="surplus"):
+        check({**document, "surplus": 1}, rules, rules["$defs"], "report")
+
+
+def test_equal_documents_give_equal_text_that_reads_back_exactly(run, document):
+    again = to_document(run.report, run.plate, run.camera)
+    assert dumps(again) == dumps(document)
+    assert json.loads(dumps(document)) == document
+
+
+def test_only_time_differs_between_runs_that_took_different_times(run, document):
+    slower = to_document(replace(run.report, seconds={"export": 99.0}), run.plate, run.camera)
+    assert {key for key in document if document[key] != slower[key]} == {"time"}
+
+
+def test_numpy_scalars_become_plain_numbers(run):
+    odd = Quantity("count", "N", np.int64(3), "1", "count", np.float32(0.5), 4, np.bool_(True))
+    row = to_document(replace(run.report, plate=(odd,)), run.plate, run.camera)["plate"][0]
+    assert (row["value"], row["uncertainty"], row["passed"]) == (3, 0.5, True)
+    assert [type(row[key]) for key in ("value", "uncertainty", "passed")] == [int, float, bool]
+
+
+@pytest.mark.parametrize("bad", [float("nan"), float("inf"), np.float64("-inf")])
+def test_numbers_that_json_cannot_say_are_refused_with_their_place(run, bad):
+    broken = replace(run.report, plate=(Quantity("x", "x", bad, "1", "none"),))
+    with pytest.raises(InternalError, match=r"report\.plate\[0\]\.value") as caught:
+        to_document(broken, run.plate, run.camera)
+    assert caught.value.code == "MF901"
+    with pytest.raises(InternalError, match="MF901"):
+        dumps({"value": bad})
+
+
+def test_report_and_plate_must_have_the_same_dies(run):
+    with pytest.raises(InternalError, match="PLAIN"):
+        to_document(replace(run.report, dies={}), run.plate, run.camera)
+
+
+def check(value: Any, rules: dict[str, Any], shared: dict[str, Any], where: str) -> None:
+    """The part of JSON Schema that the report's schema uses."""
+    if "$ref" in rules:
+        rules = shared[rules["$ref"].removeprefix("#/$defs/")]
+    if "const" in rules:
+        assert value == rules["const"], where
+    if "enum" in rules:
+        assert value in rules["enum"], where
+    names = rules.get("type", [])
+    names = [names] if isinstance(names, str) else names
+    assert not names or any(_is_a(value, name) for name in names), f"{where} is {value!r}, not {names}"
+    if isinstance(value, list):
+        assert rules.get("minItems", 0) <= len(value) <= rules.get("maxItems", len(value)), where
+        for index, item in enumerate(value):
+            check(item, rules["items"], shared, f"{where}[{index}]")
+    if isinstance(value, dict):
+        known, more = rules.get("properties", {}), rules["additionalProperties"]
+        assert set(rules.get("required", ())) <= set(value), where
+        for key, item in value.items():
+            assert key in known or more, f"surplus {where}.{key}"
+            check(item, known.get(key, more), shared, f"{where}.{key}")
+
+
+def _is_a(value: Any, name: str) -> bool:
+    kinds = {
+        "object": dict,
+        "array": list,
+        "string": str,
+        "boolean": bool,
+        "integer": int,
+        "number": int | float,
+        "null": type(None),
+    }
+    return isinstance(value, kinds[name]) and (name == "boolean" or not isinstance(value, bool))

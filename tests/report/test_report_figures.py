@@ -1,0 +1,120 @@
+from __future__ import annotations
+
+import base64
+import io
+import re
+from html import unescape
+from urllib.parse import unquote
+from xml.etree import ElementTree
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from matplotlib.image import imread
+
+from maskfab.model import Psf
+from maskfab.report import figures
+from maskfab.report.data import to_document
+
+MARKUP = "<script>alert('x')</script>"
+
+
+@pytest.fixture(scope="module")
+def drawn(run):
+    return figures.pictures(run.plate, run.optics, to_document(run.report, run.plate, run.camera))
+
+
+def svg(image: str) -> str:
+    return unquote(unescape(re.search("src='data:image/svg[+]xml,([^']*)'", image)[1]))
+
+
+def embedded(image: str) -> list[np.ndarray]:
+    found = re.findall("data:image/png;base64,([A-Za-z0-9+/=]+)", svg(image))
+    return [imread(io.BytesIO(base64.b64decode(data)), format="png") for data in found]
+
+
+def test_every_die_and_the_plate_have_their_pictures(run, drawn):
+    assert set(drawn) == {figures.PLATE, "PLAIN", "TURNED"}
+    assert set(drawn[figures.PLATE]) == {"drawing", "mtf"}
+    assert set(drawn["PLAIN"]) == {"opening", "panel", "psf", "mtf", "panel_small", "psf_small"}
+
+
+def test_pictures_are_images_with_words_and_ask_for_nothing_outside(drawn):
+    for image in (image for images in drawn.values() for image in images.values()):
+        assert re.fullmatch(r"""<img class="\w+" src='data:image/[^'<>]*' alt="[^"<>]+">""", image)
+        if "svg+xml" in image:
+            root = ElementTree.fromstring(svg(image))
+            links = [value for node in root.iter() for key, value in node.attrib.items() if key.endswith("href")]
+            assert all(link.startswith(("#", "data:image/png")) for link in links)
+
+
+def test_equal_input_gives_equal_bytes(run, drawn):
+    assert figures.pictures(run.plate, run.optics, to_document(run.report, run.plate, run.camera)) == drawn
+
+
+def test_figures_leave_the_settings_of_matplotlib_alone(run):
+    before = dict(mpl.rcParams)
+    figures.mtf(run.optics[0].mtfs)
+    assert dict(mpl.rcParams) == before
+
+
+def test_figures_do_not_depend_on_the_readers_settings_of_grid_and_font_size(run, drawn):
+    with mpl.rc_context({"font.size": 30.0, "svg.hashsalt": "other"}):
+        assert figures.psf(run.optics[0].psfs) == drawn["PLAIN"]["psf"]
+
+
+def test_all_psfs_have_one_colour_scale():
+    """A sample a hundred times below its PSF's peak has one colour, whatever the peak."""
+    base = np.zeros((5, 5))
+    base[2, 2], base[2, 4] = 1.0, 0.01
+    faint, strong = (figures.psf((Psf(base * scale, 1.0, 530.0, "point"),)) for scale in (1e-7, 3.0))
+    assert faint == strong
+    bar = embedded(strong)[1]
+    assert bar.shape[0] == 256
+    colours = [
+        embedded(figures.psf((Psf(values, 1.0, 530.0, "point"),)))[0][2, 4] for values in (base, base.clip(1e-3))
+    ]
+    np.testing.assert_array_equal(colours[0], colours[1])
+    position = np.abs(bar[:, 0] - colours[0]).sum(axis=1).argmin()
+    assert position == pytest.approx(256 * 4 / 6, abs=2)  # two of six decades below the top
+
+
+def test_of_two_samplings_of_a_wavelength_the_finer_is_drawn(run):
+    fine = run.optics[0].psfs
+    coarse = tuple(Psf(psf.values[::4, ::4], 8.0, psf.wavelength_nm, "pixel") for psf in fine)
+    mixed = [item for pair in zip(coarse, fine, strict=True) for item in pair]
+    assert figures.psf(mixed) == figures.psf(fine)
+
+
+def test_plate_drawing_says_where_things_are(drawn):
+    words = "".join(ElementTree.fromstring(svg(drawn[figures.PLATE]["drawing"])).itertext())
+    for word in (
+        "PLAIN",
+        "TURNED",
+        "FAIL",
+        "blank 127 mm",
+        "writable 117 mm",
+        "slot 12 mm",
+        "step 20 mm",
+        "(0.5, 0.5)",
+    ):
+        assert word in words
+
+
+def test_markup_in_a_title_stays_text(run, drawn):
+    assert all("<script" not in image for images in drawn.values() for image in images.values())
+    assert MARKUP in run.plate.title
+
+
+def test_overview_is_one_png_with_equal_bytes(run):
+    document = to_document(run.report, run.plate, run.camera)
+    image = figures.overview(run.plate, document, run.optics[1])
+    assert image.startswith(b"\x89PNG")
+    assert image == figures.overview(run.plate, document, run.optics[1])
+
+
+def test_optics_of_one_opening_are_one_png_with_equal_bytes(run):
+    item = run.optics[0]
+    image = figures.optics(item.psfs, item.mtfs, "block $")
+    assert image.startswith(b"\x89PNG")
+    assert image == figures.optics(item.psfs, item.mtfs, "block $")

@@ -1,0 +1,149 @@
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from html.parser import HTMLParser
+
+import pytest
+
+from maskfab.report import figures, html
+from maskfab.report.data import to_document
+
+MARKUP = "<script>alert('x')</script>"
+
+
+@pytest.fixture(scope="module")
+def document(run):
+    return to_document(run.report, run.plate, run.camera)
+
+
+@pytest.fixture(scope="module")
+def page(run, document):
+    return html.render(document, figures.pictures(run.plate, run.optics, document))
+
+
+class Reader(HTMLParser):
+    """Tags that are open, and every attribute that could fetch something."""
+
+    VOID = frozenset({"meta", "img", "br"})
+
+    def __init__(self):
+        super().__init__()
+        self.open, self.tags, self.links, self.text = [], [], [], []
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.append(tag)
+        self.links += [value for name, value in attrs if name in {"src", "href", "action", "srcset", "data"}]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text.append(data)
+
+
+def read(page: str) -> Reader:
+    reader = Reader()
+    reader.feed(page)
+    assert reader.open == []
+    return reader
+
+
+def test_page_is_well_formed_and_fetches_nothing(page):
+    reader = read(page)
+    assert {"script", "link", "iframe", "object"}.isdisjoint(reader.tags)
+    assert all(link.startswith(("#", "data:image/")) for link in reader.links)
+    assert "http://" not in page
+    assert "https://" not in page
+    assert "@import" not in page
+    assert "url(" not in re.sub("src='[^']*'", "", page)
+
+
+def test_page_has_every_die_check_and_file(page, document):
+    words = " ".join(" ".join(read(page).text).split())
+    for die in document["dies"]:
+        assert f'id="die-{die["name"]}"' in page
+        assert die["label"] in words
+    every = page[page.index("<details open>") : page.rindex("</details>")]
+    assert every.count("<tr>") == len(document["checks"]) + 1
+    for file in document["files"]:
+        assert file["path"] in words
+        assert file["sha256"] in words
+    assert document["job_hash"] in words
+
+
+def test_front_says_fail_and_how_to_mend_it(page):
+    front = page[: page.index("</header>")]
+    assert "✗ FAIL" in front
+    assert "2 of 5 checks failed" in front
+    assert "What failed" in front
+    assert "Do not send this plate" in front
+    assert "≤ 10⁻⁶" in front
+
+
+def test_passing_report_says_pass_and_lists_no_failures(run, document):
+    good = [check for check in document["checks"] if check["passed"]]
+    page = html.render({**document, "verdict": "pass", "checks": good}, {})
+    front = page[: page.index("</header>")]
+    assert "✓ PASS" in front
+    assert "What failed" not in front
+
+
+def test_markup_in_a_label_is_inert(page):
+    assert MARKUP not in page
+    assert "&lt;script&gt;" in page
+
+
+def test_tables_carry_full_values_and_units(page):
+    assert 'title="0.123456789 ± 1e-07">0.1235</td>' in page
+    assert "furlong" in page
+    assert "Not in any glossary" in page
+
+
+def test_page_does_not_tell_the_time(run, document, page):
+    slower = to_document(replace(run.report, seconds={"export": 99.0}), run.plate, run.camera)
+    assert html.render(slower, figures.pictures(run.plate, run.optics, slower)) == page
+
+
+def test_page_without_pictures_dies_or_checks_still_reads(document):
+    empty = {**document, "dies": [], "plate": [], "checks": [], "files": [], "seeds": {}}
+    assert "Nothing was required" in html.render(empty, {})
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (None, "–"),
+        ("R12", "R12"),
+        (0.0, "0"),
+        (0, "0"),
+        (0.2, "0.2000"),
+        (0.123456, "0.1235"),
+        (41.98765, "41.99"),
+        (-36.5, "−36.50"),
+        (1234567, "1\u202f234\u202f567"),
+        (2.5e-13, "2.50 × 10⁻¹³"),
+        (1.5e7 + 0.5, "1.50 × 10⁷"),
+    ],
+)
+def test_numbers_have_few_digits(value, text):
+    assert html.number(value) == text
+
+
+@pytest.mark.parametrize(
+    ("value", "bound", "passed", "text"),
+    [
+        (1e-9, 1e-6, True, "≤ 10⁻⁶"),
+        (1e-3, 1e-6, False, "≤ 10⁻⁶"),
+        (3.0, 2.5, True, "≥ 2.5"),
+        (2.0, 2.5, False, "≥ 2.5"),
+        (-0.08, 0.05, False, "≤ 0.05"),
+        (0, 0, True, "0"),
+        (1.0, None, None, "–"),
+        ("a", "a", True, "a"),
+    ],
+)
+def test_limits_say_on_which_side_to_be(value, bound, passed, text):
+    assert html.limit({"value": value, "limit": bound, "passed": passed}) == text
