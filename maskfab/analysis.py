@@ -1,0 +1,229 @@
+"""The optics of anything: an opening in any form, or the geometry of any mask file."""
+
+from __future__ import annotations
+
+import math
+import tempfile
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+
+from maskfab.errors import JobError, SourceError
+from maskfab.export.gds import write_oasis
+from maskfab.geometry.reading import find_cell, find_layer, read_layout
+from maskfab.geometry.region import coverage, plate_layout, region
+from maskfab.geometry.stop import edges_in_stop
+from maskfab.layout import openings
+from maskfab.layout.tiling import orientations
+from maskfab.model import CLEAR, Camera, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Tiling
+from maskfab.optics import metrics
+from maskfab.optics.aperture import Lattice, covered_aperture
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.otf import lag_table
+from maskfab.optics.psf import pixel_psf, point_psf
+from maskfab.optics.pupil import cut
+from maskfab.progress import Progress, silent
+from maskfab.spec import check_optics
+from maskfab.units import to_nm
+from maskfab.validate.optics import INVARIANT_LIMIT_ROUND, measure, polygon_psf, stop_boundary
+
+LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"})
+
+_FINEST_GRID = 4000
+
+
+@dataclass(frozen=True)
+class Request:
+    """How to look at a file.
+
+    Attributes:
+        camera: what looks through it.
+        pitch_um, dot_um: the cell and its dots; where an opening does not state them itself.
+        gutter_um: opaque space round every cell.
+        tiling, seed: how an opening is laid out. For a layout file, a tiling says that it holds one opening.
+        layer, cell: where in a layout file to look.
+    """
+
+    camera: Camera
+    pitch_um: float | None = None
+    dot_um: float | None = None
+    gutter_um: float = 0.0
+    tiling: Tiling | None = None
+    seed: int | None = None
+    layer: str | None = None
+    cell: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """The numbers and curves of one file."""
+
+    name: str
+    psfs: tuple[Psf, ...]
+    mtfs: tuple[Mtf, ...]
+    quantities: tuple[Quantity, ...]
+
+    @property
+    def passed(self) -> bool:
+        return all(q.passed is not False for q in self.quantities)
+
+
+def analyse(path: str | Path, request: Request, progress: Progress = silent) -> Analysis:
+    """PSF, MTF and invariants of an opening or a mask file.
+
+    An opening is laid out over the stop, written, and read back, so that its numbers have the same meaning as those of
+    a plate. A layout file is taken as it is, its bounding box centred on the optical axis, unless a tiling is given.
+
+    Raises:
+        SourceError, OpeningError, JobError: if the file or the request is at fault.
+    """
+    path = Path(path)
+    if path.suffix.lower() in LAYOUT_SUFFIXES and request.tiling is None:
+        return _analyse_mask(path, request, progress)
+    return analyse_opening(_load(path, request), request, progress)
+
+
+def analyse_opening(opening: Opening, request: Request, progress: Progress = silent) -> Analysis:
+    """The same for an opening that is already loaded."""
+    dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
+    gutter_nm = to_nm(request.gutter_um, where="--gutter", name="gutter")
+    check_optics(request.camera, dot_nm / 1e3, where="the request")
+    pitch_nm = opening.dots * dot_nm + gutter_nm
+    cells = 2 * math.ceil(request.camera.stop.diameter_um * 1e3 / pitch_nm / 2)
+    tiling = request.tiling or Tiling.PERIODIC
+    panel = Panel(opening, dot_nm, gutter_nm, orientations(tiling, cells, cells, request.seed, where="--seed"), tiling, request.seed)
+    die = Die(opening.name, opening.name, panel, (0, 0), cells * pitch_nm)
+    plate = Plate(opening.name, "", cells * pitch_nm, cells * pitch_nm, (die,), (), (), ())
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "panel.oas"
+        write_oasis(plate_layout(plate), file)
+        read = region(read_layout(file), CLEAR)
+    progress("optics", 0, 1)
+    result = measure(die, request.camera, read)
+    progress("optics", 1, 1)
+    return Analysis(opening.name, result.psfs, result.mtfs, result.quantities)
+
+
+def _load(path: Path, request: Request) -> Opening:
+    dots = None
+    if request.pitch_um is not None and request.dot_um is not None:
+        dots = round((request.pitch_um - request.gutter_um) / request.dot_um)
+        if abs(dots * request.dot_um + request.gutter_um - request.pitch_um) > 1e-6:
+            raise JobError(
+                "MF106",
+                f"pitch {request.pitch_um:g} um is not a whole number of dots of {request.dot_um:g} um"
+                f" plus a gutter of {request.gutter_um:g} um",
+                where="--pitch",
+                cure=f"Use --pitch '{dots * request.dot_um + request.gutter_um:g} um'",
+            )
+    if path.suffix.lower() == ".toml":
+        opening = openings.load(path, dots=dots)
+        return opening if request.dot_um or request.pitch_um is None else _scaled(opening, request)
+    if request.dot_um is not None:
+        dot_nm = to_nm(request.dot_um, where="--dot", name="dot")
+        return openings.load(path, dots=dots, dot_nm=dot_nm, layer=request.layer, cell=request.cell, name=_name(path))
+    if request.pitch_um is not None and path.suffix.lower() not in LAYOUT_SUFFIXES:
+        return _scaled(openings.load(path, dot_nm=1, name=_name(path)), request)
+    raise JobError("MF105", f"{path.name} does not state the size of its dots", where="--dot", cure='Add --dot "8 um"')
+
+
+def _scaled(opening: Opening, request: Request) -> Opening:
+    """The opening with the dot that its number of dots gives the requested pitch."""
+    assert request.pitch_um is not None
+    dot_um = (request.pitch_um - request.gutter_um) / opening.dots
+    return Opening(opening.name, opening.mask, to_nm(dot_um, where="--pitch", name="dot"), opening.provenance)
+
+
+def _name(path: Path) -> str:
+    """A file's stem made into a name that layouts take."""
+    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)[:22]
+    return ("O_" + kept)[:24].replace("main", "m_ain") if not kept[:1].isalpha() or "main" in kept.lower() else kept
+
+
+def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
+    layout = read_layout(path)
+    cell = find_cell(layout, request.cell)
+    layer = find_layer(layout, request.layer)
+    whole = region(layout, layer, cell=cell.name)
+    camera, stop = request.camera, request.camera.stop
+    box = whole.bbox()
+    centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
+    reach = math.ceil(stop.diameter_um * 500) + 1
+    near = db.Box(centre[0] - reach, centre[1] - reach, centre[0] + reach, centre[1] + reach)
+    inside = (whole & db.Region(near)).moved(-centre[0], -centre[1])
+    edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
+    if area <= 0:
+        raise SourceError("MF309", f"{path} has nothing clear inside the stop", where=f"cell {cell.name}, layer {layer}",
+                          cure="Name another --cell or --layer, or use a larger --stop")  # fmt: skip
+    outline = stop_boundary(edges, area, camera)
+    lattice = _lattice(_coordinates_nm(inside, reach), request)
+    check_optics(camera, lattice.dot_um, where=str(path))
+    edge_nm = np.rint(1e3 * lattice.edges_um())
+    pupil = cut(covered_aperture(lattice, lattice, coverage(inside, edge_nm, edge_nm)), stop)
+    table = lag_table(pupil)
+    quantities: list[Quantity] = [
+        metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
+        metrics.mtf_volume(table, area, None, INVARIANT_LIMIT_ROUND),
+    ]
+    psfs: list[Psf] = []
+    mtfs = []
+    for done, wavelength in enumerate(camera.wavelengths_nm):
+        progress("optics", done, len(camera.wavelengths_nm))
+        points = point_psf(pupil, camera, wavelength)
+        polygons = polygon_psf(outline, camera, points)
+        pixels = pixel_psf(pupil, camera, wavelength)
+        difference = metrics.relative_difference(polygons, points)
+        mtf = presampled_mtf(table, camera, wavelength)
+        psfs += [polygons, pixels]
+        mtfs.append(mtf)
+        quantities += [
+            *metrics.mtf_quantities(mtf, None),
+            metrics.energy_in_window(pixels, difference, None),
+            *metrics.strehl_quantities(points, camera, pupil.energy_um2, area, None, INVARIANT_LIMIT_ROUND),
+            Quantity(
+                "readback_psf_difference", "δ", difference, "1",
+                f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um",
+                uncertainty=1e-8, wavelength_nm=wavelength,
+            ),
+        ]  # fmt: skip
+    progress("optics", len(mtfs), len(mtfs))
+    return Analysis(cell.name, tuple(psfs), tuple(mtfs), tuple(quantities))
+
+
+def _coordinates_nm(inside: db.Region, reach: int) -> list[int]:
+    """Distances from the axis at which vertical and horizontal edges lie; where the window cut is none of the file's."""
+    upright = [e.x1 if e.x1 == e.x2 else e.y1 for e in inside.edges().each() if e.x1 == e.x2 or e.y1 == e.y2]
+    return sorted({abs(c) for c in upright if abs(c) != reach})
+
+
+def _lattice(coordinates_nm: list[int], request: Request) -> Lattice:
+    """A grid on which the geometry's edges lie, if there is one coarse enough to compute with; else a fine one."""
+    diameter = request.camera.stop.diameter_um
+    if request.dot_um is not None and request.pitch_um is not None:
+        cells = 2 * math.ceil(diameter / request.pitch_um / 2)
+        dots = round((request.pitch_um - request.gutter_um) / request.dot_um)
+        start = -cells * request.pitch_um / 2 + (request.pitch_um - dots * request.dot_um) / 2
+        return Lattice(start, cells, dots, request.dot_um, request.pitch_um)
+    step_nm = math.gcd(*coordinates_nm)
+    finest_nm = math.ceil(diameter * 1e3 / _FINEST_GRID)
+    if request.dot_um is not None:
+        step_nm = to_nm(request.dot_um, where="--dot", name="dot")
+    elif step_nm < finest_nm:
+        step_nm = finest_nm
+    else:
+        # A coarse grid would leave the phase across a dot large and the window short.
+        step_nm = _divided(step_nm, 8000)
+    count = 2 * math.ceil(diameter * 1e3 / step_nm / 2)
+    dot_um = step_nm / 1e3
+    return Lattice(-count * dot_um / 2, count, 1, dot_um, dot_um)
+
+
+def _divided(step_nm: int, largest_nm: int) -> int:
+    """The largest divisor of a step that is not above a limit."""
+    pieces = next(n for n in range(max(1, step_nm // largest_nm), step_nm + 1) if step_nm % n == 0 and step_nm // n <= largest_nm)
+    return step_nm // pieces
+
+

@@ -1,0 +1,348 @@
+"""The command line: verbs, exit codes, and what goes where.
+
+Results go to stdout, progress and errors to stderr. Every verb imports what it needs when it is called.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import shlex
+import sys
+import traceback
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import click
+import typer
+
+from maskfab import __version__, errors
+from maskfab.errors import InternalError, JobError, MaskfabError
+
+if TYPE_CHECKING:
+    from maskfab.model import Quantity
+    from maskfab.progress import Progress
+
+_EPILOG = "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 our own fault."
+
+app = typer.Typer(
+    name="maskfab",
+    help="Photomask plates for under-panel cameras: openings, panels, mask files, and what the files do to a picture.",
+    epilog=_EPILOG,
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+JobFile = Annotated[Path, typer.Argument(metavar="JOB", help="A job file (.toml).")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+
+
+@app.callback(invoke_without_command=True)
+def _common(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.", is_eager=True)] = False,
+) -> None:
+    if version:
+        typer.echo(f"maskfab {__version__}")
+        raise typer.Exit
+
+
+@app.command(epilog="Example: maskfab run layouts/upc12.toml --out build/upc12")
+def run(
+    job: JobFile,
+    out: Annotated[Path, typer.Option(help="Output directory; it appears when everything in it is complete.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in --out.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a plate: mask files, read back and measured, with a report."""
+    from maskfab.layout.job import load
+    from maskfab.pipeline import REPORT
+    from maskfab.pipeline import run as run_job
+
+    with _watched(quiet) as progress:
+        result = run_job(load(job), out, force=force, progress=progress)
+    report = result.report
+    if as_json:
+        typer.echo((result.directory / REPORT).read_text(encoding="utf-8"), nl=False)
+    else:
+        for path in sorted(result.directory.iterdir()):
+            typer.echo(path)
+        _summarise(report.checks)
+    _leave(report.passed)
+
+
+@app.command(epilog="Example: maskfab design layouts/design_inv_random.toml --out opening.toml")
+def design(
+    job: JobFile,
+    out: Annotated[Path | None, typer.Option(help="Where the opening goes; default: design.output of the job.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing opening.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Find an opening whose blur can be undone, by gradient descent."""
+    from maskfab.design.job import find, settings
+    from maskfab.export.staging import check_file, write_text
+    from maskfab.layout.openings import dumps
+    from maskfab.spec import read
+
+    spec = read(job)
+    wanted = settings(spec, where=str(job), command=f"maskfab design {job.as_posix()}")
+    target = out or (job.parent / spec.design.output if spec.design and spec.design.output else None)
+    if target is None:
+        raise JobError("MF105", "the design has no output file", where=f"{job}: design.output", cure="Add it, or --out")
+    check_file(target, force=force)
+    with _watched(quiet) as progress:
+        opening = find(wanted, progress)
+    write_text(target, dumps(opening))
+    if as_json:
+        facts = {"name": opening.name, "path": str(target), "clear_dots": opening.clear_dots}
+        _print_json({**facts, "open_ratio": opening.open_ratio, "provenance": dict(opening.provenance)})
+    else:
+        typer.echo(target)
+
+
+@app.command(
+    epilog="Examples: maskfab analyse layouts/openings/toled.toml --tiling random --seed 1 | "
+    "maskfab analyse plate.gds --cell TOLED_P150 --json | maskfab analyse photo.png --pitch '168 um'"
+)
+def analyse(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="An opening (.toml .txt .png .tif .exr .npy) or a mask "
+                                         "(.gds .oas .dxf).")],
+    pitch: Annotated[str | None, typer.Option(help="Side of a cell, such as '168 um' or '150 dpi'.")] = None,
+    dot: Annotated[str | None, typer.Option(help="Side of a dot, such as '8 um'.")] = None,
+    gutter: Annotated[str, typer.Option(help="Opaque space round every cell.")] = "0 um",
+    tiling: Annotated[str | None, typer.Option(help="periodic, random or paper4. For a mask file: it holds one "
+                                               "opening.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of a random tiling.")] = None,
+    layer: Annotated[str | None, typer.Option(help="Layer of a mask file, such as 1/0 or CLEAR.")] = None,
+    cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
+    stop: Annotated[str, typer.Option(help="Diameter of the lens stop.")] = "4 mm",
+    stop_shape: Annotated[str, typer.Option(help="circle or square.")] = "circle",
+    focal: Annotated[str, typer.Option(help="Focal length.")] = "10 mm",
+    wavelengths: Annotated[str, typer.Option(help="Lines, separated by commas.")] = "610 nm, 530 nm, 470 nm",
+    pixel: Annotated[str, typer.Option(help="Side of a sensor pixel.")] = "2 um",
+    window: Annotated[str, typer.Option(help="Side of the PSF's window.")] = "256 um",
+    out: Annotated[Path | None, typer.Option(help="Directory for the PSFs as EXR and a picture.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
+    """PSF, MTF and invariants of an opening or a mask file."""
+    from maskfab import units
+    from maskfab.analysis import Request
+    from maskfab.analysis import analyse as analyse_file
+    from maskfab.model import Tiling
+    from maskfab.spec import CameraSection, parse_section
+
+    described = {
+        "focal": focal,
+        "stop": {"shape": stop_shape, "diameter": stop},
+        "wavelengths": [line.strip() for line in wavelengths.split(",")],
+        "pixel": pixel,
+        "window": window,
+    }
+    if tiling is not None and tiling not in set(Tiling):
+        raise JobError("MF105", f"there is no tiling {tiling!r}", where="--tiling", cure=f"Use {', '.join(Tiling)}")
+    request = Request(
+        camera=parse_section(CameraSection, described, where="the command line").camera(),
+        pitch_um=None if pitch is None else units.parse_pitch_um(pitch, where="--pitch"),
+        dot_um=None if dot is None else units.parse_length_um(dot, where="--dot"),
+        gutter_um=units.parse_length_um(gutter, where="--gutter", zero_allowed=True),
+        tiling=None if tiling is None else Tiling(tiling),
+        seed=seed,
+        layer=layer,
+        cell=cell,
+    )
+    if out is not None:
+        from maskfab.export.staging import check_target
+
+        check_target(out, force=False)
+    with _watched(quiet) as progress:
+        analysis = analyse_file(file, request, progress)
+    if out is not None:
+        from maskfab.report.analysis import write
+
+        paths = write(analysis, out)
+    if as_json:
+        from maskfab.report.data import quantity_document
+
+        _print_json({"name": analysis.name, "quantities": [quantity_document(q) for q in analysis.quantities]})
+    else:
+        _print_table(analysis.quantities)
+        for path in paths if out is not None else ():
+            typer.echo(path)
+    _leave(analysis.passed)
+
+
+@app.command(epilog="Example: maskfab verify build/upc12")
+def verify(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of a finished run.")],
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Read a finished output directory again and repeat every check."""
+    from maskfab.verification import verify as verify_directory
+
+    with _watched(quiet) as progress:
+        checks = verify_directory(directory, progress)
+    passed = all(check.passed for check in checks)
+    if as_json:
+        from maskfab.report.data import quantity_document
+
+        _print_json({"verdict": "pass" if passed else "fail", "checks": [quantity_document(q) for q in checks]})
+    else:
+        _summarise(checks)
+    _leave(passed)
+
+
+@app.command(epilog="Example: maskfab shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml")
+def shape(
+    kind: Annotated[str, typer.Argument(metavar="KIND", help="stripe, blobs or diamond-discs.")],
+    out: Annotated[Path, typer.Option(help="Where the opening goes.")],
+    dots: Annotated[int, typer.Option(help="Dots along the side of a cell.")] = 21,
+    pitch: Annotated[str, typer.Option(help="Side of a cell.")] = "168 um",
+    clear_dots: Annotated[int | None, typer.Option(help="How many dots are clear.")] = None,
+    width_dots: Annotated[int, typer.Option(help="stripe: its width.")] = 5,
+    size_ratio: Annotated[float, typer.Option(help="blobs: small ones over large ones.")] = 0.7,
+    aspect: Annotated[float, typer.Option(help="blobs: their length over their width.")] = 1.25,
+    exponent: Annotated[float, typer.Option(help="blobs: 2 is an ellipse, larger is squarer.")] = 4.0,
+    name: Annotated[str | None, typer.Option(help="Name of the opening; default: the file's stem.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+) -> None:
+    """Draw a parametric opening."""
+    from maskfab.export.staging import check_file, write_text
+    from maskfab.layout import shapes
+    from maskfab.layout.openings import check_name, dot_of_pitch, dumps
+    from maskfab.model import Opening
+
+    check_file(out, force=force)
+    check_name(name or out.stem, "--name")
+    dot_nm = dot_of_pitch(pitch, dots, where="--pitch")
+    if kind == "stripe":
+        mask = shapes.stripe(dots, width_dots, clear_dots)
+    elif clear_dots is None:
+        raise JobError("MF105", f"{kind} needs a number of clear dots", where="--clear-dots", cure="Add --clear-dots 90")
+    elif kind == "blobs":
+        mask = shapes.blobs(dots, clear_dots, size_ratio=size_ratio, aspect=aspect, exponent=exponent)
+    elif kind == "diamond-discs":
+        mask = shapes.diamond_discs(dots, clear_dots)
+    else:
+        raise JobError("MF105", f"there is no shape {kind!r}", where="KIND", cure="Use stripe, blobs or diamond-discs")
+    command = shlex.join(["maskfab", *(word for word in sys.argv[1:] if word != "--force")])
+    provenance = {"author": "maskfab", "command": command, "version": __version__}
+    write_text(out, dumps(Opening(name or out.stem, mask, dot_nm, provenance)))
+    typer.echo(out)
+
+
+@app.command(epilog="Example: maskfab explain MF106")
+def explain(code: Annotated[str, typer.Argument(metavar="CODE", help="A code such as MF106.")]) -> None:
+    """Say what an error code means."""
+    known = errors.CATALOGUE.get(code.upper())
+    if known is None:
+        listed = ", ".join(errors.CATALOGUE)
+        raise JobError("MF105", f"there is no code {code!r}", cure=f"The codes are {listed}")
+    typer.echo(f"{code.upper()} {known}")
+
+
+def run_command_line(arguments: Sequence[str]) -> int:
+    """Run one command; every failure becomes an exit code and one message."""
+    try:
+        code = typer.main.get_command(app).main(list(arguments), prog_name="maskfab", standalone_mode=False)
+        return code if isinstance(code, int) else 0
+    except click.exceptions.Exit as leaving:
+        return leaving.exit_code
+    except click.Abort:
+        return 130
+    except click.ClickException as wrong:
+        wrong.show()
+        return 2
+    except MaskfabError as error:
+        return _tell(error, "--json" in arguments)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as fault:
+        traceback.print_exc()
+        problem = InternalError("MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file")
+        return _tell(problem, "--json" in arguments)
+
+
+def _tell(error: MaskfabError, as_json: bool) -> int:
+    typer.echo(f"error: {error}", err=True)
+    if as_json:
+        told = {"code": error.code, "what": error.what, "where": error.where, "cure": error.cure}
+        _print_json({"error": told})
+    return error.exit_code
+
+
+def _leave(passed: bool) -> None:
+    if not passed:
+        raise typer.Exit(1)
+
+
+def _print_json(document: dict[str, Any]) -> None:
+    typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def _summarise(checks: Sequence[Quantity]) -> None:
+    failed = [check for check in checks if check.passed is False]
+    for check in failed:
+        place = f" [{check.die}]" if check.die else ""
+        typer.echo(f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}", err=True)
+    verdict = "FAIL" if failed else "PASS"
+    typer.echo(f"{verdict}: {len(checks) - len(failed)} of {len(checks)} checks pass", err=True)
+
+
+def _print_table(quantities: Iterable[Quantity]) -> None:
+    rows = [("quantity", "line", "value", "error", "unit", "limit")]
+    for q in quantities:
+        line = "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm"
+        value = "-" if q.value is None else f"{q.value:.6g}" if isinstance(q.value, float) else str(q.value)
+        error = "" if not q.uncertainty else f"± {q.uncertainty:.1e}"
+        limit = "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})"
+        rows.append((q.name, line, value, error, q.unit, limit))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    for row in rows:
+        typer.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+class _watched:  # noqa: N801 - reads as a word in a with statement
+    """A progress bar on a terminal, plain lines elsewhere, on stderr."""
+
+    def __init__(self, quiet: bool) -> None:
+        self._quiet = quiet
+        self._bar: Any = None
+        self._tasks: dict[str, Any] = {}
+
+    def __enter__(self) -> Progress:
+        from maskfab.progress import silent
+
+        if self._quiet:
+            return silent
+        if not sys.stderr.isatty():
+            return _plain_line
+        from rich.console import Console
+        from rich.progress import Progress as Bar
+
+        self._bar = Bar(console=Console(stderr=True), transient=False)
+        self._bar.start()
+        return self._advance
+
+    def __exit__(self, *_: object) -> None:
+        if self._bar is not None:
+            self._bar.stop()
+
+    def _advance(self, stage: str, done: int, total: int) -> None:
+        if stage not in self._tasks:
+            self._tasks[stage] = self._bar.add_task(stage, total=total)
+        self._bar.update(self._tasks[stage], completed=done, total=total)
+
+
+def _plain_line(stage: str, done: int, total: int) -> None:
+    """One line a stage begun and ended, and one at each tenth of a long one."""
+    tenth = max(1, total // 10)
+    if done in (0, total) or done % tenth == 0:
+        typer.echo(f"{stage}: {done}/{total}", err=True)

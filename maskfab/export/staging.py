@@ -1,0 +1,108 @@
+"""Output directories that appear whole or not at all."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from maskfab.errors import OutputError
+
+RESULT_MARK = "manifest.json"
+"""The file that every finished output directory has."""
+
+
+@contextmanager
+def staged(target: Path, *, force: bool) -> Iterator[Path]:
+    """A directory beside ``target`` to write into; renamed to ``target`` on success, removed on failure.
+
+    Args:
+        target: the output directory; it may exist only if it is empty, or if ``force`` lets it be replaced.
+        force: replace an earlier result, once the new one is complete; anything else is never replaced.
+
+    Raises:
+        OutputError: MF401 if the place cannot be written, MF402 if it is occupied.
+    """
+    check_target(target, force=force)
+    target = target.absolute()
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        aside = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".partial", dir=target.parent))
+    except OSError as error:
+        raise _not_writable(target, error) from error
+    try:
+        yield aside
+        aside.chmod(0o777 & ~_umask())
+        _replace(aside, target)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+
+
+def check_target(target: Path, *, force: bool) -> None:
+    """Refuse an output directory before any work starts; raises as :func:`staged` does."""
+    if target.exists() and not target.is_dir():
+        raise OutputError("MF401", f"{target} is a file, not a directory", cure="Choose another --out")
+    if target.is_dir() and any(target.iterdir()):
+        if not (target / RESULT_MARK).is_file():
+            raise OutputError(
+                "MF402", f"the directory {target} is not empty and holds no maskfab result", cure="Choose another --out"
+            )
+        if not force:
+            raise OutputError(
+                "MF402",
+                f"the output directory {target} is not empty",
+                cure="Add --force to replace it, or choose another",
+            )
+    parent = target.absolute()
+    while not parent.exists():
+        parent = parent.parent
+    if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
+        raise OutputError("MF401", f"{parent} cannot be written", cure="Choose another --out, or mend its permissions")
+
+
+def _replace(aside: Path, target: Path) -> None:
+    try:
+        if target.exists():
+            old = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".old", dir=target.parent))
+            target.rename(old / target.name)
+            aside.rename(target)
+            shutil.rmtree(old)
+        else:
+            aside.rename(target)
+    except OSError as error:
+        raise _not_writable(target, error) from error
+
+
+def _not_writable(target: Path, error: OSError) -> OutputError:
+    return OutputError("MF401", f"{target} cannot be written: {error.strerror or error}", cure="Choose another --out")
+
+
+def _umask() -> int:
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask
+
+
+def check_file(target: Path, *, force: bool) -> None:
+    """Refuse to write a file over another, or where nothing can be written (MF401, MF402)."""
+    if target.is_dir():
+        raise OutputError("MF401", f"{target} is a directory", cure="Choose another --out")
+    if target.exists() and not force:
+        raise OutputError("MF402", f"{target} exists", cure="Add --force to replace it, or choose another --out")
+    if not target.absolute().parent.is_dir() or not os.access(target.absolute().parent, os.W_OK | os.X_OK):
+        raise OutputError("MF401", f"{target} cannot be written", cure="Choose a directory that exists and is writable")
+
+
+def write_text(target: Path, text: str) -> None:
+    """Write a file aside and rename it, so that it is never half-written (MF401 if that fails)."""
+    aside = target.with_name(f".{target.name}.{os.getpid()}.partial")
+    try:
+        aside.write_text(text, encoding="utf-8")
+        os.replace(aside, target)
+    except OSError as error:
+        raise _not_writable(target, error) from error
+    finally:
+        aside.unlink(missing_ok=True)

@@ -1,0 +1,354 @@
+"""Mask files read back through a library that did not write them.
+
+GDSII and OASIS are written by klayout, so gdstk reads them; DXF is written by ezdxf, so klayout reads it. Whichever
+it is, the answer is a hierarchical klayout layout in nanometres.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from graphlib import CycleError, TopologicalSorter
+from pathlib import Path
+from typing import Any
+
+import gdstk
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.errors import SourceError
+from maskfab.geometry.region import DBU_UM, layer_info
+from maskfab.model import CLEAR, LAYERS
+
+ROUNDING_KEY = "maskfab_rounding_nm"
+
+_METRES_PER_NM = 1e-9
+_LARGEST_NM = 2**31 - 1
+_LARGEST_REPETITION = 10_000_000
+_ON_GRID_NM = 1e-6
+
+# $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
+_UM_PER_DXF_UNIT = {1: 25400.0, 2: 304800.0, 4: 1e3, 5: 1e4, 6: 1e6, 8: 0.0254, 9: 25.4, 12: 1e-3, 13: 1.0, 14: 1e5}
+
+_GDSII_MAGIC = b"\x00\x06\x00\x02"
+_OASIS_MAGIC = b"%SEMI-OASIS\r\n"
+# Comments (group 999) may come before the first section.
+_TEXT_DXF_START = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0\s*\r?\n\s*SECTION\s*\r?\n")
+_BINARY_DXF_MAGIC = b"AutoCAD Binary DXF"
+
+
+def read_layout(path: Path) -> db.Layout:
+    """A mask file as a hierarchical layout; database unit 1 nm, layers of the plate under their numbers and names.
+
+    GDSII and OASIS coordinates off the nanometre grid are rounded, and the largest rounding is kept for
+    :func:`rounding_nm`. A DXF unit is what $INSUNITS says, else one micrometre; klayout rounds its coordinates.
+
+    Args:
+        path: ``.gds .gdsii .gds2 .oas .oasis .dxf``.
+
+    Raises:
+        SourceError: MF301 missing, MF302 empty, MF303 truncated or damaged, MF304 not what its suffix says,
+            MF308 of a kind that is not read.
+    """
+    reader = _READERS.get(path.suffix.lower())
+    if reader is None:
+        raise SourceError(
+            "MF308",
+            f"{path.name} has the suffix {path.suffix!r}; maskfab reads {' '.join(_READERS)}",
+            where=str(path),
+            cure="Convert it to GDSII, OASIS or DXF",
+        )
+    if not path.is_file():
+        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
+    if path.stat().st_size == 0:
+        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")
+    return reader(path)
+
+
+def rounding_nm(layout: db.Layout) -> float:
+    """The largest distance by which a coordinate was moved to the nanometre grid when the layout was read."""
+    return float(layout.meta_info_value(ROUNDING_KEY) or 0.0)
+
+
+def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
+    """The cell of that name, or the only top cell.
+
+    Raises:
+        SourceError: MF305 if no cell is named and there is more than one top cell, MF307 if there is no such cell,
+            MF309 if the layout has no cell at all.
+    """
+    tops = sorted(top.name for top in layout.top_cells())
+    if not tops:
+        raise SourceError("MF309", "the layout has no cell", cure="Write it again")
+    if cell is None:
+        if len(tops) > 1:
+            raise SourceError("MF305", f"the layout has {len(tops)} top cells: {_listed(tops)}", cure="Name a cell")
+        return layout.top_cell()
+    found = layout.cell(cell)
+    if found is None:
+        raise SourceError("MF307", f"no cell {cell!r}; top cells: {_listed(tops)}", cure="Name one of these")
+    return found
+
+
+def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
+    """The layer that is meant by ``"1/0"``, ``"1"`` (datatype 0) or a DXF layer's name.
+
+    None stands for 1/0, or CLEAR in DXF, if that holds shapes, and else for the only layer that does.
+
+    Raises:
+        SourceError: MF306, with the layers that are there, if the layer is not or if None could mean several.
+    """
+    used = [info for info in sorted(layout.layer_infos(), key=_layer_label) if _has_shapes(layout, info)]
+    there = _listed([_layer_label(info) for info in used]) or "none with shapes"
+    if layer is None:
+        clear = layer_info(CLEAR)
+        usual = [info for info in used if info.is_equivalent(clear)]
+        if usual or len(used) == 1:
+            return (usual or used)[0]
+        raise SourceError(
+            "MF306", f"the layout has no layer {_layer_label(clear)}; layers: {there}", cure="Name one of these"
+        )
+    for info in layout.layer_infos():
+        if layer in _layer_names(info):
+            return info
+    raise SourceError("MF306", f"the layout has no layer {layer!r}; layers: {there}", cure="Name one of these")
+
+
+def _layer_names(info: db.LayerInfo) -> set[str]:
+    names = {info.name} if info.name else set()
+    if info.layer >= 0:
+        names.add(f"{info.layer}/{info.datatype}")
+        if info.datatype == 0:
+            names.add(str(info.layer))
+    return names
+
+
+def _layer_label(info: db.LayerInfo) -> str:
+    numbers = f"{info.layer}/{info.datatype}" if info.layer >= 0 else ""
+    return " ".join(part for part in (numbers, info.name) if part)
+
+
+def _has_shapes(layout: db.Layout, info: db.LayerInfo) -> bool:
+    index = layout.find_layer(info)
+    return any(not cell.shapes(index).is_empty() for cell in layout.each_cell())
+
+
+def _listed(names: list[str], most: int = 12) -> str:
+    return ", ".join(names[:most]) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
+def _damaged(path: Path, what: str) -> SourceError:
+    return SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
+
+
+def _wrong_kind(path: Path, kind: str) -> SourceError:
+    return SourceError("MF304", f"{path.name} is no {kind} file", where=str(path), cure="Give it its true suffix")
+
+
+def _first_bytes(path: Path, count: int) -> bytes:
+    with path.open("rb") as file:
+        return file.read(count)
+
+
+# --- GDSII and OASIS -----------------------------------------------------------------------------------------------
+
+
+def _read_gdsii(path: Path) -> db.Layout:
+    if _first_bytes(path, 4) != _GDSII_MAGIC:
+        raise _wrong_kind(path, "GDSII")
+    return _through_gdstk(path, "read_gds")
+
+
+def _read_oasis(path: Path) -> db.Layout:
+    if _first_bytes(path, len(_OASIS_MAGIC)) != _OASIS_MAGIC:
+        raise _wrong_kind(path, "OASIS")
+    return _through_gdstk(path, "read_oas")
+
+
+def _through_gdstk(path: Path, function: str) -> db.Layout:
+    # gdstk takes truncated files for whole ones and dies of some damaged ones, taking Python with it. So klayout, which
+    # raises, looks first; and what passes is tried in a process of its own, where a warning is a failure too, for it
+    # means that gdstk has left something out.
+    _read_with_klayout(path, db.LoadLayoutOptions())
+    trial = subprocess.run(
+        [sys.executable, "-W", "error", "-c", f"import sys, gdstk; gdstk.{function}(sys.argv[1])", str(path)],
+        capture_output=True,
+        check=False,
+    )
+    if trial.returncode != 0:
+        said = trial.stderr.decode(errors="replace").strip().splitlines()
+        raise _damaged(path, said[-1] if said else "its records cannot be read")
+    try:
+        library = getattr(gdstk, function)(path, unit=_METRES_PER_NM)
+        return _Conversion(path, library).layout()
+    except (TypeError, ValueError, OverflowError, RuntimeError) as error:
+        # Names that are no text and numbers that do not fit show only when gdstk's objects are asked for them.
+        raise _damaged(path, f"it holds values that cannot be used ({error})") from error
+
+
+def _read_with_klayout(path: Path, options: db.LoadLayoutOptions) -> db.Layout:
+    options.warn_level = 0
+    layout = db.Layout()
+    try:
+        layout.read(str(path), options)
+    except (RuntimeError, UnicodeDecodeError) as error:
+        reason = str(error).split(", in file")[0] if isinstance(error, RuntimeError) else "a name in it is no text"
+        raise _damaged(path, reason) from error
+    return layout
+
+
+class _Conversion:
+    """A gdstk library, its unit 1 nm, as a klayout layout."""
+
+    def __init__(self, path: Path, library: Any) -> None:
+        self._path = path
+        self._library = library
+        self._rounding = 0.0
+        self._layout = db.Layout()
+        self._layout.dbu = DBU_UM
+        self._layers: dict[tuple[int, int], int] = {}
+        for layer in LAYERS:
+            self._layers[layer.number, layer.datatype] = self._layout.layer(layer_info(layer))
+        self._cells: dict[str, db.Cell] = {}
+
+    def layout(self) -> db.Layout:
+        for cell in self._library.cells:
+            if cell.name in self._cells:
+                raise _damaged(self._path, f"it has two cells {cell.name!r}")
+            self._cells[cell.name] = self._layout.create_cell(cell.name)
+        self._refuse_cycles()
+        for cell in self._library.cells:
+            self._fill(cell, self._cells[cell.name])
+        info = db.LayoutMetaInfo(ROUNDING_KEY, self._rounding, "largest rounding to the nanometre grid")
+        self._layout.add_meta_info(info)
+        return self._layout
+
+    def _refuse_cycles(self) -> None:
+        graph = {cell.name: {reference.cell_name for reference in cell.references} for cell in self._library.cells}
+        try:
+            TopologicalSorter(graph).prepare()
+        except CycleError as error:
+            raise _damaged(self._path, f"cell {error.args[1][0]!r} contains itself") from error
+
+    def _fill(self, source: Any, target: db.Cell) -> None:
+        polygons = [*source.polygons, *(polygon for path in source.paths for polygon in path.to_polygons())]
+        for polygon in polygons:
+            points = self._integers(polygon.points)
+            shape = db.Polygon([db.Point(x, y) for x, y in points.tolist()])
+            shapes = target.shapes(self._layer(polygon.layer, polygon.datatype))
+            for dx, dy in self._offsets(polygon.repetition):
+                shapes.insert(shape.moved(dx, dy) if dx or dy else shape)
+        for label in source.labels:
+            (x, y) = self._integers(np.array([label.origin]))[0].tolist()
+            shapes = target.shapes(self._layer(label.layer, label.texttype))
+            for dx, dy in self._offsets(label.repetition):
+                shapes.insert(db.Text(label.text, db.Trans(x + dx, y + dy)))
+        # All origins in one array: a random die has ten thousand references.
+        references = source.references
+        origins = self._integers(np.array([reference.origin for reference in references]).reshape(-1, 2))
+        for reference, (x, y) in zip(references, origins.tolist(), strict=True):
+            for instance in self._instances(reference, x, y):
+                target.insert(instance)
+
+    def _layer(self, number: int, datatype: int) -> int:
+        key = number, datatype
+        if key not in self._layers:
+            self._layers[key] = self._layout.layer(number, datatype)
+        return self._layers[key]
+
+    def _instances(self, reference: Any, x: int, y: int) -> Iterator[db.CellInstArray]:
+        cell = self._cells.get(reference.cell_name)
+        if cell is None:
+            raise _damaged(self._path, f"it places a cell {reference.cell_name!r} that it lacks")
+        index = cell.cell_index()
+        quarters = reference.rotation / (math.pi / 2)
+        straight = reference.magnification == 1.0 and abs(quarters - round(quarters)) < 1e-9
+        if straight:
+            turn: Any = db.Trans(round(quarters) % 4, reference.x_reflection, x, y)
+        else:
+            degrees = math.degrees(reference.rotation)
+            turn = db.ICplxTrans(reference.magnification, degrees, reference.x_reflection, x, y)
+        repetition = reference.repetition
+        if not repetition.size:
+            yield db.CellInstArray(index, turn)
+            return
+        steps = _regular_steps(repetition)
+        if steps is None:
+            for dx, dy in self._offsets(repetition):
+                yield db.CellInstArray(index, (db.Trans if straight else db.ICplxTrans)(dx, dy) * turn)
+            return
+        columns, rows, vectors = steps
+        a, b = self._integers(vectors).tolist()
+        yield db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
+
+    def _offsets(self, repetition: Any) -> list[list[int]]:
+        if not repetition.size:
+            return [[0, 0]]
+        if repetition.size > _LARGEST_REPETITION:
+            raise _damaged(self._path, f"it repeats one shape {repetition.size} times")
+        offsets: list[list[int]] = self._integers(repetition.get_offsets()).tolist()
+        return offsets
+
+    def _integers(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
+        nearest = np.rint(values)
+        if not (np.abs(values) <= _LARGEST_NM).all():  # NaN included
+            raise _damaged(self._path, "a coordinate lies beyond 2.1 m")
+        rounding = float(np.abs(values - nearest).max(initial=0.0))
+        if rounding > _ON_GRID_NM:
+            self._rounding = max(self._rounding, rounding)
+        return nearest.astype(np.int64)
+
+
+def _regular_steps(repetition: Any) -> tuple[int, int, NDArray[np.float64]] | None:
+    """Columns, rows and the two step vectors of a regular array; None for any other repetition."""
+    if not repetition.columns or not repetition.rows:
+        return None
+    if repetition.spacing is not None:
+        dx, dy = repetition.spacing
+        return repetition.columns, repetition.rows, np.array([[dx, 0.0], [0.0, dy]])
+    return repetition.columns, repetition.rows, np.array([repetition.v1, repetition.v2])
+
+
+# --- DXF -----------------------------------------------------------------------------------------------------------
+
+
+def _read_dxf(path: Path) -> db.Layout:
+    data = path.read_bytes()
+    unit = _checked_dxf_unit(path, data)
+    if unit and unit not in _UM_PER_DXF_UNIT:
+        raise SourceError(
+            "MF308", f"{path.name} is drawn in unit {unit} of $INSUNITS", where=str(path), cure="Draw it in mm or um"
+        )
+    options = db.LoadLayoutOptions()
+    options.dxf_dbu = DBU_UM
+    options.dxf_unit = _UM_PER_DXF_UNIT.get(unit, 1.0)
+    layout = _read_with_klayout(path, options)
+    for layer in LAYERS:
+        index = layout.find_layer(db.LayerInfo(layer.name))
+        if index is not None:
+            layout.set_info(index, layer_info(layer))
+    return layout
+
+
+def _checked_dxf_unit(path: Path, data: bytes) -> int:
+    """$INSUNITS, 0 if the file does not say, of a text DXF that begins with a section and ends with EOF."""
+    if data.startswith(_BINARY_DXF_MAGIC):
+        raise SourceError("MF308", f"{path.name} is binary DXF", where=str(path), cure="Save it as text DXF")
+    if not _TEXT_DXF_START.match(data):
+        raise _wrong_kind(path, "DXF")
+    if data[-64:].split()[-2:] != [b"0", b"EOF"]:
+        raise _damaged(path, "it ends without EOF")
+    header = data[: data.find(b"ENDSEC")]
+    said = re.search(rb"\$INSUNITS\s+70\s+(\d{1,4})\s", header)
+    return int(said[1]) if said else 0
+
+
+_READERS: dict[str, Callable[[Path], db.Layout]] = {
+    **dict.fromkeys((".gds", ".gdsii", ".gds2"), _read_gdsii),
+    **dict.fromkeys((".oas", ".oasis"), _read_oasis),
+    ".dxf": _read_dxf,
+}

@@ -1,0 +1,194 @@
+"""The chain, on one page: job -> plate -> files -> files read back -> optics -> report."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from klayout import db
+from threadpoolctl import threadpool_limits
+
+from maskfab import __version__, provenance, resources
+from maskfab.export.dxf import write_dxf
+from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.export.staging import RESULT_MARK, check_target, staged
+from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.stop import stop_box
+from maskfab.layout.job import Job, load
+from maskfab.model import CLEAR, Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
+from maskfab.progress import Progress, silent
+from maskfab.report import data, figures, html
+from maskfab.spec import LimitsSection
+from maskfab.validate.features import judged, smallest_features
+from maskfab.validate.optics import axis_nm, measure
+from maskfab.validate.roundtrip import RoundTrip, roundtrip
+
+MANIFEST_VERSION = 1
+JOB_COPY = "job.json"
+REPORT = "report.json"
+
+
+@dataclass(frozen=True)
+class Result:
+    """Where a finished run is, and what came of it."""
+
+    directory: Path
+    report: Report
+
+
+def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress: Progress = silent) -> Result:
+    """Make a plate: lay the job out, write its mask files, read them back, measure them, and report.
+
+    Args:
+        job: a loaded job, or the path of a job file.
+        out: output directory; it appears when everything in it is complete.
+        force: replace an earlier result in ``out``.
+        progress: told where the work stands.
+
+    Raises:
+        InputError: for bad input, before anything is written.
+    """
+    job = job if isinstance(job, Job) else load(job)
+    target = Path(out)
+    check_target(target, force=force)
+    clock = _Clock()
+    with clock.stage("layout"):
+        plate = job.plate()
+        design = plate_layout(plate)
+    with staged(target, force=force) as folder:
+        with clock.stage("write"):
+            files = write_files(job, plate, design, folder, progress)
+        with clock.stage("read back"):
+            trips = read_back(plate, design, [folder / name for name in mask_names(plate)], progress)
+        with clock.stage("optics"):
+            optics = measure_dies(plate, job.camera, trips[0].layout, progress)
+        report = assemble(job, plate, trips, optics, files, clock.seconds)
+        with clock.stage("figures"):
+            progress("figures", 0, 1)
+            pictures = figures.pictures(plate, optics, data.to_document(report, plate, job.camera))
+            progress("figures", 1, 1)
+        document = data.to_document(report, plate, job.camera)
+        (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
+        (folder / "report.html").write_text(html.render(document, pictures), encoding="utf-8")
+        _write_manifest(job, files, folder)
+    return Result(target, report)
+
+
+def mask_names(plate: Plate) -> dict[str, str]:
+    """The mask files of a plate, and the format of each; the optics come from the first."""
+    return {
+        f"{plate.name}.gds": "GDSII",
+        f"{plate.name}.oas": "OASIS",
+        f"{plate.name}_R12.dxf": "DXF R12",
+        f"{plate.name}_R2010.dxf": "DXF R2010",
+    }
+
+
+def write_files(job: Job, plate: Plate, design: db.Layout, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
+    """Write the mask files, the layer colours for KLayout, and the resolved job."""
+    gds, oasis, r12, r2010 = (folder / name for name in mask_names(plate))
+    comments = [job.signature, plate.title]
+    steps = (
+        lambda: write_gdsii(design, gds),
+        lambda: write_oasis(design, oasis),
+        lambda: write_dxf(plate, r12, "R12", comments),
+        lambda: write_dxf(plate, r2010, "R2010", comments),
+        lambda: shutil.copyfile(resources.path("export_templates/layers.lyp"), folder / "layers.lyp"),
+        lambda: (folder / JOB_COPY).write_text(json.dumps(job.spec.dump(), indent=1) + "\n", encoding="utf-8"),
+    )
+    for done, step in enumerate(steps):
+        progress("write files", done, len(steps))
+        step()
+    progress("write files", len(steps), len(steps))
+    kinds = mask_names(plate) | {"layers.lyp": "KLayout layer properties", JOB_COPY: "resolved job"}
+    return tuple(provenance.written(folder, folder / name, kind) for name, kind in kinds.items())
+
+
+def read_back(plate: Plate, design: db.Layout, paths: Sequence[Path], progress: Progress) -> list[RoundTrip]:
+    """Read files through independent readers and compare each with the plate, the first one dot by dot."""
+    trips = []
+    for done, path in enumerate(paths):
+        progress("read back", done, len(paths))
+        trips.append(roundtrip(plate, design, path, dots=done == 0))
+    progress("read back", len(paths), len(paths))
+    return trips
+
+
+def measure_dies(plate: Plate, camera: Camera, layout: db.Layout, progress: Progress) -> list[DieOptics]:
+    """The optics of every die from a layout that was read back; dies in parallel, one BLAS thread each.
+
+    With one thread each sum is done in one order, which makes equal runs equal to the last bit.
+    """
+    progress("optics", 0, len(plate.dies))
+    results: list[DieOptics] = []
+
+    def one(die: Die) -> DieOptics:
+        return measure(die, camera, region(layout, CLEAR, stop_box(camera.stop, axis_nm(die))))
+
+    with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
+        for result in pool.map(one, plate.dies):
+            results.append(result)
+            progress("optics", len(results), len(plate.dies))
+    return results
+
+
+def assemble(
+    job: Job,
+    plate: Plate,
+    trips: Sequence[RoundTrip],
+    optics: Sequence[DieOptics],
+    files: tuple[WrittenFile, ...],
+    seconds: dict[str, float],
+) -> Report:
+    """Gather what was measured; every judged quantity is also a check."""
+    read = [quantity for trip in trips for quantity in trip.quantities()]
+    limits = job.spec.limits
+    of_dies = {item.die.name: die_quantities(item, read, limits) for item in optics}
+    of_plate = tuple(quantity for quantity in read if quantity.die is None)
+    everything = [*of_plate, *(quantity for quantities in of_dies.values() for quantity in quantities)]
+    checks = tuple(quantity for quantity in everything if quantity.passed is not None)
+    return Report(plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
+
+
+def die_quantities(item: DieOptics, read: Sequence[Quantity], limits: LimitsSection) -> tuple[Quantity, ...]:
+    """All numbers of one die: optics, what reading back has shown, and features, judged by the job's limits."""
+    name = item.die.name
+    shown = (quantity for quantity in read if quantity.die == name)
+    every = (*item.quantities, *shown, *smallest_features(item.die))
+    return tuple(judged(quantity, limits) for quantity in every)
+
+
+def _write_manifest(job: Job, files: Sequence[WrittenFile], folder: Path) -> None:
+    reports = [
+        provenance.written(folder, folder / REPORT, "report"),
+        provenance.written(folder, folder / "report.html", "report"),
+    ]
+    manifest = {
+        "schema_version": MANIFEST_VERSION,
+        "maskfab_version": __version__,
+        "job_hash": job.digest,
+        "seeds": job.seeds,
+        "versions": provenance.versions(),
+        "files": [vars(file) for file in (*files, *reports)],
+    }
+    (folder / RESULT_MARK).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+
+
+@dataclass
+class _Clock:
+    """Wall-clock time by stage."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+
+    @contextmanager
+    def stage(self, name: str) -> Iterator[None]:
+        start = time.perf_counter()
+        yield
+        self.seconds[name] = round(time.perf_counter() - start, 3)

@@ -1,0 +1,119 @@
+"""The optics of a die from the polygons that were read back, against the optics of its design."""
+
+from __future__ import annotations
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.geometry.region import coverage
+from maskfab.geometry.stop import edges_in_stop
+from maskfab.model import Camera, Die, DieOptics, Psf, Quantity
+from maskfab.optics import metrics
+from maskfab.optics.aperture import Aperture, covered_aperture, panel_aperture
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.otf import lag_table
+from maskfab.optics.polygons import Boundary, boundary
+from maskfab.optics.psf import image_scale_um2, pixel_psf, point_psf
+from maskfab.optics.pupil import cut
+
+Floats = NDArray[np.float64]
+
+READBACK_LIMIT = 1e-6
+INVARIANT_LIMIT_ROUND = 1e-3
+INVARIANT_LIMIT_SQUARE = 1e-6
+
+
+def measure(die: Die, camera: Camera, region: db.Region) -> DieOptics:
+    """PSF, MTF, invariants and the difference to the design, at every wavelength of the camera.
+
+    Args:
+        die: the design.
+        camera: what looks through it.
+        region: everything clear in front of the stop as read back, in plate coordinates, merged.
+    """
+    stop = camera.stop
+    designed = panel_aperture(die.panel, stop.diameter_um / 2)
+    read = _read_aperture(die, designed, region)
+    pupil = cut(read, stop)
+    design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
+    edges, area = edges_in_stop(region, stop, axis_nm(die))
+    outline = stop_boundary(edges, area, camera)
+    table = lag_table(pupil)
+
+    limit = INVARIANT_LIMIT_ROUND if stop.shape == "circle" else INVARIANT_LIMIT_SQUARE
+    quantities = [
+        Quantity(
+            "open_ratio", "ρ", die.panel.open_ratio, "1", "clear share of one cell of the design, exact", die=die.name
+        ),
+        metrics.stop_open_ratio(
+            area, camera, die.name, "area of the read-back polygons inside the stop over the stop's"
+        ),
+        metrics.mtf_volume(table, area, die.name, limit),
+    ]
+    psfs: list[Psf] = []
+    mtfs = []
+    for wavelength in camera.wavelengths_nm:
+        points = point_psf(design_pupil, camera, wavelength)
+        polygons = polygon_psf(outline, camera, points)
+        difference = metrics.relative_difference(polygons, points)
+        pixels = pixel_psf(pupil, camera, wavelength)
+        mtf = presampled_mtf(table, camera, wavelength)
+        psfs += [polygons, pixels]
+        mtfs.append(mtf)
+        quantities += [
+            *metrics.mtf_quantities(mtf, die.name),
+            metrics.energy_in_window(pixels, difference, die.name),
+            *metrics.strehl_quantities(points, camera, design_pupil.energy_um2, area, die.name, limit),
+            _difference(difference, die.name, wavelength),
+        ]
+    return DieOptics(die, tuple(psfs), tuple(mtfs), tuple(quantities))
+
+
+def stop_boundary(edges_um: Floats, area_um2: float, camera: Camera) -> Boundary:
+    """Quadrature on polygons cut by the stop, good for the camera's window at every wavelength."""
+    finest = min(image_scale_um2(camera, wavelength) for wavelength in camera.wavelengths_nm)
+    return boundary(edges_um, area_um2, camera.window_um / np.sqrt(2) / finest)
+
+
+def polygon_psf(outline: Boundary, camera: Camera, like: Psf) -> Psf:
+    """The PSF of polygons cut by the stop, on the grid of another PSF sampled at points."""
+    scale = image_scale_um2(camera, like.wavelength_nm)
+    field = outline.field(like.step_um / scale, like.values.shape[0])
+    return Psf(abs(field) ** 2 / (scale**2 * outline.area_um2), like.step_um, like.wavelength_nm, "point")
+
+
+def axis_nm(die: Die) -> tuple[float, float]:
+    """Where the optical axis meets the plate: the middle of the panel."""
+    x0, y0, x1, y1 = die.box_nm
+    return (x0 + x1) / 2, (y0 + y1) / 2
+
+
+def _read_aperture(die: Die, designed: Aperture, region: db.Region) -> Aperture:
+    """What was read back, as the exact share of every interval of the design's grid that is clear."""
+    x, y = (
+        centre + 1e3 * lattice.edges_um()
+        for centre, lattice in zip(axis_nm(die), (designed.x, designed.y), strict=True)
+    )
+    return covered_aperture(designed.x, designed.y, coverage(region, _on_grid(x), _on_grid(y)))
+
+
+def _on_grid(edges_nm: Floats) -> Floats:
+    """Edges that are whole nanometres but for rounding, made so; others are left alone."""
+    whole = np.rint(edges_nm)
+    return np.where(abs(edges_nm - whole) < 1e-4, whole, edges_nm)
+
+
+def _difference(difference: float, die: str, wavelength: float) -> Quantity:
+    return Quantity(
+        "readback_psf_difference",
+        "δ",
+        difference,
+        "1",
+        "relative L2 between the PSF of the read-back polygons (edges, non-uniform transform) and the design's (matrix)",
+        uncertainty=1e-8,
+        limit=READBACK_LIMIT,
+        passed=difference <= READBACK_LIMIT,
+        die=die,
+        wavelength_nm=wavelength,
+    )

@@ -1,0 +1,326 @@
+"""A written mask file against the plate it was written from.
+
+The file is read by a library that did not write it, and compared twice: with the layout, polygon by polygon, and with
+the openings and orientations themselves, dot by dot, without the layout.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.geometry.reading import find_cell, read_layout, rounding_nm
+from maskfab.geometry.region import coverage, layer_info, placed_boxes, region
+from maskfab.geometry.rules import corner_touches
+from maskfab.model import CLEAR, LAYERS, Box, Die, Gauge, Layer, Panel, Plate, Point, Quantity, orient
+from maskfab.units import NM_PER_UM
+
+_NM2_PER_UM2 = NM_PER_UM**2
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Where a file departs from the plate.
+
+    Attributes:
+        owner: the die or piece of furniture that it belongs to or lies nearest to.
+        layer: where it is drawn.
+        area_um2: area that only one of the two covers.
+        first_nm: lower left corner of the first such polygon, lowest first, then leftmost.
+    """
+
+    owner: str
+    layer: Layer
+    area_um2: float
+    first_nm: Point
+
+    def __str__(self) -> str:
+        x, y = (value / NM_PER_UM for value in self.first_nm)
+        return f"{self.owner}: {self.area_um2:g} um^2 differ on {self.layer.name}, first at ({x:.3f}, {y:.3f}) um"
+
+
+@dataclass(frozen=True)
+class DieCheck:
+    """One die of the file.
+
+    Attributes:
+        name: the die's name.
+        xor_area_um2: area on written layers that only one of file and design covers.
+        wrong_dots: grid cells whose share of clear differs from what opening and orientations say; None if not asked.
+        corner_touches: vertices at which two clear dots meet by a corner only; None if not asked.
+    """
+
+    name: str
+    xor_area_um2: float
+    wrong_dots: int | None
+    corner_touches: int | None
+
+
+@dataclass(frozen=True)
+class CdCheck:
+    """One gauge: its target, the clear length along it in the design, and that in the file."""
+
+    gauge: Gauge
+    drawn_nm: int
+    read_nm: int
+
+    @property
+    def delta_nm(self) -> int:
+        """File minus design."""
+        return self.read_nm - self.drawn_nm
+
+
+@dataclass(frozen=True, eq=False)
+class RoundTrip:
+    """What reading a file back has shown.
+
+    Attributes:
+        path: the file.
+        layout: its content; the file's only top cell is the plate.
+        polygons: polygons on written layers, all references counted.
+        instances: references, arrays counted by their elements, over the whole hierarchy.
+        drawn_polygons: the same for the design.
+        drawn_instances: the same for the design.
+        rounding_nm: largest distance by which a coordinate of the file was off the nanometre grid.
+        differences: one for each die or piece of furniture and layer that differs; empty if all is well.
+        dies: in plate order.
+        cds: in the order of the plate's gauges.
+    """
+
+    path: Path
+    layout: db.Layout
+    polygons: int
+    instances: int
+    drawn_polygons: int
+    drawn_instances: int
+    rounding_nm: float
+    differences: tuple[Difference, ...]
+    dies: tuple[DieCheck, ...]
+    cds: tuple[CdCheck, ...]
+
+    @property
+    def xor_area_um2(self) -> float:
+        """Area of the plate that only one of file and design covers."""
+        return sum(difference.area_um2 for difference in self.differences)
+
+    def quantities(self) -> tuple[Quantity, ...]:
+        """Rows of report.json: of the plate first, then of the dies."""
+        return (*self._of_plate(), *self._of_dies())
+
+    def _of_plate(self) -> Iterator[Quantity]:
+        name = self.path.name
+        where = "; ".join(map(str, self.differences))
+        yield Quantity(
+            "readback_xor_area",
+            "A_xor",
+            self.xor_area_um2,
+            "um^2",
+            f"{name}, read independently, XOR with the design" + (f": {where}" if where else ""),
+            limit=0.0,
+            passed=self.xor_area_um2 == 0,
+        )
+        yield Quantity(
+            "polygons",
+            "",
+            self.polygons,
+            "",
+            f"counted in {name}, every reference followed",
+            limit=self.drawn_polygons,
+            passed=self.polygons == self.drawn_polygons,
+        )
+        for cd in self.cds:
+            yield Quantity(
+                f"cd_{cd.gauge.name.removeprefix('cd_')}",
+                "CD",
+                cd.read_nm,
+                "nm",
+                f"clear length along the {cd.gauge.axis} gauge in {name}; drawn {cd.drawn_nm} nm, "
+                f"difference {cd.delta_nm:+d} nm",
+                limit=cd.gauge.target_nm,
+                passed=cd.read_nm == cd.gauge.target_nm,
+            )
+
+    def _of_dies(self) -> Iterator[Quantity]:
+        for die in self.dies:
+            yield Quantity(
+                "readback_xor_area",
+                "A_xor",
+                die.xor_area_um2,
+                "um^2",
+                f"{self.path.name}, read independently, XOR with the design within the die",
+                limit=0.0,
+                passed=die.xor_area_um2 == 0,
+                die=die.name,
+            )
+            if die.wrong_dots is not None:
+                yield Quantity(
+                    "readback_wrong_dots",
+                    "",
+                    die.wrong_dots,
+                    "",
+                    f"clear share of every dot in {self.path.name} against the opening and its orientations",
+                    limit=0,
+                    passed=die.wrong_dots == 0,
+                    die=die.name,
+                )
+            if die.corner_touches is not None:
+                yield Quantity(
+                    "corner_touches",
+                    "",
+                    die.corner_touches,
+                    "",
+                    f"vertices of {self.path.name} at which two clear dots meet by a corner only",
+                    die=die.name,
+                )
+
+
+def roundtrip(plate: Plate, design: db.Layout, path: Path, *, dots: bool = True) -> RoundTrip:
+    """Read a written file back and compare it with the plate.
+
+    Args:
+        plate: what was to be written.
+        design: its :func:`maskfab.geometry.region.plate_layout`.
+        path: the file.
+        dots: also compare every dot of every die, about a second for 10 000 cells.
+
+    Raises:
+        SourceError: MF301 to MF308 as :func:`maskfab.geometry.reading.read_layout` and
+            :func:`maskfab.geometry.reading.find_cell`.
+    """
+    read = read_layout(path)
+    find_cell(read)
+    differing = {layer: _xor(design, read, layer) for layer in LAYERS if layer.written}
+    differences = tuple(
+        difference for layer, shapes in differing.items() for difference in _named(plate, layer, shapes)
+    )
+    return RoundTrip(
+        path=path,
+        layout=read,
+        polygons=_count_polygons(read),
+        instances=_count_instances(read),
+        drawn_polygons=_count_polygons(design),
+        drawn_instances=_count_instances(design),
+        rounding_nm=rounding_nm(read),
+        differences=differences,
+        dies=tuple(_check_die(die, read, differing, dots) for die in plate.dies),
+        cds=tuple(
+            CdCheck(gauge, clear_length_nm(design, gauge), clear_length_nm(read, gauge)) for gauge in plate.gauges
+        ),
+    )
+
+
+def clear_length_nm(layout: db.Layout, gauge: Gauge) -> int:
+    """Clear length along a gauge, measured on the merged region of the layer CLEAR."""
+    (x, y), reach = gauge.centre_nm, gauge.reach_nm
+    dx, dy = (reach, 0) if gauge.axis == "x" else (0, reach)
+    probe = db.Edge(x - dx, y - dy, x + dx, y + dy)
+    around = region(layout, CLEAR, (x - dx - 1, y - dy - 1, x + dx + 1, y + dy + 1))
+    return int(db.Edges(probe).inside_part(around).length())
+
+
+def die_edges_nm(die: Die) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Grid lines of a die along x and y: the borders of all its dots, cells and gutters."""
+    rows, columns = die.panel.orientations.shape
+    (x0, y0), cell = die.origin_nm, _cell_edges_nm(die.panel)
+    x, y = (
+        np.append((np.arange(n)[:, None] * die.panel.pitch_nm + cell[:-1]).ravel(), n * die.panel.pitch_nm)
+        for n in (columns, rows)
+    )
+    return (x + x0).astype(np.float64), (y + y0).astype(np.float64)
+
+
+def die_raster(die: Die) -> NDArray[np.bool_]:
+    """What opening and orientations say about every cell of the grid of :func:`die_edges_nm`: bool [y, x]."""
+    panel = die.panel
+    pad = 1 if panel.gutter_nm else 0
+    variants = np.stack([np.pad(orient(panel.opening.mask, k), pad) for k in range(8)])
+    cells = variants[panel.orientations]
+    rows, columns, height, width = cells.shape
+    return cells.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)
+
+
+def _cell_edges_nm(panel: Panel) -> NDArray[np.int64]:
+    dots = panel.gutter_nm // 2 + np.arange(panel.opening.dots + 1) * panel.dot_nm
+    return np.unique(np.concatenate([[0], dots, [panel.pitch_nm]]))
+
+
+def _xor(design: db.Layout, read: db.Layout, layer: Layer) -> db.Region:
+    """What only one of two layouts covers, merged; compared in hierarchy, for most cells are alike."""
+    store = db.DeepShapeStore()
+    one, other = (_deep(layout, layer, store) for layout in (design, read))
+    # A region in hierarchy dies with its store, so what differs is copied out of it.
+    return db.Region(list((one ^ other).each())).merged(True, 1)
+
+
+def _deep(layout: db.Layout, layer: Layer, store: db.DeepShapeStore) -> db.Region:
+    index = layout.find_layer(layer_info(layer))
+    return db.Region() if index is None else db.Region(layout.top_cell().begin_shapes_rec(index), store)
+
+
+def _named(plate: Plate, layer: Layer, differing: db.Region) -> Iterator[Difference]:
+    """The differing polygons by the die or mark that each lies in or nearest to."""
+    if differing.is_empty():
+        return
+    boxes: dict[str, list[Box]] = {die.name: [die.box_nm] for die in plate.dies}
+    for mark in plate.furniture:
+        if mark.layer == layer and mark.polygons:
+            boxes[mark.name] = [_bounds(polygon) for polygon in mark.polygons]
+    owners = [name for name, parts in boxes.items() for _ in parts]
+    table = np.array([box for parts in boxes.values() for box in parts], dtype=np.int64).reshape(-1, 4)
+    areas: dict[str, int] = {}
+    firsts: dict[str, Point] = {}
+    for polygon in differing.each():
+        box = polygon.bbox()
+        gap_x = np.maximum(0, np.maximum(table[:, 0] - box.right, box.left - table[:, 2]))
+        gap_y = np.maximum(0, np.maximum(table[:, 1] - box.top, box.bottom - table[:, 3]))
+        owner = owners[int(np.argmin(np.hypot(gap_x, gap_y)))] if owners else plate.name
+        areas[owner] = areas.get(owner, 0) + polygon.area()
+        corner = box.left, box.bottom
+        firsts[owner] = min(firsts.get(owner, corner), corner, key=lambda point: (point[1], point[0]))
+    for owner, area in areas.items():
+        yield Difference(owner, layer, area / _NM2_PER_UM2, firsts[owner])
+
+
+def _bounds(polygon: tuple[Point, ...]) -> Box:
+    xs, ys = zip(*polygon, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def _check_die(die: Die, read: db.Layout, differing: dict[Layer, db.Region], dots: bool) -> DieCheck:
+    box = db.Region(db.Box(*die.box_nm))
+    xor_area = sum((shapes & box).area() for shapes in differing.values() if not shapes.is_empty()) / _NM2_PER_UM2
+    if not dots:
+        return DieCheck(die.name, xor_area, None, None)
+    clear = _read_raster(die, read)
+    return DieCheck(die.name, xor_area, int(np.count_nonzero(clear != die_raster(die))), corner_touches(clear > 0.5))
+
+
+def _read_raster(die: Die, read: db.Layout) -> NDArray[np.float64]:
+    index = read.find_layer(layer_info(CLEAR))
+    boxes = None if index is None else placed_boxes(read.top_cell(), index, db.Box(*die.box_nm))
+    return coverage(region(read, CLEAR, die.box_nm) if boxes is None else boxes, *die_edges_nm(die))
+
+
+def _count_polygons(layout: db.Layout) -> int:
+    """Polygons on written layers as drawn, every reference followed."""
+    wanted = [layout.find_layer(layer_info(layer)) for layer in LAYERS if layer.written]
+    indices = [index for index in wanted if index is not None]
+    counts: dict[int, int] = {}
+    for cell_index in layout.each_cell_bottom_up():
+        cell = layout.cell(cell_index)
+        own = sum(cell.shapes(index).size() for index in indices)
+        counts[cell_index] = own + sum(each.cell_inst.size() * counts[each.cell_index] for each in cell.each_inst())
+    return counts[layout.top_cell().cell_index()]
+
+
+def _count_instances(layout: db.Layout) -> int:
+    counts: dict[int, int] = {}
+    for cell_index in layout.each_cell_bottom_up():
+        cell = layout.cell(cell_index)
+        counts[cell_index] = sum(each.cell_inst.size() * (1 + counts[each.cell_index]) for each in cell.each_inst())
+    return counts[layout.top_cell().cell_index()]

@@ -1,0 +1,54 @@
+"""A plate small enough for every test, with everything that can go wrong on a large one."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from maskfab.geometry.lettering import text_polygons
+from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
+
+
+@pytest.fixture(scope="session")
+def small_plate() -> Plate:
+    """Three dies: periodic with a gutter, random without one, random with the same opening as the first.
+
+    The openings have holes and kissing corners. Marks: a title, an outline and one CD bar of 2 µm with its gauge.
+    """
+    rng = np.random.default_rng(7)
+    ring = np.zeros((7, 7), dtype=np.bool_)
+    ring[1:6, 1:5] = True
+    ring[3, 2] = ring[4, 3] = False
+    ring[0, 0] = ring[6, 5] = True
+    noise = rng.random((9, 9)) < 0.4
+    openings = Opening("ring", ring, 8000), Opening("do-main", noise, 4030)
+
+    def die(name: str, opening: Opening, gutter_nm: int, tiling: Tiling, centre_nm: tuple[int, int]) -> Die:
+        seed = None if tiling is Tiling.PERIODIC else 1
+        turns = np.full((4, 5), 3) if seed is None else rng.integers(0, 8, (4, 5))
+        panel = Panel(opening, opening.dot_nm, gutter_nm, turns, tiling, seed)
+        return Die(name, name.lower(), panel, centre_nm, 400_000)
+
+    bar = ((2_000_000, 0), (2_000_000, 100_000), (2_002_000, 100_000), (2_002_000, 0))
+    frame = ((-5_000_000, -5_000_000), (-5_000_000, 5_000_000), (5_000_000, 5_000_000), (5_000_000, -5_000_000))
+    return Plate(
+        name="small plate",
+        title="A small plate",
+        blank_nm=10_000_000,
+        writable_nm=9_000_000,
+        dies=(
+            die("PERIODIC", openings[0], 8000, Tiling.PERIODIC, (-1_000_000, 0)),
+            die("DENSE", openings[1], 0, Tiling.RANDOM, (1, 1)),
+            die("RANDOM", openings[0], 8000, Tiling.RANDOM, (1_000_000, 0)),
+        ),
+        furniture=(
+            Furniture("TITLE", "title", CLEAR, text_polygons("Plate 08 B%", 200_000, (0, 3_000_000), "centre")),
+            Furniture("FRAME", "outline", OUTLINE, (frame,)),
+            Furniture("CD_2UM", "cd", CLEAR, (bar,)),
+        ),
+        gauges=(
+            Gauge("cd_x_2um", "x", (2_001_000, 50_000), 5_000, 2_000),
+            Gauge("cd_y_100um", "y", (2_001_000, 50_000), 60_000, 100_000),
+        ),
+        notes=(Note("job 0123abcd", (0, -4_000_000)),),
+    )
