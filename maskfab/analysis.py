@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import tempfile
-
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -94,7 +93,14 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     pitch_nm = opening.dots * dot_nm + gutter_nm
     cells = 2 * math.ceil(request.camera.stop.diameter_um * 1e3 / pitch_nm / 2)
     tiling = request.tiling or Tiling.PERIODIC
-    panel = Panel(opening, dot_nm, gutter_nm, orientations(tiling, cells, cells, request.seed, where="--seed"), tiling, request.seed)
+    panel = Panel(
+        opening,
+        dot_nm,
+        gutter_nm,
+        orientations(tiling, cells, cells, request.seed, where="--seed"),
+        tiling,
+        request.seed,
+    )
     die = Die(opening.name, opening.name, panel, (0, 0), cells * pitch_nm)
     plate = Plate(opening.name, "", cells * pitch_nm, cells * pitch_nm, (die,), (), (), ())
     with tempfile.TemporaryDirectory() as folder:
@@ -223,7 +229,7 @@ def _lattice(coordinates_nm: list[int], request: Request) -> Lattice:
 
 def _divided(step_nm: int, largest_nm: int) -> int:
     """The largest divisor of a step that is not above a limit."""
-    pieces = next(n for n in range(max(1, step_nm // largest_nm), step_nm + 1) if step_nm % n == 0 and step_nm // n <= largest_nm)
+    pieces = next(
+        n for n in range(max(1, step_nm // largest_nm), step_nm + 1) if step_nm % n == 0 and step_nm // n <= largest_nm
+    )
     return step_nm // pieces
-
-

@@ -198,7 +198,9 @@ def verify(
     _leave(passed)
 
 
-@app.command(epilog="Example: maskfab shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml")
+@app.command(
+    epilog="Example: maskfab shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml"
+)
 def shape(
     kind: Annotated[str, typer.Argument(metavar="KIND", help="stripe, blobs or diamond-discs.")],
     out: Annotated[Path, typer.Option(help="Where the opening goes.")],
@@ -215,16 +217,19 @@ def shape(
     """Draw a parametric opening."""
     from maskfab.export.staging import check_file, write_text
     from maskfab.layout import shapes
-    from maskfab.layout.openings import check_name, dot_of_pitch, dumps
+    from maskfab.layout.openings import dot_of_pitch, dumps
     from maskfab.model import Opening
+    from maskfab.spec import check_name
 
     check_file(out, force=force)
-    check_name(name or out.stem, "--name")
+    check_name(name or out.stem, where="--name")
     dot_nm = dot_of_pitch(pitch, dots, where="--pitch")
     if kind == "stripe":
         mask = shapes.stripe(dots, width_dots, clear_dots)
     elif clear_dots is None:
-        raise JobError("MF105", f"{kind} needs a number of clear dots", where="--clear-dots", cure="Add --clear-dots 90")
+        raise JobError(
+            "MF105", f"{kind} needs a number of clear dots", where="--clear-dots", cure="Add --clear-dots 90"
+        )
     elif kind == "blobs":
         mask = shapes.blobs(dots, clear_dots, size_ratio=size_ratio, aspect=aspect, exponent=exponent)
     elif kind == "diamond-discs":
@@ -266,7 +271,9 @@ def run_command_line(arguments: Sequence[str]) -> int:
         return 0
     except Exception as fault:
         traceback.print_exc()
-        problem = InternalError("MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file")
+        problem = InternalError(
+            "MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file"
+        )
         return _tell(problem, "--json" in arguments)
 
 
@@ -291,7 +298,9 @@ def _summarise(checks: Sequence[Quantity]) -> None:
     failed = [check for check in checks if check.passed is False]
     for check in failed:
         place = f" [{check.die}]" if check.die else ""
-        typer.echo(f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}", err=True)
+        typer.echo(
+            f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}", err=True
+        )
     verdict = "FAIL" if failed else "PASS"
     typer.echo(f"{verdict}: {len(checks) - len(failed)} of {len(checks)} checks pass", err=True)
 

@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -23,6 +23,7 @@ from maskfab.geometry.region import plate_layout, region
 from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import Job, load
 from maskfab.model import CLEAR, Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
+from maskfab.optics.mtf import area_under_radial_min
 from maskfab.progress import Progress, silent
 from maskfab.report import data, figures, html
 from maskfab.spec import LimitsSection
@@ -33,6 +34,8 @@ from maskfab.validate.roundtrip import RoundTrip, roundtrip
 MANIFEST_VERSION = 1
 JOB_COPY = "job.json"
 REPORT = "report.json"
+PAGE = "report.html"
+OVERVIEW = "overview.png"
 
 
 @dataclass(frozen=True)
@@ -72,11 +75,13 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         report = assemble(job, plate, trips, optics, files, clock.seconds)
         with clock.stage("figures"):
             progress("figures", 0, 1)
-            pictures = figures.pictures(plate, optics, data.to_document(report, plate, job.camera))
+            document = data.to_document(report, plate, job.camera)
+            pictures = figures.pictures(plate, optics, document)
+            (folder / OVERVIEW).write_bytes(figures.overview(plate, document, _most_invertible(optics)))
             progress("figures", 1, 1)
         document = data.to_document(report, plate, job.camera)
         (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
-        (folder / "report.html").write_text(html.render(document, pictures), encoding="utf-8")
+        (folder / PAGE).write_text(html.render(document, pictures), encoding="utf-8")
         _write_manifest(job, files, folder)
     return Result(target, report)
 
@@ -95,7 +100,7 @@ def write_files(job: Job, plate: Plate, design: db.Layout, folder: Path, progres
     """Write the mask files, the layer colours for KLayout, and the resolved job."""
     gds, oasis, r12, r2010 = (folder / name for name in mask_names(plate))
     comments = [job.signature, plate.title]
-    steps = (
+    steps: tuple[Callable[[], object], ...] = (
         lambda: write_gdsii(design, gds),
         lambda: write_oasis(design, oasis),
         lambda: write_dxf(plate, r12, "R12", comments),
@@ -165,11 +170,13 @@ def die_quantities(item: DieOptics, read: Sequence[Quantity], limits: LimitsSect
     return tuple(judged(quantity, limits) for quantity in every)
 
 
+def _most_invertible(optics: Sequence[DieOptics]) -> DieOptics:
+    """The die whose radial-minimum MTF is highest on average over the wavelengths."""
+    return max(optics, key=lambda item: sum(area_under_radial_min(mtf) for mtf in item.mtfs))
+
+
 def _write_manifest(job: Job, files: Sequence[WrittenFile], folder: Path) -> None:
-    reports = [
-        provenance.written(folder, folder / REPORT, "report"),
-        provenance.written(folder, folder / "report.html", "report"),
-    ]
+    reports = [provenance.written(folder, folder / name, "report") for name in (REPORT, PAGE, OVERVIEW)]
     manifest = {
         "schema_version": MANIFEST_VERSION,
         "maskfab_version": __version__,

@@ -22,4 +22,6 @@ def path(name: str) -> Path:
     for root in (package / "_bundled", package.parent):
         if (root / name).exists():
             return root / name
-    raise InternalError("MF901", f"the bundled file {name} is missing from this installation", cure="Install maskfab again")
+    raise InternalError(
+        "MF901", f"the bundled file {name} is missing from this installation", cure="Install maskfab again"
+    )

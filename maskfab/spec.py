@@ -30,17 +30,28 @@ def _refusing(parse: Any, value: object, **options: object) -> Any:
         return parse(value, **options)
     except JobError as error:
         text = (error.what + "|" + error.cure).replace("{", "{{").replace("}", "}}")
-        raise PydanticCustomError(error.code, text) from error  # type: ignore[arg-type]
+        raise PydanticCustomError(error.code, text) from error
 
 
 def check_name(name: object, *, where: str = "") -> str:
-    """A name that mask houses take: a letter, then up to 23 letters, digits or underscores, without "main" (MF110)."""
-    if not isinstance(name, str) or not _NAME.fullmatch(name) or "main" in name.lower():
+    """Refuse a name that mask houses would refuse in a GDSII library.
+
+    Raises:
+        JobError: MF110. A name has 1 to 24 letters, digits and underscores, a letter first (files carry suffixes
+            within the 32 characters of GDSII), and nowhere "main", which mask houses keep for their own top cell.
+    """
+    if not isinstance(name, str):
+        raise JobError("MF105", f"{name!r} is not text", where=where, cure='Write a name such as "TOLED_150"')
+    if "main" in name.lower():
+        problem = f'the name {name!r} holds "main", which mask houses refuse'
+        raise JobError("MF110", problem, where=where, cure="Choose another")
+    if not _NAME.fullmatch(name):
         raise JobError(
             "MF110",
-            f"the name {name!r} would be refused by mask houses",
+            f"the name {name!r} of {len(name)} characters is not a letter followed by at most 23 letters, digits or "
+            "underscores",
             where=where,
-            cure='Use a letter, then up to 23 letters, digits or underscores, and not the word "main"',
+            cure='Use a name such as "TOLED_150"; the name of a file is its stem unless one is given',
         )
     return name
 
@@ -250,12 +261,17 @@ def _check_dies(spec: JobSpec, where: str) -> None:
     """What one section alone cannot tell."""
     for name, count in Counter(die.name for die in spec.die).items():
         if count > 1:
-            raise JobError("MF109", f"{count} dies have the name {name!r}", where=f"{where}: die", cure="Rename all but one")
+            raise JobError(
+                "MF109", f"{count} dies have the name {name!r}", where=f"{where}: die", cure="Rename all but one"
+            )
     for number, die in enumerate(spec.die):
         place = f"{where}: die[{number}]"
         if die.tiling is not Tiling.PERIODIC and die.seed is None:
             raise JobError(
-                "MF111", f"die {die.name!r} is tiled {die.tiling} without a seed", where=f"{place}.seed", cure="Add seed = 1"
+                "MF111",
+                f"die {die.name!r} is tiled {die.tiling} without a seed",
+                where=f"{place}.seed",
+                cure="Add seed = 1",
             )
         units.to_nm(die.dot, where=f"{place}.dot", name="dot")
         if units.to_nm(die.gutter, where=f"{place}.gutter", name="gutter") % 2:
@@ -280,7 +296,8 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
     if camera.window_um > limit:
         raise JobError(
             "MF113",
-            f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of {dot_um:g} um",
+            f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of "
+            f"{dot_um:g} um",
             where=f"{where}: camera.window",
             cure=f"Use a window of at most {limit:.0f} um",
         )

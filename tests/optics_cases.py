@@ -13,12 +13,17 @@ from maskfab.optics.pupil import Pupil, cut
 
 
 def camera(
-    diameter_um: float = 400.0, shape: str = "circle", wavelengths: tuple[float, ...] = (530.0,), window_um: float = 128.0
+    diameter_um: float = 400.0,
+    shape: str = "circle",
+    wavelengths: tuple[float, ...] = (530.0,),
+    window_um: float = 128.0,
 ) -> Camera:
     return Camera(10_000.0, Stop("square" if shape == "square" else "circle", diameter_um), wavelengths, 2.0, window_um)
 
 
-def panel(mask: NDArray[np.bool_], *, dot_nm: int = 8000, gutter_nm: int = 0, cells: int = 4, seed: int | None = None) -> Panel:
+def panel(
+    mask: NDArray[np.bool_], *, dot_nm: int = 8000, gutter_nm: int = 0, cells: int = 4, seed: int | None = None
+) -> Panel:
     tiling = Tiling.PERIODIC if seed is None else Tiling.RANDOM
     opening = Opening("case", mask, dot_nm)
     return Panel(opening, dot_nm, gutter_nm, orientations(tiling, cells, cells, seed), tiling, seed)

@@ -81,7 +81,9 @@ def test_invariants_to_1e_6_where_the_stop_follows_the_grid(gutter_nm: int) -> N
 
 @settings(max_examples=15, deadline=None)
 @given(layouts, shapes, st.lists(st.tuples(st.floats(0, 60), st.floats(-60, 60)), min_size=1, max_size=4))
-def test_lag_table_is_the_overlap_of_shifted_polygons(laid_out: Panel, shape: str, lags: list[tuple[float, float]]) -> None:
+def test_lag_table_is_the_overlap_of_shifted_polygons(
+    laid_out: Panel, shape: str, lags: list[tuple[float, float]]
+) -> None:
     stop = stop_for(laid_out, shape, 0.9)
     table = lag_table(pupil(laid_out, stop))
     if table.energy_um2 < 1.0:
@@ -181,7 +183,9 @@ def test_psf_does_not_move_with_the_polygons() -> None:
 def test_extreme_open_ratios(share: float) -> None:
     mask = np.zeros((10, 10), dtype=np.bool_)
     mask.ravel()[: round(100 * share)] = True
-    source = pupil(Panel(Opening("x", mask, 8000), 8000, 0, np.zeros((6, 6)), Tiling.PERIODIC, None), Stop("square", 480.0))
+    source = pupil(
+        Panel(Opening("x", mask, 8000), 8000, 0, np.zeros((6, 6)), Tiling.PERIODIC, None), Stop("square", 480.0)
+    )
     assert source.energy_um2 / 480.0**2 == pytest.approx(share, rel=1e-12)
     assert lag_table(source).volume_um2 == pytest.approx(source.energy_um2, rel=1e-9)
 

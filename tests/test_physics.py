@@ -138,16 +138,20 @@ def test_mtf50_lies_where_the_curve_crosses() -> None:
 
 
 def test_a_random_layout_scatters_about_the_closed_form_mean() -> None:
-    """E|A|² = |mean M|² |S|² + n (mean |M|² - |mean M|²) over random D4 tilings, the paper's eq. 8 in two dimensions."""
+    """E|A|² = |mean M|² |S|² + n (mean |M|² - |mean M|²) over random D4 tilings: eq. 8 of the paper, in 2-D."""
     mask = noise(5, 0.4, 4)
     setting = camera(8 * 5 * 8.0, shape="square", window_um=64.0)
     psfs = []
     for seed in range(60):
-        laid_out = Panel(Opening("case", mask, 8000), 8000, 0, orientations(Tiling.RANDOM, 8, 8, seed), Tiling.RANDOM, seed)
+        laid_out = Panel(
+            Opening("case", mask, 8000), 8000, 0, orientations(Tiling.RANDOM, 8, 8, seed), Tiling.RANDOM, seed
+        )
         psfs.append(point_psf(pupil(laid_out, setting.stop), setting, 530.0).values)
     scale = image_scale_um2(setting, 530.0)
     n = psfs[0].shape[0]
-    axis = point_psf(pupil(panel(mask, cells=8), setting.stop), setting, 530.0).step_um * (np.arange(n) - n // 2) / scale
+    axis = (
+        point_psf(pupil(panel(mask, cells=8), setting.stop), setting, 530.0).step_um * (np.arange(n) - n // 2) / scale
+    )
     cells = [
         direct_field(pupil(Panel(Opening("u", mask, 8000), 8000, 0, np.full((1, 1), k), Tiling.PERIODIC, None),
                            Stop("square", 40.0)), axis, axis)

@@ -19,9 +19,9 @@ import torch
 from maskfab import __version__
 from maskfab.design.losses import Invertibility, cells_across, invertibility
 from maskfab.errors import InternalError, JobError, OpeningError
-from maskfab.layout.openings import check_name
 from maskfab.layout.tiling import orientations
 from maskfab.model import Opening, Stop, Tiling
+from maskfab.spec import check_name
 from maskfab.units import parse_wavelength_nm
 
 LEARNING_RATE = 0.2
@@ -242,7 +242,7 @@ def _clear_dots(open_ratio: float, dots: int) -> int:
 
 
 def _check(settings: RelaxSettings) -> None:
-    check_name(settings.name, "design.name")
+    check_name(settings.name, where="design.name")
     limits: tuple[tuple[str, float, float, float], ...] = (
         ("dots", settings.dots, 2, 512),
         ("dot_nm", settings.dot_nm, 1, math.inf),

@@ -7,6 +7,7 @@ it is, the answer is a hierarchical klayout layout in nanometres.
 from __future__ import annotations
 
 import math
+import pickle
 import re
 import subprocess
 import sys
@@ -15,7 +16,6 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
 
-import gdstk
 import numpy as np
 from klayout import db
 from numpy.typing import NDArray
@@ -26,9 +26,8 @@ from maskfab.model import CLEAR, LAYERS
 
 ROUNDING_KEY = "maskfab_rounding_nm"
 
-_METRES_PER_NM = 1e-9
 _LARGEST_NM = 2**31 - 1
-_LARGEST_REPETITION = 10_000_000
+_LARGEST_ARRAY = 10_000_000
 _ON_GRID_NM = 1e-6
 
 # $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
@@ -170,23 +169,20 @@ def _read_oasis(path: Path) -> db.Layout:
 
 
 def _through_gdstk(path: Path, function: str) -> db.Layout:
-    # gdstk takes truncated files for whole ones and dies of some damaged ones, taking Python with it. So klayout, which
-    # raises, looks first; and what passes is tried in a process of its own, where a warning is a failure too, for it
-    # means that gdstk has left something out.
+    # gdstk takes truncated files for whole ones and dies of some damaged ones. So klayout, which raises, looks first,
+    # and gdstk reads in a process of its own, where a warning is a failure too: it means that something is left out.
     _read_with_klayout(path, db.LoadLayoutOptions())
-    trial = subprocess.run(
-        [sys.executable, "-W", "error", "-c", f"import sys, gdstk; gdstk.{function}(sys.argv[1])", str(path)],
-        capture_output=True,
-        check=False,
+    script = Path(__file__).with_name("gdstk_process.py")
+    process = subprocess.run(
+        [sys.executable, "-P", "-W", "error", str(script), function, str(path)], capture_output=True, check=False
     )
-    if trial.returncode != 0:
-        said = trial.stderr.decode(errors="replace").strip().splitlines()
+    if process.returncode != 0:
+        said = process.stderr.decode(errors="replace").strip().splitlines()
         raise _damaged(path, said[-1] if said else "its records cannot be read")
     try:
-        library = getattr(gdstk, function)(path, unit=_METRES_PER_NM)
-        return _Conversion(path, library).layout()
+        return _Conversion(path).layout(pickle.loads(process.stdout))
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
-        # Names that are no text and numbers that do not fit show only when gdstk's objects are asked for them.
+        # Text that is none and numbers that fit no integer pass gdstk.
         raise _damaged(path, f"it holds values that cannot be used ({error})") from error
 
 
@@ -202,55 +198,55 @@ def _read_with_klayout(path: Path, options: db.LoadLayoutOptions) -> db.Layout:
 
 
 class _Conversion:
-    """A gdstk library, its unit 1 nm, as a klayout layout."""
+    """The content of a file (see :mod:`maskfab.geometry.gdstk_process`) as a klayout layout."""
 
-    def __init__(self, path: Path, library: Any) -> None:
+    def __init__(self, path: Path) -> None:
         self._path = path
-        self._library = library
         self._rounding = 0.0
         self._layout = db.Layout()
         self._layout.dbu = DBU_UM
-        self._layers: dict[tuple[int, int], int] = {}
-        for layer in LAYERS:
-            self._layers[layer.number, layer.datatype] = self._layout.layer(layer_info(layer))
+        self._layers: dict[tuple[int, int], int] = {
+            (each.number, each.datatype): self._layout.layer(layer_info(each)) for each in LAYERS
+        }
         self._cells: dict[str, db.Cell] = {}
 
-    def layout(self) -> db.Layout:
-        for cell in self._library.cells:
-            if cell.name in self._cells:
-                raise _damaged(self._path, f"it has two cells {cell.name!r}")
-            self._cells[cell.name] = self._layout.create_cell(cell.name)
-        self._refuse_cycles()
-        for cell in self._library.cells:
-            self._fill(cell, self._cells[cell.name])
+    def layout(self, content: list[dict[str, Any]]) -> db.Layout:
+        for cell in content:
+            if cell["name"] in self._cells:
+                raise _damaged(self._path, f"it has two cells {cell['name']!r}")
+            self._cells[cell["name"]] = self._layout.create_cell(cell["name"])
+        self._refuse_cycles(content)
+        for cell in content:
+            self._fill(cell, self._cells[cell["name"]])
         info = db.LayoutMetaInfo(ROUNDING_KEY, self._rounding, "largest rounding to the nanometre grid")
         self._layout.add_meta_info(info)
         return self._layout
 
-    def _refuse_cycles(self) -> None:
-        graph = {cell.name: {reference.cell_name for reference in cell.references} for cell in self._library.cells}
+    def _refuse_cycles(self, content: list[dict[str, Any]]) -> None:
+        graph = {cell["name"]: {reference[0] for reference in cell["references"]} for cell in content}
+        lacking = sorted(set().union(*graph.values()) - graph.keys())
+        if lacking:
+            raise _damaged(self._path, f"it places cells that it lacks: {_listed(lacking)}")
         try:
             TopologicalSorter(graph).prepare()
         except CycleError as error:
             raise _damaged(self._path, f"cell {error.args[1][0]!r} contains itself") from error
 
-    def _fill(self, source: Any, target: db.Cell) -> None:
-        polygons = [*source.polygons, *(polygon for path in source.paths for polygon in path.to_polygons())]
-        for polygon in polygons:
-            points = self._integers(polygon.points)
-            shape = db.Polygon([db.Point(x, y) for x, y in points.tolist()])
-            shapes = target.shapes(self._layer(polygon.layer, polygon.datatype))
-            for dx, dy in self._offsets(polygon.repetition):
+    def _fill(self, source: dict[str, Any], target: db.Cell) -> None:
+        for points, layer, datatype, repetition in source["polygons"]:
+            shape = db.Polygon([db.Point(x, y) for x, y in self._integers(points)])
+            shapes = target.shapes(self._layer(layer, datatype))
+            for dx, dy in self._offsets(repetition):
                 shapes.insert(shape.moved(dx, dy) if dx or dy else shape)
-        for label in source.labels:
-            (x, y) = self._integers(np.array([label.origin]))[0].tolist()
-            shapes = target.shapes(self._layer(label.layer, label.texttype))
-            for dx, dy in self._offsets(label.repetition):
-                shapes.insert(db.Text(label.text, db.Trans(x + dx, y + dy)))
+        for text, origin, layer, texttype, repetition in source["labels"]:
+            ((x, y),) = self._integers(np.array([origin]))
+            shapes = target.shapes(self._layer(layer, texttype))
+            for dx, dy in self._offsets(repetition):
+                shapes.insert(db.Text(text, db.Trans(x + dx, y + dy)))
         # All origins in one array: a random die has ten thousand references.
-        references = source.references
-        origins = self._integers(np.array([reference.origin for reference in references]).reshape(-1, 2))
-        for reference, (x, y) in zip(references, origins.tolist(), strict=True):
+        references = source["references"]
+        origins = self._integers(np.array([reference[1] for reference in references]).reshape(-1, 2))
+        for reference, (x, y) in zip(references, origins, strict=True):
             for instance in self._instances(reference, x, y):
                 target.insert(instance)
 
@@ -260,57 +256,45 @@ class _Conversion:
             self._layers[key] = self._layout.layer(number, datatype)
         return self._layers[key]
 
-    def _instances(self, reference: Any, x: int, y: int) -> Iterator[db.CellInstArray]:
-        cell = self._cells.get(reference.cell_name)
-        if cell is None:
-            raise _damaged(self._path, f"it places a cell {reference.cell_name!r} that it lacks")
-        index = cell.cell_index()
-        quarters = reference.rotation / (math.pi / 2)
-        straight = reference.magnification == 1.0 and abs(quarters - round(quarters)) < 1e-9
+    def _instances(self, reference: tuple[Any, ...], x: int, y: int) -> Iterator[db.CellInstArray]:
+        name, _, radians, magnification, mirrored, repetition = reference
+        index = self._cells[name].cell_index()
+        quarters = radians / (math.pi / 2)
+        straight = magnification == 1.0 and abs(quarters - round(quarters)) < 1e-9
         if straight:
-            turn: Any = db.Trans(round(quarters) % 4, reference.x_reflection, x, y)
+            turn: Any = db.Trans(round(quarters) % 4, mirrored, x, y)
         else:
-            degrees = math.degrees(reference.rotation)
-            turn = db.ICplxTrans(reference.magnification, degrees, reference.x_reflection, x, y)
-        repetition = reference.repetition
-        if not repetition.size:
+            turn = db.ICplxTrans(magnification, math.degrees(radians), mirrored, x, y)
+        if repetition is None:
             yield db.CellInstArray(index, turn)
-            return
-        steps = _regular_steps(repetition)
-        if steps is None:
+        elif isinstance(repetition, tuple):
+            columns, rows, vectors = repetition
+            a, b = self._integers(vectors)
+            yield db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
+        else:
             for dx, dy in self._offsets(repetition):
                 yield db.CellInstArray(index, (db.Trans if straight else db.ICplxTrans)(dx, dy) * turn)
-            return
-        columns, rows, vectors = steps
-        a, b = self._integers(vectors).tolist()
-        yield db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
 
     def _offsets(self, repetition: Any) -> list[list[int]]:
-        if not repetition.size:
+        if repetition is None:
             return [[0, 0]]
-        if repetition.size > _LARGEST_REPETITION:
-            raise _damaged(self._path, f"it repeats one shape {repetition.size} times")
-        offsets: list[list[int]] = self._integers(repetition.get_offsets()).tolist()
-        return offsets
+        if isinstance(repetition, tuple):
+            columns, rows, vectors = repetition
+            if columns * rows > _LARGEST_ARRAY:
+                raise _damaged(self._path, f"it repeats one shape {columns * rows} times")
+            repetition = np.mgrid[0:columns, 0:rows].reshape(2, -1).T @ vectors
+        return self._integers(repetition)
 
-    def _integers(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
-        nearest = np.rint(values)
+    def _integers(self, values: NDArray[np.float64]) -> list[list[int]]:
+        """The values on the nanometre grid."""
         if not (np.abs(values) <= _LARGEST_NM).all():  # NaN included
             raise _damaged(self._path, "a coordinate lies beyond 2.1 m")
+        nearest = np.rint(values)
         rounding = float(np.abs(values - nearest).max(initial=0.0))
         if rounding > _ON_GRID_NM:
             self._rounding = max(self._rounding, rounding)
-        return nearest.astype(np.int64)
-
-
-def _regular_steps(repetition: Any) -> tuple[int, int, NDArray[np.float64]] | None:
-    """Columns, rows and the two step vectors of a regular array; None for any other repetition."""
-    if not repetition.columns or not repetition.rows:
-        return None
-    if repetition.spacing is not None:
-        dx, dy = repetition.spacing
-        return repetition.columns, repetition.rows, np.array([[dx, 0.0], [0.0, dy]])
-    return repetition.columns, repetition.rows, np.array([repetition.v1, repetition.v2])
+        integers: list[list[int]] = nearest.astype(np.int64).tolist()
+        return integers
 
 
 # --- DXF -----------------------------------------------------------------------------------------------------------

@@ -29,9 +29,9 @@ from typing import Any
 from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.layout import grids
 from maskfab.model import Opening
+from maskfab.spec import check_name
 from maskfab.units import NM_PER_UM, parse_pitch_um, to_nm
 
-_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "provenance")
 
@@ -129,7 +129,7 @@ def parse(text: str, where: str = "") -> Opening:
                 "MF102", f"unknown key {key!r}", where=_at(where, key), cure=f"An opening has: {', '.join(_KEYS)}"
             )
     name = _required(facts, "name", str, where)
-    check_name(name, _at(where, "name"))
+    check_name(name, where=_at(where, "name"))
     grid = _required(facts, "grid", str, where)
     mask = grids.from_lines(list(enumerate(grid.splitlines(), start=1)), _at(where, "grid"))
     dots = _required(facts, "dots", int, where)
@@ -166,27 +166,6 @@ def dumps(opening: Opening) -> str:
     return "\n".join(lines) + "\n"
 
 
-def check_name(name: str, where: str = "") -> None:
-    """Refuse a name that mask houses would refuse in a GDSII library.
-
-    Raises:
-        JobError: MF110. A name has 1 to 24 letters, digits and underscores, a letter first (files carry suffixes
-            within the 32 characters of GDSII), and nowhere "main", which mask houses keep for their own top cell.
-    """
-    if "main" in name.lower():
-        raise JobError(
-            "MF110", f'the name {name!r} holds "main", which mask houses refuse', where=where, cure="Choose another"
-        )
-    if not _NAME.fullmatch(name):
-        raise JobError(
-            "MF110",
-            f"the name {name!r} of {len(name)} characters is not a letter followed by at most 23 letters, digits or "
-            "underscores",
-            where=where,
-            cure='Use a name such as "toled_150"; the name of a file is its stem unless one is given',
-        )
-
-
 def dot_of_pitch(pitch: object, dots: int, *, where: str = "") -> int:
     """Nanometres of one dot of a pitch as the user wrote it (``"168 um"``, ``"300 dpi"``) over ``dots`` dots.
 
@@ -214,7 +193,7 @@ def dot_of_pitch(pitch: object, dots: int, *, where: str = "") -> int:
 def _opening(
     name: str, mask: grids.Mask, dot_nm: int, provenance: Mapping[str, str | int | float], where: str
 ) -> Opening:
-    check_name(name, _at(where, "name"))
+    check_name(name, where=_at(where, "name"))
     if not mask.any():
         raise OpeningError(
             "MF203",

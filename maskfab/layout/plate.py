@@ -6,10 +6,8 @@ the reader.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
-
-
-import numpy as np
 
 from maskfab.errors import JobError
 from maskfab.geometry.lettering import text_polygons
@@ -85,7 +83,8 @@ def _panel(die: DieSection, opening: Opening, spec: JobSpec, section: PlateSecti
     if cells * pitch_nm < spec.camera.stop.diameter * 1e3:
         raise JobError(
             "MF114",
-            f"die {die.name!r} is {cells * pitch_nm / 1e3:g} um wide, less than the stop of {spec.camera.stop.diameter:g} um",
+            f"die {die.name!r} is {cells * pitch_nm / 1e3:g} um wide, less than the stop of "
+            f"{spec.camera.stop.diameter:g} um",
             where=where,
             cure="Use a larger plate.die_size or a smaller camera.stop.diameter",
         )
@@ -101,14 +100,16 @@ def _check_pitch(die: DieSection, dots: int, pitch_nm: int, where: str) -> None:
     if abs(reached - die.pitch) * 1e3 > 1e-6:
         raise JobError(
             "MF107",
-            f"pitch {die.pitch:.6f} um ({UM_PER_INCH / die.pitch:.2f} DPI) cannot be made of {dots} dots on the 1 nm grid; "
-            f"the nearest is {reached:g} um = {UM_PER_INCH / reached:.4f} DPI, {(die.pitch / reached - 1) * 1e6:+.0f} ppm off",
+            f"pitch {die.pitch:.6f} um ({UM_PER_INCH / die.pitch:.2f} DPI) cannot be made of {dots} dots on the 1 nm "
+            f"grid; the nearest is {reached:g} um = {UM_PER_INCH / reached:.4f} DPI, "
+            f"{(die.pitch / reached - 1) * 1e6:+.0f} ppm off",
             where=f"{where}.pitch",
             cure=f'Use dot = "{dot_nm / 1e3:g} um" and pitch = "{reached:g} um"',
         )
     raise JobError(
         "MF106",
-        f"{dots} dots x {die.dot:g} um + gutter {die.gutter:g} um = {pitch_nm / 1e3:g} um, but pitch says {die.pitch:g} um",
+        f"{dots} dots x {die.dot:g} um + gutter {die.gutter:g} um = {pitch_nm / 1e3:g} um, but pitch says "
+        f"{die.pitch:g} um",
         where=f"{where}.pitch",
         cure=f'Use dot = "{dot_nm / 1e3:g} um", or pitch = "{pitch_nm / 1e3:g} um"',
     )
@@ -147,10 +148,8 @@ def _smallest_feature_nm(dies: tuple[Die, ...]) -> int:
     """The shortest clear run of any opening, as laid out; a dot where an opening has no run that ends."""
 
     def shortest(panel: Panel) -> int:
-        edges = np.arange(panel.opening.dots + 1, dtype=np.float64)
-        runs = smallest_runs(panel.opening.mask, edges, edges, periodic=True)
-        dots = min((run for run in (runs.clear_x, runs.clear_y) if run is not None), default=1.0)
-        return round(dots) * panel.dot_nm
+        run = smallest_runs(panel.opening.mask, periodic=True).clear
+        return panel.dot_nm * (round(run) if math.isfinite(run) else 1)
 
     return min(shortest(die.panel) for die in dies)
 
@@ -198,7 +197,9 @@ def _parity_mark(corner: Point) -> Furniture:
     """A letter F: no mirror or turn carries it into itself, so it shows how a plate lies."""
     unit = _PARITY_NM // 5
     outline = [(0, 0), (1, 0), (1, 2), (2, 2), (2, 3), (1, 3), (1, 4), (3, 4), (3, 5), (0, 5)]
-    return Furniture("PARITY", "parity", CLEAR, (tuple((corner[0] + x * unit, corner[1] + y * unit) for x, y in outline),))
+    return Furniture(
+        "PARITY", "parity", CLEAR, (tuple((corner[0] + x * unit, corner[1] + y * unit) for x, y in outline),)
+    )
 
 
 def _cd_bars(feature_nm: int, centre: Point) -> tuple[list[Furniture], tuple[Gauge, ...]]:

@@ -33,9 +33,9 @@ class Lattice:
     def edges_um(self) -> NDArray[np.float64]:
         """Every dot edge once, ascending. With gutters the strip between two cells is one interval."""
         if not self.has_gutter:
-            return self.start_um + self.dot_um * np.arange(self.cells * self.dots + 1)
-        first = self.start_um + self.pitch_um * np.arange(self.cells)[:, None]
-        return (first + self.dot_um * np.arange(self.dots + 1)).ravel()
+            return self.start_um + self.dot_um * np.arange(self.cells * self.dots + 1, dtype=np.float64)
+        first = self.start_um + self.pitch_um * np.arange(self.cells, dtype=np.float64)[:, None]
+        return (first + self.dot_um * np.arange(self.dots + 1, dtype=np.float64)).ravel()
 
     def dot_index(self) -> NDArray[np.intp]:
         """Interval number of every dot, [cells, dots]; the gutter strips are left out."""

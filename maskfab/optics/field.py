@@ -35,7 +35,7 @@ _RIM_TOLERANCE = 1e-8
 class ParityField:
     """The field on the quadrant u, v >= 0, split by parity: ``even_odd`` is even in v and odd in u, [nv, nu] each.
 
-    F(u, v) = even_even - odd_odd - i (odd_even + even_odd), and reflections in u or v change the signs of the odd parts.
+    F(u, v) = even_even - odd_odd - i (odd_even + even_odd), and reflections in u or v change the signs of odd parts.
 
     Attributes:
         on_axis: whether the first u and the first v are 0, and so are their own mirror images.
@@ -61,7 +61,11 @@ class ParityField:
         return self._mirrored(same, opposite, same.conj(), opposite.conj())
 
     def _mirrored(
-        self, right_up: NDArray[Scalar], left_up: NDArray[Scalar], left_down: NDArray[Scalar], right_down: NDArray[Scalar]
+        self,
+        right_up: NDArray[Scalar],
+        left_up: NDArray[Scalar],
+        left_down: NDArray[Scalar],
+        right_down: NDArray[Scalar],
     ) -> NDArray[Scalar]:
         last = 0 if self.on_axis else None
         upper = np.concatenate([left_up[:, :last:-1], right_up], axis=1)
@@ -84,13 +88,17 @@ def parity_field(pupil: Pupil, u: Floats, v: Floats) -> ParityField:
         if not np.allclose(edges, -edges[::-1], rtol=0, atol=1e-9 * abs(edges).max()):
             raise InternalError("MF901", "the parity split needs a lattice that is symmetric about the axis")
     orders = _rim_orders(pupil, u, v)
-    kernels_x, kernels_y = _half_kernels(x, u, orders), _half_kernels(y, v, orders)
-    parts = [_part(pupil, kernels_y, kernels_x, odd_y, odd_x) for odd_y in (0, 1) for odd_x in (0, 1)]
-    return ParityField(*parts, on_axis=bool(u[0] == 0))
+    kernels_x = _half_kernels(x, u, orders)
+    kernels_y = kernels_x if pupil.x == pupil.y and u is v else _half_kernels(y, v, orders)
+
+    def part(odd_y: int, odd_x: int) -> Floats:
+        return _part(pupil, kernels_y[odd_y], kernels_x[odd_x], odd_y, odd_x)
+
+    return ParityField(part(0, 0), part(0, 1), part(1, 0), part(1, 1), on_axis=bool(u[0] == 0))
 
 
 def direct_field(pupil: Pupil, u: Floats, v: Floats) -> NDArray[np.complex128]:
-    """The field at any frequencies on any lattice by complex products, [nv, nu]: slower, and the parity path's check."""
+    """The field at any frequencies on any lattice by complex products, [nv, nu]: slower, and a check of the split."""
     orders = _rim_orders(pupil, u, v)
     x_kernels = _complex_kernels(pupil.x.edges_um(), u, orders)
     y_kernels = _complex_kernels(pupil.y.edges_um(), v, orders)
@@ -98,7 +106,9 @@ def direct_field(pupil: Pupil, u: Floats, v: Floats) -> NDArray[np.complex128]:
     for q in range(orders):
         for p in range(orders):
             scale = (2 * q + 1) * (2 * p + 1)
-            rim = sparse.coo_array((scale * pupil.rim_moments[:, q, p], (pupil.rim_row, pupil.rim_column)), pupil.whole.shape)
+            rim = sparse.coo_array(
+                (scale * pupil.rim_moments[:, q, p], (pupil.rim_row, pupil.rim_column)), pupil.whole.shape
+            )
             total += (rim.tocsr().T @ y_kernels[q]).T @ x_kernels[p]
     return total
 
@@ -112,8 +122,8 @@ def _rim_orders(pupil: Pupil, u: Floats, v: Floats) -> int:
         abs(u).max() * np.diff(x)[pupil.rim_column].max(), abs(v).max() * np.diff(y)[pupil.rim_row].max()
     )
     orders = np.arange(RIM_ORDERS)
-    small = (2 * orders + 1) * abs(spherical_jn(orders, phase)) < _RIM_TOLERANCE
-    return int(max(1, np.argmax(small))) if small.any() else RIM_ORDERS
+    needed = np.flatnonzero((2 * orders + 1) * abs(spherical_jn(orders, phase)) >= _RIM_TOLERANCE)
+    return int(needed[-1]) + 1
 
 
 def _complex_kernels(edges: Floats, frequency: Floats, orders: int) -> list[NDArray[np.complex128]]:
@@ -164,10 +174,8 @@ def _fold_columns(matrix: Floats, odd: int) -> Floats:
     return folded
 
 
-def _part(
-    pupil: Pupil, kernels_y: tuple[list[Floats], list[Floats]], kernels_x: tuple[list[Floats], list[Floats]], odd_y: int, odd_x: int
-) -> Floats:
-    along_y, along_x = kernels_y[odd_y], kernels_x[odd_x]
+def _part(pupil: Pupil, along_y: list[Floats], along_x: list[Floats], odd_y: int, odd_x: int) -> Floats:
+    """One parity of the field on the quadrant, [nv, nu]."""
     columns = along_y[0].T @ _fold(pupil.whole, odd_y, odd_x)
     if not pupil.rim_row.size:
         return columns @ along_x[0]

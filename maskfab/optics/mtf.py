@@ -22,7 +22,7 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float) -> Mtf
     pixel is a full square, so its transfer is sinc(ν_x p) sinc(ν_y p).
     """
     step = 0.5 / camera.pixel_um / (RINGS - 1)
-    axis = step * np.arange(RINGS)
+    axis = step * np.arange(RINGS, dtype=np.float64)
     across, up = np.meshgrid(np.concatenate([-axis[:0:-1], axis]), axis)
     ring = np.rint(np.hypot(across, up) / step).astype(np.intp)
     # Opposite frequencies are alike; of those on the horizontal axis one side counts.

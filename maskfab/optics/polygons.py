@@ -1,4 +1,4 @@
-r"""The far field of polygons from their edges alone: the path that checks the matrix transform, and shares nothing with it.
+r"""The far field of polygons from their edges alone, which checks the matrix transform and shares nothing with it.
 
 By the divergence theorem a clear region with boundary ∂Ω, taken counter-clockwise, has the field
 
@@ -57,9 +57,11 @@ class Boundary:
         Raises:
             InternalError: MF901 if the grid goes beyond ``highest``.
         """
-        across = step * np.arange(-(count // 2), count // 2 + 1)
+        across = step * np.arange(-(count // 2), count // 2 + 1, dtype=np.float64)
         if across[-1] * np.sqrt(2) > self.highest * (1 + 1e-9):
-            raise InternalError("MF901", f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}")
+            raise InternalError(
+                "MF901", f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}"
+            )
         u, v = across[None, :], across[:, None]
         squared = u**2 + v**2
         squared[count // 2, count // 2] = 1.0

@@ -44,7 +44,7 @@ def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
     """Intensity at points ``point_step_um`` apart over the camera's window."""
     step = point_step_um(camera)
     scale = image_scale_um2(camera, wavelength_nm)
-    frequency = step * np.arange(odd_samples(camera.window_um, step) // 2 + 1) / scale
+    frequency = step * np.arange(odd_samples(camera.window_um, step) // 2 + 1, dtype=np.float64) / scale
     intensity = parity_field(pupil, frequency, frequency).intensity()
     return Psf(intensity / (scale**2 * pupil.energy_um2), step, wavelength_nm, "point")
 
@@ -59,7 +59,7 @@ def pixel_psf(pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
     nodes, weights = leggauss(_nodes_per_pixel(camera, scale))
     pixels = odd_samples(camera.window_um, camera.pixel_um)
     half = pixels // 2
-    centres = camera.pixel_um * np.arange(-half, half + 1)
+    centres = camera.pixel_um * np.arange(-half, half + 1, dtype=np.float64)
     positions = (centres[:, None] + nodes * camera.pixel_um / 2).ravel()
     quadrant = positions[positions > -1e-9 * camera.pixel_um] / scale
     if nodes.size % 2:

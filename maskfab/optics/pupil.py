@@ -119,8 +119,12 @@ def _nearest_to_zero(edges: Floats) -> Floats:
 
 def _square_moments(boxes: Floats, half: float) -> Floats:
     """Moments of box x square: products of one-dimensional ones, exact by Gauss-Legendre."""
-    along_x = _clipped_moments(boxes[:, 0], boxes[:, 1], np.full((len(boxes), 1), -half), np.full((len(boxes), 1), half))
-    along_y = _clipped_moments(boxes[:, 2], boxes[:, 3], np.full((len(boxes), 1), -half), np.full((len(boxes), 1), half))
+    along_x = _clipped_moments(
+        boxes[:, 0], boxes[:, 1], np.full((len(boxes), 1), -half), np.full((len(boxes), 1), half)
+    )
+    along_y = _clipped_moments(
+        boxes[:, 2], boxes[:, 3], np.full((len(boxes), 1), -half), np.full((len(boxes), 1), half)
+    )
     return along_y[:, 0, :, None] * along_x[:, 0, None, :]
 
 
@@ -133,7 +137,8 @@ def _circle_moments(boxes: Floats, radius: float) -> Floats:
     x0, x1, y0, y1 = boxes.T
 
     def angle(y: Floats) -> Floats:
-        return np.arcsin(np.clip(y / radius, -1, 1))
+        result: Floats = np.arcsin(np.clip(y / radius, -1, 1))
+        return result
 
     half_chords = np.sqrt(np.clip(radius**2 - np.stack([x0, x1], axis=1) ** 2, 0, None))
     first, last = angle(y0)[:, None], angle(y1)[:, None]
@@ -147,7 +152,8 @@ def _circle_moments(boxes: Floats, radius: float) -> Floats:
     weight = (length * weights / 2).reshape(samples) * half_chord / (y1 - y0)[:, None]
     along_x = _clipped_moments(x0, x1, -half_chord, half_chord)
     eta = np.clip(2 * (y - y0[:, None]) / (y1 - y0)[:, None] - 1, -1, 1)
-    return np.einsum("ksq,ks,ksp->kqp", legvander(eta, RIM_ORDERS - 1), weight, along_x, optimize=True)
+    moments: Floats = np.einsum("ksq,ks,ksp->kqp", legvander(eta, RIM_ORDERS - 1), weight, along_x, optimize=True)
+    return moments
 
 
 def _clipped_moments(low: Floats, high: Floats, floor: Floats, ceiling: Floats) -> Floats:
@@ -163,6 +169,7 @@ def _clipped_moments(low: Floats, high: Floats, floor: Floats, ceiling: Floats) 
     def antiderivative(xi: Floats) -> Floats:
         values = legvander(xi, RIM_ORDERS)
         below = np.concatenate([-np.ones_like(values[..., :1]), values[..., : RIM_ORDERS - 1]], axis=-1)
-        return (values[..., 1:] - below) / (2 * orders + 1)
+        integral: Floats = (values[..., 1:] - below) / (2 * orders + 1)
+        return integral
 
     return np.where((end > start)[..., None], (antiderivative(end) - antiderivative(start)) / 2, 0.0)

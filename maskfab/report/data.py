@@ -39,8 +39,8 @@ def to_document(report: Report, plate: Plate, camera: Camera) -> Document:
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
         "dies": [_die(die, report.dies[die.name]) for die in plate.dies],
-        "plate": [_quantity(quantity) for quantity in report.plate],
-        "checks": [_quantity(quantity) for quantity in report.checks],
+        "plate": [quantity_document(quantity) for quantity in report.plate],
+        "checks": [quantity_document(quantity) for quantity in report.checks],
         "files": [_file(file) for file in report.files],
         "time": {"seconds": dict(report.seconds)},
     }
@@ -167,11 +167,12 @@ def _die(die: Die, quantities: Sequence[Quantity]) -> Document:
         "seed": panel.seed,
         "cells": (columns, rows),
         "centre_um": tuple(coordinate / NM_PER_UM for coordinate in die.centre_nm),
-        "quantities": [_quantity(quantity) for quantity in quantities],
+        "quantities": [quantity_document(quantity) for quantity in quantities],
     }
 
 
-def _quantity(quantity: Quantity) -> Document:
+def quantity_document(quantity: Quantity) -> Document:
+    """One quantity as report.json writes it."""
     row: Document = {
         "name": quantity.name,
         "symbol": quantity.symbol,

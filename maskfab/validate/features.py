@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 from maskfab.geometry.rules import smallest_runs
@@ -14,13 +15,13 @@ from maskfab.validate.roundtrip import die_edges_nm, die_raster
 def smallest_features(die: Die) -> tuple[Quantity, Quantity]:
     """Shortest clear and shortest opaque run along x or y over the whole panel, in micrometres; exact."""
     runs = smallest_runs(die_raster(die), *die_edges_nm(die))
-    clear = [run for run in (runs.clear_x, runs.clear_y) if run is not None]
-    opaque = [run for run in (runs.opaque_x, runs.opaque_y) if run is not None]
-    method = "shortest {} run along x or y over all cells of the panel, neighbours included; exact"
-    return (
-        Quantity("min_feature", "w", min(clear) / NM_PER_UM if clear else None, "um", method.format("clear"), die=die.name),
-        Quantity("min_space", "s", min(opaque) / NM_PER_UM if opaque else None, "um", method.format("opaque"), die=die.name),
-    )
+
+    def shortest(name: str, symbol: str, length_nm: float, tone: str) -> Quantity:
+        method = f"shortest {tone} run along x or y over all cells of the panel, neighbours included; exact"
+        value = length_nm / NM_PER_UM if math.isfinite(length_nm) else None
+        return Quantity(name, symbol, value, "um", method, die=die.name)
+
+    return shortest("min_feature", "w", runs.clear, "clear"), shortest("min_space", "s", runs.opaque, "opaque")
 
 
 def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:

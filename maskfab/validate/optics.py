@@ -80,7 +80,8 @@ def polygon_psf(outline: Boundary, camera: Camera, like: Psf) -> Psf:
     """The PSF of polygons cut by the stop, on the grid of another PSF sampled at points."""
     scale = image_scale_um2(camera, like.wavelength_nm)
     field = outline.field(like.step_um / scale, like.values.shape[0])
-    return Psf(abs(field) ** 2 / (scale**2 * outline.area_um2), like.step_um, like.wavelength_nm, "point")
+    intensity = (field.real**2 + field.imag**2) / (scale**2 * outline.area_um2)
+    return Psf(intensity, like.step_um, like.wavelength_nm, "point")
 
 
 def axis_nm(die: Die) -> tuple[float, float]:
@@ -110,7 +111,7 @@ def _difference(difference: float, die: str, wavelength: float) -> Quantity:
         "δ",
         difference,
         "1",
-        "relative L2 between the PSF of the read-back polygons (edges, non-uniform transform) and the design's (matrix)",
+        "relative L2 between the PSF of the read-back polygons (edges, NUFFT) and the design's (matrix)",
         uncertainty=1e-8,
         limit=READBACK_LIMIT,
         passed=difference <= READBACK_LIMIT,

@@ -13,8 +13,9 @@ from hypothesis.extra import numpy as hnp
 from klayout import db
 
 from maskfab.errors import InputError
-from maskfab.layout.openings import check_name, dot_of_pitch, dumps, load, parse
+from maskfab.layout.openings import dot_of_pitch, dumps, load, parse
 from maskfab.model import Opening
+from maskfab.spec import check_name
 
 ASYMMETRIC = np.array([[1, 1, 0], [0, 0, 0], [0, 0, 1]], dtype=bool)  # row 0 lowest
 DRAWING = "..#\n...\n##.\n"

@@ -1,0 +1,43 @@
+# Every target sets itself up; nothing but python3 (3.11 or newer) with venv, and make, is needed.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+
+.PHONY: plate test lint bench docs clean
+
+plate: $(VENV)/run.stamp
+	$(BIN)/maskfab run layouts/upc12.toml --out build/upc12 --force
+
+test: $(VENV)/dev.stamp
+	$(BIN)/ruff format --check maskfab tests
+	$(BIN)/ruff check maskfab tests
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto
+
+lint: $(VENV)/dev.stamp
+	$(BIN)/ruff format maskfab tests
+	$(BIN)/ruff check --fix maskfab tests
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(VENV)/dev.stamp
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/numbers_table.py
+
+docs: plate
+	cp build/upc12/overview.png docs/upc12.png
+
+clean:
+	rm -rf build dist $(VENV)
+
+$(VENV)/pip.stamp:
+	$(PYTHON) -m venv $(VENV)
+	touch $@
+
+$(VENV)/run.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+$(VENV)/dev.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[dev]'
+	touch $@ $(VENV)/run.stamp
