@@ -7,6 +7,7 @@ to text that loads to the same spec.
 from __future__ import annotations
 
 import json
+import math
 import re
 import tomllib
 from collections import Counter
@@ -22,6 +23,9 @@ from maskfab.model import Camera, Stop, Tiling
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
 _MOST_DOTS_ACROSS_STOP = 6000
+_MOST_SAMPLES = 4096
+_LONGEST_UM = 1e9
+_LARGEST_PLATE_UM = 2e6
 
 
 def _refusing(parse: Any, value: object, **options: object) -> Any:
@@ -64,13 +68,37 @@ def _nm_text(value: float) -> str:
     return f"{value:.15g} nm"
 
 
-Length = Annotated[float, BeforeValidator(lambda v: _refusing(units.parse_length_um, v)), PlainSerializer(_um_text)]
+def _length(value: object, *, zero_allowed: bool = False) -> float:
+    length = units.parse_length_um(value, zero_allowed=zero_allowed)
+    if length > _LONGEST_UM:
+        raise JobError("MF104", f"{value!r} is longer than the limit of 1 km", cure="Give a shorter length")
+    return length
+
+
+def _pitch(value: object) -> float:
+    pitch = units.parse_pitch_um(value)
+    return _length(f"{pitch:.15g} um")
+
+
+def _on_plate(value: object) -> float:
+    length = _length(value)
+    if length > _LARGEST_PLATE_UM:
+        raise JobError(
+            "MF104",
+            f"{value!r} is more than 2 m, beyond what the coordinates of GDSII reach in steps of 1 nm",
+            cure="Give a shorter length",
+        )
+    return length
+
+
+Length = Annotated[float, BeforeValidator(lambda v: _refusing(_length, v)), PlainSerializer(_um_text)]
 LengthOrZero = Annotated[
     float,
-    BeforeValidator(lambda v: _refusing(units.parse_length_um, v, zero_allowed=True)),
+    BeforeValidator(lambda v: _refusing(_length, v, zero_allowed=True)),
     PlainSerializer(_um_text),
 ]
-Pitch = Annotated[float, BeforeValidator(lambda v: _refusing(units.parse_pitch_um, v)), PlainSerializer(_um_text)]
+PlateLength = Annotated[float, BeforeValidator(lambda v: _refusing(_on_plate, v)), PlainSerializer(_um_text)]
+Pitch = Annotated[float, BeforeValidator(lambda v: _refusing(_pitch, v)), PlainSerializer(_um_text)]
 Wavelength = Annotated[
     float, BeforeValidator(lambda v: _refusing(units.parse_wavelength_nm, v)), PlainSerializer(_nm_text)
 ]
@@ -116,10 +144,10 @@ class CameraSection(_Section):
 class PlateSection(_Section):
     """[plate]: the blank and how dies are arranged on it."""
 
-    blank: Length
-    writable: Length
-    die_size: Length
-    die_pitch: Length
+    blank: PlateLength
+    writable: PlateLength
+    die_size: PlateLength
+    die_pitch: PlateLength
     columns: int = Field(ge=1, le=100)
 
 
@@ -235,12 +263,17 @@ def _toml(text: str, where: str) -> dict[str, Any]:
 
 
 def _first(error: ValidationError, where: str) -> JobError:
-    """The first problem pydantic found, as an error of ours that names the key; the number of others is told."""
-    problems = error.errors(include_url=False)
+    """The first problem pydantic found, as an error of ours that names the key; the number of others is told.
+
+    An unknown key comes first of all: a misspelt one is also missing under its true name.
+    """
+    problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden")
     problem = problems[0]
+    # A list of which one item is wrong may also count as too short; that is no problem of its own.
+    more = sum(p["loc"] != problem["loc"][: len(p["loc"])] for p in problems)
     key = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in problem["loc"]).lstrip(".") or "the file"
     place = f"{where}: {key}"
-    others = f"; {len(problems) - 1} more problems follow" if len(problems) > 1 else ""
+    others = f"; {more} more problem{'s follow' if more > 1 else ' follows'}" if more else ""
     kind = problem["type"]
     if kind.startswith("MF"):
         what, _, cure = problem["msg"].partition("|")
@@ -285,12 +318,20 @@ def _check_dies(spec: JobSpec, where: str) -> None:
 
 
 def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
-    """Refuse a window with replicas of the PSF in it, and an aperture too fine to hold.
+    """Refuse a window with replicas of the PSF in it, and an aperture or a PSF too fine to hold.
 
     Raises:
-        JobError: MF113 if the window is wider than λf/dot at the shortest wavelength; MF115 if the stop is more than
-            6000 dots across.
+        JobError: MF105 if a wavelength is there twice; MF113 if the window is wider than λf/dot at the shortest
+            wavelength; MF115 if the stop is more than 6000 dots across, or the window more than 4096 samples wide.
     """
+    twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
+    if twice:
+        raise JobError(
+            "MF105",
+            f"the wavelength {twice[0]:g} nm is given more than once",
+            where=f"{where}: camera.wavelengths",
+            cure="Give every wavelength once",
+        )
     shortest = min(camera.wavelengths_nm)
     limit = shortest * 1e-3 * camera.focal_um / dot_um
     if camera.window_um > limit:
@@ -299,7 +340,7 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of "
             f"{dot_um:g} um",
             where=f"{where}: camera.window",
-            cure=f"Use a window of at most {limit:.0f} um",
+            cure=f"Use a window of at most {math.floor(limit * 10) / 10:g} um",
         )
     if camera.window_um < camera.pixel_um:
         raise JobError(
@@ -316,4 +357,14 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             f"{_MOST_DOTS_ACROSS_STOP}",
             where=where,
             cure="Use a smaller stop or a coarser dot",
+        )
+    finest = min(camera.pixel_um, shortest * 1e-3 * camera.focal_um / camera.stop.diameter_um) / 2
+    samples = camera.window_um / finest
+    if samples > _MOST_SAMPLES:
+        raise JobError(
+            "MF115",
+            f"a window of {camera.window_um:g} um is {samples:.0f} samples of {finest:g} um wide; the limit is "
+            f"{_MOST_SAMPLES}",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel",
         )

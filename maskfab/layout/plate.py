@@ -27,7 +27,11 @@ _PARITY_NM = 2_000_000
 _CD_MULTIPLES = (1, 2, 5)
 _CD_LENGTH_NM = 500_000
 _CD_CLEARANCE_NM = 200_000
+_CD_LARGEST_NM = 50_000
 _OUTLINE_LINE_NM = 20_000
+_SMALLEST_WRITABLE_NM = 20_300_000
+_MOST_CELLS_ACROSS = 1000
+_MOST_DOTS_ACROSS = 10_000
 
 
 def compose(spec: JobSpec, openings: Mapping[str, Opening], signature: str, *, where: str) -> Plate:
@@ -88,8 +92,21 @@ def _panel(die: DieSection, opening: Opening, spec: JobSpec, section: PlateSecti
             where=where,
             cure="Use a larger plate.die_size or a smaller camera.stop.diameter",
         )
+    check_size(cells, opening.dots, f"die {die.name!r}", where=where)
     chosen = orientations(die.tiling, cells, cells, die.seed, where=f"{where}.seed")
     return Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed)
+
+
+def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
+    """Refuse a panel of more cells or dots than can be drawn and compared (MF115)."""
+    if cells > _MOST_CELLS_ACROSS or cells * dots > _MOST_DOTS_ACROSS:
+        raise JobError(
+            "MF115",
+            f"{what} is {cells} cells or {cells * dots} dots across; the limits are {_MOST_CELLS_ACROSS} cells and "
+            f"{_MOST_DOTS_ACROSS} dots",
+            where=where,
+            cure="Use a smaller panel, or a coarser dot",
+        )
 
 
 def _check_pitch(die: DieSection, dots: int, pitch_nm: int, where: str) -> None:
@@ -120,6 +137,14 @@ def _slots(section: PlateSection, count: int, where: str) -> list[Point]:
     pitch_nm = to_nm(section.die_pitch, where=f"{where}: plate.die_pitch", name="die_pitch")
     writable_nm = to_nm(section.writable, where=f"{where}: plate.writable", name="writable")
     blank_nm = to_nm(section.blank, where=f"{where}: plate.blank", name="blank")
+    if writable_nm < _SMALLEST_WRITABLE_NM:
+        raise JobError(
+            "MF108",
+            f"title and marks need a writable area of {_SMALLEST_WRITABLE_NM / 1e6:g} mm, but it has "
+            f"{writable_nm / 1e6:g} mm",
+            where=f"{where}: plate.writable",
+            cure=f'Use writable = "{_SMALLEST_WRITABLE_NM / 1e6:g} mm" or more',
+        )
     columns = min(section.columns, count)
     rows = -(-count // columns)
     label_nm = _LABEL_GAP_NM + _LABEL_HEIGHT_NM
@@ -145,13 +170,16 @@ def _slots(section: PlateSection, count: int, where: str) -> list[Point]:
 
 
 def _smallest_feature_nm(dies: tuple[Die, ...]) -> int:
-    """The shortest clear run of any opening, as laid out; a dot where an opening has no run that ends."""
+    """The shortest clear run of any opening, as laid out; a dot where an opening has no run that ends.
+
+    At most 50 um, so that bars of its multiples keep clear of each other.
+    """
 
     def shortest(panel: Panel) -> int:
         run = smallest_runs(panel.opening.mask, periodic=True).clear
         return panel.dot_nm * (round(run) if math.isfinite(run) else 1)
 
-    return min(shortest(die.panel) for die in dies)
+    return min(_CD_LARGEST_NM, *(shortest(die.panel) for die in dies))
 
 
 def _label(die: Die) -> Furniture:
