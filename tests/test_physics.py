@@ -13,7 +13,7 @@ from maskfab.optics.field import direct_field, parity_field
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.mtf import frequency_at, presampled_mtf
 from maskfab.optics.otf import lag_table
-from maskfab.optics.psf import image_scale_um2, pixel_psf, point_psf
+from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
 
 ALL_CLEAR = np.ones((5, 5), dtype=np.bool_)
 
@@ -96,13 +96,13 @@ def test_long_slits_put_the_orders_at_lambda_f_over_pitch() -> None:
 
 
 def test_pixel_psf_is_the_mean_of_the_point_psf() -> None:
-    """Pixels by folded nodes against a brute mean of 41 x 41 points in each of the middle pixels."""
+    """Pixels by filtered samples against a brute mean of 41 x 41 points in each of some pixels."""
     setting = camera(1000.0, window_um=32.0)
     source = pupil(panel(noise(7, 0.4, 5), cells=20, seed=3), setting.stop)
-    found = pixel_psf(source, setting, 530.0)
+    found = pixel_psf(point_psf(source, setting, 530.0, pixel_margin(setting)), setting)
     scale = image_scale_um2(setting, 530.0)
     nodes, weights = np.polynomial.legendre.leggauss(41)
-    for pixel in (0, 3):
+    for pixel in (0, 3, 7):
         u, v = (pixel * 2.0 + nodes) / scale, nodes / scale
         power = abs(direct_field(source, u, v)) ** 2
         mean = (weights / 2) @ power @ (weights / 2) / (scale**2 * source.energy_um2)
@@ -113,7 +113,8 @@ def test_pixel_psf_is_the_mean_of_the_point_psf() -> None:
 def test_all_energy_is_found_when_the_window_is_wide() -> None:
     """The clear stop's PSF is narrow: 128 µm hold all but the far rings, whose energy is 2λf/(π² D r)."""
     setting = camera(4000.0, window_um=128.0)
-    found = pixel_psf(pupil(panel(ALL_CLEAR, cells=100), setting.stop), setting, 530.0)
+    around = point_psf(pupil(panel(ALL_CLEAR, cells=100), setting.stop), setting, 530.0, pixel_margin(setting))
+    found = pixel_psf(around, setting)
     missing = 1 - found.energy_in_window
     ring = 2 * image_scale_um2(setting, 530.0) / (np.pi**2 * 4000.0 * 63.0)
     assert missing == pytest.approx(ring, rel=0.2)

@@ -46,6 +46,11 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float) -> Mtf
     return Mtf(axis * 1e3, cuts, wavelength_nm, table.uncertainty)
 
 
+def longest_lag_um(camera: Camera) -> float:
+    """The largest lag that :func:`presampled_mtf` asks for at any of the camera's wavelengths."""
+    return max(image_scale_um2(camera, w) for w in camera.wavelengths_nm) * 0.5 / camera.pixel_um
+
+
 def area_under_radial_min(mtf: Mtf) -> float:
     """Mean of the radial minimum over its samples from 0 to half a cycle per pixel (the AUC of the literature)."""
     return float(mtf.cuts["radial_min"].mean())

@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import fft
 
+from maskfab.errors import InternalError
 from maskfab.model import frozen
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.pupil import Pupil
@@ -28,13 +29,18 @@ from maskfab.optics.pupil import Pupil
 Floats = NDArray[np.float64]
 
 
+# Above it a transform is faster than counting pairs.
+_MOST_PAIRS = 8_000_000
+
+
 @dataclass(frozen=True, eq=False)
 class LagTable:
-    """The pupil's autocorrelation at every cell lag and dot lag.
+    """The pupil's autocorrelation at every cell lag and dot lag up to some reach.
 
     Attributes:
         x, y: the pupil's lattices.
         values: float64 [cells y, dots y, cells x, dots x] in square micrometres, negative lags wrapped round.
+        reach_um: largest lag along either axis for which the table is good.
         energy_um2: the value at lag 0.
         uncertainty: error bound of C(s) / C(0) at any lag, see the module's notes.
     """
@@ -42,6 +48,7 @@ class LagTable:
     x: Lattice
     y: Lattice
     values: Floats
+    reach_um: float
     energy_um2: float
     uncertainty: float
 
@@ -49,38 +56,69 @@ class LagTable:
         object.__setattr__(self, "values", frozen(self.values))
 
     def otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is."""
-        total = np.zeros(np.broadcast(lag_x_um, lag_y_um).shape)
-        along_x = list(_neighbours(self.x, np.asarray(lag_x_um), self.values.shape[2:]))
-        for cell_y, dot_y, weight_y in _neighbours(self.y, np.asarray(lag_y_um), self.values.shape[:2]):
+        """C(s) / C(0) at lags of equal shape, in micrometres; real, because the amplitude is.
+
+        Raises:
+            InternalError: MF901 for a lag beyond the table's reach.
+        """
+        lag_x, lag_y = np.asarray(lag_x_um), np.asarray(lag_y_um)
+        longest = max(abs(lag_x).max(initial=0.0), abs(lag_y).max(initial=0.0))
+        if longest > self.reach_um * (1 + 1e-9):
+            raise InternalError("MF901", f"lag {longest:g} um is beyond the table's reach of {self.reach_um:g} um")
+        total = np.zeros(np.broadcast(lag_x, lag_y).shape)
+        along_x = list(_neighbours(self.x, lag_x, self.values.shape[2:]))
+        for cell_y, dot_y, weight_y in _neighbours(self.y, lag_y, self.values.shape[:2]):
             for cell_x, dot_x, weight_x in along_x:
                 total += weight_y * weight_x * self.values[cell_y, dot_y, cell_x, dot_x]
         return total / self.energy_um2
 
     @property
     def volume_um2(self) -> float:
-        """Integral of C(s) / C(0) over all lags: the clear area, if the mask is binary."""
+        """Integral of C(s) / C(0) over all lags: the clear area, if the mask is binary.
+
+        A sum over all lags does not care that those beyond the reach are folded onto each other.
+        """
         return float(self.values.sum() * self.x.dot_um * self.y.dot_um / self.energy_um2)
 
 
-def lag_table(pupil: Pupil) -> LagTable:
-    """Autocorrelate a pupil by FFT over cells and dots at once."""
+def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
+    """Autocorrelate a pupil by FFT over cells and dots at once.
+
+    Args:
+        pupil: openings inside the stop.
+        reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
+    """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
-    values = _autocorrelation(_blocks(pupil, pupil.mean_transmission)) * dot_area
-    variance = _blocks(pupil, pupil.variance)
-    spread = variance.sum() * dot_area
+    values = _autocorrelation(pupil, _blocks(pupil, pupil.mean_transmission), reach_um) * dot_area
+    spread = pupil.variance.sum() * dot_area
     values[0, 0, 0, 0] += spread
     energy = float(values[0, 0, 0, 0])
     uncertainty = 1e-15
     if spread > 0:
-        # Dots side by side as if there were no gutters: lags that this makes alike add up, so the bound still holds.
-        flat = variance.reshape(1, variance.shape[0] * variance.shape[1], 1, -1)
-        bound = _autocorrelation(np.sqrt(flat)) * dot_area
-        bound[0, 0, 0, 0] = 0.0
         # Between lags a cut dot meets the edge of another, at most half its contrast off: three sigma of that sum.
-        between_lags = 1.5 * np.sqrt(variance.sum()) * dot_area
-        uncertainty = float((bound.max() + between_lags) / energy)
-    return LagTable(pupil.x, pupil.y, values, energy, uncertainty)
+        between_lags = 1.5 * np.sqrt(pupil.variance.sum()) * dot_area
+        uncertainty = (_largest_overlap(np.sqrt(pupil.variance)) * dot_area + between_lags) / energy
+    return LagTable(pupil.x, pupil.y, values, reach_um, energy, uncertainty)
+
+
+def _largest_overlap(deviation: Floats) -> float:
+    """The largest autocorrelation, lag 0 aside, of the intervals' standard deviations.
+
+    Gutters count as intervals, which makes some lags alike that are not; their sums are still a bound.
+    """
+    row, column = np.nonzero(deviation)
+    height, width = deviation.shape
+    if row.size**2 <= _MOST_PAIRS:
+        value = deviation[row, column]
+        place = row * 2 * width + column
+        first, second = np.nonzero(place[:, None] > place)
+        found = np.bincount(place[first] - place[second], value[first] * value[second])
+        return float(found.max(initial=0.0))
+    sizes = [fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
+    spectrum = fft.rfft2(deviation, sizes)
+    overlap = fft.irfft2(spectrum * spectrum.conj(), sizes)
+    overlap[0, 0] = 0.0
+    return float(overlap.max())
 
 
 def _blocks(pupil: Pupil, values: Floats) -> Floats:
@@ -96,14 +134,24 @@ def _periods(lattice: Lattice) -> tuple[int, int]:
     return (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
 
 
-def _autocorrelation(blocks: Floats) -> Floats:
-    """Linear autocorrelation along all four axes, padded against wrap-round."""
-    sizes = [fft.next_fast_len(2 * n - 1, real=True) if n > 1 else 1 for n in blocks.shape]
+def _autocorrelation(pupil: Pupil, blocks: Floats, reach_um: float) -> Floats:
+    """Autocorrelation along all four axes, padded so that nothing folds onto lags within reach."""
+    sizes = [
+        fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
+        for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
+    ]
     axes = [k for k, n in enumerate(blocks.shape) if n > 1] or [0]
     spectrum = fft.rfftn(blocks, [sizes[k] for k in axes], axes=axes)
     np.multiply(spectrum, spectrum.conj(), out=spectrum)
     result: Floats = fft.irfftn(spectrum, [sizes[k] for k in axes], axes=axes, overwrite_x=True)
     return result
+
+
+def _extra(lattice: Lattice, reach_um: float) -> tuple[int, int]:
+    """Padding of the cells and of the dots that keeps lags up to the reach apart from folded ones."""
+    pitch = lattice.pitch_um if lattice.has_gutter else lattice.dot_um
+    cells, dots = _periods(lattice)
+    return cells if not np.isfinite(reach_um) else int(np.ceil(reach_um / pitch)) + 2, dots
 
 
 def _neighbours(

@@ -1,15 +1,19 @@
-"""Point spread functions: the field's intensity on the sensor, at points or averaged over pixels.
+r"""Point spread functions: the field's intensity on the sensor, at points or averaged over pixels.
 
 The intensity at sensor position x is |F(x / (λf))|² / ((λf)² E), with E the transmitted energy, so that it integrates
 to 1 over the whole sensor plane (Parseval): what lies outside the window is missing from the window's sum, not hidden.
+
+It holds no frequency above B = D / (λf), so samples closer than 1 / (2B) say all about it, averages over pixels
+included: a short symmetric filter w with Σ w_n cos(2πν n h) = sinc(νp) for all |ν| <= B turns samples at distance h
+into means over pixels of side p, exactly but for the residual of that equation.
 """
 
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from maskfab.model import Camera, Psf
@@ -18,7 +22,8 @@ from maskfab.optics.pupil import Pupil
 
 Floats = NDArray[np.float64]
 
-_PIXEL_TOLERANCE = 1e-7
+_OVERSAMPLING = 1.15
+_FILTER_TOLERANCE = 1e-8
 
 
 def image_scale_um2(camera: Camera, wavelength_nm: float) -> float:
@@ -26,13 +31,15 @@ def image_scale_um2(camera: Camera, wavelength_nm: float) -> float:
     return wavelength_nm * 1e-3 * camera.focal_um
 
 
-def point_step_um(camera: Camera) -> float:
-    """The largest whole fraction of a pixel that samples the PSF at every wavelength without aliasing.
+def cutoff(camera: Camera, wavelength_nm: float) -> float:
+    """Highest frequency of the intensity along an axis, in cycles per micrometre of sensor: D / (λf)."""
+    return camera.stop.diameter_um / image_scale_um2(camera, wavelength_nm)
 
-    The intensity holds frequencies up to D / (λf), so the step is at most λf / (2D).
-    """
-    nyquist = min(image_scale_um2(camera, w) for w in camera.wavelengths_nm) / (2 * camera.stop.diameter_um)
-    return camera.pixel_um / math.ceil(camera.pixel_um / nyquist)
+
+def point_step_um(camera: Camera) -> float:
+    """The largest whole fraction of a pixel that samples the PSF at every wavelength, with 15 % to spare."""
+    highest = max(cutoff(camera, wavelength) for wavelength in camera.wavelengths_nm)
+    return camera.pixel_um / math.ceil(camera.pixel_um * 2 * highest * _OVERSAMPLING)
 
 
 def odd_samples(width_um: float, step_um: float) -> int:
@@ -40,41 +47,67 @@ def odd_samples(width_um: float, step_um: float) -> int:
     return 2 * int((width_um / step_um - 1) / 2 + 1e-9) + 1
 
 
-def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
-    """Intensity at points ``point_step_um`` apart over the camera's window."""
+def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 0) -> Psf:
+    """Intensity at points ``point_step_um`` apart over the camera's window, and ``margin`` points beyond it."""
     step = point_step_um(camera)
     scale = image_scale_um2(camera, wavelength_nm)
-    frequency = step * np.arange(odd_samples(camera.window_um, step) // 2 + 1, dtype=np.float64) / scale
+    reach = odd_samples(camera.window_um, step) // 2 + margin
+    frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
     intensity = parity_field(pupil, frequency, frequency).intensity()
     return Psf(intensity / (scale**2 * pupil.energy_um2), step, wavelength_nm, "point")
 
 
-def pixel_psf(pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
-    """Intensity averaged over square pixels, one of them centred on the axis, over the camera's window.
+def pixel_psf(points: Psf, camera: Camera) -> Psf:
+    """Means over square pixels, one of them centred on the axis, over the camera's window.
 
-    Gauss-Legendre nodes within each pixel are folded into the transform; their number follows from the highest
-    frequency that the stop lets through.
+    Args:
+        points: sampled at ``point_step_um`` with a margin of at least :func:`pixel_margin`.
+        camera: gives the pixel and the window.
     """
-    scale = image_scale_um2(camera, wavelength_nm)
-    nodes, weights = leggauss(_nodes_per_pixel(camera, scale))
-    pixels = odd_samples(camera.window_um, camera.pixel_um)
-    half = pixels // 2
-    centres = camera.pixel_um * np.arange(-half, half + 1, dtype=np.float64)
-    positions = (centres[:, None] + nodes * camera.pixel_um / 2).ravel()
-    quadrant = positions[positions > -1e-9 * camera.pixel_um] / scale
-    if nodes.size % 2:
-        quadrant[0] = 0.0
-    intensity = parity_field(pupil, quadrant, quadrant).intensity()
-    cells = intensity.reshape(pixels, nodes.size, pixels, nodes.size)
-    averaged = np.einsum("iajb,a,b->ij", cells, weights / 2, weights / 2, optimize=True)
-    return Psf(averaged / (scale**2 * pupil.energy_um2), camera.pixel_um, wavelength_nm, "pixel")
+    weights = _pixel_filter(camera.pixel_um, points.step_um, cutoff(camera, points.wavelength_nm))
+    reach = weights.size // 2
+    stride = round(camera.pixel_um / points.step_um)
+    half = odd_samples(camera.window_um, camera.pixel_um) // 2
+    middle = points.values.shape[0] // 2
+    centres = middle + stride * np.arange(-half, half + 1)
+    gather = np.zeros((centres.size, points.values.shape[0]))
+    gather[np.arange(centres.size)[:, None], centres[:, None] + np.arange(-reach, reach + 1)] = weights
+    return Psf(gather @ points.values @ gather.T, camera.pixel_um, points.wavelength_nm, "pixel")
 
 
-def _nodes_per_pixel(camera: Camera, scale_um2: float) -> int:
-    """The fewest Gauss-Legendre nodes that integrate the fastest cosine over a pixel to 1e-7."""
-    phase = np.pi * camera.stop.diameter_um * camera.pixel_um / scale_um2
-    for count in range(2, 64):
-        nodes, weights = leggauss(count)
-        if abs(np.cos(phase * nodes) @ weights / 2 - np.sinc(phase / np.pi)) < _PIXEL_TOLERANCE:
-            return count
-    return 64
+def pixel_margin(camera: Camera) -> int:
+    """How many points beyond the window the pixel filter needs at every wavelength."""
+    step = point_step_um(camera)
+    inside = odd_samples(camera.window_um, step) // 2
+    pixels = round(camera.pixel_um / step) * (odd_samples(camera.window_um, camera.pixel_um) // 2)
+    sizes = [_pixel_filter(camera.pixel_um, step, cutoff(camera, w)).size // 2 for w in camera.wavelengths_nm]
+    return max(0, pixels + max(sizes) - inside)
+
+
+def within(points: Psf, camera: Camera) -> Psf:
+    """A PSF without its margin."""
+    surplus = (points.values.shape[0] - odd_samples(camera.window_um, points.step_um)) // 2
+    if surplus == 0:
+        return points
+    inner = points.values[surplus:-surplus, surplus:-surplus]
+    return Psf(inner, points.step_um, points.wavelength_nm, points.kind)
+
+
+@lru_cache(maxsize=64)
+def _pixel_filter(pixel_um: float, step_um: float, highest: float) -> Floats:
+    """Weights [2 n + 1] that average samples ``step_um`` apart over a pixel, for frequencies up to ``highest``.
+
+    Least squares on the band; n grows until the worst error anywhere in it is below 1e-8.
+    """
+    band = np.linspace(0.0, highest, 801)
+    wanted = np.sinc(band * pixel_um)
+    for half in range(round(pixel_um / step_um), 400, 4):
+        basis = 2 * np.cos(2 * np.pi * band[:, None] * step_um * np.arange(half + 1))
+        basis[:, 0] = 1.0
+        # Beyond working precision more taps only grow; the pseudo-inverse keeps them small.
+        solution = np.linalg.lstsq(basis, wanted, rcond=1e-12)[0]
+        if abs(basis @ solution - wanted).max() < _FILTER_TOLERANCE:
+            break
+    weights: Floats = np.concatenate([solution[:0:-1], solution])
+    weights.flags.writeable = False
+    return weights

@@ -11,10 +11,10 @@ from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Camera, Die, DieOptics, Psf, Quantity
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Aperture, covered_aperture, panel_aperture
-from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.otf import lag_table
 from maskfab.optics.polygons import Boundary, boundary
-from maskfab.optics.psf import image_scale_um2, pixel_psf, point_psf
+from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf, within
 from maskfab.optics.pupil import cut
 
 Floats = NDArray[np.float64]
@@ -39,7 +39,8 @@ def measure(die: Die, camera: Camera, region: db.Region) -> DieOptics:
     design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
     edges, area = edges_in_stop(region, stop, axis_nm(die))
     outline = stop_boundary(edges, area, camera)
-    table = lag_table(pupil)
+    table = lag_table(pupil, longest_lag_um(camera))
+    margin = pixel_margin(camera)
 
     limit = INVARIANT_LIMIT_ROUND if stop.shape == "circle" else INVARIANT_LIMIT_SQUARE
     quantities = [
@@ -54,10 +55,12 @@ def measure(die: Die, camera: Camera, region: db.Region) -> DieOptics:
     psfs: list[Psf] = []
     mtfs = []
     for wavelength in camera.wavelengths_nm:
-        points = point_psf(design_pupil, camera, wavelength)
+        designed_psf = point_psf(design_pupil, camera, wavelength, margin)
+        read_psf = designed_psf if pupil is design_pupil else point_psf(pupil, camera, wavelength, margin)
+        points = within(designed_psf, camera)
         polygons = polygon_psf(outline, camera, points)
         difference = metrics.relative_difference(polygons, points)
-        pixels = pixel_psf(pupil, camera, wavelength)
+        pixels = pixel_psf(read_psf, camera)
         mtf = presampled_mtf(table, camera, wavelength)
         psfs += [polygons, pixels]
         mtfs.append(mtf)
