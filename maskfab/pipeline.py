@@ -19,10 +19,10 @@ from maskfab import __version__, provenance, resources
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.staging import RESULT_MARK, check_target, staged
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.region import clear_shapes, plate_layout
 from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import Job, load
-from maskfab.model import CLEAR, Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
+from maskfab.model import Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.mtf import area_under_radial_min
 from maskfab.progress import Progress, silent
 from maskfab.report import data, figures, html
@@ -135,7 +135,7 @@ def measure_dies(plate: Plate, camera: Camera, layout: db.Layout, progress: Prog
     results: list[DieOptics] = []
 
     def one(die: Die) -> DieOptics:
-        return measure(die, camera, region(layout, CLEAR, stop_box(camera.stop, axis_nm(die))))
+        return measure(die, camera, clear_shapes(layout, stop_box(camera.stop, axis_nm(die))))
 
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
         for result in pool.map(one, plate.dies):

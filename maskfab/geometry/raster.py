@@ -17,6 +17,8 @@ Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 Located = tuple[NDArray[np.intp], Floats]
 
+_MOST_CELLS = 50_000_000
+
 
 def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -> Floats:
     """Share of each grid cell that is covered; overlaps count once, what lies beyond the grid is left out.
@@ -89,6 +91,19 @@ def placed_boxes(cell: db.Cell, layer: int, window: db.Box | None = None) -> Int
         turned = _turned(boxes, turn)
         parts.append((turned[None, :, :] + np.tile(kept, 2)[:, None, :]).reshape(-1, 4))
     return np.concatenate(parts)
+
+
+def disjoint(boxes: Ints) -> bool:
+    """Whether no two boxes overlap; edges may coincide. False too where there are too many edges to tell cheaply."""
+    x, y = np.unique(boxes[:, [0, 2]]), np.unique(boxes[:, [1, 3]])
+    if x.size * y.size > _MOST_CELLS:
+        return False
+    counts = np.zeros((y.size, x.size), dtype=np.int32)
+    left, right = (np.searchsorted(x, boxes[:, k]) for k in (0, 2))
+    low, high = (np.searchsorted(y, boxes[:, k]) for k in (1, 3))
+    for row, column, sign in ((low, left, 1), (low, right, -1), (high, left, -1), (high, right, 1)):
+        np.add.at(counts, (row, column), sign)
+    return bool(counts.cumsum(axis=0).cumsum(axis=1).max(initial=0) <= 1)
 
 
 def _is_manhattan(region: db.Region) -> bool:

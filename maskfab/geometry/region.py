@@ -12,9 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 from klayout import db
+from numpy.typing import NDArray
 
 from maskfab.geometry.polygonize import outline
-from maskfab.geometry.raster import coverage, placed_boxes, to_boxes
+from maskfab.geometry.raster import coverage, disjoint, placed_boxes, to_boxes
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Polygon, orient
 
 __all__ = [
@@ -94,6 +95,13 @@ def region(
         return db.Region(root.begin_shapes_rec(index)).merged(True, 1)
     box = db.Box(*box_nm)
     return (db.Region(root.begin_shapes_rec_overlapping(index, box)) & db.Region(box)).merged(True, 1)
+
+
+def clear_shapes(layout: db.Layout, box_nm: Box) -> db.Region | NDArray[np.int64]:
+    """What is clear in and around a box: int64 [n, 4] disjoint boxes where that is enough, else a merged region."""
+    index = layout.find_layer(layer_info(CLEAR))
+    boxes = None if index is None else placed_boxes(layout.top_cell(), index, db.Box(*box_nm))
+    return boxes if boxes is not None and disjoint(boxes) else region(layout, CLEAR, box_nm)
 
 
 def layer_info(layer: Layer) -> db.LayerInfo:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import TypeAlias
+
 import numpy as np
 from klayout import db
 from numpy.typing import NDArray
@@ -18,26 +20,28 @@ from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_p
 from maskfab.optics.pupil import cut
 
 Floats = NDArray[np.float64]
+Shapes: TypeAlias = db.Region | NDArray[np.int64]
 
 READBACK_LIMIT = 1e-6
 INVARIANT_LIMIT_ROUND = 1e-3
 INVARIANT_LIMIT_SQUARE = 1e-6
 
 
-def measure(die: Die, camera: Camera, region: db.Region) -> DieOptics:
+def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     """PSF, MTF, invariants and the difference to the design, at every wavelength of the camera.
 
     Args:
         die: the design.
         camera: what looks through it.
-        region: everything clear in front of the stop as read back, in plate coordinates, merged.
+        shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
+            boxes, see :func:`maskfab.geometry.region.clear_shapes`.
     """
     stop = camera.stop
     designed = panel_aperture(die.panel, stop.diameter_um / 2)
-    read = _read_aperture(die, designed, region)
+    read = _read_aperture(die, designed, shapes)
     pupil = cut(read, stop)
     design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
-    edges, area = edges_in_stop(region, stop, axis_nm(die))
+    edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     outline = stop_boundary(edges, area, camera)
     table = lag_table(pupil, longest_lag_um(camera))
     margin = pixel_margin(camera)
@@ -93,13 +97,13 @@ def axis_nm(die: Die) -> tuple[float, float]:
     return (x0 + x1) / 2, (y0 + y1) / 2
 
 
-def _read_aperture(die: Die, designed: Aperture, region: db.Region) -> Aperture:
+def _read_aperture(die: Die, designed: Aperture, shapes: Shapes) -> Aperture:
     """What was read back, as the exact share of every interval of the design's grid that is clear."""
     x, y = (
         centre + 1e3 * lattice.edges_um()
         for centre, lattice in zip(axis_nm(die), (designed.x, designed.y), strict=True)
     )
-    return covered_aperture(designed.x, designed.y, coverage(region, _on_grid(x), _on_grid(y)))
+    return covered_aperture(designed.x, designed.y, coverage(shapes, _on_grid(x), _on_grid(y)))
 
 
 def _on_grid(edges_nm: Floats) -> Floats:
