@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 import tempfile
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,22 +17,24 @@ from maskfab.geometry.reading import find_cell, find_layer, read_layout
 from maskfab.geometry.region import coverage, plate_layout, region
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.layout import openings
+from maskfab.layout.plate import check_light, check_size, dot_on_grid
 from maskfab.layout.tiling import orientations
 from maskfab.model import CLEAR, Camera, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Tiling
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice, covered_aperture
-from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.otf import lag_table
-from maskfab.optics.psf import pixel_psf, point_psf
+from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf, within
 from maskfab.optics.pupil import cut
 from maskfab.progress import Progress, silent
-from maskfab.spec import check_optics
+from maskfab.spec import check_optics, even_nm
 from maskfab.units import to_nm
 from maskfab.validate.optics import INVARIANT_LIMIT_ROUND, measure, polygon_psf, stop_boundary
 
 LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"})
 
 _FINEST_GRID = 4000
+_LARGEST_DOT_NM = 8000
 
 
 @dataclass(frozen=True)
@@ -88,10 +91,13 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
 def analyse_opening(opening: Opening, request: Request, progress: Progress = silent) -> Analysis:
     """The same for an opening that is already loaded."""
     dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
-    gutter_nm = to_nm(request.gutter_um, where="--gutter", name="gutter")
+    gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
+    if request.seed is not None and request.seed < 0:
+        raise JobError("MF104", f"seed = {request.seed} is below 0", where="--seed", cure="Give 0 or more")
     check_optics(request.camera, dot_nm / 1e3, where="the request")
     pitch_nm = opening.dots * dot_nm + gutter_nm
     cells = 2 * math.ceil(request.camera.stop.diameter_um * 1e3 / pitch_nm / 2)
+    check_size(cells, opening.dots, "the panel over the stop", where="the request")
     tiling = request.tiling or Tiling.PERIODIC
     panel = Panel(
         opening,
@@ -101,6 +107,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
         tiling,
         request.seed,
     )
+    check_light(panel, request.camera.stop, where="the request: stop.diameter")
     die = Die(opening.name, opening.name, panel, (0, 0), cells * pitch_nm)
     plate = Plate(opening.name, "", cells * pitch_nm, cells * pitch_nm, (die,), (), (), ())
     with tempfile.TemporaryDirectory() as folder:
@@ -114,45 +121,74 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
 
 
 def _load(path: Path, request: Request) -> Opening:
-    dots = None
-    if request.pitch_um is not None and request.dot_um is not None:
-        dots = round((request.pitch_um - request.gutter_um) / request.dot_um)
-        if abs(dots * request.dot_um + request.gutter_um - request.pitch_um) > 1e-6:
-            raise JobError(
-                "MF106",
-                f"pitch {request.pitch_um:g} um is not a whole number of dots of {request.dot_um:g} um"
-                f" plus a gutter of {request.gutter_um:g} um",
-                where="--pitch",
-                cure=f"Use --pitch '{dots * request.dot_um + request.gutter_um:g} um'",
-            )
+    if not path.is_file():
+        problem = "is a directory" if path.is_dir() else "does not exist"
+        raise SourceError("MF301", f"the file {problem}", where=str(path), cure="Check the path")
+    dots = _dots(request)
     if path.suffix.lower() == ".toml":
         opening = openings.load(path, dots=dots)
         return opening if request.dot_um or request.pitch_um is None else _scaled(opening, request)
     if request.dot_um is not None:
         dot_nm = to_nm(request.dot_um, where="--dot", name="dot")
         return openings.load(path, dots=dots, dot_nm=dot_nm, layer=request.layer, cell=request.cell, name=_name(path))
-    if request.pitch_um is not None and path.suffix.lower() not in LAYOUT_SUFFIXES:
-        return _scaled(openings.load(path, dot_nm=1, name=_name(path)), request)
+    if path.suffix.lower() not in LAYOUT_SUFFIXES:
+        opening = openings.load(path, dot_nm=1, name=_name(path))  # what is wrong with the file itself comes first
+        if request.pitch_um is not None:
+            return _scaled(opening, request)
     raise JobError("MF105", f"{path.name} does not state the size of its dots", where="--dot", cure='Add --dot "8 um"')
+
+
+def _dots(request: Request) -> int | None:
+    """Dots along a cell, if the request says both of what they follow from."""
+    if request.pitch_um is None or request.dot_um is None:
+        return None
+    if request.gutter_um >= request.pitch_um:
+        raise _no_room(request)
+    dots = max(1, round((request.pitch_um - request.gutter_um) / request.dot_um))
+    if abs(dots * request.dot_um + request.gutter_um - request.pitch_um) > 1e-6:
+        raise JobError(
+            "MF106",
+            f"pitch {request.pitch_um:g} um is not a whole number of dots of {request.dot_um:g} um"
+            f" plus a gutter of {request.gutter_um:g} um",
+            where="--pitch",
+            cure=f"Use --pitch '{dots * request.dot_um + request.gutter_um:g} um'",
+        )
+    return dots
+
+
+def _no_room(request: Request) -> JobError:
+    return JobError(
+        "MF106",
+        f"a gutter of {request.gutter_um:g} um leaves no dots in a pitch of {request.pitch_um:g} um",
+        where="--gutter",
+        cure="Use a narrower gutter",
+    )
 
 
 def _scaled(opening: Opening, request: Request) -> Opening:
     """The opening with the dot that its number of dots gives the requested pitch."""
     assert request.pitch_um is not None
-    dot_um = (request.pitch_um - request.gutter_um) / opening.dots
-    return Opening(opening.name, opening.mask, to_nm(dot_um, where="--pitch", name="dot"), opening.provenance)
+    if request.gutter_um >= request.pitch_um:
+        raise _no_room(request)
+    dot_nm = dot_on_grid(request.pitch_um, request.gutter_um, opening.dots, where="--pitch")
+    return Opening(opening.name, opening.mask, dot_nm, opening.provenance)
 
 
 def _name(path: Path) -> str:
     """A file's stem made into a name that layouts take."""
-    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)[:22]
-    return ("O_" + kept)[:24].replace("main", "m_ain") if not kept[:1].isalpha() or "main" in kept.lower() else kept
+    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)
+    kept = re.sub("(?i)(m)(ain)", r"\1_\2", kept)[:22]
+    return kept if kept[:1].isalpha() else f"O_{kept}"
 
 
 def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
+    dots = _dots(request)
     layout = read_layout(path)
-    cell = find_cell(layout, request.cell)
-    layer = find_layer(layout, request.layer)
+    try:
+        cell = find_cell(layout, request.cell)
+        layer = find_layer(layout, request.layer)
+    except SourceError as problem:  # these two know the layout, but not its file
+        raise SourceError(problem.code, problem.what, where=str(path), cure=problem.cure) from None
     whole = region(layout, layer, cell=cell.name)
     camera, stop = request.camera, request.camera.stop
     box = whole.bbox()
@@ -162,14 +198,19 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     inside = (whole & db.Region(near)).moved(-centre[0], -centre[1])
     edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
     if area <= 0:
-        raise SourceError("MF309", f"{path} has nothing clear inside the stop", where=f"cell {cell.name}, layer {layer}",
-                          cure="Name another --cell or --layer, or use a larger --stop")  # fmt: skip
+        raise SourceError(
+            "MF309",
+            f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry",
+            where=f"cell {cell.name}, layer {layer}",
+            cure="Name another --cell or --layer, or use a larger --stop",
+        )
     outline = stop_boundary(edges, area, camera)
-    lattice = _lattice(_coordinates_nm(inside, reach), request)
+    lattice = _lattice(_coordinates_nm(inside, reach), request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
     edge_nm = np.rint(1e3 * lattice.edges_um())
     pupil = cut(covered_aperture(lattice, lattice, coverage(inside, edge_nm, edge_nm)), stop)
-    table = lag_table(pupil)
+    table = lag_table(pupil, longest_lag_um(camera))
+    margin = pixel_margin(camera)
     quantities: list[Quantity] = [
         metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
         metrics.mtf_volume(table, area, None, INVARIANT_LIMIT_ROUND),
@@ -178,9 +219,10 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     mtfs = []
     for done, wavelength in enumerate(camera.wavelengths_nm):
         progress("optics", done, len(camera.wavelengths_nm))
-        points = point_psf(pupil, camera, wavelength)
+        around = point_psf(pupil, camera, wavelength, margin)
+        points = within(around, camera)
         polygons = polygon_psf(outline, camera, points)
-        pixels = pixel_psf(pupil, camera, wavelength)
+        pixels = pixel_psf(around, camera)
         difference = metrics.relative_difference(polygons, points)
         mtf = presampled_mtf(table, camera, wavelength)
         psfs += [polygons, pixels]
@@ -200,28 +242,36 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
 
 
 def _coordinates_nm(inside: db.Region, reach: int) -> list[int]:
-    """Distances from the axis at which vertical and horizontal edges lie; where the window cut is none of the file's."""
+    """Distances from the axis at which upright and level edges lie; where the window cut is none of the file's."""
+    if inside.area() == (2 * reach) ** 2:
+        return [_LARGEST_DOT_NM]  # no edge in sight: every grid is exact
     upright = [e.x1 if e.x1 == e.x2 else e.y1 for e in inside.edges().each() if e.x1 == e.x2 or e.y1 == e.y2]
     return sorted({abs(c) for c in upright if abs(c) != reach})
 
 
-def _lattice(coordinates_nm: list[int], request: Request) -> Lattice:
-    """A grid on which the geometry's edges lie, if there is one coarse enough to compute with; else a fine one."""
+def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> Lattice:
+    """A grid on which the geometry's edges lie, if there is one coarse enough to compute with; else a fine one.
+
+    What the request says of the grid counts where the edges lie on it. Where they do not, because the geometry's middle
+    is not that of its panel, the grid is found as if nothing were said; if there is none, the requested dot is taken.
+    """
     diameter = request.camera.stop.diameter_um
-    if request.dot_um is not None and request.pitch_um is not None:
+    if dots is not None and request.dot_um is not None and request.pitch_um is not None:
         cells = 2 * math.ceil(diameter / request.pitch_um / 2)
-        dots = round((request.pitch_um - request.gutter_um) / request.dot_um)
         start = -cells * request.pitch_um / 2 + (request.pitch_um - dots * request.dot_um) / 2
-        return Lattice(start, cells, dots, request.dot_um, request.pitch_um)
+        lattice = Lattice(start, cells, dots, request.dot_um, request.pitch_um)
+        if set(coordinates_nm) <= set(np.rint(1e3 * lattice.edges_um()).astype(int).tolist()):
+            return lattice
     step_nm = math.gcd(*coordinates_nm)
     finest_nm = math.ceil(diameter * 1e3 / _FINEST_GRID)
-    if request.dot_um is not None:
-        step_nm = to_nm(request.dot_um, where="--dot", name="dot")
+    dot_nm = None if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
+    if dot_nm is not None and (step_nm < finest_nm or step_nm % dot_nm == 0):
+        step_nm = dot_nm
     elif step_nm < finest_nm:
         step_nm = finest_nm
     else:
         # A coarse grid would leave the phase across a dot large and the window short.
-        step_nm = _divided(step_nm, 8000)
+        step_nm = _divided(step_nm, _LARGEST_DOT_NM)
     count = 2 * math.ceil(diameter * 1e3 / step_nm / 2)
     dot_um = step_nm / 1e3
     return Lattice(-count * dot_um / 2, count, 1, dot_um, dot_um)

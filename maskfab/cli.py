@@ -14,14 +14,13 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import click
 import typer
 
 from maskfab import __version__, errors
 from maskfab.errors import InternalError, JobError, MaskfabError
 
 if TYPE_CHECKING:
-    from maskfab.model import Quantity
+    from maskfab.model import Opening, Quantity
     from maskfab.progress import Progress
 
 _EPILOG = "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 our own fault."
@@ -35,6 +34,9 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
+
+# Newer releases of typer carry a copy of click of their own, so that class is found through typer.
+_UsageError: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
 
 JobFile = Annotated[Path, typer.Argument(metavar="JOB", help="A job file (.toml).")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")]
@@ -98,11 +100,7 @@ def design(
     with _watched(quiet) as progress:
         opening = find(wanted, progress)
     write_text(target, dumps(opening))
-    if as_json:
-        facts = {"name": opening.name, "path": str(target), "clear_dots": opening.clear_dots}
-        _print_json({**facts, "open_ratio": opening.open_ratio, "provenance": dict(opening.provenance)})
-    else:
-        typer.echo(target)
+    _tell_opening(opening, target, as_json)
 
 
 @app.command(
@@ -202,6 +200,7 @@ def verify(
     epilog="Example: maskfab shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml"
 )
 def shape(
+    context: typer.Context,
     kind: Annotated[str, typer.Argument(metavar="KIND", help="stripe, blobs or diamond-discs.")],
     out: Annotated[Path, typer.Option(help="Where the opening goes.")],
     dots: Annotated[int, typer.Option(help="Dots along the side of a cell.")] = 21,
@@ -213,6 +212,7 @@ def shape(
     exponent: Annotated[float, typer.Option(help="blobs: 2 is an ellipse, larger is squarer.")] = 4.0,
     name: Annotated[str | None, typer.Option(help="Name of the opening; default: the file's stem.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
+    as_json: Json = False,
 ) -> None:
     """Draw a parametric opening."""
     from maskfab.export.staging import check_file, write_text
@@ -236,33 +236,43 @@ def shape(
         mask = shapes.diamond_discs(dots, clear_dots)
     else:
         raise JobError("MF105", f"there is no shape {kind!r}", where="KIND", cure="Use stripe, blobs or diamond-discs")
-    command = shlex.join(["maskfab", *(word for word in sys.argv[1:] if word != "--force")])
+    command = shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})])
     provenance = {"author": "maskfab", "command": command, "version": __version__}
-    write_text(out, dumps(Opening(name or out.stem, mask, dot_nm, provenance)))
-    typer.echo(out)
+    opening = Opening(name or out.stem, mask, dot_nm, provenance)
+    write_text(out, dumps(opening))
+    _tell_opening(opening, out, as_json)
 
 
 @app.command(epilog="Example: maskfab explain MF106")
-def explain(code: Annotated[str, typer.Argument(metavar="CODE", help="A code such as MF106.")]) -> None:
+def explain(
+    code: Annotated[str, typer.Argument(metavar="CODE", help="A code such as MF106.")], as_json: Json = False
+) -> None:
     """Say what an error code means."""
     known = errors.CATALOGUE.get(code.upper())
     if known is None:
         listed = ", ".join(errors.CATALOGUE)
         raise JobError("MF105", f"there is no code {code!r}", cure=f"The codes are {listed}")
-    typer.echo(f"{code.upper()} {known}")
+    if as_json:
+        _print_json({"code": code.upper(), "meaning": known})
+    else:
+        typer.echo(f"{code.upper()} {known}")
 
 
 def run_command_line(arguments: Sequence[str]) -> int:
     """Run one command; every failure becomes an exit code and one message."""
     try:
-        code = typer.main.get_command(app).main(list(arguments), prog_name="maskfab", standalone_mode=False)
+        command = typer.main.get_command(app)
+        code = command.main(list(arguments), prog_name="maskfab", standalone_mode=False, obj=list(arguments))
         return code if isinstance(code, int) else 0
-    except click.exceptions.Exit as leaving:
+    except typer.Exit as leaving:
         return leaving.exit_code
-    except click.Abort:
+    except typer.Abort:
         return 130
-    except click.ClickException as wrong:
+    except _UsageError as wrong:
         wrong.show()
+        if "--json" in arguments:
+            cure = "See maskfab --help"
+            _print_error(JobError("MF105", wrong.format_message(), where="the command line", cure=cure))
         return 2
     except MaskfabError as error:
         return _tell(error, "--json" in arguments)
@@ -280,9 +290,13 @@ def run_command_line(arguments: Sequence[str]) -> int:
 def _tell(error: MaskfabError, as_json: bool) -> int:
     typer.echo(f"error: {error}", err=True)
     if as_json:
-        told = {"code": error.code, "what": error.what, "where": error.where, "cure": error.cure}
-        _print_json({"error": told})
+        _print_error(error)
     return error.exit_code
+
+
+def _print_error(error: MaskfabError) -> None:
+    told = {"code": error.code, "what": error.what, "where": error.where, "cure": error.cure}
+    _print_json({"error": told})
 
 
 def _leave(passed: bool) -> None:
@@ -292,6 +306,14 @@ def _leave(passed: bool) -> None:
 
 def _print_json(document: dict[str, Any]) -> None:
     typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def _tell_opening(opening: Opening, path: Path, as_json: bool) -> None:
+    if as_json:
+        facts = {"name": opening.name, "path": str(path), "clear_dots": opening.clear_dots}
+        _print_json({**facts, "open_ratio": opening.open_ratio, "provenance": dict(opening.provenance)})
+    else:
+        typer.echo(path)
 
 
 def _summarise(checks: Sequence[Quantity]) -> None:

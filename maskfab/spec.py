@@ -24,6 +24,7 @@ from maskfab.model import Camera, Stop, Tiling
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
+_PART = "\x1f"  # parts what from cure on the way through pydantic
 _LONGEST_UM = 1e9
 _LARGEST_PLATE_UM = 2e6
 
@@ -33,8 +34,8 @@ def _refusing(parse: Any, value: object, **options: object) -> Any:
     try:
         return parse(value, **options)
     except JobError as error:
-        text = (error.what + "|" + error.cure).replace("{", "{{").replace("}", "}}")
-        raise PydanticCustomError(error.code, text) from error
+        # Without a context pydantic takes the text as it is, braces included.
+        raise PydanticCustomError(error.code, error.what + _PART + error.cure) from error
 
 
 def check_name(name: object, *, where: str = "") -> str:
@@ -102,7 +103,20 @@ Pitch = Annotated[float, BeforeValidator(lambda v: _refusing(_pitch, v)), PlainS
 Wavelength = Annotated[
     float, BeforeValidator(lambda v: _refusing(units.parse_wavelength_nm, v)), PlainSerializer(_nm_text)
 ]
+DrawnText = Annotated[str, BeforeValidator(lambda v: _refusing(_drawn, v))]
 Name = Annotated[str, BeforeValidator(lambda v: _refusing(check_name, v))]
+
+
+def _drawn(text: object) -> object:
+    """Text that the plate shows in letters of its own; its type is checked elsewhere."""
+    lacking = sorted({c for c in text if not " " <= c <= "~"}) if isinstance(text, str) else []
+    if lacking:
+        raise JobError(
+            "MF110",
+            f"the plate's font has no {', '.join(map(repr, lacking))} for the text {text!r}",
+            cure="Use ASCII letters, digits and punctuation",
+        )
+    return text
 
 
 class _Section(BaseModel):
@@ -116,7 +130,7 @@ class JobSection(_Section):
     """[job]: what the plate is called."""
 
     name: Name
-    title: str = Field(max_length=80)
+    title: DrawnText = Field(max_length=80)
 
 
 class StopSection(_Section):
@@ -167,7 +181,7 @@ class DieSection(_Section):
     """
 
     name: Name
-    label: str = Field(min_length=1, max_length=40)
+    label: DrawnText = Field(min_length=1, max_length=40)
     opening: str
     opening_layer: str | None = None
     opening_cell: str | None = None
@@ -223,7 +237,7 @@ def read(path: Path) -> JobSpec:
     if not data.strip():
         raise SourceError("MF302", f"the job file {path} is empty", cure="Start from layouts/upc12.toml")
     try:
-        text = data.decode("utf-8")
+        text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SourceError("MF304", f"the job file {path} is not text: {error}", cure="Save it as UTF-8") from error
     if path.suffix == ".json":
@@ -276,7 +290,7 @@ def _first(error: ValidationError, where: str) -> JobError:
     others = f"; {more} more problem{'s follow' if more > 1 else ' follows'}" if more else ""
     kind = problem["type"]
     if kind.startswith("MF"):
-        what, _, cure = problem["msg"].partition("|")
+        what, _, cure = problem["msg"].partition(_PART)
         return JobError(kind, f"{key} = {what}{others}" if kind != "MF110" else what + others, where=place, cure=cure)
     if kind == "extra_forbidden":
         return JobError("MF102", f"unknown key {key!r}{others}", where=place, cure="Remove it, or mend its spelling")
@@ -307,14 +321,21 @@ def _check_dies(spec: JobSpec, where: str) -> None:
                 cure="Add seed = 1",
             )
         units.to_nm(die.dot, where=f"{place}.dot", name="dot")
-        if units.to_nm(die.gutter, where=f"{place}.gutter", name="gutter") % 2:
-            raise JobError(
-                "MF107",
-                f"gutter {die.gutter:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
-                where=f"{place}.gutter",
-                cure=f"Use {die.gutter + 1e-3:g} um",
-            )
+        even_nm(die.gutter, where=f"{place}.gutter", name="gutter")
         check_optics(spec.camera.camera(), die.dot, where=place)
+
+
+def even_nm(value_um: float, *, where: str, name: str) -> int:
+    """Integer nanometres of a length of which either half must lie on the database grid (MF107 otherwise)."""
+    value_nm = units.to_nm(value_um, where=where, name=name)
+    if value_nm % 2:
+        raise JobError(
+            "MF107",
+            f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
+            where=where,
+            cure=f"Use {value_um + 1e-3:g} um",
+        )
+    return value_nm
 
 
 def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:

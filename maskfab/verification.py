@@ -4,17 +4,24 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from maskfab import provenance
+from klayout import db
+
+from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
 from maskfab.export.staging import RESULT_MARK
-from maskfab.geometry.region import plate_layout
+from maskfab.geometry.region import clear_shapes, plate_layout
+from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import load
-from maskfab.model import Quantity
-from maskfab.pipeline import JOB_COPY, REPORT, die_quantities, mask_names, measure_dies
+from maskfab.layout.plate import compose
+from maskfab.model import Camera, Die, Quantity, WrittenFile
+from maskfab.pipeline import JOB_COPY, REPORT, assemble, die_quantities, mask_names, measure_dies
 from maskfab.progress import Progress, silent
+from maskfab.report import data
+from maskfab.validate.optics import axis_nm
 from maskfab.validate.roundtrip import RoundTrip, roundtrip
 
 _SAME = 1e-6
@@ -34,10 +41,12 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     checks = list(_hashes(folder, manifest))
     try:
         job = load(folder / JOB_COPY)
+        # A later version would sign its plates differently, which is no fault of this one.
+        signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
+        plate = compose(job.spec, job.openings, signature, where=job.where)
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
-    plate = job.plate()
     design = plate_layout(plate)
     trips: list[RoundTrip] = []
     names = list(mask_names(plate))
@@ -50,25 +59,39 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     progress("read back", len(names), len(names))
     read = [quantity for trip in trips for quantity in trip.quantities()]
     checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
-    if trips:
-        optics = measure_dies(plate, job.camera, trips[0].layout, progress)
-        measured = [quantity for item in optics for quantity in die_quantities(item, read, job.spec.limits)]
+    if not trips:
+        return tuple(checks)
+    seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
+    optics = measure_dies(replace(plate, dies=tuple(seen)), job.camera, trips[0].layout, progress)
+    for item in optics:
+        measured = die_quantities(item, read, job.spec.limits)
         checks += [quantity for quantity in measured if quantity.passed is not None]
-        checks += _reported(folder, measured)
+    blind = [die.name for die in plate.dies if die not in seen]
+    checks += [quantity for quantity in read if quantity.passed is not None and quantity.die in blind]
+    checks += [_failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind]
+    if not blind and len(trips) == len(names) and all(trip.xor_area_um2 == 0 for trip in trips):
+        # Of files that differ from the design the numbers differ as well; what differs is told above.
+        now = data.to_document(assemble(job, plate, trips, optics, _listed(manifest), {}), plate, job.camera)
+        checks += _reported(folder, {**now, "maskfab_version": manifest["maskfab_version"]})
     return tuple(checks)
+
+
+def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:
+    shapes = clear_shapes(trip.layout, stop_box(camera.stop, axis_nm(die)))
+    return not shapes.is_empty() if isinstance(shapes, db.Region) else len(shapes) > 0
 
 
 def _manifest(folder: Path) -> Mapping[str, Any]:
     try:
         manifest = json.loads((folder / RESULT_MARK).read_text(encoding="utf-8"))
         listed = manifest["files"]
-        complete = all({"path", "sha256", "bytes"} <= file.keys() for file in listed)
+        complete = "maskfab_version" in manifest and all({"path", "sha256", "bytes"} <= file.keys() for file in listed)
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise OutputError(
             "MF403", f"{folder} has no readable {RESULT_MARK}: {error}", cure="Name the --out of a finished maskfab run"
         ) from error
     if not complete:
-        raise OutputError("MF403", f"{folder / RESULT_MARK} lacks hashes", cure="Run the job again")
+        raise OutputError("MF403", f"{folder / RESULT_MARK} lacks a version or hashes", cure="Run the job again")
     return dict(manifest)
 
 
@@ -81,24 +104,54 @@ def _hashes(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
             yield _equal("sha256", provenance.sha256_of_file(path), file["sha256"], f"SHA-256 of {file['path']}")
 
 
-def _reported(folder: Path, measured: list[Quantity]) -> Iterator[Quantity]:
-    """Every number of report.json against the same number measured now."""
+def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
+    """The files that report.json lists: all but those made after it."""
+    rows = [file for file in manifest["files"] if file.get("format") != "report"]
+    return tuple(WrittenFile(row["path"], row.get("format", ""), row["bytes"], row["sha256"]) for row in rows)
+
+
+def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
+    """Everything that report.json says, save the time it took, against what is measured now."""
     try:
-        document = json.loads((folder / REPORT).read_text(encoding="utf-8"))
-        kept = {
-            (die["name"], q["name"], q.get("wavelength_nm"), q["method"]): q["value"]
-            for die in document["dies"]
-            for q in die["quantities"]
-        }
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        differences = [
+            _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
+            for place, new, old in _differences({**now, "time": None}, {**then, "time": None}, ())
+        ]
+    except (OSError, ValueError, TypeError) as error:
         yield _failed("report", f"{REPORT} cannot be read: {error}")
         return
-    for now in measured:
-        then = kept.get((now.die, now.name, now.wavelength_nm, now.method), "missing")
-        if not _alike(now.value, then):
-            place = f"{now.die}, {now.name}" + (f", {now.wavelength_nm:g} nm" if now.wavelength_nm else "")
-            yield _equal("reported", now.value, then, f"{place}: measured now against {REPORT}")
-    yield _equal("reported_quantities", len(kept), len(measured), f"quantities of {REPORT} measured again")
+    yield from differences
+    yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
+
+
+def _differences(now: Any, then: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
+    """Where two documents differ, and what each says there."""
+    now, then = _keyed(now), _keyed(then)
+    if isinstance(now, dict) and isinstance(then, dict):
+        for key in dict.fromkeys((*now, *then)):
+            yield from _differences(now.get(key, "missing"), then.get(key, "missing"), (*place, key))
+    elif isinstance(now, dict) or isinstance(then, dict):
+        yield place, "there" if isinstance(now, dict) else now, "there" if isinstance(then, dict) else then
+    elif not _alike(now, then):
+        yield place, now, then
+
+
+def _keyed(rows: Any) -> Any:
+    """A list as a dictionary under its rows' names, so that a missing row is told by its name."""
+    if not isinstance(rows, list):
+        return rows
+    keyed: dict[str, Any] = {}
+    for number, row in enumerate(rows):
+        stated = (
+            [row.get(key) for key in ("die", "name", "path", "wavelength_nm")] if isinstance(row, dict) else [number]
+        )
+        key = ", ".join(
+            f"{value:g} nm" if isinstance(value, float) else str(value) for value in stated if value is not None
+        )
+        count = 1 + sum(known == key or known.startswith(f"{key} (") for known in keyed)
+        keyed[key if count == 1 else f"{key} ({count})"] = row
+    return keyed
 
 
 def _alike(now: object, then: object) -> bool:

@@ -32,7 +32,8 @@ def write_psf(psf: Psf, path: Path, signature: str) -> None:
     header.attribute("maskfab:unit", "1/um^2")
     aside = path.with_name(f".{path.name}.partial.exr")
     output = oiio.ImageOutput.create(str(aside))
-    pixels = np.ascontiguousarray(psf.values[::-1], dtype=np.float32)
+    # Of an array without the axis of channels OpenImageIO takes the first axis for x.
+    pixels = np.ascontiguousarray(psf.values[::-1, :, None], dtype=np.float32)
     written = output is not None and output.open(str(aside), header) and output.write_image(pixels)
     if output is not None:
         written = output.close() and written

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import shutil
 import tempfile
@@ -46,9 +47,16 @@ def check_target(target: Path, *, force: bool) -> None:
     if target.exists() and not target.is_dir():
         raise OutputError("MF401", f"{target} is a file, not a directory", cure="Choose another --out")
     if target.is_dir() and any(target.iterdir()):
-        if not (target / RESULT_MARK).is_file():
+        strange = _strangers(target)
+        if strange is None:
             raise OutputError(
                 "MF402", f"the directory {target} is not empty and holds no maskfab result", cure="Choose another --out"
+            )
+        if strange and force:
+            raise OutputError(
+                "MF402",
+                f"the output directory {target} holds {strange[0]!r}, which maskfab did not write",
+                cure="Move it elsewhere, or choose another --out",
             )
         if not force:
             raise OutputError(
@@ -61,6 +69,16 @@ def check_target(target: Path, *, force: bool) -> None:
         parent = parent.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise OutputError("MF401", f"{parent} cannot be written", cure="Choose another --out, or mend its permissions")
+
+
+def _strangers(target: Path) -> list[str] | None:
+    """What lies in a finished output directory besides the result; None if it is not one."""
+    try:
+        manifest = json.loads((target / RESULT_MARK).read_text(encoding="utf-8"))
+        own = {RESULT_MARK, *(file["path"] for file in manifest["files"])} if "maskfab_version" in manifest else None
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+    return None if own is None else sorted({path.name for path in target.iterdir()} - own)
 
 
 def _replace(aside: Path, target: Path) -> None:

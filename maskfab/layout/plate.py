@@ -9,13 +9,30 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-from maskfab.errors import JobError
+import numpy as np
+
+from maskfab.errors import JobError, SourceError
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.rules import smallest_runs
 from maskfab.layout.tiling import orientations
-from maskfab.model import CLEAR, OUTLINE, Box, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Point, Polygon
+from maskfab.model import (
+    CLEAR,
+    OUTLINE,
+    Box,
+    Die,
+    Furniture,
+    Gauge,
+    Note,
+    Opening,
+    Panel,
+    Plate,
+    Point,
+    Polygon,
+    Stop,
+    orient,
+)
 from maskfab.spec import DieSection, JobSpec, PlateSection
-from maskfab.units import UM_PER_INCH, to_nm
+from maskfab.units import NM_PER_UM, UM_PER_INCH, to_nm
 
 _LABEL_HEIGHT_NM = 400_000
 _LABEL_GAP_NM = 200_000
@@ -94,7 +111,25 @@ def _panel(die: DieSection, opening: Opening, spec: JobSpec, section: PlateSecti
         )
     check_size(cells, opening.dots, f"die {die.name!r}", where=where)
     chosen = orientations(die.tiling, cells, cells, die.seed, where=f"{where}.seed")
-    return Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed)
+    panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed)
+    check_light(panel, spec.camera.camera().stop, where=where)
+    return panel
+
+
+def dot_on_grid(pitch_um: float, gutter_um: float, dots: int, *, where: str) -> int:
+    """Nanometres of the dot that a pitch is made of; a pitch off the database grid is told with its nearest (MF107)."""
+    dot_nm = max(1, round((pitch_um - gutter_um) * NM_PER_UM / dots))
+    reached = dots * dot_nm / NM_PER_UM + gutter_um
+    if abs(reached - pitch_um) * NM_PER_UM > 1e-6:
+        raise JobError(
+            "MF107",
+            f"pitch {pitch_um:.6f} um ({UM_PER_INCH / pitch_um:.2f} DPI) cannot be made of {dots} dots on the 1 nm "
+            f"grid; the nearest is {reached:.10g} um = {UM_PER_INCH / reached:.4f} DPI, "
+            f"{(reached - pitch_um) * NM_PER_UM:+.1f} nm or {(reached / pitch_um - 1) * 1e6:+.0f} ppm off",
+            where=where,
+            cure=f'Use dot = "{dot_nm / NM_PER_UM:g} um" and pitch = "{reached:.10g} um"',
+        )
+    return dot_nm
 
 
 def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
@@ -109,20 +144,37 @@ def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
         )
 
 
+def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
+    """Refuse a stop, centred on the panel, that nothing clear lies in (MF309)."""
+    pitch_um = panel.pitch_nm / NM_PER_UM
+    if stop.diameter_um >= 3 * pitch_um:
+        return  # it holds a whole cell, wherever it lies
+    rows, columns = panel.orientations.shape
+    gaps = []
+    for row in range(max(0, rows // 2 - 3), min(rows, rows // 2 + 3)):
+        for column in range(max(0, columns // 2 - 3), min(columns, columns // 2 + 3)):
+            mask = orient(panel.opening.mask, int(panel.orientations[row, column]))
+            up, right = (
+                (cell - cells / 2) * pitch_um + (panel.gutter_nm / 2 + index * panel.dot_nm) / NM_PER_UM
+                for cell, cells, index in zip((row, column), (rows, columns), np.nonzero(mask), strict=True)
+            )
+            dot_um = panel.dot_nm / NM_PER_UM
+            away = [np.maximum(0.0, np.maximum(low, -low - dot_um)) for low in (up, right)]
+            gaps.append(float((np.hypot(*away) if stop.shape == "circle" else np.maximum(*away)).min()))
+    if min(gaps) >= stop.diameter_um / 2:
+        raise SourceError(
+            "MF309",
+            f"nothing of the opening {panel.opening.name!r} is clear inside a stop of {stop.diameter_um:g} um; the "
+            f"nearest clear dot is {min(gaps):g} um from its centre",
+            where=where,
+            cure="Use a larger stop",
+        )
+
+
 def _check_pitch(die: DieSection, dots: int, pitch_nm: int, where: str) -> None:
     if die.pitch is None or abs(die.pitch * 1e3 - pitch_nm) < 1e-6:
         return
-    dot_nm = round((die.pitch - die.gutter) * 1e3 / dots)
-    reached = (dots * dot_nm + die.gutter * 1e3) / 1e3
-    if abs(reached - die.pitch) * 1e3 > 1e-6:
-        raise JobError(
-            "MF107",
-            f"pitch {die.pitch:.6f} um ({UM_PER_INCH / die.pitch:.2f} DPI) cannot be made of {dots} dots on the 1 nm "
-            f"grid; the nearest is {reached:g} um = {UM_PER_INCH / reached:.4f} DPI, "
-            f"{(die.pitch / reached - 1) * 1e6:+.0f} ppm off",
-            where=f"{where}.pitch",
-            cure=f'Use dot = "{dot_nm / 1e3:g} um" and pitch = "{reached:g} um"',
-        )
+    dot_nm = dot_on_grid(die.pitch, die.gutter, dots, where=f"{where}.pitch")
     raise JobError(
         "MF106",
         f"{dots} dots x {die.dot:g} um + gutter {die.gutter:g} um = {pitch_nm / 1e3:g} um, but pitch says "

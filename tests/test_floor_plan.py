@@ -1,0 +1,86 @@
+"""Which room may import which, and that the doorway is light."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from importlinter import cli as linter
+
+import maskfab
+
+ROOT = Path(maskfab.__file__).resolve().parent.parent
+HEAVY = {
+    "numpy", "scipy", "torch", "klayout", "gdstk", "ezdxf", "finufft", "OpenImageIO", "pydantic", "pydantic_core",
+    "matplotlib", "jinja2", "rich", "threadpoolctl",
+}  # fmt: skip
+SECONDS = 0.3
+
+
+def test_the_floor_plan_is_kept(monkeypatch, capsys):
+    monkeypatch.chdir(ROOT)
+    code = linter.lint_imports(config_filename="pyproject.toml", no_cache=True)
+    printed = capsys.readouterr().out
+    assert code == linter.EXIT_STATUS_SUCCESS, printed
+    assert "1 kept, 0 broken" in printed
+
+
+def test_every_room_is_on_the_floor_plan():
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"]
+    (contract,) = settings["contracts"]
+    planned = {room.strip() for floor in contract["layers"] for room in re.split("[|:]", floor)}
+    package = ROOT / "maskfab"
+    there = {
+        f"maskfab.{path.stem}" for path in package.iterdir() if path.suffix == ".py" or (path / "__init__.py").exists()
+    }
+    assert there - planned == {"maskfab.__init__", "maskfab.__main__"}
+    assert planned <= there
+
+
+def imported(code: str) -> set[str]:
+    """The top-level modules that a statement imports in a new interpreter."""
+    shown = f"import sys\n{code}\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
+    done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, check=True)
+    return set(done.stdout.splitlines()[-1].split())
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "import maskfab",
+        "import maskfab.cli",
+        "import sys; sys.argv = ['maskfab', '--version']\nfrom maskfab.__main__ import main; main()",
+        "from maskfab.cli import run_command_line; assert run_command_line(['--help']) == 0",
+    ],
+)
+def test_the_doorway_imports_nothing_heavy(code):
+    assert imported(code) & HEAVY == set()
+
+
+@pytest.mark.parametrize("option", ["--version", "--help"])
+def test_version_and_help_answer_at_once(option):
+    """CPU time, the best of several, so that a busy machine does not count."""
+    times = []
+    for _ in range(6):
+        before = os.times()
+        done = subprocess.run([sys.executable, "-m", "maskfab", option], capture_output=True, text=True, check=True)
+        after = os.times()
+        used = after.children_user + after.children_system - before.children_user - before.children_system
+        times.append(used)
+        assert "maskfab" in done.stdout
+        if used < SECONDS:
+            break
+    assert min(times) < SECONDS, times
+
+
+def test_the_public_names_are_there():
+    for name in maskfab.__all__:
+        assert getattr(maskfab, name) is not None
+    assert {"analyse", "load_job", "run", "verify", "__version__"} <= set(maskfab.__all__)
+    with pytest.raises(AttributeError, match="nonsense"):
+        _ = maskfab.nonsense
