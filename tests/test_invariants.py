@@ -204,3 +204,12 @@ def test_limits_of_wavelength(wavelength: float) -> None:
     assert np.isfinite(found.values).all()
     assert 0 < found.energy_in_window <= 1
     assert found.step_um <= image_scale_um2(setting, wavelength) / 800.0
+
+
+def test_a_stop_that_ends_on_a_cell_keeps_the_lattice_symmetric() -> None:
+    """4.03 um cells and a stop of half the panel: rounding once kept a cell on one side alone."""
+    laid_out = panel(np.ones((1, 1), dtype=np.bool_), dot_nm=4030, cells=4)
+    lattice = panel_aperture(laid_out, laid_out.size_nm[0] / 1e3 / 4).x
+    edges = lattice.edges_um()
+    np.testing.assert_allclose(edges, -edges[::-1], atol=1e-9)
+    assert lattice.cells in {2, 4}

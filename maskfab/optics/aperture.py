@@ -43,12 +43,18 @@ class Lattice:
         return np.arange(self.cells)[:, None] * stride + np.arange(self.dots)
 
     def trimmed(self, half_width_um: float) -> Lattice:
-        """The cells that meet [-half_width, half_width]; all of them if none does."""
+        """The lattice without the cells at either end that lie beyond [-half_width, half_width].
+
+        As many are left out at one end as at the other, so that a lattice about the axis stays one; where a cell's
+        edge falls on the limit, rounding would else keep it on one side alone.
+        """
         first = self.start_um + self.pitch_um * np.arange(self.cells)
         kept = np.flatnonzero((first < half_width_um) & (first + self.dots * self.dot_um > -half_width_um))
         if not kept.size:
             return self
-        return Lattice(float(first[kept[0]]), int(kept.size), self.dots, self.dot_um, self.pitch_um)
+        spare = min(int(kept[0]), self.cells - 1 - int(kept[-1]))
+        start = self.start_um + spare * self.pitch_um
+        return Lattice(start, self.cells - 2 * spare, self.dots, self.dot_um, self.pitch_um)
 
 
 @dataclass(frozen=True, eq=False)
