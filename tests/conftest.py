@@ -11,8 +11,7 @@ from hypothesis import settings
 from maskfab.geometry.lettering import text_polygons
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 
-
-# The same examples in every run, so that a red test is the change's fault; HYPOTHESIS_PROFILE=explore looks for new ones.
+# The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
 settings.register_profile("fixed", derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))

@@ -66,8 +66,8 @@ class LagTable:
         if longest > self.reach_um * (1 + 1e-9):
             raise InternalError("MF901", f"lag {longest:g} um is beyond the table's reach of {self.reach_um:g} um")
         total = np.zeros(np.broadcast(lag_x, lag_y).shape)
-        along_x = list(_neighbours(self.x, lag_x, self.values.shape[2:]))
-        for cell_y, dot_y, weight_y in _neighbours(self.y, lag_y, self.values.shape[:2]):
+        along_x = list(neighbours(self.x, lag_x, self.values.shape[2:]))
+        for cell_y, dot_y, weight_y in neighbours(self.y, lag_y, self.values.shape[:2]):
             for cell_x, dot_x, weight_x in along_x:
                 total += weight_y * weight_x * self.values[cell_y, dot_y, cell_x, dot_x]
         return total / self.energy_um2
@@ -154,7 +154,7 @@ def _extra(lattice: Lattice, reach_um: float) -> tuple[int, int]:
     return cells if not np.isfinite(reach_um) else int(np.ceil(reach_um / pitch)) + 2, dots
 
 
-def _neighbours(
+def neighbours(
     lattice: Lattice, lag: Floats, sizes: tuple[int, ...]
 ) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]:
     """Table indices (cell, dot) and weights whose sum interpolates the table linearly at a lag along one axis."""

@@ -1,0 +1,31 @@
+r"""From linear sRGB to CIE L*a*b*, and the colour difference ΔE of 1976."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+# IEC 61966-2-1: linear sRGB to CIE 1931 XYZ; its white, (1, 1, 1), is D65.
+_XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+_XYZ_OF_RGB.flags.writeable = False
+
+_KNEE = 6 / 29
+
+
+def lab_of_linear_srgb(rgb: Floats) -> Floats:
+    """CIE 1976 L*a*b* against the white of sRGB, [..., 3] from [..., 3] (CIE 15; ISO 11664-4). Greys have a* = b* = 0.
+
+    Notes:
+        The white is the sum of the matrix's own columns, so that rounding in the published matrix tints no grey.
+    """
+    relative = (rgb @ _XYZ_OF_RGB.T) / _XYZ_OF_RGB.sum(axis=1)
+    root = np.where(relative > _KNEE**3, np.cbrt(relative), relative / (3 * _KNEE**2) + 4 / 29)
+    x, y, z = np.moveaxis(root, -1, 0)
+    return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def delta_e_1976(first: Floats, second: Floats) -> Floats:
+    """Euclidean distance in L*a*b*, [...] from [..., 3] each (ISO 11664-4); 2.3 is just noticeable."""
+    return np.asarray(np.linalg.norm(first - second, axis=-1))
