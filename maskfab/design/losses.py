@@ -11,10 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 from numpy.typing import NDArray
-from scipy.fft import next_fast_len
 
+from maskfab.design.autocorrelation import Autocorrelation, autocorrelation
 from maskfab.errors import JobError
-from maskfab.model import ORIENTATIONS, Stop, orient
+from maskfab.model import Stop
 from maskfab.units import NM_PER_UM
 
 MAX_SIDE = 4096  # dots across the stop; one step then takes seconds and a gigabyte
@@ -54,24 +54,16 @@ class Invertibility:
     r times the bare stop's O as well; all it keeps is its evenness, which binarisation takes away.
 
     Attributes:
-        cells: int64 [8, dots, dots], flat index into a cell of each dot of its eight orientations.
-        orientations: int64 [rows x columns], element of D4 of each cell, row by row from below.
-        rows: rows of cells.
-        stop: bool [rows x dots, columns x dots], dots inside the stop.
+        correlation: autocorrelation of the stop filled with oriented cells, far enough for these lags.
         lags: per wavelength, int64 flat indices into the autocorrelation table: integer lags of a half plane (the
             other half is its mirror image).
-        table: side of the autocorrelation table; wide enough that these lags do not wrap.
         light: clear area of the stop, in dots, x target open ratio: AC(0) of an opening that meets the target.
         epsilon: noise-to-signal ratio of the Wiener filter.
         worst_fraction: share of the lags that counts.
     """
 
-    cells: torch.Tensor
-    orientations: torch.Tensor
-    rows: int
-    stop: torch.Tensor
+    correlation: Autocorrelation
     lags: tuple[torch.Tensor, ...]
-    table: int
     light: float
     epsilon: float
     worst_fraction: float
@@ -81,25 +73,25 @@ class Invertibility:
         autocorrelation = self.autocorrelation(cell).flatten()
         worst = []
         for lags in self.lags:
-            otf = autocorrelation[lags] / self.light
+            otf = autocorrelation.index_select(0, lags) / self.light
             kept = otf**2 / (otf**2 + self.epsilon)
             count = math.ceil(self.worst_fraction * lags.numel())
             worst.append(torch.topk(kept, count, largest=False, sorted=False).values.mean())
         return -torch.stack(worst).mean()
 
+    @property
+    def table(self) -> int:
+        """Columns of the autocorrelation table; so many that no lag wraps."""
+        return self.correlation.size
+
     def autocorrelation(self, cell: torch.Tensor) -> torch.Tensor:
-        """Circular autocorrelation of the pupil, float [table, table]; lag (y, x) at [y % table, x % table]."""
-        spectrum = torch.fft.rfft2(self.pupil(cell), s=(self.table, self.table))
-        power = spectrum.real**2 + spectrum.imag**2
-        table: torch.Tensor = torch.fft.irfft2(power, s=(self.table, self.table))
+        """Autocorrelation of the pupil, float [rows of lags, table]; lag (y, x), y >= 0, at [y, x % table]."""
+        table: torch.Tensor = self.correlation(cell)
         return table
 
     def pupil(self, cell: torch.Tensor) -> torch.Tensor:
         """The stop filled with oriented cells, float [rows x dots, columns x dots]."""
-        dots = cell.shape[0]
-        columns = self.orientations.numel() // self.rows
-        laid = cell.flatten()[self.cells].index_select(0, self.orientations).reshape(self.rows, columns, dots, dots)
-        return laid.permute(0, 2, 1, 3).reshape(self.rows * dots, columns * dots) * self.stop
+        return self.correlation.pupil(cell)
 
 
 def invertibility(
@@ -144,15 +136,10 @@ def invertibility(
         )
     inside = stop_dots(stop, side, dot_nm)[:, : columns * dots]
     reaches = [_nyquist_lag(wavelength, focal_um, pixel_um, dot_nm, side) for wavelength in wavelengths_nm]
-    table = int(next_fast_len(side + math.floor(max(reaches)), real=True))
-    index = np.arange(dots * dots).reshape(dots, dots)
+    correlation = autocorrelation(dots, orientations, inside, math.floor(max(reaches)))
     return Invertibility(
-        cells=torch.from_numpy(np.stack([orient(index, element) for element in range(ORIENTATIONS)])),
-        orientations=torch.from_numpy(orientations.astype(np.int64).ravel()),
-        rows=rows,
-        stop=torch.from_numpy(inside),
-        lags=tuple(torch.from_numpy(_lags(reach, table)) for reach in reaches),
-        table=table,
+        correlation=correlation,
+        lags=tuple(torch.from_numpy(_lags(reach, correlation.size)) for reach in reaches),
         light=float(inside.sum() * target),
         epsilon=epsilon,
         worst_fraction=worst_fraction,

@@ -85,7 +85,7 @@ def test_loss_equals_a_direct_computation() -> None:
     loss = small_loss()
     cell = torch.from_numpy(cell_of(2))
     table = loss.autocorrelation(cell).numpy().ravel()
-    light = stop_dots(STOP, loss.rows * DOTS, 8000).sum() * 0.2
+    light = stop_dots(STOP, cells_across(STOP, DOTS, 8000) * DOTS, 8000).sum() * 0.2
     means = []
     for lags in loss.lags:
         otf = table[lags.numpy()] / light
