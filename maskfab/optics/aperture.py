@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.model import Panel, frozen, orient
+from maskfab.model import ORIENTATIONS, Panel, frozen, orient
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,11 @@ class Lattice:
     def has_gutter(self) -> bool:
         return self.pitch_um > self.dots * self.dot_um * (1 + 1e-12)
 
+    @property
+    def period(self) -> int:
+        """Intervals from one cell to the next: its dots, and the strip if there is one."""
+        return self.dots + 1 if self.has_gutter else self.dots
+
     def edges_um(self) -> NDArray[np.float64]:
         """Every dot edge once, ascending. With gutters the strip between two cells is one interval."""
         if not self.has_gutter:
@@ -39,8 +44,7 @@ class Lattice:
 
     def dot_index(self) -> NDArray[np.intp]:
         """Interval number of every dot, [cells, dots]; the gutter strips are left out."""
-        stride = self.dots + 1 if self.has_gutter else self.dots
-        return np.arange(self.cells)[:, None] * stride + np.arange(self.dots)
+        return np.arange(self.cells)[:, None] * self.period + np.arange(self.dots)
 
     def trimmed(self, half_width_um: float) -> Lattice:
         """The lattice without the cells at either end that lie beyond [-half_width, half_width].
@@ -106,8 +110,19 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
     column = round((x.start_um - whole_x.start_um) / x.pitch_um)
     row = round((y.start_um - whole_y.start_um) / y.pitch_um)
     chosen = panel.orientations[row : row + y.cells, column : column + x.cells]
-    oriented = np.stack([orient(panel.opening.mask, k) for k in range(8)]).astype(np.float64)
-    blocks = oriented[chosen].transpose(0, 2, 1, 3)  # row, dot y, column, dot x
+    oriented = [orient(panel.opening.mask, k) for k in range(ORIENTATIONS)]
     transmission = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1))
-    transmission[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())] = blocks.reshape(y.cells * y.dots, -1)
-    return Aperture(x, y, transmission, np.zeros_like(transmission))
+    # One row of cells at a time stays in the processor's cache; thousands of dots across would not.
+    strip = np.zeros((y.dots, x.cells, x.period))
+    for j in range(y.cells):
+        for k in np.unique(chosen[j]):
+            strip[:, chosen[j] == k, : x.dots] = oriented[k][:, None, :]
+        rows = slice(j * y.period, j * y.period + y.dots)
+        transmission[rows] = strip.reshape(y.dots, -1)[:, : transmission.shape[1]]
+    transmission.flags.writeable = False
+    return Aperture(x, y, transmission, zeros(transmission.shape))
+
+
+def zeros(shape: tuple[int, int]) -> NDArray[np.float64]:
+    """Read-only zeros that take no memory, however many."""
+    return np.broadcast_to(0.0, shape)

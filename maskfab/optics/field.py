@@ -14,6 +14,7 @@ parts even and odd in x and in y, and four real products of a quarter of the siz
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,12 +24,14 @@ from scipy.special import spherical_jn
 
 from maskfab.errors import InternalError
 from maskfab.model import Scalar
-from maskfab.optics.pupil import RIM_ORDERS, Pupil
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.rim import rim_bands, rim_orders
+from maskfab.optics.waves import Positions, Precision, Reals, real_type, reduced_cycles, right_half
 
 Floats = NDArray[np.float64]
+Waves = tuple[Reals, Reals]
 
-# A rim holds a few per cent of the field, so terms below this do not reach 1e-9 of it.
-_RIM_TOLERANCE = 1e-8
+_BLOCK = 64
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,8 +52,10 @@ class ParityField:
 
     def intensity(self) -> Floats:
         """|F|² on the symmetric grid that the quadrant spans, [2 nv - 1, 2 nu - 1], or [2 nv, 2 nu] off axis."""
-        same = (self.even_even - self.odd_odd) ** 2 + (self.odd_even + self.even_odd) ** 2
-        opposite = (self.even_even + self.odd_odd) ** 2 + (self.odd_even - self.even_odd) ** 2
+        same = (self.even_even - self.odd_odd) ** 2
+        same += (self.odd_even + self.even_odd) ** 2
+        opposite = (self.even_even + self.odd_odd) ** 2
+        opposite += (self.odd_even - self.even_odd) ** 2
         return self._mirrored(same, opposite, same, opposite)
 
     def amplitude(self) -> NDArray[np.complex128]:
@@ -67,42 +72,177 @@ class ParityField:
         left_down: NDArray[Scalar],
         right_down: NDArray[Scalar],
     ) -> NDArray[Scalar]:
-        last = 0 if self.on_axis else None
-        upper = np.concatenate([left_up[:, :last:-1], right_up], axis=1)
-        lower = np.concatenate([left_down[:last:-1, :last:-1], right_down[:last:-1]], axis=1)
-        return np.concatenate([lower, upper], axis=0)
+        rows, columns = right_up.shape
+        first = 1 if self.on_axis else 0
+        grid = np.empty((2 * rows - first, 2 * columns - first), dtype=right_up.dtype)
+        above, right = slice(rows - first, None), slice(columns - first, None)
+        below, left = slice(0, rows - first), slice(0, columns - first)
+        grid[above, right] = right_up
+        grid[above, left] = left_up[:, first:][:, ::-1]
+        grid[below, left] = left_down[first:, first:][::-1, ::-1]
+        grid[below, right] = right_down[first:][::-1]
+        return grid
 
 
-def parity_field(pupil: Pupil, u: Floats, v: Floats) -> ParityField:
-    """The field of a pupil whose lattices are symmetric about the axis.
+def parity_of(above: NDArray[np.complex128], below: NDArray[np.complex128], on_axis: bool) -> ParityField:
+    """The split of a real amplitude's field that is known at (u, v) and at (u, -v), u, v >= 0, [nv, nu] each."""
+    return ParityField(
+        (above.real + below.real) / 2,
+        -(above.imag + below.imag) / 2,
+        (below.imag - above.imag) / 2,
+        (below.real - above.real) / 2,
+        on_axis,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Term:
+    """One product of waves along y, a core, and waves along x.
+
+    Attributes:
+        x, y: sources right of and above the axis; one object for both where they are alike, so that waves are shared.
+        core: [2, 2, ny, nx] their strengths, for the parts of the field that are even or odd in y and in x.
+        reach: how many rows from the axis the core needs, for every ``_BLOCK`` columns: a round stop leaves its corner
+            empty.
+    """
+
+    x: Positions
+    y: Positions
+    core: Reals
+    reach: tuple[int, ...]
+
+    def y_first(self, nu: int, nv: int) -> bool:
+        """Whether to sum along y before x, which leaves the other sum the columns."""
+        ny, nx = self.core.shape[2:]
+        return bool(nv * nx * (ny + nu) <= nu * ny * (nx + nv))
+
+    def sum_rows(self, waves: Reals, odd_y: int, odd_x: int, out: Reals) -> None:
+        """Sum one part of the core along y, [ny, nv] waves into [nv, nx]."""
+        core = self.core[odd_y, odd_x]
+        for k, rows in enumerate(self.reach):
+            columns = slice(k * _BLOCK, (k + 1) * _BLOCK)
+            np.matmul(waves[:rows].T, core[:rows, columns], out=out[:, columns])
+
+
+@dataclass(frozen=True, eq=False)
+class PreparedField:
+    """A pupil folded into a quadrant, ready for any wavelength.
+
+    Attributes:
+        terms: what to add up.
+        highest_u, highest_v: frequencies up to which the terms hold, cycles per micrometre.
+        precision: of waves and products.
+    """
+
+    terms: tuple[Term, ...]
+    highest_u: float
+    highest_v: float
+    precision: Precision
+
+    def field(self, u: Floats, v: Floats) -> ParityField:
+        """The field at non-negative, ascending frequencies, [nu] and [nv]; both begin at 0 or neither does.
+
+        Raises:
+            InternalError: MF901 if a frequency is beyond the highest that was prepared for.
+        """
+        if u[-1] > self.highest_u * (1 + 1e-9) or v[-1] > self.highest_v * (1 + 1e-9):
+            raise InternalError(
+                "MF901",
+                f"frequencies up to {u[-1]:g} and {v[-1]:g} cycles/um are beyond the {self.highest_u:g} and "
+                f"{self.highest_v:g} that the pupil was prepared for",
+            )
+        of_u = _waves_by_source([term.x for term in self.terms], u, self.precision, {})
+        known = of_u if np.array_equal(u, v) else {}
+        of_v = _waves_by_source([term.y for term in self.terms], v, self.precision, known)
+        along_x, along_y = [of_u[id(term.x)] for term in self.terms], [of_v[id(term.y)] for term in self.terms]
+        ee, eo, oe, oo = (self._part(along_y, along_x, odd_y, odd_x) for odd_y in (0, 1) for odd_x in (0, 1))
+        return ParityField(ee, eo, oe, oo, on_axis=bool(u[0] == 0))
+
+    def _part(self, along_y: Sequence[Waves], along_x: Sequence[Waves], odd_y: int, odd_x: int) -> Floats:
+        """One parity of the field, [nv, nu]: the inner sums of all terms side by side, then one outer product."""
+        nv, nu = along_y[0][0].shape[1], along_x[0][0].shape[1]
+        y_first = [term.y_first(nu, nv) for term in self.terms]
+        sizes = [term.core.shape[3 if first else 2] for term, first in zip(self.terms, y_first, strict=True)]
+        left = np.empty((nv, sum(sizes)), dtype=real_type(self.precision))
+        right = np.empty((sum(sizes), nu), dtype=left.dtype)
+        start = 0
+        for term, first, size, of_y, of_x in zip(self.terms, y_first, sizes, along_y, along_x, strict=True):
+            place = slice(start, start + size)
+            if first:
+                term.sum_rows(of_y[odd_y], odd_y, odd_x, left[:, place])
+                right[place] = of_x[odd_x]
+            else:
+                left[:, place] = of_y[odd_y].T
+                np.matmul(term.core[odd_y, odd_x], of_x[odd_x], out=right[place])
+            start += size
+        return (left @ right).astype(np.float64, copy=False)
+
+
+def _waves_by_source(
+    sources: Sequence[Positions], frequency: Floats, precision: Precision, known: Mapping[int, Waves]
+) -> dict[int, Waves]:
+    """Waves of each different object among the sources, by its id."""
+    waves = dict(known)
+    for source in sources:
+        if id(source) not in waves:
+            waves[id(source)] = source.waves(frequency, precision)
+    return waves
+
+
+def prepare(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision = "double") -> PreparedField:
+    """Fold a pupil, once for all wavelengths.
 
     Args:
-        pupil: openings inside the stop.
-        u, v: non-negative frequencies in cycles per micrometre, [nu] and [nv]; both begin at 0 or neither does.
+        pupil: openings inside the stop, on lattices that are symmetric about the axis.
+        highest_u, highest_v: the highest frequencies that will be asked for, cycles per micrometre.
+        precision: of the products; single errs by about 3e-7 of the PSF.
 
     Raises:
         InternalError: MF901 if a lattice is not symmetric.
     """
-    x, y = pupil.x.edges_um(), pupil.y.edges_um()
-    for edges in (x, y):
-        if not np.allclose(edges, -edges[::-1], rtol=0, atol=1e-9 * abs(edges).max()):
-            raise InternalError("MF901", "the parity split needs a lattice that is symmetric about the axis")
-    orders = _rim_orders(pupil, u, v)
-    kernels_x = _half_kernels(x, u, orders)
-    kernels_y = kernels_x if pupil.x == pupil.y and u is v else _half_kernels(y, v, orders)
-
-    def part(odd_y: int, odd_x: int) -> Floats:
-        return _part(pupil, kernels_y[odd_y], kernels_x[odd_x], odd_y, odd_x)
-
-    return ParityField(part(0, 0), part(0, 1), part(1, 0), part(1, 1), on_axis=bool(u[0] == 0))
+    along_x = right_half(pupil.x)
+    along_y = along_x if pupil.x == pupil.y else right_half(pupil.y)
+    whole = slim_term(along_x, along_y, fold(pupil.whole), precision)
+    return PreparedField((whole, *rim_terms(pupil, highest_u, highest_v, precision)), highest_u, highest_v, precision)
 
 
-def direct_field(pupil: Pupil, u: Floats, v: Floats) -> NDArray[np.complex128]:
+def slim_term(along_x: Positions, along_y: Positions, core: Floats, precision: Precision) -> Term:
+    """A term, its core [2, 2, ny, nx] in the given precision."""
+    columns = core.shape[3]
+    filled = (core != 0).any(axis=(0, 1)).reshape(core.shape[2:])
+    blocks = [filled[:, start : start + _BLOCK].any(axis=1) for start in range(0, columns, _BLOCK)]
+    reach = tuple(int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0 for rows in blocks)
+    return Term(along_x, along_y, core.astype(real_type(precision), copy=False), reach)
+
+
+def rim_terms(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision) -> tuple[Term, ...]:
+    """The dots that the stop cuts, as terms."""
+    bands = rim_bands(pupil, highest_u, highest_v)
+    return tuple(slim_term(band.x, band.y, band.strength, precision) for band in bands)
+
+
+def parity_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> ParityField:
+    """The field of a pupil whose lattices are symmetric about the axis.
+
+    Args:
+        pupil: openings inside the stop.
+        u, v: non-negative frequencies in cycles per micrometre, ascending, [nu] and [nv]; both begin at 0 or neither.
+        precision: of the products; single errs by about 3e-7 of the PSF.
+
+    Raises:
+        InternalError: MF901 if a lattice is not symmetric.
+    """
+    return prepare(pupil, float(u[-1]), float(v[-1]), precision).field(u, v)
+
+
+def direct_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> NDArray[np.complex128]:
     """The field at any frequencies on any lattice by complex products, [nv, nu]: slower, and a check of the split."""
-    orders = _rim_orders(pupil, u, v)
+    orders = rim_orders(pupil, float(abs(u).max()), float(abs(v).max()))
+    kind = np.complex128 if precision == "double" else np.complex64
     x_kernels = _complex_kernels(pupil.x.edges_um(), u, orders)
     y_kernels = _complex_kernels(pupil.y.edges_um(), v, orders)
-    total: NDArray[np.complex128] = y_kernels[0].T @ pupil.whole.astype(np.complex128) @ x_kernels[0]
+    total: NDArray[np.complex128] = y_kernels[0].T.astype(kind) @ pupil.whole.astype(kind) @ x_kernels[0].astype(kind)
+    total = total.astype(np.complex128, copy=False)
     for q in range(orders):
         for p in range(orders):
             scale = (2 * q + 1) * (2 * p + 1)
@@ -113,104 +253,31 @@ def direct_field(pupil: Pupil, u: Floats, v: Floats) -> NDArray[np.complex128]:
     return total
 
 
-def _rim_orders(pupil: Pupil, u: Floats, v: Floats) -> int:
-    """How many Legendre orders the rim needs at the highest frequency; at least one."""
-    if not pupil.rim_row.size:
-        return 1
-    x, y = pupil.x.edges_um(), pupil.y.edges_um()
-    phase = np.pi * max(
-        abs(u).max() * np.diff(x)[pupil.rim_column].max(), abs(v).max() * np.diff(y)[pupil.rim_row].max()
-    )
-    orders = np.arange(RIM_ORDERS)
-    needed = np.flatnonzero((2 * orders + 1) * abs(spherical_jn(orders, phase)) >= _RIM_TOLERANCE)
-    return int(needed[-1]) + 1
-
-
 def _complex_kernels(edges: Floats, frequency: Floats, orders: int) -> list[NDArray[np.complex128]]:
-    width, centre = np.diff(edges)[:, None], ((edges[1:] + edges[:-1]) / 2)[:, None]
-    phase = np.exp(-2j * np.pi * centre * frequency)
-    return [(-1j) ** p * _interval_size(width[:, 0], frequency, p) * phase for p in range(orders)]
-
-
-def _interval_size(width: Floats, frequency: Floats, order: int) -> Floats:
-    """w j_p(πuw), [intervals, m]; a lattice has few different widths, so each is worked out once."""
+    """Transforms of P_0, P_1, ... on every interval, [intervals, m] each."""
+    width = np.diff(edges)
+    phase = np.exp(-2j * np.pi * reduced_cycles((edges[1:] + edges[:-1]) / 2, frequency))
+    # A lattice has few different widths, so each is worked out once.
     different, which = np.unique(np.round(width, 11), return_inverse=True)
-    size: Floats = different[:, None] * spherical_jn(order, np.pi * different[:, None] * frequency)
-    return size[which]
+    argument = np.pi * different[:, None] * frequency
+    return [(-1j) ** p * (different[:, None] * spherical_jn(p, argument))[which] * phase for p in range(orders)]
 
 
-def _half_kernels(edges: Floats, frequency: Floats, orders: int) -> tuple[list[Floats], list[Floats]]:
-    """Cosine and sine transforms of P_0, P_1, ... on the intervals right of the axis, [n/2, m] each.
+def fold(matrix: Floats) -> Floats:
+    """The four parities of a matrix on the half grids right of and above the axis, [2, 2, rows / 2, columns / 2].
 
-    An interval that straddles the axis is among them; its kernels of the wrong parity vanish by themselves.
+    A row or column on the axis is its own mirror image, and is halved.
     """
-    half = (edges.size - 1) // 2
-    right = edges[half:]
-    width, centre = np.diff(right)[:, None], ((right[1:] + right[:-1]) / 2)[:, None]
-    phase = 2 * np.pi * centre * frequency
-    cosine, sine = np.cos(phase), np.sin(phase)
-    even, odd = [], []
-    for p in range(orders):
-        size = _interval_size(width[:, 0], frequency, p)
-        # cos(phase + pπ/2) and sin(phase + pπ/2)
-        turned_cosine, turned_sine = ((cosine, sine), (-sine, cosine), (-cosine, -sine), (sine, -cosine))[p % 4]
-        even.append(size * turned_cosine)
-        odd.append(size * turned_sine)
-    return even, odd
-
-
-def _fold(matrix: Floats, odd_y: int, odd_x: int) -> Floats:
-    """The part of a matrix with the given parities, on the half grid right of and above the axis."""
-    return _fold_columns(_fold_columns(matrix, odd_x).T, odd_y).T
-
-
-def _fold_columns(matrix: Floats, odd: int) -> Floats:
-    count = matrix.shape[1]
-    half = count // 2
-    right, left = matrix[:, half:], matrix[:, : count - half][:, ::-1]
-    folded = right - left if odd else right + left
-    if count % 2:
-        folded[:, 0] *= 0.5
-    return folded
-
-
-def _part(pupil: Pupil, along_y: list[Floats], along_x: list[Floats], odd_y: int, odd_x: int) -> Floats:
-    """One parity of the field on the quadrant, [nv, nu]."""
-    columns = along_y[0].T @ _fold(pupil.whole, odd_y, odd_x)
-    if not pupil.rim_row.size:
-        return columns @ along_x[0]
-    rims = _folded_rim(pupil, len(along_y), odd_y, odd_x)
-    stacked = np.concatenate(along_y, axis=0)
-    columns = columns + (rims[0].T @ stacked).T
-    total: Floats = columns @ along_x[0]
-    for p in range(1, len(along_x)):
-        total += (rims[p].T @ stacked).T @ along_x[p]
-    return total
-
-
-def _folded_rim(pupil: Pupil, orders: int, odd_y: int, odd_x: int) -> list[sparse.csr_array]:
-    """For each order p in x: the rim's moments on the half grid, orders in y stacked, [orders * ny/2, nx/2]."""
-    rows, columns = pupil.whole.shape
-    row, mirrored_y = _folded_index(pupil.rim_row, rows)
-    column, mirrored_x = _folded_index(pupil.rim_column, columns)
-    half_rows, half_columns = rows - rows // 2, columns - columns // 2
-    matrices = []
-    for p in range(orders):
-        # Mirroring an interval multiplies P_p by (-1)^p; the odd part of the grid changes sign once more.
-        sign_x = np.where(mirrored_x, (-1.0) ** (p + odd_x), 1.0)
-        values, indices = [], []
-        for q in range(orders):
-            sign_y = np.where(mirrored_y, (-1.0) ** (q + odd_y), 1.0)
-            values.append((2 * q + 1) * (2 * p + 1) * pupil.rim_moments[:, q, p] * sign_x * sign_y)
-            indices.append(row + q * half_rows)
-        shape = (orders * half_rows, half_columns)
-        tiled = np.tile(column, orders)
-        matrices.append(sparse.coo_array((np.concatenate(values), (np.concatenate(indices), tiled)), shape).tocsr())
-    return matrices
-
-
-def _folded_index(index: NDArray[np.intp], count: int) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
-    """Place on the half grid, and whether it was mirrored to get there."""
-    half = count // 2
-    mirrored = index < half
-    return np.where(mirrored, count - 1 - index, index) - half, mirrored
+    rows, columns = matrix.shape
+    up, right = rows // 2, columns // 2
+    across = np.empty((2, rows, columns - right))
+    np.add(matrix[:, right:], matrix[:, : columns - right][:, ::-1], out=across[0])
+    np.subtract(matrix[:, right:], matrix[:, : columns - right][:, ::-1], out=across[1])
+    parts = np.empty((2, 2, rows - up, columns - right))
+    np.add(across[:, up:], across[:, : rows - up][:, ::-1], out=parts[0])
+    np.subtract(across[:, up:], across[:, : rows - up][:, ::-1], out=parts[1])
+    if columns % 2:
+        parts[:, :, :, 0] /= 2
+    if rows % 2:
+        parts[:, :, 0] /= 2
+    return parts

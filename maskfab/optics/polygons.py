@@ -15,19 +15,24 @@ Notes:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
+from maskfab.model import frozen
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 _TRANSFORM_TOLERANCE = 1e-9
 _NODE_TOLERANCE = 1e-10
-_LONGEST_PIECE_CYCLES = 2.0
+_LONGEST_PIECE_CYCLES = 4.0
+_RULES_PER_OCTAVE = 2
+# A finer grid than the frequencies', as coarse as finufft takes: its transform costs more than spreading the nodes.
+_UPSAMPLING = 1.25
 
 
 @dataclass(frozen=True, eq=False)
@@ -62,28 +67,35 @@ class Boundary:
             raise InternalError(
                 "MF901", f"frequency {across[-1]:g} cycles/um is beyond the quadrature's {self.highest:g}"
             )
-        along_x, along_y = self._sums(step, count)
         u, v = across[None, :], across[:, None]
-        squared = u**2 + v**2
-        squared[count // 2, count // 2] = 1.0
-        field: Complexes = 1j / (2 * np.pi * squared) * (u * along_y - v * along_x)
+        turned = u - 1j * v
+        turned[count // 2, count // 2] = 1.0
+        half = self._sums(step, count)
+        half *= 1j / (4 * np.pi) / turned
+        field: Complexes = half + half[::-1, ::-1].conj()
         field[count // 2, count // 2] = self.area_um2
         return field
 
-    def _sums(self, step: float, count: int) -> tuple[Complexes, Complexes]:
-        """Sums of dx and of dy over the nodes, each times exp(-2πi (ux + vy)).
+    def _sums(self, step: float, count: int) -> Complexes:
+        """Sum of dy + i dx over the nodes, each times exp(-2πi (ux + vy)).
 
-        Both strengths are real, so either sum at -q is the conjugate of that at q, and one transform of dy + i dx holds
-        them both.
+        Both strengths are real, so one transform B holds the sums of both: that of dy is (B(q) + B*(-q)) / 2, that of
+        dx is (B(q) - B*(-q)) / 2i, and the field is half + its mirror image's conjugate, half = iB / 4π(u - iv).
         """
         import finufft
 
         x, y = 2 * np.pi * step * self.points
-        both: Complexes = finufft.nufft2d1(
-            y, x, self.dy + 1j * self.dx, (count, count), eps=_TRANSFORM_TOLERANCE, isign=-1, nthreads=1
+        sums: Complexes = finufft.nufft2d1(
+            y,
+            x,
+            self.dy + 1j * self.dx,
+            (count, count),
+            eps=_TRANSFORM_TOLERANCE,
+            isign=-1,
+            nthreads=1,
+            upsampfac=_UPSAMPLING,
         )
-        mirrored = both[::-1, ::-1].conj()
-        return (both - mirrored) / 2j, (both + mirrored) / 2
+        return sums
 
 
 def boundary(edges_um: Floats, area_um2: float, highest: float) -> Boundary:
@@ -95,36 +107,40 @@ def boundary(edges_um: Floats, area_um2: float, highest: float) -> Boundary:
         highest: highest frequency that will be asked for, diagonals included, cycles per micrometre.
     """
     points, dx, dy = _boundary_nodes(edges_um, highest)
-    return Boundary(np.ascontiguousarray(points.T), dx, dy, area_um2, highest)
+    return Boundary(points, dx, dy, area_um2, highest)
 
 
 def _boundary_nodes(edges: Floats, highest: float) -> tuple[Floats, Floats, Floats]:
-    """Quadrature nodes on the edges, [m, 2], with the weighted components dx and dy of the line element, [m]."""
-    length = np.hypot(edges[:, 2] - edges[:, 0], edges[:, 3] - edges[:, 1])
-    pieces = np.maximum(1, np.ceil(length * highest / _LONGEST_PIECE_CYCLES)).astype(np.intp)
-    owner = np.repeat(np.arange(len(edges)), pieces)
-    number = np.arange(owner.size) - np.repeat(np.cumsum(pieces) - pieces, pieces)
-    start, step = edges[owner, :2], (edges[owner, 2:] - edges[owner, :2]) / pieces[owner, None]
-    start = start + number[:, None] * step
-    cycles = length[owner] / pieces[owner] * highest
-    points, dx, dy = [], [], []
+    """Quadrature nodes on the edges, [2, m], with the weighted components dx and dy of the line element, [m]."""
+    start, span = edges[:, :2].T, edges[:, 2:].T - edges[:, :2].T
+    cycles = np.hypot(*span) * highest
+    pieces = np.maximum(1, np.ceil(cycles / _LONGEST_PIECE_CYCLES)).astype(np.intp)
+    if (pieces > 1).any():
+        owner = np.repeat(np.arange(len(edges)), pieces)
+        number = np.arange(owner.size) - np.repeat(np.cumsum(pieces) - pieces, pieces)
+        span = span[:, owner] / pieces[owner]
+        start = start[:, owner] + number * span
+        cycles = cycles[owner] / pieces[owner]
+    points, line = [], []
     # Edges of like length share a rule: most of a stop's rim is far shorter than a dot.
-    finer = np.clip(np.ceil(np.log2(_LONGEST_PIECE_CYCLES / np.maximum(cycles, 1e-12))), 0, 8)
-    for halvings in np.unique(finer):
-        chosen = finer == halvings
-        nodes, weights = leggauss(_nodes(_LONGEST_PIECE_CYCLES / 2**halvings))
-        share = (nodes + 1) / 2
-        points.append((start[chosen, None] + share[:, None] * step[chosen, None]).reshape(-1, 2))
-        dx.append((step[chosen, 0, None] * weights / 2).ravel())
-        dy.append((step[chosen, 1, None] * weights / 2).ravel())
-    return np.concatenate(points), np.concatenate(dx), np.concatenate(dy)
+    shorter = _LONGEST_PIECE_CYCLES / np.maximum(cycles, 1e-12)
+    finer = np.clip(np.floor(_RULES_PER_OCTAVE * np.log2(shorter)), 0, 8 * _RULES_PER_OCTAVE).astype(np.intp)
+    for number_of_rule in np.flatnonzero(np.bincount(finer)):
+        chosen = finer == number_of_rule
+        nodes, weights = _rule(_LONGEST_PIECE_CYCLES / 2 ** (int(number_of_rule) / _RULES_PER_OCTAVE))
+        along = span[:, chosen, None]
+        points.append((start[:, chosen, None] + (nodes + 1) / 2 * along).reshape(2, -1))
+        line.append((weights / 2 * along).reshape(2, -1))
+    dx, dy = np.concatenate(line, axis=1)
+    return np.concatenate(points, axis=1), dx, dy
 
 
-def _nodes(cycles: float) -> int:
-    """The fewest Gauss-Legendre nodes that integrate that many cycles of a cosine to the tolerance."""
+@lru_cache(maxsize=64)
+def _rule(cycles: float) -> tuple[Floats, Floats]:
+    """Nodes and weights of the shortest Gauss-Legendre rule that integrates that many cycles to the tolerance."""
     phase = np.pi * cycles
-    for count in range(2, 32):
+    for count in range(1, 32):
         nodes, weights = leggauss(count)
         if abs(np.cos(phase * nodes) @ weights / 2 - np.sinc(phase / np.pi)) < _NODE_TOLERANCE:
-            return count
-    return 32
+            break
+    return frozen(nodes), frozen(weights)

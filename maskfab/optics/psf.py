@@ -17,7 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import Camera, Psf
-from maskfab.optics.field import parity_field
+from maskfab.optics.field import ParityField
+from maskfab.optics.paths import Task, admissible, field
 from maskfab.optics.pupil import Pupil
 
 Floats = NDArray[np.float64]
@@ -49,12 +50,32 @@ def odd_samples(width_um: float, step_um: float) -> int:
 
 def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 0) -> Psf:
     """Intensity at points ``point_step_um`` apart over the camera's window, and ``margin`` points beyond it."""
+    frequency = _frequencies(camera, wavelength_nm, margin)
+    return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
+
+
+def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0) -> list[Psf]:
+    """The same at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it."""
+    frequencies = [_frequencies(camera, wavelength, margin) for wavelength in camera.wavelengths_nm]
+    widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
+    path = admissible(Task.of(pupil, widest, widest))[0]
+    prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
+    return [
+        _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)
+        for frequency, wavelength in zip(frequencies, camera.wavelengths_nm, strict=True)
+    ]
+
+
+def _frequencies(camera: Camera, wavelength_nm: float, margin: int) -> Floats:
     step = point_step_um(camera)
-    scale = image_scale_um2(camera, wavelength_nm)
     reach = odd_samples(camera.window_um, step) // 2 + margin
-    frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
-    intensity = parity_field(pupil, frequency, frequency).intensity()
-    return Psf(intensity / (scale**2 * pupil.energy_um2), step, wavelength_nm, "point")
+    return step * np.arange(reach + 1, dtype=np.float64) / image_scale_um2(camera, wavelength_nm)
+
+
+def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
+    scale = image_scale_um2(camera, wavelength_nm)
+    values = quadrant.intensity() / (scale**2 * pupil.energy_um2)
+    return Psf(values, point_step_um(camera), wavelength_nm, "point")
 
 
 def pixel_psf(points: Psf, camera: Camera) -> Psf:

@@ -7,19 +7,23 @@ The zeroth moment alone is the usual grey rim; the higher ones carry the curve.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
 
 from maskfab.model import Stop, frozen
-from maskfab.optics.aperture import Aperture, Lattice
+from maskfab.optics.aperture import Aperture, Lattice, zeros
 
 Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Range = tuple[Indices, Indices]
 
 RIM_ORDERS = 10
 _SLICE_NODES = 12
 _SLICES = 3
+_ROWS_AT_A_TIME = 128
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,6 +55,13 @@ class Pupil:
         for name in ("whole", "whole_variance", "rim_moments", "rim_transmission"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
+    @classmethod
+    def of_whole_dots(cls, x: Lattice, y: Lattice, whole: Floats, stop: Stop) -> Pupil:
+        """A pupil whose stop takes or leaves whole intervals, as if its edge followed them."""
+        none = np.zeros(0, dtype=np.intp)
+        moments = np.zeros((0, RIM_ORDERS, RIM_ORDERS))
+        return cls(x, y, whole, np.zeros_like(whole), none, none, moments, np.zeros(0), stop)
+
     @property
     def mean_transmission(self) -> Floats:
         """Amplitude averaged over each interval, float64 [ny, nx]: the grey-rim picture of the pupil."""
@@ -70,46 +81,83 @@ class Pupil:
     def field_integral_um2(self) -> float:
         """Integral of the amplitude: the field on the axis."""
         widths, heights = np.diff(self.x.edges_um()), np.diff(self.y.edges_um())
-        return float(heights @ self.mean_transmission @ widths)
+        area = heights[self.rim_row] * widths[self.rim_column]
+        return float(heights @ self.whole @ widths + area @ self.rim_moments[:, 0, 0])
 
     @property
     def energy_um2(self) -> float:
         """Integral of the squared amplitude: all transmitted energy; the clear area if the mask is binary."""
         widths, heights = np.diff(self.x.edges_um()), np.diff(self.y.edges_um())
-        return float(heights @ (self.mean_transmission**2 + self.variance) @ widths)
+        rows = [
+            heights[part] @ (self.whole[part] ** 2 + self.whole_variance[part])
+            for part in (slice(start, start + _ROWS_AT_A_TIME) for start in range(0, heights.size, _ROWS_AT_A_TIME))
+        ]
+        # A cut dot of amplitude t has t² where it is clear, and t times its share is its mean.
+        area = heights[self.rim_row] * widths[self.rim_column]
+        return float(sum(rows) @ widths + area @ (self.rim_transmission * self.rim_moments[:, 0, 0]))
 
 
 def cut(aperture: Aperture, stop: Stop) -> Pupil:
     """The part of an aperture inside a centred stop."""
     x, y = aperture.x.edges_um(), aperture.y.edges_um()
-    inside, outside = _circle_sides(x, y, stop) if stop.shape == "circle" else _square_sides(x, y, stop)
-    whole = np.where(inside, aperture.transmission, 0.0)
-    row, column = np.nonzero(~inside & ~outside & (aperture.transmission != 0))
+    (first, last), (begin, end) = _circle_ranges(x, y, stop) if stop.shape == "circle" else _square_ranges(x, y, stop)
+    whole = _within(aperture.transmission, first, last)
+    variance = zeros(whole.shape) if not any(aperture.variance.strides) else _within(aperture.variance, first, last)
+    row, column = _between(begin, end, first, last)
+    transmits = aperture.transmission[row, column] != 0
+    row, column = row[transmits], column[transmits]
     transmission = aperture.transmission[row, column]
     boxes = np.stack([x[column], x[column + 1], y[row], y[row + 1]], axis=1)
     shape = _circle_moments if stop.shape == "circle" else _square_moments
     moments = shape(boxes, stop.diameter_um / 2) * transmission[:, None, None]
-    variance = np.where(inside, aperture.variance, 0.0)
     return Pupil(aperture.x, aperture.y, whole, variance, row, column, moments, transmission, stop)
 
 
-def _circle_sides(x: Floats, y: Floats, stop: Stop) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """Which intervals lie wholly inside the circle, and which wholly outside."""
+def _within(values: Floats, first: Indices, last: Indices) -> Floats:
+    """The values in columns first to last - 1 of every row, zero elsewhere; read-only."""
+    kept = np.zeros(values.shape)
+    for j in np.flatnonzero(first < last):
+        kept[j, first[j] : last[j]] = values[j, first[j] : last[j]]
+    kept.flags.writeable = False
+    return kept
+
+
+def _between(begin: Indices, end: Indices, first: Indices, last: Indices) -> tuple[Indices, Indices]:
+    """Rows and columns, row by row, of what lies in begin to end - 1 but not in first to last - 1."""
+    empty = first >= last
+    starts = np.stack([begin, np.where(empty, end, last)], axis=1).ravel()
+    counts = np.clip(np.stack([np.where(empty, end, first), end], axis=1).ravel() - starts, 0, None)
+    row = np.repeat(np.repeat(np.arange(begin.size), 2), counts)
+    column = np.arange(row.size) + np.repeat(starts - (np.cumsum(counts) - counts), counts)
+    return row, column
+
+
+def _circle_ranges(x: Floats, y: Floats, stop: Stop) -> tuple[Range, Range]:
+    """Columns of every row that lie wholly inside the circle, and those that lie in it at least in part."""
     radius2 = (stop.diameter_um / 2) ** 2
-    far_x, far_y = np.maximum(abs(x[:-1]), abs(x[1:])), np.maximum(abs(y[:-1]), abs(y[1:]))
-    near_x, near_y = _nearest_to_zero(x), _nearest_to_zero(y)
-    inside = far_x**2 + far_y[:, None] ** 2 <= radius2
-    outside = near_x**2 + near_y[:, None] ** 2 >= radius2
-    return inside, outside
+    inside = _at_most(_farthest(x) ** 2, radius2 - _farthest(y) ** 2, "right")
+    touched = _at_most(_nearest_to_zero(x) ** 2, radius2 - _nearest_to_zero(y) ** 2, "left")
+    return inside, touched
 
 
-def _square_sides(x: Floats, y: Floats, stop: Stop) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+def _square_ranges(x: Floats, y: Floats, stop: Stop) -> tuple[Range, Range]:
     half = stop.diameter_um / 2
     tolerance = 1e-9 * stop.diameter_um
-    far_x, far_y = np.maximum(abs(x[:-1]), abs(x[1:])), np.maximum(abs(y[:-1]), abs(y[1:]))
-    inside = np.maximum(far_x, far_y[:, None]) <= half + tolerance
-    outside = np.maximum(_nearest_to_zero(x), _nearest_to_zero(y)[:, None]) >= half - tolerance
-    return inside, outside
+    inside = np.where(_farthest(y) <= half + tolerance, half + tolerance, -1.0)
+    touched = np.where(_nearest_to_zero(y) < half - tolerance, half - tolerance, -1.0)
+    return _at_most(_farthest(x), inside, "right"), _at_most(_nearest_to_zero(x), touched, "left")
+
+
+def _at_most(distance: Floats, limit: Floats, side: Literal["left", "right"]) -> Range:
+    """Columns whose distance, which falls and then rises, is below each limit, or equal to it if side is "right"."""
+    middle = int(np.argmin(distance))
+    before = np.searchsorted(distance[middle::-1], limit, side)
+    after = np.searchsorted(distance[middle:], limit, side)
+    return middle + 1 - before, middle + after
+
+
+def _farthest(edges: Floats) -> Floats:
+    return np.maximum(abs(edges[:-1]), abs(edges[1:]))
 
 
 def _nearest_to_zero(edges: Floats) -> Floats:

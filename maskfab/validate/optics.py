@@ -16,7 +16,7 @@ from maskfab.optics.aperture import Aperture, covered_aperture, panel_aperture
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.otf import lag_table
 from maskfab.optics.polygons import Boundary, boundary
-from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf, within
+from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psfs, within
 from maskfab.optics.pupil import cut
 
 Floats = NDArray[np.float64]
@@ -58,9 +58,9 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     ]
     psfs: list[Psf] = []
     mtfs = []
-    for wavelength in camera.wavelengths_nm:
-        designed_psf = point_psf(design_pupil, camera, wavelength, margin)
-        read_psf = designed_psf if pupil is design_pupil else point_psf(pupil, camera, wavelength, margin)
+    designed_psfs = point_psfs(design_pupil, camera, margin)
+    read_psfs = designed_psfs if pupil is design_pupil else point_psfs(pupil, camera, margin)
+    for wavelength, designed_psf, read_psf in zip(camera.wavelengths_nm, designed_psfs, read_psfs, strict=True):
         points = within(designed_psf, camera)
         polygons = polygon_psf(outline, camera, points)
         difference = metrics.relative_difference(polygons, points)

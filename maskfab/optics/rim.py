@@ -1,0 +1,130 @@
+r"""The rim as a small grid of sources: dots that the stop cuts, moved to the nodes of two bands.
+
+A rim has few dots but a column of moments each, and as a matrix over all intervals it costs more than everything that
+is not cut. Folded into one quadrant it lies in two bands: dots nearer to the x axis fill a tall, narrow one, the
+others a low, wide one. Each is narrow one way, so its sources on Chebyshev nodes (see ``nodes``) are a slim matrix,
+and the frequencies alone decide how many there are, not the dots.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import spherical_jn
+
+from maskfab.optics.nodes import nodes_for
+from maskfab.optics.pupil import RIM_ORDERS, Pupil
+from maskfab.optics.waves import Positions, points
+
+Floats = NDArray[np.float64]
+
+# A rim holds a few per cent of the field, so terms below this do not reach 1e-12 of it.
+_ORDER_TOLERANCE = 1e-9
+
+
+@dataclass(frozen=True, eq=False)
+class Band:
+    """Sources on a grid of nodes right of and above the axis.
+
+    Attributes:
+        x, y: the nodes' positions along either axis.
+        strength: float64 [2, 2, y.count, x.count] in square micrometres, for the parts of the field that are even or
+            odd in y and in x.
+    """
+
+    x: Positions
+    y: Positions
+    strength: Floats
+
+
+def rim_bands(pupil: Pupil, highest_u: float, highest_v: float) -> tuple[Band, ...]:
+    """The cut dots of a pupil as at most two bands of sources, good for frequencies up to the highest given."""
+    if not pupil.rim_row.size:
+        return ()
+    x, y = pupil.x.edges_um(), pupil.y.edges_um()
+    column, row = _folded(pupil.rim_column, x.size - 1), _folded(pupil.rim_row, y.size - 1)
+    beside = x[column] + x[column + 1] >= y[row] + y[row + 1]
+    orders = rim_orders(pupil, highest_u, highest_v)
+    if pupil.x == pupil.y and highest_u == highest_v:
+        # The bands are each other's mirror images, and share nodes and waves.
+        narrow = _side(x, np.concatenate([column[beside], row[~beside]]), highest_u, orders)
+        long = _side(x, np.concatenate([row[beside], column[~beside]]), highest_u, orders)
+        bands = [(beside, narrow, long), (~beside, long, narrow)]
+    else:
+        bands = [
+            (chosen, _side(x, column[chosen], highest_u, orders), _side(y, row[chosen], highest_v, orders))
+            for chosen in (beside, ~beside)
+            if chosen.any()
+        ]
+    return tuple(
+        _band(pupil, np.flatnonzero(chosen), along_x, along_y) for chosen, along_x, along_y in bands if chosen.any()
+    )
+
+
+def rim_orders(pupil: Pupil, highest_u: float, highest_v: float) -> int:
+    """How many Legendre orders of the rim matter at the highest frequency; at least one, at most all there are."""
+    if not pupil.rim_row.size:
+        return 1
+    x, y = pupil.x.edges_um(), pupil.y.edges_um()
+    phase = np.pi * max(highest_u * np.diff(x)[pupil.rim_column].max(), highest_v * np.diff(y)[pupil.rim_row].max())
+    orders = np.arange(RIM_ORDERS)
+    needed = np.flatnonzero((2 * orders + 1) * abs(spherical_jn(orders, phase)) >= _ORDER_TOLERANCE)
+    return int(needed[-1]) + 1
+
+
+@dataclass(frozen=True, eq=False)
+class _Side:
+    """One axis of a band: its nodes, and the Chebyshev moments of the intervals that it holds.
+
+    Attributes:
+        positions: of the nodes.
+        strengths: float64 [count, count] strengths of nodes from Chebyshev moments.
+        index: intp [k] numbers of the intervals, ascending.
+        moments: float64 [k, orders, count], see :meth:`Nodes.moments`.
+    """
+
+    positions: Positions
+    strengths: Floats
+    index: NDArray[np.intp]
+    moments: Floats
+
+    def of(self, index: NDArray[np.intp]) -> Floats:
+        found: Floats = self.moments[np.searchsorted(self.index, index)]
+        return found
+
+
+def _side(edges: Floats, index: NDArray[np.intp], highest: float, orders: int) -> _Side:
+    held = np.unique(index)
+    low, high = edges[held], edges[held + 1]
+    nodes = nodes_for(float(low[0]), float(high[-1]), highest)
+    moments = nodes.moments(low, high, orders, orders + 2)
+    return _Side(points(nodes.position_um), nodes.strengths(), held, moments)
+
+
+def _folded(index: NDArray[np.intp], count: int) -> NDArray[np.intp]:
+    """Intervals left of the axis replaced by their mirror images; one that straddles it stays."""
+    return np.maximum(index, count - 1 - index)
+
+
+def _band(pupil: Pupil, chosen: NDArray[np.intp], along_x: _Side, along_y: _Side) -> Band:
+    rows, columns = pupil.whole.shape
+    row, column = _folded(pupil.rim_row[chosen], rows), _folded(pupil.rim_column[chosen], columns)
+    below, left = row != pupil.rim_row[chosen], column != pupil.rim_column[chosen]
+    orders = along_x.moments.shape[1]
+    signs = (-1.0) ** np.arange(orders)
+    ny, nx = along_y.positions.count, along_x.positions.count
+    quadrants = np.zeros((2, 2, ny, nx))
+    for flip_y in (0, 1):
+        for flip_x in (0, 1):
+            cells = np.flatnonzero((below == flip_y) & (left == flip_x))
+            # Mirroring an interval multiplies P_p by (-1)^p.
+            moments = pupil.rim_moments[chosen[cells], :orders, :orders]
+            moments = moments * np.where(flip_y, signs, 1.0)[:, None] * np.where(flip_x, signs, 1.0)
+            across = (moments @ along_x.of(column[cells])).reshape(-1, nx)
+            quadrants[flip_y, flip_x] = along_y.of(row[cells]).reshape(-1, ny).T @ across
+    # Mirror images add in the even part and subtract in the odd one.
+    halves = np.stack([quadrants[0] + quadrants[1], quadrants[0] - quadrants[1]])
+    parts = np.stack([halves[:, 0] + halves[:, 1], halves[:, 0] - halves[:, 1]], axis=1)
+    return Band(along_x.positions, along_y.positions, along_y.strengths.T @ parts @ along_x.strengths)

@@ -1,0 +1,176 @@
+"""Speed against error: every way to the PSF of one panel, timed side by side and held against an exact answer.
+
+All contestants see the same dots behind a stop that takes whole dots by their centres, and give as many samples of the
+same window. The exact answer is the complex matrix transform of whole dots in float64, taken at each contestant's own
+sample positions; tests hold it to 1e-14 of a direct sum. Peers treat a dot as a point, so each is judged twice: as
+given, and multiplied by the dot's factor sinc(u dot) sinc(v dot) afterwards.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+from statistics import median, quantiles
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from threadpoolctl import threadpool_limits
+
+from maskfab.layout.tiling import orientations
+from maskfab.model import Opening, Panel, Stop, Tiling
+from maskfab.optics.aperture import panel_aperture
+from maskfab.optics.field import direct_field
+from maskfab.optics.paths import PATHS
+from maskfab.optics.pupil import Pupil
+from maskfab.progress import Progress, silent
+from maskfab.validate.peers import PEERS, Task
+from maskfab.validate.published import published_intensity, published_size
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Workload:
+    """One PSF to compute: a panel of square dots, a round stop, and a window of samples.
+
+    Attributes:
+        panel: without gutters, wide enough for the stop.
+        diameter_um: of the stop; a dot counts as open if its centre lies inside.
+        wavelength_nm, focal_um: of the camera.
+        step_um: distance between samples on the sensor.
+        samples: along each axis, even.
+    """
+
+    panel: Panel
+    diameter_um: float
+    wavelength_nm: float
+    focal_um: float
+    step_um: float
+    samples: int
+
+    def pupil(self) -> Pupil:
+        """The dots that count, none of them cut."""
+        aperture = panel_aperture(self.panel)
+        x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (aperture.x.edges_um(), aperture.y.edges_um()))
+        inside = x**2 + y[:, None] ** 2 <= (self.diameter_um / 2) ** 2
+        whole = np.where(inside, aperture.transmission, 0.0)
+        return Pupil.of_whole_dots(aperture.x, aperture.y, whole, Stop("circle", self.diameter_um))
+
+    def frequencies(self, offset: float) -> Floats:
+        """Frequencies of all samples along an axis, cycles per micrometre, the one at ``samples / 2`` being offset."""
+        position = self.step_um * (np.arange(self.samples, dtype=np.float64) - self.samples // 2 + offset)
+        return position / (self.wavelength_nm * 1e-3 * self.focal_um)
+
+
+@dataclass(frozen=True)
+class Timing:
+    """What one contestant needed and how far off it was.
+
+    Attributes:
+        name, precision: who.
+        kind: ours, peer, or published.
+        milliseconds: median over the rounds.
+        spread: lower and upper quartile, milliseconds.
+        error: relative L2 of the unit-sum PSF, as given.
+        error_with_dots: the same after the dot's factor; equal to ``error`` where it is part of the method.
+    """
+
+    name: str
+    precision: str
+    kind: str
+    milliseconds: float
+    spread: tuple[float, float]
+    error: float
+    error_with_dots: float
+
+
+@dataclass(frozen=True)
+class _Contestant:
+    name: str
+    precision: str
+    kind: str
+    offset: float
+    run: Callable[[], NDArray[Any]]
+
+
+def standard_workload() -> Workload:
+    """A slit of 5 x 18 in 21 x 21 dots of 8 um, tiled at random over a stop of 4 mm; 512 x 512 samples of 0.5 um."""
+    mask = np.zeros((21, 21), dtype=np.bool_)
+    mask[2:20, 8:13] = True
+    chosen = orientations(Tiling.RANDOM, 24, 24, 0)
+    panel = Panel(Opening("slit", mask, 8000), 8000, 0, chosen, Tiling.RANDOM, 0)
+    return Workload(panel, 4000.0, 530.0, 10_000.0, 0.5, 512)
+
+
+def race(workload: Workload, rounds: int = 9, progress: Progress = silent) -> list[Timing]:
+    """Time every contestant in turn, round after round, on one thread; the first round warms up and does not count."""
+    pupil = workload.pupil()
+    contestants = [*_ours(workload, pupil), *_others(workload, pupil)]
+    seconds: dict[int, list[float]] = {k: [] for k in range(len(contestants))}
+    results: dict[int, NDArray[Any]] = {}
+    with threadpool_limits(1):
+        for number in range(rounds + 1):
+            progress("bench", number, rounds + 1)
+            for k, contestant in enumerate(contestants):
+                start = time.perf_counter()
+                results[k] = contestant.run()
+                if number:
+                    seconds[k].append(1e3 * (time.perf_counter() - start))
+        progress("bench", rounds + 1, rounds + 1)
+        exact = {offset: _exact(workload, pupil, offset) for offset in {c.offset for c in contestants}}
+    return [_judged(c, seconds[k], results[k], exact[c.offset], workload) for k, c in enumerate(contestants)]
+
+
+def _ours(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
+    """Our paths take a quadrant; with no sample on the axis it mirrors to an even number of samples."""
+    quadrant = workload.frequencies(0.5)[workload.samples // 2 :]
+    for path in PATHS:
+        if not path.accepts(pupil, quadrant, quadrant):
+            continue
+        for precision in path.precisions:
+            compute = partial(path.intensity, pupil, quadrant, quadrant, precision)
+            yield _Contestant(f"maskfab {path.name}", precision, "ours", 0.5, compute)
+
+
+def _others(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
+    dot_um = workload.panel.dot_nm / 1e3
+    size = published_size(workload.wavelength_nm, workload.focal_um, dot_um, workload.step_um)
+    yield _Contestant(
+        "published recipe, padded FFT",
+        "double",
+        "published",
+        0.0,
+        partial(published_intensity, pupil.whole, size, workload.samples),
+    )
+    task = Task(
+        pupil.whole, dot_um, workload.focal_um, workload.wavelength_nm * 1e-3, workload.step_um, workload.samples
+    )
+    for peer in PEERS:
+        if peer.available():
+            yield _Contestant(peer.name, peer.precision, "peer", 0.0, peer.function(task))
+
+
+def _exact(workload: Workload, pupil: Pupil, offset: float) -> Floats:
+    u = workload.frequencies(offset)
+    intensity: Floats = np.abs(direct_field(pupil, u, u)) ** 2
+    unit_sum: Floats = intensity / intensity.sum()
+    return unit_sum
+
+
+def _judged(
+    contestant: _Contestant, milliseconds: Sequence[float], found: NDArray[Any], exact: Floats, workload: Workload
+) -> Timing:
+    def error(intensity: NDArray[Any]) -> float:
+        unit_sum = intensity / intensity.sum(dtype=np.float64)
+        return float(np.linalg.norm(unit_sum - exact) / np.linalg.norm(exact))
+
+    given = error(found)
+    factor = np.sinc(workload.frequencies(0.0) * workload.panel.dot_nm / 1e3) ** 2
+    with_dots = given if contestant.kind == "ours" else error(found * factor * factor[:, None])
+    low, _, high = quantiles(milliseconds, n=4)
+    return Timing(
+        contestant.name, contestant.precision, contestant.kind, median(milliseconds), (low, high), given, with_dots
+    )
