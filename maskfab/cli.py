@@ -22,6 +22,7 @@ from maskfab.errors import InternalError, JobError, MaskfabError
 if TYPE_CHECKING:
     from maskfab.model import Opening, Quantity
     from maskfab.progress import Progress
+    from maskfab.validate.accuracy import Workload
 
 _EPILOG = "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 our own fault."
 
@@ -241,6 +242,63 @@ def shape(
     opening = Opening(name or out.stem, mask, dot_nm, provenance)
     write_text(out, dumps(opening))
     _tell_opening(opening, out, as_json)
+
+
+@app.command(
+    epilog="Examples: maskfab bench --out bench | maskfab bench layouts/upc12.toml --die TOLED_R150 | maskfab bench --hard"
+)
+def bench(
+    job: Annotated[Path | None, typer.Argument(metavar="[JOB]", help="A job; default: a standard panel.")] = None,
+    die: Annotated[str | None, typer.Option(help="Which die of the job; default: its first.")] = None,
+    hard: Annotated[bool, typer.Option("--hard", help="Run the hard cases instead.")] = False,
+    rounds: Annotated[int, typer.Option(min=2, max=1000, help="Timed rounds.")] = 9,
+    out: Annotated[Path | None, typer.Option(help="Directory for the figure and the numbers.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Time every way to a PSF side by side and hold each against the exact one, or run the hard cases."""
+    from maskfab.report import bench as report
+    from maskfab.validate import accuracy
+    from maskfab.validate.cases import CASES
+    from maskfab.validate.cases import run as run_cases
+
+    if hard:
+        outcomes = []
+        for line in report.case_table(outcomes.append(o) or o for o in run_cases(CASES)):  # type: ignore[func-returns-value]
+            if not as_json:
+                typer.echo(line)
+        if as_json:
+            _print_json(report.case_document(outcomes))
+        _leave(all(outcome.passed for outcome in outcomes))
+        return
+    workload = accuracy.standard_workload() if job is None else _workload(job, die)
+    if out is not None:
+        from maskfab.export.staging import check_target
+
+        check_target(out, force=False)
+    with _watched(quiet) as progress:
+        timings = accuracy.race(workload, rounds, progress)
+    bound = accuracy.gemm_bound_ms(workload)
+    document = report.race_document(timings, bound)
+    if as_json:
+        _print_json(document)
+    else:
+        for line in report.race_table(timings, bound):
+            typer.echo(line)
+    if out is not None:
+        for path in report.write(out, document, report.race_figure(timings)):
+            typer.echo(path, err=as_json)
+
+
+def _workload(path: Path, die: str | None) -> Workload:
+    from maskfab.layout.job import load
+    from maskfab.validate.accuracy import workload_of
+
+    job = load(path)
+    panels = {each.name: each.panel for each in job.plate().dies}
+    if die is not None and die not in panels:
+        raise JobError("MF105", f"the job has no die {die!r}", where="--die", cure=f"Use one of {', '.join(panels)}")
+    return workload_of(panels[die or next(iter(panels))], job.camera)
 
 
 @app.command(epilog="Example: maskfab explain MF106")

@@ -24,12 +24,14 @@ from scipy.special import spherical_jn
 
 from maskfab.errors import InternalError
 from maskfab.model import Scalar
+from maskfab.optics.basis import Factors, factors
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.rim import rim_bands, rim_orders
 from maskfab.optics.waves import Positions, Precision, Reals, real_type, reduced_cycles, right_half
 
 Floats = NDArray[np.float64]
 Waves = tuple[Reals, Reals]
+Pair = tuple[Factors, Factors]
 
 _BLOCK = 64
 
@@ -151,31 +153,81 @@ class PreparedField:
                 f"frequencies up to {u[-1]:g} and {v[-1]:g} cycles/um are beyond the {self.highest_u:g} and "
                 f"{self.highest_v:g} that the pupil was prepared for",
             )
-        of_u = _waves_by_source([term.x for term in self.terms], u, self.precision, {})
-        known = of_u if np.array_equal(u, v) else {}
-        of_v = _waves_by_source([term.y for term in self.terms], v, self.precision, known)
-        along_x, along_y = [of_u[id(term.x)] for term in self.terms], [of_v[id(term.y)] for term in self.terms]
-        ee, eo, oe, oo = (self._part(along_y, along_x, odd_y, odd_x) for odd_y in (0, 1) for odd_x in (0, 1))
+        shared = np.array_equal(u, v)
+        few = [self._factors(term, u, v, shared) for term in self.terms]
+        plain = [term for term, factored in zip(self.terms, few, strict=True) if factored is None]
+        of_u = _waves_by_source([term.x for term in plain], u, self.precision, {})
+        of_v = _waves_by_source([term.y for term in plain], v, self.precision, of_u if shared else {})
+        ways = [
+            _Way(term, of_v[id(term.y)], of_u[id(term.x)]) if factored is None else _ShortWay(term, *factored)
+            for term, factored in zip(self.terms, few, strict=True)
+        ]
+        ee, eo, oe, oo = (self._part(ways, v.size, u.size, y, x) for y in (0, 1) for x in (0, 1))
         return ParityField(ee, eo, oe, oo, on_axis=bool(u[0] == 0))
 
-    def _part(self, along_y: Sequence[Waves], along_x: Sequence[Waves], odd_y: int, odd_x: int) -> Floats:
+    def _factors(self, term: Term, u: Floats, v: Floats, shared: bool) -> tuple[Pair, Pair] | None:
+        """The term's waves along y and x in factors, where both are worth it."""
+        of_x = factors(term.x, u, self.precision)
+        of_y = of_x if shared and term.x is term.y else factors(term.y, v, self.precision)
+        return None if of_x is None or of_y is None else (of_y, of_x)
+
+    def _part(self, ways: Sequence[_Way | _ShortWay], nv: int, nu: int, odd_y: int, odd_x: int) -> Floats:
         """One parity of the field, [nv, nu]: the inner sums of all terms side by side, then one outer product."""
-        nv, nu = along_y[0][0].shape[1], along_x[0][0].shape[1]
-        y_first = [term.y_first(nu, nv) for term in self.terms]
-        sizes = [term.core.shape[3 if first else 2] for term, first in zip(self.terms, y_first, strict=True)]
+        sizes = [way.size(odd_x) for way in ways]
         left = np.empty((nv, sum(sizes)), dtype=real_type(self.precision))
         right = np.empty((sum(sizes), nu), dtype=left.dtype)
         start = 0
-        for term, first, size, of_y, of_x in zip(self.terms, y_first, sizes, along_y, along_x, strict=True):
-            place = slice(start, start + size)
-            if first:
-                term.sum_rows(of_y[odd_y], odd_y, odd_x, left[:, place])
-                right[place] = of_x[odd_x]
-            else:
-                left[:, place] = of_y[odd_y].T
-                np.matmul(term.core[odd_y, odd_x], of_x[odd_x], out=right[place])
+        for way, size in zip(ways, sizes, strict=True):
+            way.fill(odd_y, odd_x, left[:, start : start + size], right[start : start + size])
             start += size
         return (left @ right).astype(np.float64, copy=False)
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    """A term with its waves along y and x, [n, m] each, even and odd."""
+
+    term: Term
+    along_y: Waves
+    along_x: Waves
+
+    @property
+    def y_first(self) -> bool:
+        return self.term.y_first(self.along_x[0].shape[1], self.along_y[0].shape[1])
+
+    def size(self, odd_x: int) -> int:
+        """How many sums are left between the two products."""
+        return int(self.term.core.shape[3 if self.y_first else 2])
+
+    def fill(self, odd_y: int, odd_x: int, left: Reals, right: Reals) -> None:
+        """Write the factors whose product is the term's share, [nv, size] and [size, nu]."""
+        if self.y_first:
+            self.term.sum_rows(self.along_y[odd_y], odd_y, odd_x, left)
+            right[:] = self.along_x[odd_x]
+        else:
+            left[:] = self.along_y[odd_y].T
+            np.matmul(self.term.core[odd_y, odd_x], self.along_x[odd_x], out=right)
+
+
+@dataclass(frozen=True, eq=False)
+class _ShortWay:
+    """The same with the waves in factors, which shrink the core before the waves are met."""
+
+    term: Term
+    along_y: Pair
+    along_x: Pair
+
+    def size(self, odd_x: int) -> int:
+        """As for the other way."""
+        return int(self.along_x[odd_x].wave.shape[0])
+
+    def fill(self, odd_y: int, odd_x: int, left: Reals, right: Reals) -> None:
+        """As for the other way."""
+        of_y, of_x = self.along_y[odd_y], self.along_x[odd_x]
+        rows = np.empty((of_y.pattern.shape[1], self.term.core.shape[3]), dtype=left.dtype)
+        self.term.sum_rows(of_y.pattern, odd_y, odd_x, rows)
+        np.matmul(of_y.wave.T, rows @ of_x.pattern, out=left)
+        right[:] = of_x.wave
 
 
 def _waves_by_source(
@@ -202,11 +254,11 @@ def prepare(pupil: Pupil, highest_u: float, highest_v: float, precision: Precisi
     """
     along_x = right_half(pupil.x)
     along_y = along_x if pupil.x == pupil.y else right_half(pupil.y)
-    whole = slim_term(along_x, along_y, fold(pupil.whole), precision)
+    whole = slim_term(along_x, along_y, fold(pupil.whole.astype(real_type(precision), copy=False)), precision)
     return PreparedField((whole, *rim_terms(pupil, highest_u, highest_v, precision)), highest_u, highest_v, precision)
 
 
-def slim_term(along_x: Positions, along_y: Positions, core: Floats, precision: Precision) -> Term:
+def slim_term(along_x: Positions, along_y: Positions, core: Reals, precision: Precision) -> Term:
     """A term, its core [2, 2, ny, nx] in the given precision."""
     columns = core.shape[3]
     filled = (core != 0).any(axis=(0, 1)).reshape(core.shape[2:])
@@ -263,17 +315,17 @@ def _complex_kernels(edges: Floats, frequency: Floats, orders: int) -> list[NDAr
     return [(-1j) ** p * (different[:, None] * spherical_jn(p, argument))[which] * phase for p in range(orders)]
 
 
-def fold(matrix: Floats) -> Floats:
+def fold(matrix: Reals) -> Reals:
     """The four parities of a matrix on the half grids right of and above the axis, [2, 2, rows / 2, columns / 2].
 
     A row or column on the axis is its own mirror image, and is halved.
     """
     rows, columns = matrix.shape
     up, right = rows // 2, columns // 2
-    across = np.empty((2, rows, columns - right))
+    across = np.empty((2, rows, columns - right), dtype=matrix.dtype)
     np.add(matrix[:, right:], matrix[:, : columns - right][:, ::-1], out=across[0])
     np.subtract(matrix[:, right:], matrix[:, : columns - right][:, ::-1], out=across[1])
-    parts = np.empty((2, 2, rows - up, columns - right))
+    parts = np.empty((2, 2, rows - up, columns - right), dtype=matrix.dtype)
     np.add(across[:, up:], across[:, : rows - up][:, ::-1], out=parts[0])
     np.subtract(across[:, up:], across[:, : rows - up][:, ::-1], out=parts[1])
     if columns % 2:

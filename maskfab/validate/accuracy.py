@@ -19,11 +19,13 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from maskfab.errors import JobError
 from maskfab.layout.tiling import orientations
-from maskfab.model import Opening, Panel, Stop, Tiling
+from maskfab.model import Camera, Opening, Panel, Stop, Tiling
 from maskfab.optics.aperture import panel_aperture
 from maskfab.optics.field import direct_field
 from maskfab.optics.paths import PATHS
+from maskfab.optics.psf import point_step_um
 from maskfab.optics.pupil import Pupil
 from maskfab.progress import Progress, silent
 from maskfab.validate.peers import PEERS, Task
@@ -103,6 +105,40 @@ def standard_workload() -> Workload:
     chosen = orientations(Tiling.RANDOM, 24, 24, 0)
     panel = Panel(Opening("slit", mask, 8000), 8000, 0, chosen, Tiling.RANDOM, 0)
     return Workload(panel, 4000.0, 530.0, 10_000.0, 0.5, 512)
+
+
+def gemm_bound_ms(workload: Workload, rounds: int = 15) -> dict[str, float]:
+    """Median time of the parity path's products alone, eight of them on operands of their sizes, by precision."""
+    half = sum(len(edges) - 1 for edges in (workload.pupil().x.edges_um(), workload.pupil().y.edges_um())) // 4
+    bounds = {}
+    for name, kind in (("double", np.float64), ("single", np.float32)):
+        waves = np.ones((workload.samples // 2, half), dtype=kind)
+        core = np.ones((half, half), dtype=kind)
+        with threadpool_limits(1):
+            seconds = []
+            for _ in range(rounds):
+                start = time.perf_counter()
+                for _ in range(4):
+                    (waves @ core) @ waves.T
+                seconds.append(1e3 * (time.perf_counter() - start))
+        bounds[name] = median(seconds)
+    return bounds
+
+
+def workload_of(panel: Panel, camera: Camera) -> Workload:
+    """A die's panel as a workload: the camera's middle wavelength, and an even number of samples of its window.
+
+    Raises:
+        JobError: MF105 for a panel with gutters, whose dots have no common grid that peers could take.
+    """
+    if panel.gutter_nm:
+        raise JobError(
+            "MF105", "peers cannot take a panel with gutters", where="--die", cure="Name a die without gutters"
+        )
+    lines = sorted(camera.wavelengths_nm)
+    step = point_step_um(camera)
+    samples = 2 * int(camera.window_um / step / 2)
+    return Workload(panel, camera.stop.diameter_um, lines[len(lines) // 2], camera.focal_um, step, samples)
 
 
 def race(workload: Workload, rounds: int = 9, progress: Progress = silent) -> list[Timing]:

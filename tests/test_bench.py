@@ -1,0 +1,57 @@
+"""The race of paths and the table of hard cases, through the command line."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from maskfab.cli import run_command_line
+from maskfab.report.bench import case_table, race_figure
+from maskfab.validate.accuracy import Timing, race, standard_workload
+from maskfab.validate.cases import Case, run
+
+
+@pytest.fixture(scope="module")
+def timings() -> list[Timing]:
+    return race(standard_workload(), rounds=2)
+
+
+def test_our_paths_are_exact_and_the_published_recipe_is_not(timings: list[Timing]) -> None:
+    ours = [timing for timing in timings if timing.kind == "ours"]
+    assert {timing.name for timing in ours} >= {"maskfab parity", "maskfab direct", "maskfab structure"}
+    for timing in ours:
+        assert timing.error <= (1e-12 if timing.precision == "double" else 1e-6)
+    (published,) = (timing for timing in timings if timing.kind == "published")
+    assert published.error == pytest.approx(2.6e-2, rel=0.1)  # points for dots, and a size rounded to 1324
+    assert published.error_with_dots > 1e-2  # the rounded size alone
+
+
+def test_the_parity_path_is_several_times_faster_than_the_published_recipe(timings: list[Timing]) -> None:
+    """The margin is 15; the test asks for 3, so that a busy machine does not fail it."""
+    times = {(timing.name, timing.precision): timing.milliseconds for timing in timings}
+    assert 3 * times["maskfab parity", "double"] < times["published recipe, padded FFT", "double"]
+
+
+def test_the_figure_is_a_picture(timings: list[Timing]) -> None:
+    assert race_figure(timings).startswith(b"\x89PNG")
+
+
+def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["bench", "layouts/upc12.toml", "--die", "TOLED_P150", "--rounds", "2", "--json", "--quiet"]
+    assert run_command_line(arguments) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["gemm_bound_ms"]["double"] > 0
+    assert {row["kind"] for row in document["timings"]} >= {"ours", "published"}
+
+
+@pytest.mark.parametrize(("die", "code"), [("INVR_R300_G8", "MF105"), ("NOBODY", "MF105")])
+def test_bench_refuses_what_it_cannot_race(die: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["bench", "layouts/upc12.toml", "--die", die, "--quiet"]) == 2
+    assert code in capsys.readouterr().err
+
+
+def test_a_missed_limit_is_told() -> None:
+    outcomes = list(run([Case("too hard", "made up", lambda: 1.0, 0.5)]))
+    assert not outcomes[0].passed
+    assert "FAIL" in "\n".join(case_table(outcomes))
