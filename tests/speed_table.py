@@ -1,0 +1,161 @@
+"""The table of speeds that README quotes, measured here and now: ``make bench``.
+
+Both sides of a ratio run in turn on one thread; times are medians of processor time.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+
+import numpy as np
+import torch
+from optics.published_recipe import Recipe, published_autograd
+from optics.test_torch_field import CPU, counted_lags, full_size, window_gradient
+from threadpoolctl import threadpool_limits
+
+from maskfab.geometry.stop import edges_in_stop
+from maskfab.layout.tiling import orientations
+from maskfab.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.optics.aperture import panel_aperture
+from maskfab.optics.field import parity_field
+from maskfab.optics.otf import lag_table
+from maskfab.optics.paths import STRUCTURE
+from maskfab.optics.polygons import boundary
+from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
+from maskfab.optics.pupil import cut
+from maskfab.optics.spectrum import lines, polychromatic_otf, reach_um
+from maskfab.optics.torch_field import tiled_field
+from maskfab.optics.torch_transfer import window_transfer
+from maskfab.validate.accuracy import gemm_bound_ms, race, standard_workload
+from maskfab.validate.published import published_intensity, published_size
+
+CAMERA = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)
+Row = tuple[str, str, str]
+
+
+def medians(rounds: int, *functions: Callable[[], object]) -> list[float]:
+    """Milliseconds of processor time of each, taken in turn; the first round does not count."""
+    spent: list[list[float]] = [[] for _ in functions]
+    for number in range(rounds + 1):
+        for k, function in enumerate(functions):
+            start = time.process_time()
+            function()
+            if number:
+                spent[k].append(1e3 * (time.process_time() - start))
+    return [float(np.median(each)) for each in spent]
+
+
+def slit_panel(dots: int, dot_nm: int) -> Panel:
+    mask = np.zeros((dots, dots), dtype=np.bool_)
+    mask[dots * 2 // 21 : dots * 20 // 21, dots * 8 // 21 : dots * 13 // 21] = True
+    return Panel(Opening("slit", mask, dot_nm), dot_nm, 0, orientations(Tiling.RANDOM, 24, 24, 0), Tiling.RANDOM, 0)
+
+
+def peers() -> list[Row]:
+    workload = standard_workload()
+    times = {(t.name, t.precision): t.milliseconds for t in race(workload, rounds=15)}
+    bound = gemm_bound_ms(workload)
+    rows = []
+    for precision in ("double", "single"):
+        ours = times["maskfab parity", precision]
+        if precision == "double":
+            rows.append(("PSF 512², double, over the bound of its products", f"{ours / bound[precision]:.2f}x", "1.3x"))
+        theirs = times.get(("prysm matrix DFT", precision))
+        told = "prysm is not installed" if theirs is None else f"{theirs / ours:.1f}x"
+        rows.append((f"PSF 512², {precision}, faster than prysm's matrix DFT", told, "5x"))
+    return rows
+
+
+def pixels() -> Row:
+    pupil = cut(panel_aperture(slit_panel(21, 8000), 2000.0), CAMERA.stop)
+    margin = pixel_margin(CAMERA)
+    point, pixel = medians(
+        9,
+        lambda: point_psf(pupil, CAMERA, 530.0),
+        lambda: pixel_psf(point_psf(pupil, CAMERA, 530.0, margin), CAMERA),
+    )
+    return "pixel-integrated PSF over the point PSF", f"{pixel / point:.2f}x", "2x"
+
+
+def polychromatic() -> Row:
+    pupil = cut(panel_aperture(slit_panel(21, 8000), 2000.0), CAMERA.stop)
+    wavelengths = np.linspace(400.0, 700.0, 31)
+    spectrum = lines(wavelengths)
+    nu = np.linspace(0.0, 0.25, 147)
+    zero = np.zeros_like(nu)
+    reach = reach_um(CAMERA, wavelengths, 0.25)
+
+    def ours() -> None:
+        table = lag_table(pupil, reach)
+        for nu_x, nu_y in ((nu, zero), (zero, nu), (nu / np.sqrt(2), nu / np.sqrt(2))):
+            polychromatic_otf(table, CAMERA, spectrum, nu_x, nu_y)
+
+    sizes = [published_size(w, 10_000.0, 8.0, 0.5) for w in wavelengths[::10]]
+
+    def published() -> None:
+        for size in sizes:
+            np.fft.fft2(published_intensity(pupil.whole, size, 512))
+
+    one, other = medians(3, ours, published)
+    return "polychromatic OTF, 31 lines, faster than 31 padded FFTs", f"{other * 31 / len(sizes) / one:.0f}x", "25x"
+
+
+def gradients() -> list[Row]:
+    rows = []
+    for name, dtype in (("double", torch.float64), ("single", torch.float32)):
+        laid_out, stop = full_size()
+        position, frequency = 0.5 * np.arange(257), np.arange(65) / 256
+        field = tiled_field(laid_out, stop, position / 5300, position / 5300, dtype=dtype, device=CPU)
+        transfer, counted = window_transfer(position, frequency, dtype=dtype), counted_lags(frequency, 0.25)
+        recipe = published_autograd(21, laid_out.orientations, Recipe())
+        unit = torch.rand(21, 21, dtype=dtype, generator=torch.Generator().manual_seed(0))
+        ours, theirs = medians(
+            7,
+            lambda f=field, t=transfer, c=counted, u=unit: window_gradient(f, t, c, u),
+            lambda r=recipe, u=unit: r.gradient(u),
+        )
+        rows.append((f"loss and gradient, {name}, faster than published autograd", f"{theirs / ours:.1f}x", "15x"))
+    return rows
+
+
+def fine_dots() -> list[Row]:
+    aperture = panel_aperture(slit_panel(168, 1000), 2000.0)
+    pupil = cut(aperture, CAMERA.stop)
+    u = (np.arange(256) + 0.5) * 0.5 / image_scale_um2(CAMERA, 530.0)
+    (spent,) = medians(5, lambda: STRUCTURE.intensity(pupil, u, u))
+    some = u[::32].copy()
+    exact = parity_field(pupil, some, some).amplitude()
+    found = STRUCTURE.amplitude(pupil, some, some)
+    error = np.linalg.norm(found - exact) / np.linalg.norm(exact)
+    return [
+        ("1 um dots, 4032² of them, PSF 512²", f"{spent:.0f} ms", "120 ms"),
+        ("the same, error against the parity path", f"{error:.0e}", "1e-08"),
+    ]
+
+
+def polygons() -> Row:
+    """Scattered dots, three or four polygons to a cell."""
+    mask = np.random.default_rng(1).random((21, 21)) < 0.018
+    panel = Panel(Opening("dots", mask, 8000), 8000, 0, orientations(Tiling.RANDOM, 24, 24, 0), Tiling.RANDOM, 0)
+    aperture = panel_aperture(panel, 2000.0)
+    x, y = (np.rint(1e3 * lattice.edges_um()).astype(np.int64) for lattice in (aperture.x, aperture.y))
+    rows, columns = np.nonzero(aperture.transmission)
+    boxes = np.stack([x[columns], y[rows], x[columns + 1], y[rows + 1]], axis=1)
+    edges, area = edges_in_stop(boxes, CAMERA.stop, (0.0, 0.0))
+    step = 0.5 / image_scale_um2(CAMERA, 530.0)
+    (spent,) = medians(7, lambda: boundary(edges, area, 255 * step * np.sqrt(2)).field(step, 511))
+    return f"polygon PSF 511² of {len(edges)} edges", f"{spent:.0f} ms", "60 ms"
+
+
+def main() -> None:
+    torch.set_num_threads(1)
+    with threadpool_limits(1):
+        rows = [*peers(), pixels(), polychromatic(), *gradients(), *fine_dots(), polygons()]
+    width = max(len(row[0]) for row in rows)
+    for what, measured, target in rows:
+        print(f"{what:{width}}  {measured:>22}  target {target}")
+
+
+if __name__ == "__main__":
+    main()
