@@ -21,15 +21,23 @@ from maskfab.layout.plate import check_light, check_size, dot_on_grid
 from maskfab.layout.tiling import orientations
 from maskfab.model import CLEAR, Camera, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Tiling
 from maskfab.optics import metrics
-from maskfab.optics.aperture import Lattice, covered_aperture
+from maskfab.optics.aperture import Lattice
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.otf import lag_table
 from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf, within
+from maskfab.optics.psf_metrics import peak_to_side_lobe
 from maskfab.optics.pupil import cut
 from maskfab.progress import Progress, silent
 from maskfab.spec import check_optics, even_nm
 from maskfab.units import to_nm
-from maskfab.validate.optics import INVARIANT_LIMIT_ROUND, measure, polygon_psf, stop_boundary
+from maskfab.validate.optics import (
+    INVARIANT_LIMIT_ROUND,
+    measure,
+    middle_nm,
+    polygon_psf,
+    read_aperture,
+    stop_boundary,
+)
 
 LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"})
 
@@ -208,15 +216,16 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     lattice = _lattice(_coordinates_nm(inside, reach), request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
     edge_nm = np.rint(1e3 * lattice.edges_um())
-    pupil = cut(covered_aperture(lattice, lattice, coverage(inside, edge_nm, edge_nm)), stop)
+    pupil = cut(read_aperture(lattice, lattice, coverage(inside, edge_nm, edge_nm)), stop)
     table = lag_table(pupil, longest_lag_um(camera))
+    lags = metrics.axis_lags(pupil, table.energy_um2)
     margin = pixel_margin(camera)
     quantities: list[Quantity] = [
         metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
         metrics.mtf_volume(table, area, None, INVARIANT_LIMIT_ROUND),
     ]
     psfs: list[Psf] = []
-    mtfs = []
+    mtfs: list[Mtf] = []
     for done, wavelength in enumerate(camera.wavelengths_nm):
         progress("optics", done, len(camera.wavelengths_nm))
         around = point_psf(pupil, camera, wavelength, margin)
@@ -228,7 +237,7 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
         psfs += [polygons, pixels]
         mtfs.append(mtf)
         quantities += [
-            *metrics.mtf_quantities(mtf, None),
+            *metrics.mtf_quantities(mtf, camera.pixel_um, None),
             metrics.energy_in_window(pixels, difference, None),
             *metrics.strehl_quantities(points, camera, pupil.energy_um2, area, None, INVARIANT_LIMIT_ROUND),
             Quantity(
@@ -236,7 +245,13 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
                 f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um",
                 uncertainty=1e-8, wavelength_nm=wavelength,
             ),
+            *metrics.aliasing_quantities(lags, table, mtf, camera, None),
+            *metrics.restoration_quantities(table, camera, wavelength, None),
+            *metrics.shape_quantities(points, pixels, camera, None),
         ]  # fmt: skip
+        if wavelength == middle_nm(camera):
+            quantities.append(peak_to_side_lobe(points))
+    quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], None)
     progress("optics", len(mtfs), len(mtfs))
     return Analysis(cell.name, tuple(psfs), tuple(mtfs), tuple(quantities))
 

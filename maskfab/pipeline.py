@@ -71,7 +71,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         with clock.stage("read back"):
             trips = read_back(plate, design, [folder / name for name in mask_names(plate)], progress)
         with clock.stage("optics"):
-            optics = measure_dies(plate, job.camera, trips[0].layout, progress)
+            optics = measure_dies(plate, job.camera, trips[0].layout, progress, clock.seconds)
         report = assemble(job, plate, trips, optics, files, clock.seconds)
         with clock.stage("figures"):
             progress("figures", 0, 1)
@@ -126,16 +126,23 @@ def read_back(plate: Plate, design: db.Layout, paths: Sequence[Path], progress: 
     return trips
 
 
-def measure_dies(plate: Plate, camera: Camera, layout: db.Layout, progress: Progress) -> list[DieOptics]:
+def measure_dies(
+    plate: Plate, camera: Camera, layout: db.Layout, progress: Progress, seconds: dict[str, float] | None = None
+) -> list[DieOptics]:
     """The optics of every die from a layout that was read back; dies in parallel, one BLAS thread each.
 
-    With one thread each sum is done in one order, which makes equal runs equal to the last bit.
+    With one thread each sum is done in one order, which makes equal runs equal to the last bit. The time of every die
+    is added to ``seconds``.
     """
     progress("optics", 0, len(plate.dies))
     results: list[DieOptics] = []
 
     def one(die: Die) -> DieOptics:
-        return measure(die, camera, clear_shapes(layout, stop_box(camera.stop, axis_nm(die))))
+        start = time.perf_counter()
+        result = measure(die, camera, clear_shapes(layout, stop_box(camera.stop, axis_nm(die))))
+        if seconds is not None:
+            seconds[f"optics {die.name}"] = round(time.perf_counter() - start, 3)
+        return result
 
     with threadpool_limits(1), ThreadPoolExecutor(os.cpu_count()) as pool:
         for result in pool.map(one, plate.dies):

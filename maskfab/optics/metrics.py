@@ -2,14 +2,46 @@
 
 from __future__ import annotations
 
-import numpy as np
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
-from maskfab.model import Camera, Mtf, Psf, Quantity
+import numpy as np
+from numpy.typing import NDArray
+from scipy import fft
+
+from maskfab.errors import JobError
+from maskfab.model import Camera, Mtf, Psf, Quantity, frozen
+from maskfab.optics.aperture import Lattice
+from maskfab.optics.encircled import ensquared_energy, halo_energy
 from maskfab.optics.mtf import area_under_radial_min, frequency_at
-from maskfab.optics.otf import LagTable
-from maskfab.optics.psf import image_scale_um2
+from maskfab.optics.otf import LagTable, neighbours
+from maskfab.optics.psf import cutoff, image_scale_um2
+from maskfab.optics.psf_metrics import (
+    colour_distance,
+    edge_colour_difference,
+    energy_normalised_strehl,
+    first_side_lobe,
+    streak_index,
+)
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.sampling import PHASES, AliasedMtf, cy_per_pixel, phase_spread
+from maskfab.optics.spectrum import Spectrum
+from maskfab.optics.wiener import noise_gain, sensor_square, worst_wiener
+
+Floats = NDArray[np.float64]
+
+NOISE_TO_SIGNAL = 0.015
+"""The noise-to-signal ratio ε of the Wiener quantities."""
 
 _MTF_LEVELS = (10, 30, 50)
+_WIENER_SAMPLES = 128
+_CORE_PIXELS = 5
+_HALO_UM = 25.0
+_STREAK_UM = (10.0, 50.0)
+# How far the first side lobe is looked for before the whole window is, in units of λf / D.
+_NEAR_ORDERS = 8
+_ROWS_AT_A_TIME = 128
 
 
 AREA_ERROR = 1e-8
@@ -22,8 +54,11 @@ def stop_open_ratio(clear_um2: float, camera: Camera, die: str | None, method: s
     return Quantity("stop_open_ratio", "η", ratio, "1", method, uncertainty=AREA_ERROR * ratio, die=die)
 
 
-def mtf_quantities(mtf: Mtf, die: str | None) -> list[Quantity]:
-    """AUC of the radial minimum, and the frequencies at which the radial mean falls to 50, 30 and 10 %."""
+def mtf_quantities(mtf: Mtf, pixel_um: float, die: str | None) -> list[Quantity]:
+    """AUC of the radial minimum, and the frequencies at which the radial mean falls to 50, 30 and 10 %.
+
+    The frequencies are given in cycles per millimetre of sensor, then in cycles per pixel of side ``pixel_um``.
+    """
     line = mtf.wavelength_nm
     found = [
         Quantity(
@@ -52,7 +87,24 @@ def mtf_quantities(mtf: Mtf, die: str | None) -> list[Quantity]:
                 wavelength_nm=line,
             )
         )
-    return found
+    return found + [_per_pixel(quantity, pixel_um) for quantity in found[1:]]
+
+
+def _per_pixel(quantity: Quantity, pixel_um: float) -> Quantity:
+    """A frequency in cycles per millimetre as one in cycles per pixel."""
+    value, error = (
+        None if number is None else float(cy_per_pixel(np.array(number), pixel_um))
+        for number in (quantity.value, quantity.uncertainty)
+    )
+    return replace(
+        quantity,
+        name=f"{quantity.name}_per_pixel",
+        symbol=f"{quantity.symbol} p",
+        value=value,
+        uncertainty=error,
+        unit="cy/pixel",
+        method=f"{quantity.name} times the pixel of {pixel_um:g} um; 0.5 is the highest frequency that pixels hold",
+    )
 
 
 def energy_in_window(psf: Psf, uncertainty: float, die: str | None) -> Quantity:
@@ -132,6 +184,188 @@ def mtf_volume(table: LagTable, area_um2: float, die: str | None, limit: float) 
         passed=error <= limit,
         die=die,
     )
+
+
+@dataclass(frozen=True, eq=False)
+class AxisLags:
+    """The pupil's autocorrelation along one axis, the lag along the other being 0.
+
+    Attributes:
+        lattice: the pupil's lattice along the axis.
+        values: float64 [cells, dots] in square micrometres, negative lags wrapped round, good for every lag.
+    """
+
+    lattice: Lattice
+    values: Floats
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "values", frozen(self.values))
+
+    def at(self, lag_um: Floats) -> Floats:
+        """The autocorrelation at lags of any shape; linear between the table's, which is exact for whole dots."""
+        total = np.zeros(lag_um.shape)
+        for cell, dot, weight in neighbours(self.lattice, lag_um, self.values.shape):
+            total += weight * self.values[cell, dot]
+        return total
+
+
+def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
+    """Autocorrelations along x and along y at every lag up to the pupil's width.
+
+    Args:
+        pupil: openings inside the stop.
+        energy_um2: the value at lag 0, which dots that the stop cuts do not give by their means.
+    """
+    grey = pupil.mean_transmission[np.ix_(pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel())]
+    area = pupil.x.dot_um * pupil.y.dot_um
+    found = []
+    for lattice, rows in ((pupil.x, grey), (pupil.y, grey.T)):
+        # Without gutters every dot is a cell, as in the lag table.
+        period = (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
+        sizes = [fft.next_fast_len(2 * n - 1, real=True) for n in period]
+        axes, sizes = ([1], sizes[:1]) if period[1] == 1 else ([1, 2], sizes)
+        power: Floats | float = 0.0
+        for start in range(0, len(rows), _ROWS_AT_A_TIME):
+            part = rows[start : start + _ROWS_AT_A_TIME]
+            spectrum = fft.rfftn(part.reshape(-1, *period), sizes, axes=axes)
+            power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
+        values = fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
+        values[0, 0] = energy_um2
+        found.append(AxisLags(lattice, values))
+    return found[0], found[1]
+
+
+def aliasing_quantities(
+    lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera, die: str | None
+) -> list[Quantity]:
+    """How far sampling once per pixel moves the MTF from the presampled one, and how far its phase does.
+
+    Args:
+        lags: see :func:`axis_lags`.
+        table: of the same pupil; gives energy and error bound.
+        mtf: presampled, of the same table.
+        camera: gives focal length, stop and pixel.
+        die: whose numbers these are.
+    """
+    aliased = aliased_cuts(lags, table, mtf, camera)
+    presampled = np.concatenate([mtf.cuts["horizontal"], mtf.cuts["vertical"]])
+    spread = phase_spread(aliased, presampled, die)
+    return [
+        replace(
+            spread,
+            method="aliased, unlike the other MTFs: "
+            + spread.method.removesuffix("the cut")
+            + "horizontal and vertical",
+            wavelength_nm=mtf.wavelength_nm,
+        ),
+        Quantity(
+            "mtf_phase_range",
+            "max A - min A",
+            float((aliased.highest - aliased.lowest).max()),
+            "1",
+            "aliased: largest change of the MTF of pixel samples with the sub-pixel phase, over the horizontal and "
+            f"vertical frequencies up to half a cycle per pixel, {PHASES} x {PHASES} phases",
+            uncertainty=2 * aliased.uncertainty,
+            die=die,
+            wavelength_nm=mtf.wavelength_nm,
+        ),
+    ]
+
+
+def aliased_cuts(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera) -> AliasedMtf:
+    """The aliased MTF of pixel means along x, then along y, at the frequencies of a presampled one.
+
+    A pixel's sinc is zero at whole cycles per pixel, so on either axis only aliases along that axis are left, and lags
+    along it are all they need: the values are those of :func:`maskfab.optics.sampling.aliased_mtf` without the lags of
+    the whole plane. For the same reason the samples sum to 1 whatever the phase.
+    """
+    nu = mtf.frequency_cy_per_mm * 1e-3
+    highest, scale = cutoff(camera, mtf.wavelength_nm), image_scale_um2(camera, mtf.wavelength_nm)
+    last = math.ceil((highest + float(nu[-1])) * camera.pixel_um)
+    orders = np.arange(-last, last + 1, dtype=np.float64)
+    alias = nu + orders[:, None] / camera.pixel_um
+    phase = np.arange(PHASES, dtype=np.float64) / PHASES
+    turn = np.exp(2j * np.pi * phase[:, None] * orders)
+    pixel = np.where(abs(alias) < highest, np.sinc(alias * camera.pixel_um), 0.0)
+    along_x, along_y = (abs(turn @ (axis.at(scale * alias) / table.energy_um2 * pixel)) for axis in lags)
+    values = _over_phases(along_x, along_y)
+    none = np.zeros_like(nu)
+    frequency = 1e3 * np.stack([np.concatenate([nu, none]), np.concatenate([none, nu])])
+    return AliasedMtf(frequency, values, phase, "pixel", 2 * orders.size * table.uncertainty)
+
+
+def _over_phases(along_x: Floats, along_y: Floats) -> Floats:
+    """Cuts by the phase along their own axis, [phases, n] each, as [phases y, phases x, 2 n]."""
+    shape = (PHASES, PHASES, along_x.shape[1])
+    return np.concatenate([np.broadcast_to(along_x[None], shape), np.broadcast_to(along_y[:, None], shape)], axis=-1)
+
+
+def restoration_quantities(table: LagTable, camera: Camera, wavelength_nm: float, die: str | None) -> list[Quantity]:
+    """What a Wiener filter brings back at its worst, and how much it amplifies noise."""
+    line = Spectrum(np.array([wavelength_nm]), np.ones(1), f"{wavelength_nm:g} nm")
+    square = sensor_square(table, camera, line, _WIENER_SAMPLES)
+    return [worst_wiener(square, NOISE_TO_SIGNAL, die), noise_gain(square, NOISE_TO_SIGNAL, die)]
+
+
+def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) -> list[Quantity]:
+    """Core, halo, side lobes and streaks of one wavelength's PSF; cheap, so fit for every wavelength.
+
+    Core and halo are counted in whole pixels, the others found between points. Radii that a small window cannot hold
+    shrink to it; what it cannot tell at all is None.
+
+    Args:
+        points: sampled at points over the window.
+        pixels: averaged over pixels.
+        camera: gives focal length and stop.
+        die: whose numbers these are.
+    """
+    half = pixels.step_um * pixels.values.shape[0] / 2
+    highest = cutoff(camera, points.wavelength_nm) * (1.0 if camera.stop.shape == "circle" else math.sqrt(2))
+    core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
+    return [
+        ensquared_energy(pixels, core, highest, die),
+        halo_energy(pixels, min(_HALO_UM, half), highest, die),
+        _nearest_side_lobe(points, camera, die),
+        _streaks(points, die),
+        energy_normalised_strehl(points, camera, die),
+    ]
+
+
+def colour_quantities(pixels: Sequence[Psf], die: str | None) -> list[Quantity]:
+    """How three colours differ, longest wavelength red, shortest blue; nothing for any other number of them."""
+    if len(pixels) != 3:
+        return []
+    blue, green, red = sorted(pixels, key=lambda psf: psf.wavelength_nm)
+    return [colour_distance(red, blue, die), edge_colour_difference(red, green, blue, die)]
+
+
+def _nearest_side_lobe(points: Psf, camera: Camera, die: str | None) -> Quantity:
+    """The side lobe nearest to the axis; the whole window is searched only if none is near."""
+    reach = _NEAR_ORDERS / cutoff(camera, points.wavelength_nm)
+    found = first_side_lobe(_middle_part(points, reach), die)
+    # Of a square's corners only what lies within its inner circle is known to be the nearest.
+    near = isinstance(found.value, float) and found.value < reach - points.step_um
+    return found if near else first_side_lobe(points, die)
+
+
+def _streaks(points: Psf, die: str | None) -> Quantity:
+    half = points.step_um * (points.values.shape[0] // 2)
+    outer = min(_STREAK_UM[1], half)
+    inner = min(_STREAK_UM[0], outer / 2)
+    try:
+        return streak_index(_middle_part(points, outer), inner, outer, die)
+    except JobError as problem:  # a window of a few samples, or a dark one
+        return Quantity(
+            "streak_index", "max/mean", None, "1", problem.what, die=die, wavelength_nm=points.wavelength_nm
+        )  # fmt: skip
+
+
+def _middle_part(psf: Psf, reach_um: float) -> Psf:
+    """The samples of a PSF up to a distance from the axis, along x and y."""
+    middle = psf.values.shape[0] // 2
+    kept = min(middle, math.ceil(reach_um / psf.step_um - 1e-9))
+    part = slice(middle - kept, middle + kept + 1)
+    return Psf(psf.values[part, part], psf.step_um, psf.wavelength_nm, psf.kind)
 
 
 def relative_difference(measured: Psf, reference: Psf) -> float:

@@ -52,6 +52,114 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "Frequency at which the MTF falls to one half.",
             "Raise the open ratio, or the share of light in the PSF's core.",
         ),
+        "mtf30": Term(
+            "MTF30",
+            "Frequency at which the MTF falls to 30 %.",
+            "Raise the open ratio, or the share of light in the PSF's core.",
+        ),
+        "mtf10": Term(
+            "MTF10",
+            "Frequency at which the MTF falls to 10 %; what is finer is close to lost.",
+            "Raise the open ratio, or the share of light in the PSF's core.",
+        ),
+        **{
+            f"mtf{level}_per_pixel": Term(
+                f"MTF{level} per pixel",
+                f"The same frequency as MTF{level}, in cycles per sensor pixel; pixels hold at most 0.5.",
+                f"As for MTF{level}; or, if it is close to 0.5, choose a finer pixel.",
+            )
+            for level in (50, 30, 10)
+        },
+        "mtf_aliasing": Term(
+            "Aliasing of the MTF",
+            "Largest distance, over all positions of the picture against the pixels, of the MTF that the sampled PSF "
+            "shows from the presampled one. It is the error of an MTF that is measured from one picture of a point.",
+            "Choose a finer pixel, or compare presampled MTFs only.",
+        ),
+        "mtf_phase_range": Term(
+            "Aliased MTF's change with phase",
+            "Largest change of the sampled PSF's MTF when the picture moves by part of a pixel.",
+            "Choose a finer pixel, or compare presampled MTFs only.",
+        ),
+        "wiener_worst30": Term(
+            "Restored contrast, worst 30 %",
+            "Mean contrast that a Wiener filter gives back at the 30 % of frequencies where it gives back least; "
+            "0 is lost, 1 is as without a panel.",
+            "Choose an opening and a tiling whose MTF has no nulls.",
+        ),
+        "wiener_noise_gain": Term(
+            "Noise gain of restoration",
+            "How much the Wiener filter amplifies the pixels' noise.",
+            "Choose an opening with a higher MTF, or restore less: a larger noise-to-signal ratio.",
+        ),
+        "ensquared_energy": Term(
+            "Energy in the core",
+            "Share of all light through the panel that lands in the 5 x 5 pixels about the picture of a point.",
+            "Raise the open ratio: orders and haze take the rest.",
+        ),
+        "encircled_energy": Term(
+            "Encircled energy",
+            "Share of all light through the panel that lands within a circle about the picture of a point.",
+            "Raise the open ratio: orders and haze take the rest.",
+        ),
+        "halo_energy": Term(
+            "Energy in the halo",
+            "Share of all light through the panel that lands far from the picture of a point, outside the PSF's window "
+            "included.",
+            "Raise the open ratio, or choose a larger pitch, which keeps orders closer.",
+        ),
+        "peak_to_side_lobe": Term(
+            "Peak to side lobe",
+            "Peak of the PSF over its brightest other maximum: how faint the strongest ghost is.",
+            "Choose a random tiling, which spreads orders out.",
+        ),
+        "first_side_lobe": Term(
+            "First side lobe",
+            "Distance from the axis of the PSF's nearest other maximum; the stop's own first ring, unless orders lie "
+            "closer.",
+            "Change the stop, or the pitch.",
+        ),
+        "streak_index": Term(
+            "Streak index",
+            "Brightest direction of the PSF's tail over the mean of all: 1 is a round haze, 19 a single streak.",
+            "Choose an opening without long straight edges, or a random tiling.",
+        ),
+        "energy_normalised_strehl": Term(
+            "Peak, energies equal",
+            "Peak of the PSF over an open stop's if both pass the same light. The open ratio alone fixes it.",
+            "Raise the open ratio.",
+        ),
+        "order_zero_incident": Term(
+            "Zero order, of incident light",
+            "Share of the light falling on a periodic panel that goes straight on.",
+            "Raise the open ratio.",
+        ),
+        "order_zero_transmitted": Term(
+            "Zero order, of transmitted light",
+            "Share of the light through a periodic panel that goes straight on.",
+            "Raise the open ratio.",
+        ),
+        "orders_lowest_five_incident": Term(
+            "Lowest five orders, of incident light",
+            "Share of the light falling on a periodic panel that goes into the zero order and its four neighbours.",
+            "Raise the open ratio.",
+        ),
+        "orders_lowest_five_transmitted": Term(
+            "Lowest five orders, of transmitted light",
+            "Share of the light through a periodic panel that goes into the zero order and its four neighbours.",
+            "Raise the open ratio.",
+        ),
+        "colour_distance": Term(
+            "Distance of the colours",
+            "Share of the longest wavelength's light that lands where the shortest one's does not.",
+            "Choose a random tiling: orders of different colours lie apart, haze overlaps.",
+        ),
+        "edge_colour_difference": Term(
+            "Colour fringe of an edge",
+            "Largest colour difference (CIE 1976) from grey along the picture of a black and white edge; about 2 "
+            "can be seen.",
+            "Choose a random tiling: orders of different colours lie apart, haze overlaps.",
+        ),
         "psf_energy_in_window": Term(
             "PSF energy in window",
             "Share of all light through the panel that lands inside the window in which the PSF is shown; "
@@ -121,6 +229,9 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "MTF": "Modulation transfer function: contrast of the picture of a sine pattern. Presampled: the sensor "
         "pixel's blur is included, its aliasing is not.",
         "radial minimum": "The lowest MTF over all directions at one frequency.",
+        "aliased": "Of samples one pixel apart: frequencies finer than the pixels can hold are folded onto "
+        "coarser ones, differently for every position of the picture against the pixels.",
+        "Wiener filter": "The linear restoration with the least mean squared error at a given noise-to-signal ratio.",
         "XOR": "The area in which two layouts differ.",
         "CD": "Critical dimension: a width measured at a named gauge.",
     }

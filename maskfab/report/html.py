@@ -55,10 +55,41 @@ class Column:
     wavelength_nm: float | None = None
 
 
+@dataclass(frozen=True)
+class Line:
+    """One quantity of a die at all its wavelengths.
+
+    Attributes:
+        first: the row of the first wavelength that has one; name, symbol, unit and method are its.
+        judged: the row whose limit and verdict are shown: one that failed, else the first that was judged, else any.
+        rows: one for each wavelength, None where there is none.
+    """
+
+    first: Row
+    judged: Row
+    rows: tuple[Row | None, ...]
+
+
+_RARELY_READ = frozenset(
+    {
+        "mtf50_per_pixel",
+        "mtf30_per_pixel",
+        "mtf10_per_pixel",
+        "mtf_phase_range",
+        "energy_normalised_strehl",
+        "first_side_lobe",
+        "order_zero_incident",
+        "order_zero_transmitted",
+        "orders_lowest_five_incident",
+    }
+)
+"""What the page folds, unless it failed."""
+
 _COLUMNS = (
     Column("open_ratio", "Open ratio", "worst"),
     Column("auc_radial_min", "AUC radial min", "each", best=True),
     Column("mtf50", "MTF50", "middle", best=True),
+    Column("wiener_worst30", "Restored, worst 30 %", "middle", best=True),
     Column("psf_energy_in_window", "Energy in window", "middle"),
     Column("readback_psf_difference", "Read-back difference", "worst"),
     Column("corner_touches", "Corner touches", "worst"),
@@ -105,6 +136,9 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         columns=_columns(document),
         cell=_cell,
         best=_best,
+        wavelengths=_wavelengths,
+        lines=_lines,
+        plain=_plain,
         quantities=QUANTITIES,
         words=WORDS,
     )
@@ -196,6 +230,36 @@ def _best(dies: Sequence[Mapping[str, Any]], column: Column) -> float | None:
     cells = [_cell(die, column) for die in dies] if column.best else []
     values = {_value(cell) for cell in cells if cell is not None}
     return max(values) if len(values) > 1 else None
+
+
+def _wavelengths(die: Mapping[str, Any]) -> list[float]:
+    """The wavelengths at which a die has numbers, in their order of appearance."""
+    return list(dict.fromkeys(row["wavelength_nm"] for row in die["quantities"] if "wavelength_nm" in row))
+
+
+def _lines(die: Mapping[str, Any], folded: bool) -> list[Line]:
+    """A die's numbers that depend on the wavelength, each in one line; those that are folded, or the others."""
+    wavelengths = _wavelengths(die)
+    groups: dict[str, dict[float, Row]] = {}
+    for row in die["quantities"]:
+        if "wavelength_nm" in row:
+            groups.setdefault(row["name"], {})[row["wavelength_nm"]] = row
+    found = []
+    for rows in groups.values():
+        first = next(iter(rows.values()))
+        judged = min(rows.values(), key=lambda row: (row["passed"] is not False, row["passed"] is None))
+        if _is_folded(judged) == folded:
+            found.append(Line(first, judged, tuple(rows.get(wavelength) for wavelength in wavelengths)))
+    return found
+
+
+def _plain(die: Mapping[str, Any], folded: bool) -> list[Row]:
+    """A die's numbers that do not depend on the wavelength; those that are folded, or the others."""
+    return [row for row in die["quantities"] if "wavelength_nm" not in row and _is_folded(row) == folded]
+
+
+def _is_folded(row: Row) -> bool:
+    return row["name"] in _RARELY_READ and row["passed"] is not False
 
 
 def _value(row: Row) -> float:

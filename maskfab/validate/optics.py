@@ -10,13 +10,15 @@ from numpy.typing import NDArray
 
 from maskfab.geometry.region import coverage
 from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import Camera, Die, DieOptics, Psf, Quantity
+from maskfab.model import Camera, Die, DieOptics, Mtf, Psf, Quantity, Tiling
 from maskfab.optics import metrics
-from maskfab.optics.aperture import Aperture, covered_aperture, panel_aperture
+from maskfab.optics.aperture import Aperture, Lattice, covered_aperture, panel_aperture, zeros
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.orders import order_quantities
 from maskfab.optics.otf import lag_table
 from maskfab.optics.polygons import Boundary, boundary
 from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psfs, within
+from maskfab.optics.psf_metrics import peak_to_side_lobe
 from maskfab.optics.pupil import cut
 
 Floats = NDArray[np.float64]
@@ -44,6 +46,7 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     outline = stop_boundary(edges, area, camera)
     table = lag_table(pupil, longest_lag_um(camera))
+    lags = metrics.axis_lags(pupil, table.energy_um2)
     margin = pixel_margin(camera)
 
     limit = INVARIANT_LIMIT_ROUND if stop.shape == "circle" else INVARIANT_LIMIT_SQUARE
@@ -56,8 +59,10 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
         ),
         metrics.mtf_volume(table, area, die.name, limit),
     ]
+    if die.panel.tiling is Tiling.PERIODIC:
+        quantities += order_quantities(die.panel, die.name)
     psfs: list[Psf] = []
-    mtfs = []
+    mtfs: list[Mtf] = []
     designed_psfs = point_psfs(design_pupil, camera, margin)
     read_psfs = designed_psfs if pupil is design_pupil else point_psfs(pupil, camera, margin)
     for wavelength, designed_psf, read_psf in zip(camera.wavelengths_nm, designed_psfs, read_psfs, strict=True):
@@ -69,12 +74,23 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
         psfs += [polygons, pixels]
         mtfs.append(mtf)
         quantities += [
-            *metrics.mtf_quantities(mtf, die.name),
+            *metrics.mtf_quantities(mtf, camera.pixel_um, die.name),
             metrics.energy_in_window(pixels, difference, die.name),
             *metrics.strehl_quantities(points, camera, design_pupil.energy_um2, area, die.name, limit),
             _difference(difference, die.name, wavelength),
+            *metrics.aliasing_quantities(lags, table, mtf, camera, die.name),
+            *metrics.restoration_quantities(table, camera, wavelength, die.name),
+            *metrics.shape_quantities(points, pixels, camera, die.name),
         ]
+        if wavelength == middle_nm(camera):
+            quantities.append(peak_to_side_lobe(points, die.name))
+    quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die.name)
     return DieOptics(die, tuple(psfs), tuple(mtfs), tuple(quantities))
+
+
+def middle_nm(camera: Camera) -> float:
+    """The wavelength that stands for all of them where a number is too dear to find at each."""
+    return camera.wavelengths_nm[len(camera.wavelengths_nm) // 2]
 
 
 def stop_boundary(edges_um: Floats, area_um2: float, camera: Camera) -> Boundary:
@@ -103,7 +119,17 @@ def _read_aperture(die: Die, designed: Aperture, shapes: Shapes) -> Aperture:
         centre + 1e3 * lattice.edges_um()
         for centre, lattice in zip(axis_nm(die), (designed.x, designed.y), strict=True)
     )
-    return covered_aperture(designed.x, designed.y, coverage(shapes, _on_grid(x), _on_grid(y)))
+    return read_aperture(designed.x, designed.y, coverage(shapes, _on_grid(x), _on_grid(y)))
+
+
+def read_aperture(x: Lattice, y: Lattice, covered: Floats) -> Aperture:
+    """An aperture from the share of every interval that is clear, [ny, nx].
+
+    Where every interval is clear or dark, none varies within, and zeros that take no memory spare a pass over them.
+    """
+    if ((covered == 0) | (covered == 1)).all():
+        return Aperture(x, y, covered, zeros((covered.shape[0], covered.shape[1])))
+    return covered_aperture(x, y, covered)
 
 
 def _on_grid(edges_nm: Floats) -> Floats:

@@ -147,3 +147,37 @@ def test_numbers_have_few_digits(value, text):
 )
 def test_limits_say_on_which_side_to_be(value, bound, passed, text):
     assert html.limit({"value": value, "limit": bound, "passed": passed}) == text
+
+
+def row(name: str, value: float, line: float | None = None, passed: bool | None = None) -> dict:
+    """A row of report.json."""
+    limit = None if passed is None else 1.0
+    found = {"name": name, "symbol": "s", "value": value, "unit": "1", "uncertainty": 0.5, "method": f"way {line}"}
+    return found | {"limit": limit, "passed": passed} | ({} if line is None else {"wavelength_nm": line})
+
+
+def test_wavelengths_stand_side_by_side_and_rare_rows_are_folded_unless_they_fail(document):
+    rows = [
+        *(row("halo_energy", line / 1e4, line) for line in (610.0, 530.0)),
+        row("peak_to_side_lobe", 7.5, 530.0),
+        *(row("mtf50_per_pixel", line / 1e5, line) for line in (610.0, 530.0)),
+        row("first_side_lobe", 2.5, 610.0, passed=True),
+        row("first_side_lobe", 3.5, 530.0, passed=False),
+        row("order_zero_incident", 0.25),
+        row("orders_lowest_five_transmitted", 0.75),
+    ]
+    die = {**document["dies"][0], "quantities": rows}
+    page = html.render({**document, "dies": [die], "checks": []}, {})
+    section = page[page.index('<section class="die"') : page.index('<section id="checks"')]
+    read(page)
+    often, rarely = section.split("<details>")
+    assert "Rarely read (2)" in rarely
+    assert re.findall(r'<td title="(\w+)">', often) == [
+        "halo_energy", "peak_to_side_lobe", "first_side_lobe", "orders_lowest_five_transmitted",
+    ]  # fmt: skip
+    assert re.findall(r'<td title="(\w+)">', rarely) == ["mtf50_per_pixel", "order_zero_incident"]
+    assert ">610 nm</th>" in often
+    assert 'title="0.061 ± 0.5: way 610.0">0.06100<small>± 0.50</small></td>' in often
+    assert '<td class="n quiet">–</td>' in often  # no side lobe was looked for at 610 nm
+    assert "✗ 3.500" in often
+    assert "✗ FAIL</td>" in often
