@@ -301,6 +301,36 @@ def _workload(path: Path, die: str | None) -> Workload:
     return workload_of(panels[die or next(iter(panels))], job.camera)
 
 
+@app.command(epilog="Examples: maskfab plan layouts/upc12.toml | maskfab plan job.toml --die TOLED_R150 --json")
+def plan(
+    job: JobFile,
+    die: Annotated[str | None, typer.Option(help="Which die of the job; default: all.")] = None,
+    as_json: Json = False,
+) -> None:
+    """Say what the job's [scene] needs modelled, what may be left out, and what computing it takes."""
+    from maskfab.layout.job import load
+    from maskfab.optics.omissions import Scene
+    from maskfab.optics.plan import document, table
+    from maskfab.optics.plan import plan as plan_scene
+    from maskfab.spec import SceneSection
+
+    loaded = load(job)
+    section = loaded.spec.scene or SceneSection()
+    panels = {each.name: each.panel for each in loaded.plate().dies if die in (None, each.name)}
+    if not panels:
+        names = ", ".join(each.name for each in loaded.spec.die)
+        raise JobError("MF105", f"the job has no die {die!r}", where="--die", cure=f"Use one of {names}")
+    plans = {
+        name: plan_scene(panel, loaded.camera, Scene.of(section), section.accuracy) for name, panel in panels.items()
+    }
+    if as_json:
+        _print_json({"accuracy": section.accuracy, "dies": [document(name, found) for name, found in plans.items()]})
+        return
+    for name, found in plans.items():
+        for line in table(name, found):
+            typer.echo(line)
+
+
 @app.command(epilog="Example: maskfab explain MF106")
 def explain(
     code: Annotated[str, typer.Argument(metavar="CODE", help="A code such as MF106.")], as_json: Json = False

@@ -11,7 +11,9 @@ import math
 import re
 import tomllib
 from collections import Counter
+from collections.abc import Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Annotated, Any, Literal, TypeVar
 
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, PlainSerializer, ValidationError
@@ -27,6 +29,10 @@ _MOST_SAMPLES = 4096
 _PART = "\x1f"  # parts what from cure on the way through pydantic
 _LONGEST_UM = 1e9
 _LARGEST_PLATE_UM = 2e6
+_HIGHEST_NOLL = 66
+
+ACCURACIES: Mapping[str, float] = MappingProxyType({"draft": 1e-2, "standard": 1e-3, "certify": 1e-6})
+"""Admissible relative L2 error of the PSF, by name."""
 
 
 def _refusing(parse: Any, value: object, **options: object) -> Any:
@@ -119,6 +125,69 @@ def _drawn(text: object) -> object:
     return text
 
 
+def _distance(value: object) -> float:
+    """Micrometres of a length, or infinity for ``"inf"``."""
+    return math.inf if value == "inf" else _length(value)
+
+
+def _distance_text(value: float) -> str:
+    return "inf" if math.isinf(value) else _um_text(value)
+
+
+def _depth(value: object) -> tuple[float, float]:
+    if not isinstance(value, list | tuple) or len(value) != 2:
+        raise JobError("MF105", f"{value!r} is not a pair of distances", cure='Write it as ["1 m", "inf"]')
+    nearest, farthest = (_distance(each) for each in value)
+    if nearest > farthest:
+        raise JobError(
+            "MF104", f"{value!r} has the nearest object beyond the farthest", cure="Swap them: the nearest comes first"
+        )
+    return nearest, farthest
+
+
+def _accuracy(value: object) -> float:
+    """Admissible relative L2 error of the PSF, by name or as a number in (0, 1)."""
+    if isinstance(value, str) and value in ACCURACIES:
+        return ACCURACIES[value]
+    names = ", ".join(f'"{name}"' for name in ACCURACIES)
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise JobError("MF105", f"{value!r} is no accuracy", cure=f"Use {names} or a number between 0 and 1")
+    if not 0 < value < 1:
+        raise JobError("MF104", f"{value!r} is outside 0 to 1", cure=f"Use {names} or a ratio such as 1e-3")
+    return float(value)
+
+
+def _aberrations(value: object) -> tuple[tuple[int, float], ...]:
+    cure = "Write pairs of Noll's number and waves: [[4, 0.05], [11, 0.02]]"
+    if not isinstance(value, list | tuple):
+        raise JobError("MF105", f"{value!r} is not a list of pairs", cure=cure)
+    found: list[tuple[int, float]] = []
+    for pair in value:
+        if not isinstance(pair, list | tuple) or len(pair) != 2:
+            raise JobError("MF105", f"{pair!r} is not a pair", cure=cure)
+        term, waves = pair
+        if type(term) is not int or type(waves) not in (int, float):
+            raise JobError("MF105", f"{pair!r} is not a whole number and a number", cure=cure)
+        if not 1 <= term <= _HIGHEST_NOLL:
+            raise JobError("MF104", f"{pair!r} has a Noll index outside 1 to {_HIGHEST_NOLL}", cure=cure)
+        if not math.isfinite(waves):
+            raise JobError("MF104", f"{pair!r} has a coefficient that is not finite", cure=cure)
+        if term in (known for known, _ in found):
+            raise JobError("MF105", f"{pair!r} gives Noll's term {term} once more", cure="Give every term once")
+        found.append((term, float(waves)))
+    return tuple(found)
+
+
+Distance = Annotated[float, BeforeValidator(lambda v: _refusing(_distance, v)), PlainSerializer(_distance_text)]
+Depth = Annotated[
+    tuple[float, float],
+    BeforeValidator(lambda v: _refusing(_depth, v)),
+    PlainSerializer(lambda v: [_distance_text(each) for each in v]),
+]
+Accuracy = Annotated[float, BeforeValidator(lambda v: _refusing(_accuracy, v))]
+Aberrations = Annotated[tuple[tuple[int, float], ...], BeforeValidator(lambda v: _refusing(_aberrations, v))]
+
+
 class _Section(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
@@ -208,6 +277,23 @@ class DesignSection(_Section):
     output: str | None = None
 
 
+class SceneSection(_Section):
+    """[scene]: what the camera looks at and how accurate the PSF must be; the defaults ask for nothing extra.
+
+    ``depth`` is the nearest and the farthest object, ``field`` the largest image height, ``gap`` the distance from the
+    panel to the stop; ``aberrations`` are pairs of Noll's number and waves at the first wavelength.
+    """
+
+    accuracy: Accuracy = 1e-3
+    depth: Depth = (math.inf, math.inf)
+    focus: Distance = math.inf
+    field: LengthOrZero = 0.0
+    gap: LengthOrZero = 0.0
+    aberrations: Aberrations = ()
+    saturation: bool = False
+    spectrum: Literal["lines", "rgb"] = "lines"
+
+
 class JobSpec(_Section):
     """A whole job file. ``openings`` holds opening files by the names that dies use, to make a job self-contained."""
 
@@ -217,6 +303,7 @@ class JobSpec(_Section):
     limits: LimitsSection = LimitsSection()
     die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
     design: DesignSection | None = None
+    scene: SceneSection | None = None
     openings: dict[str, str] = {}
 
     def dump(self) -> dict[str, Any]:
@@ -256,6 +343,7 @@ def validate(document: object, *, where: str) -> JobSpec:
     """A spec from parsed data; ``where`` names the file in errors."""
     spec = parse_section(JobSpec, document, where=where)
     _check_dies(spec, where)
+    _check_scene(spec, where)
     return spec
 
 
@@ -323,6 +411,20 @@ def _check_dies(spec: JobSpec, where: str) -> None:
         units.to_nm(die.dot, where=f"{place}.dot", name="dot")
         even_nm(die.gutter, where=f"{place}.gutter", name="gutter")
         check_optics(spec.camera.camera(), die.dot, where=place)
+
+
+def _check_scene(spec: JobSpec, where: str) -> None:
+    """Objects within the focal length have no image."""
+    if spec.scene is None:
+        return
+    for key, distance in (("depth", spec.scene.depth[0]), ("focus", spec.scene.focus)):
+        if not distance > spec.camera.focal:
+            raise JobError(
+                "MF104",
+                f"{distance:g} um is not beyond the focal length of {spec.camera.focal:g} um",
+                where=f"{where}: scene.{key}",
+                cure="Give a distance from the lens, beyond its focal length",
+            )
 
 
 def even_nm(value_um: float, *, where: str, name: str) -> int:

@@ -1,0 +1,256 @@
+"""Every way to model a scene, and its price: flops, time, memory, and the error of what it leaves out.
+
+Notes:
+    Rates are those of one thread, see ``RATES``; predicted times rank choices and tell seconds from minutes. Cutting
+    the pupil is not counted, nor the planner's own pilot PSFs.
+    No function models diffraction over the gap together with a phase on the pupil, nor a grey rim with either, so
+    there is no such choice.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from math import log2
+from types import MappingProxyType
+
+from maskfab.model import Camera
+from maskfab.optics.band_lines import BAND_SAFETY
+from maskfab.optics.omissions import GAP_SAFETY, Estimate, Estimates, Scene
+from maskfab.optics.paths import PATHS, FieldPath, Task
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.waves import Precision
+
+RATES: Mapping[Precision, float] = MappingProxyType({"double": 43e9, "single": 92e9})
+"""Flops a second of one thread's matrix products, measured on the machine of the reference numbers."""
+
+PHASED = "phased"
+SPECTRUM = "angular spectrum"
+
+GAP_ERRORS: Mapping[int, float] = MappingProxyType({4: 4.5e-3, 8: 1.5e-3, 16: 5e-4, 32: 1.7e-4})
+"""Error of diffraction over a gap by samples per dot: 1.5e-3 at 8 against Fresnel integrals, a third for twice."""
+
+DEPTHS = 2
+"""Distances that stand for a range of depths: its ends."""
+
+# Legendre orders along each axis that a weak phase over a dot takes; the field's rows and columns are complex.
+_PHASE_ORDERS = 3
+# A flop of a Fourier transform counts as so many of a product, as for the field paths.
+_TRANSFORM_FLOP = 12.0
+# The same for the long complex transforms over a gap, and for the thin products of a phased pupil.
+_GAP_FLOP = 3.5
+_PHASED_FLOP = 2.0
+# Seconds for each PSF, whatever its size: what small stops take beyond their arithmetic.
+_OVERHEAD = 3e-3
+_OVERHEADS: Mapping[str, float] = MappingProxyType({PHASED: 12e-3, SPECTRUM: 25e-3})
+_MOST_GAP_SAMPLES = 64_000_000
+
+PHASE_SHARE = 0.01
+"""Tolerance of a phased field, as a share of the accuracy."""
+
+_PATHS: Mapping[str, FieldPath] = MappingProxyType({path.name: path for path in PATHS})
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One way to model a scene.
+
+    Attributes:
+        path: a field path's name, ``phased`` or ``angular spectrum``.
+        precision: of waves and products.
+        grey_rim: whether cut dots are taken as whole ones of their mean transmission.
+        scale, defocus, aberrations, diffraction: what is modelled.
+        places: along each axis of the field; 1 takes the axis's PSF everywhere.
+        lines: for each band; 0 for the camera's own lines.
+        samples_per_dot: in the stop's plane, where diffraction is modelled; else 0.
+    """
+
+    path: str
+    precision: Precision
+    grey_rim: bool
+    scale: bool
+    defocus: bool
+    aberrations: bool
+    diffraction: bool
+    places: int
+    lines: int
+    samples_per_dot: int
+
+
+@dataclass(frozen=True)
+class Price:
+    """What a choice takes: flops of matrix products, seconds at ``RATES``, bytes beyond the pupil's own, and its
+    relative L2 error, that of what it leaves out included."""
+
+    flops: float
+    seconds: float
+    memory: float
+    error: float
+
+
+@dataclass(frozen=True)
+class Ingredient:
+    """A row of the plan.
+
+    Attributes:
+        name: what could be modelled.
+        modelled: whether it is.
+        error: estimated relative L2 error of the PSF without it; of what is left of it in ``remaining`` if modelled.
+        method: how it was estimated.
+        safety: factor in ``error``.
+        remaining: what counts towards the plan's error: ``error`` if left out, else what modelling leaves.
+    """
+
+    name: str
+    modelled: bool
+    error: float
+    method: str
+    safety: float
+    remaining: float
+
+
+@dataclass(frozen=True, eq=False)
+class Prices:
+    """The price of any choice for one panel, camera and scene.
+
+    Attributes:
+        pupil: openings inside the stop.
+        camera: its lines are those that set the samples.
+        scene: what is looked at.
+        accuracy: admissible error.
+        estimates: errors of omissions.
+        tasks: by (grey rim, scale modelled).
+        lines: how many lines the camera has.
+    """
+
+    pupil: Pupil
+    camera: Camera
+    scene: Scene
+    accuracy: float
+    estimates: Estimates
+    tasks: Mapping[tuple[bool, bool], Task]
+    lines: int
+
+    def choices(self) -> Iterator[Choice]:
+        """Every choice that can be computed, whatever its error."""
+        known = self.estimates
+        options = itertools.product(
+            (*(path.name for path in PATHS), PHASED, SPECTRUM),
+            RATES,
+            (False, True),
+            _options(known.scale),
+            _options(known.defocus),
+            _options(known.aberrations),
+            _options(known.diffraction),
+            known.places,
+            known.bands,
+            (0, *GAP_ERRORS),
+        )
+        return (choice for choice in itertools.starmap(Choice, options) if self.possible(choice))
+
+    def possible(self, choice: Choice) -> bool:
+        """Whether there is a function for a choice, and it takes the pupil."""
+        phase = choice.defocus or choice.aberrations
+        if choice.diffraction != (choice.samples_per_dot > 0):
+            return False
+        if phase or choice.diffraction:
+            wanted = SPECTRUM if choice.diffraction else PHASED
+            fits = not choice.diffraction or self._gap_samples(choice) ** 2 <= _MOST_GAP_SAMPLES
+            single = not (phase and choice.diffraction)
+            return choice.path == wanted and choice.precision == "double" and not choice.grey_rim and single and fits
+        if choice.grey_rim and not self.pupil.rim_row.size:
+            return False
+        path = _PATHS.get(choice.path)
+        task = self.tasks[choice.grey_rim, choice.scale]
+        return path is not None and choice.precision in path.precisions and path.refusal(task) is None
+
+    def price(self, choice: Choice) -> Price:
+        """Flops, time, memory and error of a possible choice."""
+        flops, memory = self._one(choice)
+        depths = DEPTHS if choice.defocus else 1
+        psfs = self.wavelengths(choice) * depths * choice.places**2
+        flops, waiting = flops * psfs, psfs * _OVERHEADS.get(choice.path, _OVERHEAD)
+        error = self.own_error(choice) + math.fsum(row.remaining for row in self.ingredients(choice))
+        return Price(flops, flops / RATES[choice.precision] + waiting, memory, error)
+
+    def wavelengths(self, choice: Choice) -> int:
+        """How many lines a choice computes."""
+        return choice.lines * self.estimates.in_bands if self.estimates.in_bands else self.lines
+
+    def own_error(self, choice: Choice) -> float:
+        """Numerical error of the field path."""
+        if choice.path == PHASED:
+            # The field's tolerance is a share of the accuracy; the intensity errs by at most twice as much, the
+            # crossing of window and tail by as much again.
+            return 4 * PHASE_SHARE * self.accuracy
+        if choice.path == SPECTRUM:
+            return GAP_ERRORS[choice.samples_per_dot]
+        return _PATHS[choice.path].error[choice.precision]
+
+    def ingredients(self, choice: Choice) -> tuple[Ingredient, ...]:
+        """The rows of a choice."""
+        known = self.estimates
+        spread = Estimate(known.bands[min(known.bands)], "PSF in the window against that of many lines", BAND_SAFETY)
+        between = Estimate(known.places[choice.places], "the shift half a diagonal from the nearest place", GAP_SAFETY)
+        rows = [
+            _row("scale of a near focus", choice.scale, known.scale),
+            _row("defocus over the depth", choice.defocus, known.defocus),
+            _row("lens aberrations", choice.aberrations, known.aberrations),
+            _row("shift through the gap", choice.places > 1, known.shift),
+            _row("diffraction over the gap", choice.diffraction, known.diffraction),
+            _row("field between places", False, between),
+            _row("width of the bands", choice.lines > 1, spread, known.bands[choice.lines]),
+            _row("curve of the rim", not choice.grey_rim, known.rim),
+            # The mean over layouts takes more than one layout's PSF, so it is never the cheaper one.
+            _row("the layout itself", True, known.layout),
+        ]
+        if self.scene.saturation:
+            rows.append(_row("saturation", True, Estimate(0.0, "clipped by the capture; the PSF stays as it is")))
+        return tuple(rows)
+
+    def _one(self, choice: Choice) -> tuple[float, float]:
+        """Flops and bytes of one PSF."""
+        task = self.tasks[choice.grey_rim, choice.scale]
+        if choice.path == SPECTRUM:
+            return self._gap_cost(choice, task)
+        if choice.path == PHASED:
+            ny, nx = self.pupil.whole.shape
+            orders, sides = _PHASE_ORDERS**2, task.u.size
+            moments = 250.0 * orders * ny * nx
+            return (
+                _PHASED_FLOP * (moments + 8.0 * orders * sides * nx * (ny + sides) + 100.0 * 8 * sides * task.rim),
+                8.0 * (4 * orders * ny * nx + 16 * sides**2),
+            )
+        path = _PATHS[choice.path]
+        return path.flops(task), path.memory(task) / (2 if choice.precision == "single" else 1)
+
+    def _gap_samples(self, choice: Choice) -> int:
+        """Samples along a side of the propagated field, as :func:`maskfab.optics.gap.gap_psf` takes them."""
+        sample = self.pupil.x.dot_um / choice.samples_per_dot
+        slope = self.estimates.range_nm[1] * 1e-3 / (2 * sample)
+        if slope >= 0.9:
+            return _MOST_GAP_SAMPLES
+        guard = self.scene.gap_um * slope / math.sqrt(1 - slope**2)
+        width = self.camera.stop.diameter_um + 2 * guard + self.pupil.x.pitch_um
+        return math.ceil(width / sample) + 4
+
+    def _gap_cost(self, choice: Choice, task: Task) -> tuple[float, float]:
+        count, sides = self._gap_samples(choice), 2 * task.u.size - 1
+        across = count / choice.samples_per_dot
+        middle = self.camera.stop.diameter_um / self.pupil.x.dot_um * choice.samples_per_dot
+        flops = (
+            8 * count * across * (across + count)
+            + _TRANSFORM_FLOP * 2 * 5 * count**2 * 2 * log2(count)
+            + 8 * sides * middle * (middle + sides)
+        )
+        return _GAP_FLOP * flops, 16.0 * 4 * count**2
+
+
+def _options(known: Estimate) -> tuple[bool, ...]:
+    return (False, True) if known.error else (False,)
+
+
+def _row(name: str, modelled: bool, known: Estimate, remaining: float = 0.0) -> Ingredient:
+    return Ingredient(name, modelled, known.error, known.method, known.safety, remaining if modelled else known.error)

@@ -1,0 +1,312 @@
+r"""What a scene could ask of the optics, and how large the error of leaving each of it out is.
+
+Every estimate is the relative L2 error of the point PSF over the camera's window, at the worst of the camera's
+shortest and longest lines, times a safety factor by which the truth was seen to exceed the plain estimate. They are
+made from PSFs at infinity and mean PSFs (:mod:`maskfab.optics.ensemble`), not from the models that they judge.
+
+Notes:
+    Shifts and diffraction change the repeating part of a PSF too, which the ensemble's variance does not hold. A share
+    1 - ρ of the stop's openings is new, so orders change by twice that share of their amplitude at most.
+    The residues of cut dots add up in phase near the axis, where light is: taken as random they come out up to six
+    times too small. So the grey rim is tried, which costs one cheap PSF; its safety is for the lines between.
+    An even phase changes the orders of an even pupil to second order only. A periodic panel is not even where the stop
+    cuts its cells, a share pitch / D of it, and that share changes to first order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+from numpy.polynomial.legendre import leggauss
+from numpy.typing import NDArray
+
+from maskfab.errors import JobError
+from maskfab.model import Camera, Panel, Psf, Stop, Tiling
+from maskfab.optics.aberration import Wavefront, aberration_error
+from maskfab.optics.band_lines import band_errors
+from maskfab.optics.depth import defocus_error, scale_error
+from maskfab.optics.ensemble import ALL_ORIENTATIONS, MeanPsf, mean_psf
+from maskfab.optics.gap import common_share, gap_error, shift_error, shift_um
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.response import camera_bands, generic_rgb
+from maskfab.optics.spectrum import Band
+from maskfab.spec import SceneSection
+
+Floats = NDArray[np.float64]
+SpectrumKind = Literal["lines", "rgb"]
+
+# How much lower than the truth the plain estimates were seen to come out, and more: 2.2 for shifts and gaps; for phases
+# 1.6 on the layouts of their own notes, 2.2 over eighty others of a few dozen cells, where one layout is not the mean.
+GAP_SAFETY = 2.2
+PHASE_SAFETY = 3.0
+SCALE_SAFETY = 1.25
+RIM_SAFETY = 1.2
+ORDER_SAFETY = 2.0
+
+PLACES = (1, 3, 5, 9, 17, 33)
+"""Places along each axis of the field; with the most of them, a PSF is computed where it is asked for."""
+
+
+@dataclass(frozen=True)
+class Scene:
+    """What the camera looks at; the defaults ask for nothing.
+
+    Attributes:
+        nearest_um, farthest_um: distances of objects from the lens.
+        focus_um: distance of what is in focus.
+        field_um: largest image height.
+        gap_um: from the panel to the stop.
+        aberrations: pairs of Noll's number and waves at the camera's first line.
+        saturation: whether highlights clip, which is left to the capture and adds nothing to the PSF.
+        spectrum: the camera's own lines, or the bands of a generic colour camera under equal energy.
+    """
+
+    nearest_um: float = math.inf
+    farthest_um: float = math.inf
+    focus_um: float = math.inf
+    field_um: float = 0.0
+    gap_um: float = 0.0
+    aberrations: tuple[tuple[int, float], ...] = ()
+    saturation: bool = False
+    spectrum: SpectrumKind = "lines"
+
+    @classmethod
+    def of(cls, section: SceneSection | None) -> Scene:
+        """The scene of a job; the one that asks for nothing if the job has none."""
+        if section is None:
+            return cls()
+        near, far = section.depth
+        return cls(
+            near, far, section.focus, section.field, section.gap, section.aberrations, section.saturation,
+            section.spectrum,
+        )  # fmt: skip
+
+    def wavefront(self, camera: Camera) -> Wavefront:
+        """The aberrations; their waves are of the camera's first line."""
+        return Wavefront(self.aberrations, camera.wavelengths_nm[0])
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """The error of leaving one thing out.
+
+    Attributes:
+        error: relative L2 of the PSF, safety included.
+        method: how it was estimated.
+        safety: factor in ``error``; 1 where the estimate is exact.
+    """
+
+    error: float
+    method: str
+    safety: float = 1.0
+
+
+NOTHING = Estimate(0.0, "the scene has none")
+
+
+@dataclass(frozen=True)
+class Estimates:
+    """The errors of all omissions.
+
+    Attributes:
+        scale, defocus, aberrations, shift, diffraction, rim, layout: see :func:`estimate`.
+        places: what is left when every image point borrows the PSF of the nearest of n x n places, by n.
+        bands: the error of replacing each band by so many lines, by their number; 1 line first.
+        in_bands: how many bands there are; 0 for the camera's lines.
+        range_nm: shortest and longest wavelength.
+    """
+
+    scale: Estimate
+    defocus: Estimate
+    aberrations: Estimate
+    shift: Estimate
+    diffraction: Estimate
+    rim: Estimate
+    layout: Estimate
+    places: Mapping[int, float]
+    bands: Mapping[int, float]
+    in_bands: int
+    range_nm: tuple[float, float]
+
+
+def scene_bands(scene: Scene) -> Mapping[str, Band]:
+    """The bands of the scene's spectrum, by name; none for lines."""
+    return camera_bands(generic_rgb()) if scene.spectrum == "rgb" else {}
+
+
+def wavelength_range_nm(camera: Camera, scene: Scene) -> tuple[float, float]:
+    """Shortest and longest wavelength: of the camera's lines, or of the bands."""
+    ranges = [band.range_nm for band in scene_bands(scene).values()]
+    if not ranges:
+        return min(camera.wavelengths_nm), max(camera.wavelengths_nm)
+    return min(low for low, _ in ranges), max(high for _, high in ranges)
+
+
+def elements(panel: Panel) -> tuple[int, ...]:
+    """The orientations among which the cells of a panel are drawn."""
+    if panel.tiling is Tiling.RANDOM:
+        return ALL_ORIENTATIONS
+    return tuple(int(k) for k in np.unique(panel.orientations))
+
+
+def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: float) -> Estimates:
+    """The errors of leaving out everything that a scene could ask for.
+
+    Args:
+        panel: opening, tiling and extent.
+        pupil: its openings inside the stop, the rim exact.
+        camera: lens, window and lines.
+        scene: what is looked at.
+        target: relative L2 error that matters; bands are refined until they err by a quarter of it, or by 512 lines.
+
+    Raises:
+        JobError: MF104 for a distance within the focal length, a gap that is no distance or a wrong aberration.
+    """
+    ends = wavelength_range_nm(camera, scene)
+    sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
+    pilots = [point_psf(pupil, sampled, line) for line in sampled.wavelengths_nm]
+    means = [mean_psf(panel, sampled, line, elements(panel)) for line in sampled.wavelengths_nm]
+    bands = {name: band_errors(pupil, camera, band, target / 4) for name, band in scene_bands(scene).items()}
+    counts = sorted(set.intersection(*(set(each) for each in bands.values()))) if bands else [0]
+    moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
+    uneven = panel.pitch_nm / 1e3 / camera.stop.diameter_um if len(elements(panel)) == 1 else 0.0
+    return Estimates(
+        scale=_scale(pilots, sampled, scene),
+        defocus=_defocus(means, sampled, scene, uneven),
+        aberrations=_aberrations(means, sampled, scene.wavefront(camera), uneven),
+        shift=_shift(means, sampled, scene, scene.field_um) if moved else NOTHING,
+        diffraction=_diffraction(means, sampled, scene.gap_um) if scene.gap_um else NOTHING,
+        rim=_rim(pupil, pilots, sampled),
+        layout=_layout(means),
+        places={n: _between(means, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
+        bands={count: max((each[count] for each in bands.values()), default=0.0) for count in counts},
+        in_bands=len(bands),
+        range_nm=ends,
+    )
+
+
+def grey(pupil: Pupil) -> Pupil:
+    """The pupil with cut dots replaced by whole ones of their mean transmission; its energy is kept."""
+    plain = Pupil.of_whole_dots(pupil.x, pupil.y, pupil.mean_transmission, pupil.stop)
+    return replace(plain, whole_variance=pupil.variance)
+
+
+def _scale(pilots: list[Psf], camera: Camera, scene: Scene) -> Estimate:
+    if math.isinf(scene.focus_um):
+        return Estimate(0.0, "in focus at infinity")
+    worst = max(scale_error(pilot, camera, scene.focus_um) for pilot in pilots)
+    return Estimate(SCALE_SAFETY * worst, "stretch sensitivity of the PSF at infinity", SCALE_SAFETY)
+
+
+def _defocus(means: list[MeanPsf], camera: Camera, scene: Scene, uneven: float) -> Estimate:
+    if scene.nearest_um == scene.farthest_um == scene.focus_um:
+        return NOTHING
+    worst = max(
+        math.hypot(
+            defocus_error(camera, mean.psf.wavelength_nm, distance, scene.focus_um, mean),
+            uneven * defocus_error(camera, mean.psf.wavelength_nm, distance, scene.focus_um),
+        )
+        for mean in means
+        for distance in (scene.nearest_um, scene.farthest_um)
+    )
+    method = "Strehl ratio of the defocus on the mean PSF, worse end of the depth range"
+    return Estimate(PHASE_SAFETY * worst, method, PHASE_SAFETY)
+
+
+def _aberrations(means: list[MeanPsf], camera: Camera, wavefront: Wavefront, uneven: float) -> Estimate:
+    if not any(wave for term, wave in wavefront.terms if term > 1):
+        return NOTHING
+    if camera.stop.shape == "square":
+        # The polynomials belong to the inscribed circle: in the corners, which Marechal does not see, they grow.
+        strehls = [_square_strehl(wavefront, camera.stop, mean.psf.wavelength_nm) for mean in means]
+        worst = max(math.sqrt(1 - strehl) for strehl in strehls)
+        return Estimate(PHASE_SAFETY * worst, "Strehl ratio over the square stop, any tiling", PHASE_SAFETY)
+    worst = max(
+        math.hypot(
+            aberration_error(wavefront, mean.psf.wavelength_nm, mean),
+            uneven * aberration_error(wavefront, mean.psf.wavelength_nm),
+        )
+        for mean in means
+    )
+    return Estimate(PHASE_SAFETY * worst, "Marechal's Strehl ratio on the mean PSF", PHASE_SAFETY)
+
+
+def _square_strehl(wavefront: Wavefront, stop: Stop, wavelength_nm: float) -> float:
+    nodes, weights = leggauss(64)
+    place = nodes * stop.diameter_um / 2
+    turn = np.exp(2j * np.pi * wavefront.waves(stop, wavelength_nm)(place, place[:, None]))
+    return min(1.0, float(abs(weights @ turn @ weights / 4) ** 2))
+
+
+def _shift(means: list[MeanPsf], camera: Camera, scene: Scene, image_um: float) -> Estimate:
+    """The openings' shadow moved as for an image point that far from the axis, in the worse of two directions."""
+    diagonal = image_um / math.sqrt(2)
+    stated = max(
+        shift_error(mean, camera, scene.gap_um, place)
+        for mean in means
+        for place in ((image_um, 0.0), (diagonal, diagonal))
+    )
+    moved = shift_um(camera, scene.gap_um, (image_um, 0.0))[0]
+    lost = min(1.0, 4 * moved / (math.pi * camera.stop.diameter_um) * _corner(camera))
+    ordered = max(_order_change(mean, np.asarray(lost)) for mean in means)
+    method = "share of the stop's openings that are new, speckle and orders"
+    return Estimate(math.hypot(GAP_SAFETY * stated, ordered), method, GAP_SAFETY)
+
+
+def _corner(camera: Camera) -> float:
+    """A square stop loses most along its diagonal: sqrt(2) s/D, where a round one loses 4 s / (πD)."""
+    return 1.0 if camera.stop.shape == "circle" else math.pi / 4 * math.sqrt(2)
+
+
+def _diffraction(means: list[MeanPsf], camera: Camera, gap_um: float) -> Estimate:
+    errors = []
+    for mean in means:
+        count = mean.psf.values.shape[0]
+        offset = mean.psf.step_um * (np.arange(count, dtype=np.float64) - count // 2)
+        moved = gap_um / camera.focal_um * np.hypot(offset[:, None], offset)
+        share = common_share(camera.stop, moved, gap_um, mean.psf.wavelength_nm)
+        errors.append(math.hypot(GAP_SAFETY * gap_error(mean, camera, gap_um), _order_change(mean, 1 - share)))
+    method = "stop seen across the gap, moved by its diffraction angles and blurred by sqrt(λg)"
+    return Estimate(max(errors), method, GAP_SAFETY)
+
+
+def _order_change(mean: MeanPsf, lost: Floats) -> float:
+    """Change of the repeating part where a share of the openings is new: twice that share of its intensity."""
+    ordered = np.clip(mean.psf.values - mean.random_share, 0, None)
+    return float(ORDER_SAFETY * np.linalg.norm(2 * lost * ordered) / np.linalg.norm(mean.psf.values))
+
+
+def _between(means: list[MeanPsf], camera: Camera, scene: Scene, places: int) -> float:
+    """Error half a diagonal away from the nearest of n x n places; the axis alone is the shift's own row."""
+    if places in (PLACES[0], PLACES[-1]):
+        return 0.0
+    return _shift(means, camera, scene, math.sqrt(2) * scene.field_um / (places - 1)).error
+
+
+def _layout(means: list[MeanPsf]) -> Estimate:
+    scatter = max(mean.scatter for mean in means)
+    return Estimate(GAP_SAFETY / 2 * scatter, "scatter of layouts about the ensemble's mean", GAP_SAFETY / 2)
+
+
+def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera) -> Estimate:
+    if not pupil.rim_row.size:
+        return Estimate(0.0, "the stop cuts no dot")
+    plain = grey(pupil)
+    worst = max(relative_difference(point_psf(plain, camera, pilot.wavelength_nm), pilot) for pilot in pilots)
+    return Estimate(RIM_SAFETY * worst, "grey rim's PSF against the exact one, at the ends of the spectrum", RIM_SAFETY)
+
+
+def check_accuracy(accuracy: float) -> None:
+    """Refuse an accuracy outside (0, 1).
+
+    Raises:
+        JobError: MF104.
+    """
+    if not 0 < accuracy < 1:
+        raise JobError("MF104", f"an accuracy of {accuracy:g} is outside 0 to 1", cure="Give a ratio: 1e-3 for 0.1 %")

@@ -1,0 +1,182 @@
+"""The planner: the cheapest model of a scene that meets an accuracy, what it leaves out, and what it costs.
+
+Every way to model the scene is a :class:`maskfab.optics.choices.Choice`. Its error is the sum of the estimates
+(:mod:`maskfab.optics.omissions`) of all that it leaves out and of its own numerical error; its time is its flops over
+a rate of matrix products, and an overhead for each PSF. There are a few thousand choices, so all of them are priced
+and none is passed over.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maskfab.errors import JobError
+from maskfab.model import Camera, Panel
+from maskfab.optics.aperture import panel_aperture
+from maskfab.optics.choices import DEPTHS, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
+from maskfab.optics.depth import image_distance_um, nearest_object_um
+from maskfab.optics.gap import shift_um, shifted_pupil
+from maskfab.optics.omissions import Scene, check_accuracy, estimate, wavelength_range_nm
+from maskfab.optics.paths import Task
+from maskfab.optics.psf import odd_samples, pixel_margin, point_psf, point_step_um
+from maskfab.optics.pupil import cut
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The cheapest choice that meets the accuracy.
+
+    Attributes:
+        accuracy: admissible relative L2 error of the PSF.
+        choice: what to do.
+        price: what that takes.
+        ingredients: what is modelled and what is left out, and how large that is.
+        step_um, samples: of the point PSF, along each axis of the window.
+        pixel_margin: samples beyond the window that the pixel filter gathers; its own error is 1e-8.
+        wavelengths: how many are computed.
+        depths: distances at which the PSF is computed.
+        phase_tolerance: to hand to a phased PSF; 0 where there is none.
+        nearest_object_um: focused nearer than this, the change of scale alone exceeds the accuracy.
+    """
+
+    accuracy: float
+    choice: Choice
+    price: Price
+    ingredients: tuple[Ingredient, ...]
+    step_um: float
+    samples: int
+    pixel_margin: int
+    wavelengths: int
+    depths: int
+    phase_tolerance: float
+    nearest_object_um: float
+
+
+def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Prices:
+    """Everything that pricing needs; arguments and errors as for :func:`plan`."""
+    check_accuracy(accuracy)
+    _check_field(panel, camera, scene)
+    ends = wavelength_range_nm(camera, scene)
+    sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
+    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+    estimates = estimate(panel, pupil, camera, scene, accuracy)
+    step = point_step_um(sampled)
+    reach = step * np.arange(odd_samples(camera.window_um, step) // 2 + pixel_margin(sampled) + 1, dtype=np.float64)
+    tasks = {}
+    for scale in (False, True):
+        distance = image_distance_um(camera.focal_um, scene.focus_um if scale else math.inf)
+        frequency = reach / (ends[0] * 1e-3 * distance)
+        exact = Task.of(pupil, frequency, frequency)
+        tasks[False, scale], tasks[True, scale] = exact, replace(exact, rim=0)
+    return Prices(pupil, sampled, scene, accuracy, estimates, tasks, len(camera.wavelengths_nm))
+
+
+def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
+    """The cheapest model of a scene whose error, that of what it leaves out included, is within the accuracy.
+
+    Of equally cheap ones the one that errs least.
+
+    Args:
+        panel: openings, tiling and extent.
+        camera: lens, stop, window and lines.
+        scene: what is looked at.
+        accuracy: admissible relative L2 error of the point PSF over the window, in (0, 1).
+
+    Raises:
+        JobError: MF104 for an accuracy, a distance or an aberration out of range; MF114 if the panel does not cover the
+            stop from the edge of the field; MF115 if nothing that maskfab can compute meets the accuracy.
+    """
+    known = prices(panel, camera, scene, accuracy)
+    priced = [(choice, known.price(choice)) for choice in known.choices()]
+    fitting = [each for each in priced if each[1].error <= accuracy]
+    if not fitting:
+        least = min((price.error for _, price in priced), default=math.inf)
+        raise JobError(
+            "MF115",
+            f"no model of this scene meets an accuracy of {accuracy:g}; the best errs by {least:.2g}",
+            where="scene.accuracy",
+            cure=f"Ask for {1.1 * least:.1g} or more, or for less of the scene",
+        )
+    choice, price = min(fitting, key=lambda each: (each[1].seconds, each[1].error))
+    step = point_step_um(known.camera)
+    pilot = point_psf(known.pupil, known.camera, known.estimates.range_nm[0])
+    return Plan(
+        accuracy,
+        choice,
+        price,
+        known.ingredients(choice),
+        step,
+        odd_samples(camera.window_um, step),
+        pixel_margin(known.camera),
+        known.wavelengths(choice),
+        DEPTHS if choice.defocus else 1,
+        PHASE_SHARE * accuracy if choice.path == PHASED else 0.0,
+        nearest_object_um(pilot, camera, accuracy),
+    )
+
+
+def _check_field(panel: Panel, camera: Camera, scene: Scene) -> None:
+    moved = shift_um(camera, scene.gap_um, (scene.field_um, 0.0))
+    if moved[0]:
+        shifted_pupil(panel, camera.stop, moved)
+
+
+def document(die: str, found: Plan) -> dict[str, object]:
+    """A die's plan as plain data for JSON: lengths in micrometres, times in seconds; null for an infinite distance."""
+    choice, price = found.choice, found.price
+    near = found.nearest_object_um
+    return {
+        "die": die,
+        "path": choice.path,
+        "precision": choice.precision,
+        "grey_rim": choice.grey_rim,
+        "step_um": found.step_um,
+        "samples": found.samples,
+        "pixel_margin": found.pixel_margin,
+        "wavelengths": found.wavelengths,
+        "depths": found.depths,
+        "places": choice.places**2,
+        "phase_tolerance": found.phase_tolerance,
+        "samples_per_dot": choice.samples_per_dot,
+        "predicted_flops": price.flops,
+        "predicted_seconds": price.seconds,
+        "predicted_bytes": price.memory,
+        "error": price.error,
+        "nearest_object_um": near if math.isfinite(near) else None,
+        "ingredients": [
+            {
+                "name": row.name,
+                "modelled": row.modelled,
+                "error_if_left_out": row.error,
+                "counted": row.remaining,
+                "method": row.method,
+                "safety": row.safety,
+            }
+            for row in found.ingredients
+        ],
+    }
+
+
+def table(die: str, found: Plan) -> list[str]:
+    """A die's plan as lines of text."""
+    choice, price = found.choice, found.price
+    rows = [("ingredient", "", "error without", "counted", "method")]
+    for row in found.ingredients:
+        state = "modelled" if row.modelled else "left out"
+        safety = f" (x {row.safety:g})" if row.safety != 1 and row.error else ""
+        rows.append((row.name, state, f"{row.error:.1e}", f"{row.remaining:.1e}", row.method + safety))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    lines = [f"{die}: accuracy {found.accuracy:g}, estimated error {price.error:.1e}"]
+    lines += ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+    rim = "grey" if choice.grey_rim else "exact"
+    lines += [
+        f"path         {choice.path}, {choice.precision} precision, {rim} rim",
+        f"samples      {found.samples} x {found.samples}, {found.step_um:g} um apart, "
+        f"{found.pixel_margin} more for the pixel filter",
+        f"wavelengths  {found.wavelengths}, depths {found.depths}, places {choice.places**2}",
+        f"predicted    {price.seconds:.2g} s, {price.memory / 1e6:.3g} MB",
+    ]
+    return lines

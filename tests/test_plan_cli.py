@@ -1,0 +1,137 @@
+"""`maskfab plan`, and the [scene] of a job: what it takes, what it refuses, and that it keeps what it took."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import pytest
+from small_job import command, write_job
+
+from maskfab.layout.job import load
+from maskfab.optics.omissions import Scene
+from maskfab.spec import SceneSection, read, validate
+
+PLATE = "[plate]"
+
+
+def scene(tmp_path: Path, *lines: str) -> Path:
+    return write_job(tmp_path, (PLATE, "\n".join(["[scene]", *lines, "", PLATE])))
+
+
+FULL = (
+    'accuracy = "draft"',
+    'depth = ["10 m", "inf"]',
+    'focus = "inf"',
+    'field = "50 um"',
+    'gap = "1 um"',
+    "aberrations = [[4, 0.001], [11, 0]]",
+    "saturation = true",
+    'spectrum = "lines"',
+)
+
+
+def test_a_scene_is_read_and_kept(tmp_path: Path) -> None:
+    spec = read(scene(tmp_path, *FULL))
+    assert spec.scene is not None
+    assert spec.scene.accuracy == 1e-2
+    assert Scene.of(spec.scene) == Scene(1e7, math.inf, math.inf, 50.0, 1.0, ((4, 0.001), (11, 0.0)), True, "lines")
+    assert validate(spec.dump(), where="again") == spec
+
+
+def test_without_a_scene_nothing_extra_is_asked_for_and_old_jobs_keep_their_hash(tmp_path: Path) -> None:
+    plain, empty = load(write_job(tmp_path / "plain")), load(scene(tmp_path / "empty"))
+    assert plain.spec.scene is None
+    assert "scene" not in plain.spec.dump()
+    assert Scene.of(plain.spec.scene) == Scene.of(empty.spec.scene) == Scene()
+    assert SceneSection().accuracy == 1e-3
+    assert empty.digest != plain.digest
+
+
+@pytest.mark.parametrize(
+    ("stated", "value"), [('"draft"', 1e-2), ('"standard"', 1e-3), ('"certify"', 1e-6), ("2e-5", 2e-5)]
+)
+def test_accuracies(tmp_path: Path, stated: str, value: float) -> None:
+    spec = read(scene(tmp_path, f"accuracy = {stated}"))
+    assert spec.scene is not None
+    assert spec.scene.accuracy == value
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "said"),
+    [
+        ("accuracy = 0", "MF104", "outside 0 to 1"),
+        ("accuracy = 2", "MF104", "outside 0 to 1"),
+        ("accuracy = nan", "MF104", "nan is outside"),
+        ("accuracy = true", "MF105", "no accuracy"),
+        ('accuracy = "best"', "MF105", "'best' is no accuracy"),
+        ('depth = ["2 m", "1 m"]', "MF104", "beyond the farthest"),
+        ('depth = ["inf", "1 m"]', "MF104", "beyond the farthest"),
+        ('depth = ["1 kg", "inf"]', "MF103", "no unit of length"),
+        ('depth = ["1", "inf"]', "MF103", "no unit"),
+        ('depth = ["1 m"]', "MF105", "not a pair"),
+        ('depth = "1 m"', "MF105", "not a pair"),
+        ('depth = ["nan m", "inf"]', "MF104", "finite"),
+        ('depth = ["-1 m", "inf"]', "MF104", "positive"),
+        ('depth = ["4 mm", "inf"]', "MF104", "not beyond the focal length"),
+        ('focus = "5 mm"', "MF104", "not beyond the focal length"),
+        ("focus = inf", "MF103", "no unit"),
+        ('field = "2"', "MF103", "no unit"),
+        ('field = "-2 mm"', "MF104", "at least 0"),
+        ('gap = "3 s"', "MF103", "no unit of length"),
+        ('gap = "inf"', "MF103", "no unit"),
+        ("aberrations = [[0, 0.1]]", "MF104", "Noll index outside 1 to 66"),
+        ("aberrations = [[67, 0.1]]", "MF104", "Noll index"),
+        ("aberrations = [[4, nan]]", "MF104", "not finite"),
+        ("aberrations = [[4.0, 0.1]]", "MF105", "whole number"),
+        ("aberrations = [[4, 0.1], [4, 0.2]]", "MF105", "once more"),
+        ("aberrations = [4, 0.1]", "MF105", "not a pair"),
+        ("aberrations = 4", "MF105", "not a list"),
+        ("saturation = 1", "MF105", "saturation"),
+        ('spectrum = "white"', "MF105", "spectrum"),
+        ('distance = "1 m"', "MF102", "unknown key"),
+    ],
+)
+def test_bad_scenes_are_refused(capsys, tmp_path: Path, line: str, code: str, said: str) -> None:
+    answer = command(capsys, "plan", scene(tmp_path, line), "--json")
+    assert answer.code == 2
+    error = answer.document["error"]
+    assert error["code"] == code, error
+    assert said in answer.stderr
+    assert line.split(" ", maxsplit=1)[0] in error["where"]
+    assert error["cure"]
+
+
+def test_the_table_names_every_ingredient_and_the_predictions(capsys, tmp_path: Path) -> None:
+    answer = command(capsys, "plan", scene(tmp_path, 'accuracy = "draft"', 'depth = ["10 m", "inf"]'), "--die", "PLAIN")
+    assert answer.code == 0
+    assert answer.stderr == ""
+    for word in ("PLAIN", "defocus over the depth", "left out", "path ", "samples", "wavelengths", " s, ", " MB"):
+        assert word in answer.stdout
+    assert "TURNED" not in answer.stdout
+
+
+def test_the_document_adds_up(capsys, tmp_path: Path) -> None:
+    job = scene(tmp_path, 'accuracy = "draft"', 'depth = ["10 m", "inf"]', "aberrations = [[7, 0.05]]")
+    answer = command(capsys, "plan", job, "--json")
+    assert answer.code == 0
+    assert [die["die"] for die in answer.document["dies"]] == ["PLAIN", "TURNED"]
+    for die in answer.document["dies"]:
+        rows = {row["name"]: row for row in die["ingredients"]}
+        assert rows["lens aberrations"]["modelled"] is True
+        assert rows["lens aberrations"]["counted"] == 0
+        assert die["path"] == "phased"
+        assert sum(row["counted"] for row in die["ingredients"]) < die["error"] <= answer.document["accuracy"] == 1e-2
+        assert die["predicted_seconds"] > 0
+        assert die["predicted_bytes"] > 0
+        assert all(row["method"] for row in rows.values())
+
+
+def test_a_scene_beyond_every_model_and_an_unknown_die(capsys, tmp_path: Path) -> None:
+    job = scene(tmp_path, 'accuracy = "certify"', 'gap = "100 um"')
+    answer = command(capsys, "plan", job, "--die", "PLAIN", "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, "MF115")
+    assert "no model" in answer.stderr
+    answer = command(capsys, "plan", job, "--die", "NONE", "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
+    assert "PLAIN, TURNED" in answer.stderr
