@@ -245,7 +245,8 @@ def shape(
 
 
 @app.command(
-    epilog="Examples: maskfab bench --out bench | maskfab bench layouts/upc12.toml --die TOLED_R150 | maskfab bench --hard"
+    epilog="Examples: maskfab bench --out bench | maskfab bench layouts/upc12.toml --die TOLED_R150 | "
+    "maskfab bench --hard"
 )
 def bench(
     job: Annotated[Path | None, typer.Argument(metavar="[JOB]", help="A job; default: a standard panel.")] = None,

@@ -26,10 +26,10 @@ from maskfab.model import Camera, Die, DieOptics, Plate, Quantity, Report, Writt
 from maskfab.optics.mtf import area_under_radial_min
 from maskfab.progress import Progress, silent
 from maskfab.report import data, figures, html
-from maskfab.spec import LimitsSection
 from maskfab.validate.features import judged, smallest_features
 from maskfab.validate.optics import axis_nm, measure
 from maskfab.validate.roundtrip import RoundTrip, roundtrip
+from maskfab.validate.scene import scene_left_out
 
 MANIFEST_VERSION = 1
 JOB_COPY = "job.json"
@@ -161,20 +161,20 @@ def assemble(
 ) -> Report:
     """Gather what was measured; every judged quantity is also a check."""
     read = [quantity for trip in trips for quantity in trip.quantities()]
-    limits = job.spec.limits
-    of_dies = {item.die.name: die_quantities(item, read, limits) for item in optics}
+    of_dies = {item.die.name: die_quantities(item, read, job) for item in optics}
     of_plate = tuple(quantity for quantity in read if quantity.die is None)
     everything = [*of_plate, *(quantity for quantities in of_dies.values() for quantity in quantities)]
     checks = tuple(quantity for quantity in everything if quantity.passed is not None)
     return Report(plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
 
 
-def die_quantities(item: DieOptics, read: Sequence[Quantity], limits: LimitsSection) -> tuple[Quantity, ...]:
-    """All numbers of one die: optics, what reading back has shown, and features, judged by the job's limits."""
+def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:
+    """All numbers of one die: optics, what reading back has shown, and features, judged by the job's own limits."""
     name = item.die.name
     shown = (quantity for quantity in read if quantity.die == name)
-    every = (*item.quantities, *shown, *smallest_features(item.die))
-    return tuple(judged(quantity, limits) for quantity in every)
+    scene = [] if job.spec.scene is None else [scene_left_out(item.die, job.camera, job.spec.scene)]
+    every = (*item.quantities, *scene, *shown, *smallest_features(item.die))
+    return tuple(judged(quantity, job.spec.limits) for quantity in every)
 
 
 def _most_invertible(optics: Sequence[DieOptics]) -> DieOptics:

@@ -64,7 +64,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
     optics = measure_dies(replace(plate, dies=tuple(seen)), job.camera, trips[0].layout, progress)
     for item in optics:
-        measured = die_quantities(item, read, job.spec.limits)
+        measured = die_quantities(item, read, job)
         checks += [quantity for quantity in measured if quantity.passed is not None]
     blind = [die.name for die in plate.dies if die not in seen]
     checks += [quantity for quantity in read if quantity.passed is not None and quantity.die in blind]

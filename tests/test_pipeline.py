@@ -305,3 +305,23 @@ def test_the_shipped_plate_is_laid_out():
         assert max(abs(x0), abs(x1), abs(y0), abs(y1)) < half
         for a0, b0, a1, b1 in boxes[:number]:
             assert x0 >= a1 or a0 >= x1 or y0 >= b1 or b0 >= y1
+
+
+@pytest.mark.parametrize(
+    ("scene", "code"),
+    [
+        ('accuracy = "draft"', 0),
+        ('accuracy = "draft"\ndepth = ["50 mm", "inf"]', 1),
+        ('accuracy = "draft"\naberrations = [[4, 0.2]]', 1),
+    ],
+)
+def test_a_scene_that_the_report_does_not_model_fails_it(capsys, tmp_path, scene, code):
+    job = write_job(tmp_path, ("[plate]", f"[scene]\n{scene}\n\n[plate]"))
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--quiet")
+    assert answer.code == code
+    document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
+    left_out = [q for die in document["dies"] for q in die["quantities"] if q["name"] == "scene_left_out"]
+    assert len(left_out) == 2
+    assert all((q["value"] <= q["limit"]) == q["passed"] for q in left_out)
+    assert any(not q["passed"] for q in left_out) == bool(code)
+    assert command(capsys, "verify", tmp_path / "out", "--quiet").code == code

@@ -176,6 +176,11 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "Area that is clear in the file and not in the design, or the reverse.",
             _DIFFERS,
         ),
+        "scene_left_out": Term(
+            "Scene left out",
+            "Estimated error of the PSF for the scene that the job describes, by what the report does not model of it.",
+            "See what the scene needs with maskfab plan, or ask for less accuracy in [scene].",
+        ),
         "strehl_invariant_error": Term(
             "Strehl invariant error",
             "Relative difference between the PSF's peak and the value that the clear area alone fixes for it.",
