@@ -22,10 +22,8 @@ from maskfab.layout.tiling import orientations
 from maskfab.model import CLEAR, Camera, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Tiling
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
-from maskfab.optics.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.mtf import longest_lag_um
 from maskfab.optics.otf import lag_table
-from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf, within
-from maskfab.optics.psf_metrics import peak_to_side_lobe
 from maskfab.optics.pupil import cut
 from maskfab.progress import Progress, silent
 from maskfab.spec import check_optics, even_nm
@@ -33,8 +31,7 @@ from maskfab.units import to_nm
 from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
     measure,
-    middle_nm,
-    polygon_psf,
+    measure_pupils,
     read_aperture,
     stop_boundary,
 )
@@ -218,42 +215,17 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     edge_nm = np.rint(1e3 * lattice.edges_um())
     pupil = cut(read_aperture(lattice, lattice, coverage(inside, edge_nm, edge_nm)), stop)
     table = lag_table(pupil, longest_lag_um(camera))
-    lags = metrics.axis_lags(pupil, table.energy_um2)
-    margin = pixel_margin(camera)
-    quantities: list[Quantity] = [
+    header = (
         metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
         metrics.mtf_volume(table, area, None, INVARIANT_LIMIT_ROUND),
-    ]
-    psfs: list[Psf] = []
-    mtfs: list[Mtf] = []
-    for done, wavelength in enumerate(camera.wavelengths_nm):
-        progress("optics", done, len(camera.wavelengths_nm))
-        around = point_psf(pupil, camera, wavelength, margin)
-        points = within(around, camera)
-        polygons = polygon_psf(outline, camera, points)
-        pixels = pixel_psf(around, camera)
-        difference = metrics.relative_difference(polygons, points)
-        mtf = presampled_mtf(table, camera, wavelength)
-        psfs += [polygons, pixels]
-        mtfs.append(mtf)
-        quantities += [
-            *metrics.mtf_quantities(mtf, camera.pixel_um, None),
-            metrics.energy_in_window(pixels, difference, None),
-            *metrics.strehl_quantities(points, camera, pupil.energy_um2, area, None, INVARIANT_LIMIT_ROUND),
-            Quantity(
-                "readback_psf_difference", "δ", difference, "1",
-                f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um",
-                uncertainty=1e-8, wavelength_nm=wavelength,
-            ),
-            *metrics.aliasing_quantities(lags, table, mtf, camera, None),
-            *metrics.restoration_quantities(table, camera, wavelength, None),
-            *metrics.shape_quantities(points, pixels, camera, None),
-        ]  # fmt: skip
-        if wavelength == middle_nm(camera):
-            quantities.append(peak_to_side_lobe(points))
-    quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], None)
-    progress("optics", len(mtfs), len(mtfs))
-    return Analysis(cell.name, tuple(psfs), tuple(mtfs), tuple(quantities))
+    )
+
+    def difference(error: float, wavelength: float) -> Quantity:
+        method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
+        return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
+
+    found = measure_pupils(pupil, pupil, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    return Analysis(cell.name, found.psfs, found.mtfs, (*header, *found.quantities))
 
 
 def _coordinates_nm(inside: db.Region, reach: int) -> list[int]:

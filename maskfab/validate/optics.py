@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 import numpy as np
@@ -15,11 +18,12 @@ from maskfab.optics import metrics
 from maskfab.optics.aperture import Aperture, Lattice, covered_aperture, panel_aperture, zeros
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.orders import order_quantities
-from maskfab.optics.otf import lag_table
+from maskfab.optics.otf import LagTable, lag_table
 from maskfab.optics.polygons import Boundary, boundary
 from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psfs, within
 from maskfab.optics.psf_metrics import peak_to_side_lobe
-from maskfab.optics.pupil import cut
+from maskfab.optics.pupil import Pupil, cut
+from maskfab.progress import Progress, silent
 
 Floats = NDArray[np.float64]
 Shapes: TypeAlias = db.Region | NDArray[np.int64]
@@ -27,6 +31,15 @@ Shapes: TypeAlias = db.Region | NDArray[np.int64]
 READBACK_LIMIT = 1e-6
 INVARIANT_LIMIT_ROUND = 1e-3
 INVARIANT_LIMIT_SQUARE = 1e-6
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """PSFs (of the polygons at points, then of pixels, by wavelength), MTFs, and what is told of them."""
+
+    psfs: tuple[Psf, ...]
+    mtfs: tuple[Mtf, ...]
+    quantities: tuple[Quantity, ...]
 
 
 def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
@@ -46,8 +59,6 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     outline = stop_boundary(edges, area, camera)
     table = lag_table(pupil, longest_lag_um(camera))
-    lags = metrics.axis_lags(pupil, table.energy_um2)
-    margin = pixel_margin(camera)
 
     limit = INVARIANT_LIMIT_ROUND if stop.shape == "circle" else INVARIANT_LIMIT_SQUARE
     quantities = [
@@ -61,31 +72,65 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     ]
     if die.panel.tiling is Tiling.PERIODIC:
         quantities += order_quantities(die.panel, die.name)
+    found = measure_pupils(pupil, design_pupil, table, outline, camera, limit, partial(_difference, die.name), die.name)
+    return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities))
+
+
+def measure_pupils(
+    read: Pupil,
+    design: Pupil,
+    table: LagTable,
+    outline: Boundary,
+    camera: Camera,
+    limit: float,
+    difference: Callable[[float, float], Quantity],
+    die: str | None = None,
+    progress: Progress = silent,
+) -> Measured:
+    """Everything that is told at each wavelength, and the colours, of a die and of a foreign mask alike.
+
+    Args:
+        read: the pupil that was read.
+        design: the pupil that the polygons are held against; ``read`` itself where there is no other.
+        table: the lag table of ``read``.
+        outline: the polygons, cut by the stop.
+        camera: what looks through them.
+        limit: largest admissible error of the invariants.
+        difference: makes a quantity of the polygons' difference to the design and the wavelength.
+        die: whose numbers these are.
+        progress: told after every wavelength.
+    """
+    lags = metrics.axis_lags(read, table.energy_um2)
+    margin = pixel_margin(camera)
+    lines = camera.wavelengths_nm
+    progress("optics", 0, len(lines))
+    design_psfs = point_psfs(design, camera, margin)
+    read_psfs = design_psfs if read is design else point_psfs(read, camera, margin)
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
-    designed_psfs = point_psfs(design_pupil, camera, margin)
-    read_psfs = designed_psfs if pupil is design_pupil else point_psfs(pupil, camera, margin)
-    for wavelength, designed_psf, read_psf in zip(camera.wavelengths_nm, designed_psfs, read_psfs, strict=True):
-        points = within(designed_psf, camera)
+    quantities: list[Quantity] = []
+    for wavelength, design_psf, read_psf in zip(lines, design_psfs, read_psfs, strict=True):
+        points = within(design_psf, camera)
         polygons = polygon_psf(outline, camera, points)
-        difference = metrics.relative_difference(polygons, points)
+        error = metrics.relative_difference(polygons, points)
         pixels = pixel_psf(read_psf, camera)
         mtf = presampled_mtf(table, camera, wavelength)
         psfs += [polygons, pixels]
         mtfs.append(mtf)
         quantities += [
-            *metrics.mtf_quantities(mtf, camera.pixel_um, die.name),
-            metrics.energy_in_window(pixels, difference, die.name),
-            *metrics.strehl_quantities(points, camera, design_pupil.energy_um2, area, die.name, limit),
-            _difference(difference, die.name, wavelength),
-            *metrics.aliasing_quantities(lags, table, mtf, camera, die.name),
-            *metrics.restoration_quantities(table, camera, wavelength, die.name),
-            *metrics.shape_quantities(points, pixels, camera, die.name),
+            *metrics.mtf_quantities(mtf, camera.pixel_um, die),
+            metrics.energy_in_window(pixels, error, die),
+            *metrics.strehl_quantities(points, camera, design.energy_um2, outline.area_um2, die, limit),
+            difference(error, wavelength),
+            *metrics.aliasing_quantities(lags, table, mtf, camera, die),
+            *metrics.restoration_quantities(table, camera, wavelength, die),
+            *metrics.shape_quantities(points, pixels, camera, die),
         ]
         if wavelength == middle_nm(camera):
-            quantities.append(peak_to_side_lobe(points, die.name))
-    quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die.name)
-    return DieOptics(die, tuple(psfs), tuple(mtfs), tuple(quantities))
+            quantities.append(peak_to_side_lobe(points, die))
+        progress("optics", len(mtfs), len(lines))
+    quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die)
+    return Measured(tuple(psfs), tuple(mtfs), tuple(quantities))
 
 
 def middle_nm(camera: Camera) -> float:
@@ -138,7 +183,7 @@ def _on_grid(edges_nm: Floats) -> Floats:
     return np.where(abs(edges_nm - whole) < 1e-4, whole, edges_nm)
 
 
-def _difference(difference: float, die: str, wavelength: float) -> Quantity:
+def _difference(die: str, difference: float, wavelength: float) -> Quantity:
     return Quantity(
         "readback_psf_difference",
         "δ",

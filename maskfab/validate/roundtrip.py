@@ -83,9 +83,7 @@ class RoundTrip:
         path: the file.
         layout: its content; the file's only top cell is the plate.
         polygons: polygons on written layers, all references counted.
-        instances: references, arrays counted by their elements, over the whole hierarchy.
         drawn_polygons: the same for the design.
-        drawn_instances: the same for the design.
         rounding_nm: largest distance by which a coordinate of the file was off the nanometre grid.
         differences: one for each die or piece of furniture and layer that differs; empty if all is well.
         dies: in plate order.
@@ -95,9 +93,7 @@ class RoundTrip:
     path: Path
     layout: db.Layout
     polygons: int
-    instances: int
     drawn_polygons: int
-    drawn_instances: int
     rounding_nm: float
     differences: tuple[Difference, ...]
     dies: tuple[DieCheck, ...]
@@ -202,9 +198,7 @@ def roundtrip(plate: Plate, design: db.Layout, path: Path, *, dots: bool = True)
         path=path,
         layout=read,
         polygons=_count_polygons(read),
-        instances=_count_instances(read),
         drawn_polygons=_count_polygons(design),
-        drawn_instances=_count_instances(design),
         rounding_nm=rounding_nm(read),
         differences=differences,
         dies=tuple(_check_die(die, read, differing, dots) for die in plate.dies),
@@ -315,12 +309,4 @@ def _count_polygons(layout: db.Layout) -> int:
         cell = layout.cell(cell_index)
         own = sum(cell.shapes(index).size() for index in indices)
         counts[cell_index] = own + sum(each.cell_inst.size() * counts[each.cell_index] for each in cell.each_inst())
-    return counts[layout.top_cell().cell_index()]
-
-
-def _count_instances(layout: db.Layout) -> int:
-    counts: dict[int, int] = {}
-    for cell_index in layout.each_cell_bottom_up():
-        cell = layout.cell(cell_index)
-        counts[cell_index] = sum(each.cell_inst.size() * (1 + counts[each.cell_index]) for each in cell.each_inst())
     return counts[layout.top_cell().cell_index()]
