@@ -9,7 +9,8 @@ import pytest
 from small_job import command, write_job
 
 from maskfab.layout.job import load
-from maskfab.optics.omissions import Scene
+from maskfab.optics.response import GENERIC_RGB
+from maskfab.optics.scene import Scene
 from maskfab.spec import SceneSection, read, validate
 
 PLATE = "[plate]"
@@ -35,7 +36,7 @@ def test_a_scene_is_read_and_kept(tmp_path: Path) -> None:
     spec = read(scene(tmp_path, *FULL))
     assert spec.scene is not None
     assert spec.scene.accuracy == 1e-2
-    assert Scene.of(spec.scene) == Scene(1e7, math.inf, math.inf, 50.0, 1.0, ((4, 0.001), (11, 0.0)), True, "lines")
+    assert Scene.of(spec.scene) == Scene(1e7, math.inf, math.inf, 50.0, 1.0, ((4, 0.001), (11, 0.0)), True)
     assert validate(spec.dump(), where="again") == spec
 
 
@@ -125,6 +126,24 @@ def test_the_document_adds_up(capsys, tmp_path: Path) -> None:
         assert die["predicted_seconds"] > 0
         assert die["predicted_bytes"] > 0
         assert all(row["method"] for row in rows.values())
+
+
+def test_a_camera_of_ones_own_under_its_light(capsys, tmp_path: Path) -> None:
+    """The bundled camera by way of a table plans as the bundled one does; a lamp that leaves one line needs one."""
+    (tmp_path / "camera.csv").write_text(GENERIC_RGB.read_text(encoding="utf-8"), encoding="utf-8")
+    (tmp_path / "line.csv").write_text("wavelength_nm,laser\n529.99,1\n530.01,1\n", encoding="utf-8")
+    found = {}
+    for lit in ("rgb", "camera.csv"):
+        job = scene(tmp_path, "accuracy = 0.3", f'spectrum = "{lit}"', 'illuminant = "5000 K"')
+        answer = command(capsys, "plan", job, "--die", "PLAIN", "--json")
+        assert answer.code == 0
+        (found[lit],) = answer.document["dies"]
+    assert found["rgb"] == found["camera.csv"]
+    job = scene(tmp_path, 'accuracy = "draft"', 'spectrum = "camera.csv"', 'illuminant = "line.csv"')
+    (lit,) = command(capsys, "plan", job, "--die", "PLAIN", "--json").document["dies"]
+    rows = {row["name"]: row for row in lit["ingredients"]}
+    assert rows["width of the bands"]["error_if_left_out"] < 1e-4
+    assert lit["wavelengths"] == 3
 
 
 def test_a_scene_beyond_every_model_and_an_unknown_die(capsys, tmp_path: Path) -> None:

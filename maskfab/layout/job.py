@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 
 from maskfab import provenance, spec, units
@@ -11,7 +12,9 @@ from maskfab.errors import JobError
 from maskfab.layout import openings
 from maskfab.layout.plate import compose
 from maskfab.model import Camera, Opening, Plate
-from maskfab.spec import DieSection, JobSpec
+from maskfab.optics.response import curves_text
+from maskfab.optics.scene import Scene
+from maskfab.spec import DieSection, JobSpec, check_optics, is_table
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,13 +23,13 @@ class Job:
 
     Attributes:
         spec: validated; its dies name openings that ``spec.openings`` holds as text.
-        openings: the opening of every die, by the die's name.
+        openings: the openings of every die, by the die's name; most have one.
         digest: SHA-256 of the resolved spec.
         where: the file it came from.
     """
 
     spec: JobSpec
-    openings: Mapping[str, Opening]
+    openings: Mapping[str, tuple[Opening, ...]]
     digest: str
     where: str
 
@@ -37,6 +40,11 @@ class Job:
     @property
     def camera(self) -> Camera:
         return self.spec.camera.camera()
+
+    @cached_property
+    def scene(self) -> Scene | None:
+        """What the camera looks at; None if the job has no [scene]."""
+        return None if self.spec.scene is None else Scene.of(self.spec.scene, self.spec.curves, where=self.where)
 
     @property
     def signature(self) -> str:
@@ -55,31 +63,81 @@ def load(path: str | Path) -> Job:
     """
     path = Path(path)
     stated = spec.read(path)
-    found = {die.name: _opening(die, i, stated, path) for i, die in enumerate(stated.die)}
+    found = {
+        die.name: tuple(_opening(name, die, i, stated, path) for name in (die.opening, *(die.others or ())))
+        for i, die in enumerate(stated.die)
+    }
     texts: dict[str, str] = {}
     for i, die in enumerate(stated.die):
-        opening = found[die.name]
-        text = openings.dumps(opening)
-        if texts.setdefault(opening.name, text) != text:
+        _check_alike(found[die.name], f"{path}: die[{i}].others")
+        for opening in found[die.name]:
+            text = openings.dumps(opening)
+            if texts.setdefault(opening.name, text) != text:
+                raise JobError(
+                    "MF109",
+                    f"two different openings have the name {opening.name!r}",
+                    where=f"{path}: die[{i}].opening",
+                    cure="Rename one of them",
+                )
+    dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
+    resolved = _with_curves(stated.model_copy(update={"die": dies, "openings": texts}), path)
+    job = Job(resolved, found, provenance.job_hash(resolved.dump()), str(path))
+    _check_bands(job)
+    return job
+
+
+def _with_curves(stated: JobSpec, path: Path) -> JobSpec:
+    """The spec with the text of every table of curves that its scene names, by the file's own name."""
+    if stated.scene is None:
+        return stated.model_copy(update={"curves": {}})
+    named: dict[str, str] = {}
+    texts: dict[str, str] = {}
+    for key, value in (("spectrum", stated.scene.spectrum), ("illuminant", stated.scene.illuminant)):
+        if not isinstance(value, str) or not is_table(value):
+            continue
+        where = f"{path}: scene.{key}"
+        text = stated.curves[value] if value in stated.curves else curves_text(path.parent / value, where)
+        named[key] = Path(value).name
+        if texts.setdefault(named[key], text) != text:
             raise JobError(
-                "MF109",
-                f"two different openings have the name {opening.name!r}",
-                where=f"{path}: die[{i}].opening",
-                cure="Rename one of them",
+                "MF109", f"two different tables have the name {named[key]!r}", where=where, cure="Rename one of them"
             )
-    dies = tuple(
-        die.model_copy(update={"opening": found[die.name].name, "opening_layer": None, "opening_cell": None})
-        for die in stated.die
-    )
-    resolved = stated.model_copy(update={"die": dies, "openings": texts})
-    return Job(resolved, found, provenance.job_hash(resolved.dump()), str(path))
+    return stated.model_copy(update={"scene": stated.scene.model_copy(update=named), "curves": texts})
 
 
-def _opening(die: DieSection, number: int, stated: JobSpec, path: Path) -> Opening:
+def _check_bands(job: Job) -> None:
+    """The limits of the camera's lines hold at the ends of the scene's bands too."""
+    for band in () if job.scene is None else job.scene.bands:
+        low, high = band.range_nm
+        for number, die in enumerate(job.spec.die):
+            place = f"{job.where}: scene.spectrum, {band.name}: die[{number}]"
+            check_optics(replace(job.camera, wavelengths_nm=(low, high)), die.dot, where=place)
+
+
+def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:
+    """The die with its openings by name, whatever files they came from."""
+    first, *others = (opening.name for opening in held)
+    names = {"opening": first, "others": tuple(others) or None}
+    return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None})
+
+
+def _check_alike(held: tuple[Opening, ...], where: str) -> None:
+    """Cells that choose among openings are of one size."""
+    for opening in held[1:]:
+        if opening.dots != held[0].dots:
+            raise JobError(
+                "MF122",
+                f"the opening {opening.name!r} has {opening.dots} dots a side, and {held[0].name!r} has {held[0].dots}",
+                where=where,
+                cure="Choose among openings of one size",
+            )
+
+
+def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Path) -> Opening:
     where = f"{path}: die[{number}]"
-    if die.opening in stated.openings:
-        return openings.parse(stated.openings[die.opening], f"{path}: openings.{die.opening}")
-    source = path.parent / die.opening
+    if name in stated.openings:
+        return openings.parse(stated.openings[name], f"{path}: openings.{name}")
+    source = path.parent / name
     if source.suffix.lower() == ".toml":
         return openings.load(source)
     dot_nm = units.to_nm(die.dot, where=f"{where}.dot", name="dot")

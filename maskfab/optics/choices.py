@@ -3,8 +3,8 @@
 Notes:
     Rates are those of one thread, see ``RATES``; predicted times rank choices and tell seconds from minutes. Cutting
     the pupil is not counted, nor the planner's own pilot PSFs.
-    No function models diffraction over the gap together with a phase on the pupil, nor a grey rim with either, so
-    there is no such choice.
+    No function takes a grey rim together with a phase or with diffraction over the gap, which see the rim through
+    moments or samples of their own, so there is no such choice.
 """
 
 from __future__ import annotations
@@ -12,15 +12,17 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import log2
 from types import MappingProxyType
 
 from maskfab.model import Camera
 from maskfab.optics.band_lines import BAND_SAFETY
-from maskfab.optics.omissions import GAP_SAFETY, Estimate, Estimates, Scene
+from maskfab.optics.gap import MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um
+from maskfab.optics.omissions import GAP_SAFETY, Estimate, Estimates
 from maskfab.optics.paths import PATHS, FieldPath, Task
 from maskfab.optics.pupil import Pupil
+from maskfab.optics.scene import Scene
 from maskfab.optics.waves import Precision
 
 RATES: Mapping[Precision, float] = MappingProxyType({"double": 43e9, "single": 92e9})
@@ -31,6 +33,10 @@ SPECTRUM = "angular spectrum"
 
 GAP_ERRORS: Mapping[int, float] = MappingProxyType({4: 4.5e-3, 8: 1.5e-3, 16: 5e-4, 32: 1.7e-4})
 """Error of diffraction over a gap by samples per dot: 1.5e-3 at 8 against Fresnel integrals, a third for twice."""
+
+# What a phase adds to it by waves per sample, measured on openings whose edges fall on the stop's rim, where it is
+# largest; samples at the rim count with their share, and no more can err than they hold.
+_GAP_RIM = 0.3
 
 DEPTHS = 2
 """Distances that stand for a range of depths: its ends."""
@@ -45,7 +51,11 @@ _PHASED_FLOP = 2.0
 # Seconds for each PSF, whatever its size: what small stops take beyond their arithmetic.
 _OVERHEAD = 3e-3
 _OVERHEADS: Mapping[str, float] = MappingProxyType({PHASED: 12e-3, SPECTRUM: 25e-3})
-_MOST_GAP_SAMPLES = 64_000_000
+
+# Flops of a sample's phase: its path, sine and cosine.
+_TURN = 300.0
+# Waves that leave at more than 64 degrees are beyond the model; with the carrier, near to evanescent.
+_MOST_SLOPE = 0.9
 
 PHASE_SHARE = 0.01
 """Tolerance of a phased field, as a share of the accuracy."""
@@ -123,6 +133,7 @@ class Prices:
         estimates: errors of omissions.
         tasks: by (grey rim, scale modelled).
         lines: how many lines the camera has.
+        steepest: most waves that defocus and aberrations turn over a micrometre of the stop, at any line.
     """
 
     pupil: Pupil
@@ -132,6 +143,7 @@ class Prices:
     estimates: Estimates
     tasks: Mapping[tuple[bool, bool], Task]
     lines: int
+    steepest: float
 
     def choices(self) -> Iterator[Choice]:
         """Every choice that can be computed, whatever its error."""
@@ -157,13 +169,15 @@ class Prices:
             return False
         if phase or choice.diffraction:
             wanted = SPECTRUM if choice.diffraction else PHASED
-            fits = not choice.diffraction or self._gap_samples(choice) ** 2 <= _MOST_GAP_SAMPLES
-            single = not (phase and choice.diffraction)
-            return choice.path == wanted and choice.precision == "double" and not choice.grey_rim and single and fits
+            fits = not choice.diffraction or self._gap_fits(choice)
+            return choice.path == wanted and choice.precision == "double" and not choice.grey_rim and fits
         if choice.grey_rim and not self.pupil.rim_row.size:
             return False
         path = _PATHS.get(choice.path)
         task = self.tasks[choice.grey_rim, choice.scale]
+        if choice.places > 1 and not choice.grey_rim:
+            # A stop whose edge follows the dots cuts them as soon as they move.
+            task = replace(task, rim=max(task.rim, 1))
         return path is not None and choice.precision in path.precisions and path.refusal(task) is None
 
     def price(self, choice: Choice) -> Price:
@@ -186,7 +200,8 @@ class Prices:
             # crossing of window and tail by as much again.
             return 4 * PHASE_SHARE * self.accuracy
         if choice.path == SPECTRUM:
-            return GAP_ERRORS[choice.samples_per_dot]
+            phase = choice.defocus or choice.aberrations
+            return GAP_ERRORS[choice.samples_per_dot] + (self._gap_rim(choice) if phase else 0.0)
         return _PATHS[choice.path].error[choice.precision]
 
     def ingredients(self, choice: Choice) -> tuple[Ingredient, ...]:
@@ -226,13 +241,29 @@ class Prices:
         path = _PATHS[choice.path]
         return path.flops(task), path.memory(task) / (2 if choice.precision == "single" else 1)
 
+    def _sample_um(self, choice: Choice) -> float:
+        return self.pupil.x.dot_um / choice.samples_per_dot
+
+    def _gap_rim(self, choice: Choice) -> float:
+        sample = self._sample_um(choice)
+        return min(_GAP_RIM * self.steepest * sample, 4 * sample / self.camera.stop.diameter_um)
+
+    def _gap_fits(self, choice: Choice) -> bool:
+        """Whether the samples are fine enough for the phase, coarse enough for waves that travel, and not too many."""
+        sample, most = self._sample_um(choice), self.estimates.range_nm[1] * 1e-3
+        phase = choice.defocus or choice.aberrations
+        # The corner of the grid of places is the farthest off the axis.
+        corner = math.sqrt(2) * self.scene.field_um
+        return (
+            most / (2 * sample) < min(_MOST_SLOPE, 1 - corner / math.hypot(corner, self.camera.focal_um))
+            and not (phase and self.steepest * sample > MOST_WAVES_PER_SAMPLE)
+            and self._gap_samples(choice) ** 2 <= MOST_GAP_SAMPLES
+        )
+
     def _gap_samples(self, choice: Choice) -> int:
         """Samples along a side of the propagated field, as :func:`maskfab.optics.gap.gap_psf` takes them."""
-        sample = self.pupil.x.dot_um / choice.samples_per_dot
-        slope = self.estimates.range_nm[1] * 1e-3 / (2 * sample)
-        if slope >= 0.9:
-            return _MOST_GAP_SAMPLES
-        guard = self.scene.gap_um * slope / math.sqrt(1 - slope**2)
+        sample = self._sample_um(choice)
+        guard = gap_guard_um(self.scene.gap_um, self.estimates.range_nm[1], sample)
         width = self.camera.stop.diameter_um + 2 * guard + self.pupil.x.pitch_um
         return math.ceil(width / sample) + 4
 
@@ -244,6 +275,7 @@ class Prices:
             8 * count * across * (across + count)
             + _TRANSFORM_FLOP * 2 * 5 * count**2 * 2 * log2(count)
             + 8 * sides * middle * (middle + sides)
+            + (_TURN * middle**2 if choice.defocus or choice.aberrations else 0.0)
         )
         return _GAP_FLOP * flops, 16.0 * 4 * count**2
 

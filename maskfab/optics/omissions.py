@@ -10,7 +10,8 @@ Notes:
     The residues of cut dots add up in phase near the axis, where light is: taken as random they come out up to six
     times too small. So the grey rim is tried, which costs one cheap PSF; its safety is for the lines between.
     An even phase changes the orders of an even pupil to second order only. A periodic panel is not even where the stop
-    cuts its cells, a share pitch / D of it, and that share changes to first order.
+    cuts its cells, a share pitch / D of it, and that share changes to first order. Nor is a pupil that carries another
+    even phase: leaving one of two out is of first order in the product of both.
 """
 
 from __future__ import annotations
@@ -18,28 +19,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.model import Camera, Panel, Psf, Stop, Tiling
-from maskfab.optics.aberration import Wavefront, aberration_error
+from maskfab.model import ORIENTATIONS, Camera, Panel, Psf, Stop, Tiling
+from maskfab.optics.aberration import Wavefront, aberration_error, marechal_strehl, noll_degrees
 from maskfab.optics.band_lines import band_errors
-from maskfab.optics.depth import defocus_error, scale_error
-from maskfab.optics.ensemble import ALL_ORIENTATIONS, MeanPsf, mean_psf
-from maskfab.optics.gap import common_share, gap_error, shift_error, shift_um
+from maskfab.optics.depth import clear_stop_strehl, defocus_error, edge_defocus_waves, scale_error
+from maskfab.optics.ensemble import MeanPsf, mean_psf
+from maskfab.optics.gap import shift_um
+from maskfab.optics.gap_estimates import common_share, gap_error, shift_error
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import Pupil
-from maskfab.optics.response import camera_bands, generic_rgb
-from maskfab.optics.spectrum import Band
-from maskfab.spec import SceneSection
+from maskfab.optics.scene import Scene
 
 Floats = NDArray[np.float64]
-SpectrumKind = Literal["lines", "rgb"]
 
 # How much lower than the truth the plain estimates were seen to come out, and more: 2.2 for shifts and gaps; for phases
 # 1.6 on the layouts of their own notes, 2.2 over eighty others of a few dozen cells, where one layout is not the mean.
@@ -51,45 +49,6 @@ ORDER_SAFETY = 2.0
 
 PLACES = (1, 3, 5, 9, 17, 33)
 """Places along each axis of the field; with the most of them, a PSF is computed where it is asked for."""
-
-
-@dataclass(frozen=True)
-class Scene:
-    """What the camera looks at; the defaults ask for nothing.
-
-    Attributes:
-        nearest_um, farthest_um: distances of objects from the lens.
-        focus_um: distance of what is in focus.
-        field_um: largest image height.
-        gap_um: from the panel to the stop.
-        aberrations: pairs of Noll's number and waves at the camera's first line.
-        saturation: whether highlights clip, which is left to the capture and adds nothing to the PSF.
-        spectrum: the camera's own lines, or the bands of a generic colour camera under equal energy.
-    """
-
-    nearest_um: float = math.inf
-    farthest_um: float = math.inf
-    focus_um: float = math.inf
-    field_um: float = 0.0
-    gap_um: float = 0.0
-    aberrations: tuple[tuple[int, float], ...] = ()
-    saturation: bool = False
-    spectrum: SpectrumKind = "lines"
-
-    @classmethod
-    def of(cls, section: SceneSection | None) -> Scene:
-        """The scene of a job; the one that asks for nothing if the job has none."""
-        if section is None:
-            return cls()
-        near, far = section.depth
-        return cls(
-            near, far, section.focus, section.field, section.gap, section.aberrations, section.saturation,
-            section.spectrum,
-        )  # fmt: skip
-
-    def wavefront(self, camera: Camera) -> Wavefront:
-        """The aberrations; their waves are of the camera's first line."""
-        return Wavefront(self.aberrations, camera.wavelengths_nm[0])
 
 
 @dataclass(frozen=True)
@@ -135,24 +94,29 @@ class Estimates:
     range_nm: tuple[float, float]
 
 
-def scene_bands(scene: Scene) -> Mapping[str, Band]:
-    """The bands of the scene's spectrum, by name; none for lines."""
-    return camera_bands(generic_rgb()) if scene.spectrum == "rgb" else {}
-
-
 def wavelength_range_nm(camera: Camera, scene: Scene) -> tuple[float, float]:
     """Shortest and longest wavelength: of the camera's lines, or of the bands."""
-    ranges = [band.range_nm for band in scene_bands(scene).values()]
+    ranges = [band.range_nm for band in scene.bands]
     if not ranges:
         return min(camera.wavelengths_nm), max(camera.wavelengths_nm)
     return min(low for low, _ in ranges), max(high for _, high in ranges)
 
 
 def elements(panel: Panel) -> tuple[int, ...]:
-    """The orientations among which the cells of a panel are drawn."""
+    """Entries of ``Panel.orientations`` among which the cells of a panel are drawn."""
     if panel.tiling is Tiling.RANDOM:
-        return ALL_ORIENTATIONS
+        return tuple(range(ORIENTATIONS * len(panel.openings)))
     return tuple(int(k) for k in np.unique(panel.orientations))
+
+
+def _mean(panel: Panel, camera: Camera, pilot: Psf) -> MeanPsf:
+    """The mean PSF of the layouts that could have been drawn; a panel whose cells are not drawn one by one is its own
+    mean, and repeats in every layout."""
+    chosen = elements(panel)
+    if panel.tiling.independent or len(chosen) == 1:
+        return mean_psf(panel, camera, pilot.wavelength_nm, chosen)
+    nothing = np.zeros_like(pilot.values)
+    return MeanPsf(pilot, nothing, nothing)
 
 
 def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: float) -> Estimates:
@@ -171,21 +135,23 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     ends = wavelength_range_nm(camera, scene)
     sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
     pilots = [point_psf(pupil, sampled, line) for line in sampled.wavelengths_nm]
-    means = [mean_psf(panel, sampled, line, elements(panel)) for line in sampled.wavelengths_nm]
-    bands = {name: band_errors(pupil, camera, band, target / 4) for name, band in scene_bands(scene).items()}
-    counts = sorted(set.intersection(*(set(each) for each in bands.values()))) if bands else [0]
+    means = [_mean(panel, sampled, pilot) for pilot in pilots]
+    bands = [band_errors(pupil, camera, band, target / 4) for band in scene.bands]
+    counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
-    uneven = panel.pitch_nm / 1e3 / camera.stop.diameter_um if len(elements(panel)) == 1 else 0.0
+    uneven = panel.pitch_nm / 1e3 / camera.stop.diameter_um if not panel.tiling.independent else 0.0
     return Estimates(
         scale=_scale(pilots, sampled, scene),
-        defocus=_defocus(means, sampled, scene, uneven),
-        aberrations=_aberrations(means, sampled, scene.wavefront(camera), uneven),
+        defocus=_defocus(means, sampled, scene, min(1.0, uneven + _lens_share(sampled, scene.wavefront(camera)))),
+        aberrations=_aberrations(
+            means, sampled, scene.wavefront(camera), min(1.0, uneven + _defocus_share(sampled, scene))
+        ),
         shift=_shift(means, sampled, scene, scene.field_um) if moved else NOTHING,
         diffraction=_diffraction(means, sampled, scene.gap_um) if scene.gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled),
         layout=_layout(means),
         places={n: _between(means, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
-        bands={count: max((each[count] for each in bands.values()), default=0.0) for count in counts},
+        bands={count: max((each[count] for each in bands), default=0.0) for count in counts},
         in_bands=len(bands),
         range_nm=ends,
     )
@@ -217,6 +183,28 @@ def _defocus(means: list[MeanPsf], camera: Camera, scene: Scene, uneven: float) 
     )
     method = "Strehl ratio of the defocus on the mean PSF, worse end of the depth range"
     return Estimate(PHASE_SAFETY * worst, method, PHASE_SAFETY)
+
+
+def _lens_share(camera: Camera, wavefront: Wavefront) -> float:
+    """The share of a clear pupil that even aberrations turn out of phase, sqrt(1 - Strehl), at the worst line."""
+    even = replace(wavefront, terms=tuple(each for each in wavefront.terms if noll_degrees(each[0])[0] % 2 == 0))
+    strehls = [
+        marechal_strehl(even.rms_waves(line))
+        if camera.stop.shape == "circle"
+        else _square_strehl(even, camera.stop, line)
+        for line in camera.wavelengths_nm
+    ]
+    return math.sqrt(1 - min(strehls))
+
+
+def _defocus_share(camera: Camera, scene: Scene) -> float:
+    """The same of defocus, the worse end of the depth range."""
+    edges = [
+        edge_defocus_waves(camera, line, distance, scene.focus_um)
+        for line in camera.wavelengths_nm
+        for distance in (scene.nearest_um, scene.farthest_um)
+    ]
+    return math.sqrt(1 - min(clear_stop_strehl(edge) for edge in edges))
 
 
 def _aberrations(means: list[MeanPsf], camera: Camera, wavefront: Wavefront, uneven: float) -> Estimate:

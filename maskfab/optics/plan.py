@@ -17,12 +17,13 @@ from maskfab.errors import JobError
 from maskfab.model import Camera, Panel
 from maskfab.optics.aperture import panel_aperture
 from maskfab.optics.choices import DEPTHS, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
-from maskfab.optics.depth import image_distance_um, nearest_object_um
-from maskfab.optics.gap import shift_um, shifted_pupil
-from maskfab.optics.omissions import Scene, check_accuracy, estimate, wavelength_range_nm
+from maskfab.optics.depth import defocus_waves, image_distance_um, nearest_object_um
+from maskfab.optics.gap import moved_pupil, shift_um
+from maskfab.optics.omissions import check_accuracy, estimate, wavelength_range_nm
 from maskfab.optics.paths import Task
 from maskfab.optics.psf import odd_samples, pixel_margin, point_psf, point_step_um
 from maskfab.optics.pupil import cut
+from maskfab.optics.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -40,6 +41,8 @@ class Plan:
         depths: distances at which the PSF is computed.
         phase_tolerance: to hand to a phased PSF; 0 where there is none.
         nearest_object_um: focused nearer than this, the change of scale alone exceeds the accuracy.
+        fullest: all of the scene that can be computed, to hold the choice against: the rim exact, every image point its
+            own PSF, as many lines and samples as were priced.
     """
 
     accuracy: float
@@ -53,14 +56,19 @@ class Plan:
     depths: int
     phase_tolerance: float
     nearest_object_um: float
+    fullest: Choice
+
+
+def sampling_camera(camera: Camera, scene: Scene) -> Camera:
+    """The camera at the ends of the scene's spectrum, whose samples all of its PSFs share."""
+    return replace(camera, wavelengths_nm=tuple(dict.fromkeys(wavelength_range_nm(camera, scene))))
 
 
 def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Prices:
     """Everything that pricing needs; arguments and errors as for :func:`plan`."""
     check_accuracy(accuracy)
     _check_field(panel, camera, scene)
-    ends = wavelength_range_nm(camera, scene)
-    sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
+    sampled = sampling_camera(camera, scene)
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     estimates = estimate(panel, pupil, camera, scene, accuracy)
     step = point_step_um(sampled)
@@ -68,10 +76,11 @@ def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Price
     tasks = {}
     for scale in (False, True):
         distance = image_distance_um(camera.focal_um, scene.focus_um if scale else math.inf)
-        frequency = reach / (ends[0] * 1e-3 * distance)
+        frequency = reach / (estimates.range_nm[0] * 1e-3 * distance)
         exact = Task.of(pupil, frequency, frequency)
         tasks[False, scale], tasks[True, scale] = exact, replace(exact, rim=0)
-    return Prices(pupil, sampled, scene, accuracy, estimates, tasks, len(camera.wavelengths_nm))
+    lines, steepest = len(camera.wavelengths_nm), _steepest(camera, scene, estimates.range_nm[0])
+    return Prices(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
 
 
 def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
@@ -98,7 +107,7 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
             "MF115",
             f"no model of this scene meets an accuracy of {accuracy:g}; the best errs by {least:.2g}",
             where="scene.accuracy",
-            cure=f"Ask for {1.1 * least:.1g} or more, or for less of the scene",
+            cure=f"Ask for {1.1 * least:.2g} or more, or for less of the scene",
         )
     choice, price = min(fitting, key=lambda each: (each[1].seconds, each[1].error))
     step = point_step_um(known.camera)
@@ -115,13 +124,40 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         DEPTHS if choice.defocus else 1,
         PHASE_SHARE * accuracy if choice.path == PHASED else 0.0,
         nearest_object_um(pilot, camera, accuracy),
+        max(priced, key=_fullness)[0],
     )
 
 
 def _check_field(panel: Panel, camera: Camera, scene: Scene) -> None:
-    moved = shift_um(camera, scene.gap_um, (scene.field_um, 0.0))
+    moved = shift_um(camera, scene.gap_um, (scene.field_um, scene.field_um))
     if moved[0]:
-        shifted_pupil(panel, camera.stop, moved)
+        moved_pupil(panel_aperture(panel), camera.stop, moved)
+
+
+def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
+    """Most waves per micrometre along an axis, by differences over the stop."""
+    radius = camera.stop.diameter_um / 2
+    if camera.stop.shape == "circle":
+        angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
+        rings = np.linspace(0, radius, 33)[:, None]
+        x, y = rings * np.cos(angle), rings * np.sin(angle)
+    else:
+        x, y = np.meshgrid(*2 * [np.linspace(-radius, radius, 65)])
+    lens, h = scene.wavefront(camera).waves(camera.stop, wavelength_nm), 1e-3 * radius
+    steepest = 0.0
+    for distance in (scene.nearest_um, scene.farthest_um, scene.focus_um):
+        blur = defocus_waves(camera, wavelength_nm, distance, scene.focus_um)
+        for dx, dy in ((h, 0.0), (0.0, h)):
+            beyond, before = (lens(x + k * dx, y + k * dy) + blur(x + k * dx, y + k * dy) for k in (1, -1))
+            steepest = max(steepest, float(abs(beyond - before).max()) / (2 * h))
+    return steepest
+
+
+def _fullness(priced: tuple[Choice, Price]) -> tuple[float, ...]:
+    choice, price = priced
+    asked = (choice.diffraction, choice.defocus, choice.aberrations, choice.scale, not choice.grey_rim)
+    # Less of an error of its own: more samples, double precision; among equals, less time.
+    return sum(asked), choice.places, choice.lines, -price.error, -price.seconds
 
 
 def document(die: str, found: Plan) -> dict[str, object]:

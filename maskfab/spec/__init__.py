@@ -1,0 +1,49 @@
+"""The job file: what the user asks for, validated completely before any work starts.
+
+Every length is written with its unit (``"168 um"``); a validated spec holds micrometres, nanometres and kelvins, and
+dumps back to text that loads to the same spec.
+"""
+
+from maskfab.spec.checks import check_optics, even_nm
+from maskfab.spec.read import parse_section, read, validate
+from maskfab.spec.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
+from maskfab.spec.sections import (
+    CameraSection,
+    DesignSection,
+    DieSection,
+    EmittersSection,
+    JobSection,
+    JobSpec,
+    LightSection,
+    LimitsSection,
+    PlateSection,
+    SceneSection,
+    StopSection,
+    WiresSection,
+)
+from maskfab.spec.values import check_name
+
+__all__ = [
+    "ACCURACIES",
+    "COLDEST_K",
+    "HOTTEST_K",
+    "CameraSection",
+    "DesignSection",
+    "DieSection",
+    "EmittersSection",
+    "JobSection",
+    "JobSpec",
+    "LightSection",
+    "LimitsSection",
+    "PlateSection",
+    "SceneSection",
+    "StopSection",
+    "WiresSection",
+    "check_name",
+    "check_optics",
+    "even_nm",
+    "is_table",
+    "parse_section",
+    "read",
+    "validate",
+]

@@ -1,0 +1,140 @@
+"""What one section of a job file alone cannot tell."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from maskfab import units
+from maskfab.errors import JobError
+from maskfab.model import Camera, Tiling
+from maskfab.spec.sections import JobSpec
+
+_MOST_DOTS_ACROSS_STOP = 6000
+_MOST_SAMPLES = 4096
+
+
+def check_dies(spec: JobSpec, where: str) -> None:
+    """Dies of different names, tiled with a seed where chance is asked for, on the grid of 1 nm, before a fit camera.
+
+    Raises:
+        JobError: MF105 to MF115, see :func:`check_optics` for the last.
+    """
+    for name, count in Counter(die.name for die in spec.die).items():
+        if count > 1:
+            raise JobError(
+                "MF109", f"{count} dies have the name {name!r}", where=f"{where}: die", cure="Rename all but one"
+            )
+    for number, die in enumerate(spec.die):
+        place = f"{where}: die[{number}]"
+        if (die.tiling.seeded or die.others) and die.seed is None:
+            what = (
+                f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
+            )
+            raise JobError(
+                "MF111",
+                f"die {die.name!r} {what} without a seed",
+                where=f"{place}.seed",
+                cure="Add seed = 1",
+            )
+        if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
+            raise JobError(
+                "MF122",
+                f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter",
+                where=f"{place}.{'others' if die.others else 'gutter'}",
+                cure="Remove that key, or use another tiling",
+            )
+        units.to_nm(die.dot, where=f"{place}.dot", name="dot")
+        even_nm(die.gutter, where=f"{place}.gutter", name="gutter")
+        check_optics(spec.camera.camera(), die.dot, where=place)
+
+
+def check_scene(spec: JobSpec, where: str) -> None:
+    """Objects within the focal length have no image, and a camera of lines no illuminant.
+
+    Raises:
+        JobError: MF104 or MF105.
+    """
+    if spec.scene is None:
+        return
+    if spec.scene.spectrum == "lines" and spec.scene.illuminant != "equal":
+        raise JobError(
+            "MF105",
+            "an illuminant lights a camera of colours, and the spectrum is the camera's own lines",
+            where=f"{where}: scene.illuminant",
+            cure='Add spectrum = "rgb" or a file such as "camera.csv" to [scene], or remove the illuminant',
+        )
+    for key, distance in (("depth", spec.scene.depth[0]), ("focus", spec.scene.focus)):
+        if not distance > spec.camera.focal:
+            raise JobError(
+                "MF104",
+                f"{distance:g} um is not beyond the focal length of {spec.camera.focal:g} um",
+                where=f"{where}: scene.{key}",
+                cure="Give a distance from the lens, beyond its focal length",
+            )
+
+
+def even_nm(value_um: float, *, where: str, name: str) -> int:
+    """Integer nanometres of a length of which either half must lie on the database grid (MF107 otherwise)."""
+    value_nm = units.to_nm(value_um, where=where, name=name)
+    if value_nm % 2:
+        raise JobError(
+            "MF107",
+            f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
+            where=where,
+            cure=f"Use {value_um + 1e-3:g} um",
+        )
+    return value_nm
+
+
+def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse a window with replicas of the PSF in it, and an aperture or a PSF too fine to hold.
+
+    Raises:
+        JobError: MF105 if a wavelength is there twice; MF113 if the window is wider than λf/dot at the shortest
+            wavelength; MF115 if the stop is more than 6000 dots across, or the window more than 4096 samples wide.
+    """
+    twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
+    if twice:
+        raise JobError(
+            "MF105",
+            f"the wavelength {twice[0]:g} nm is given more than once",
+            where=f"{where}: camera.wavelengths",
+            cure="Give every wavelength once",
+        )
+    shortest = min(camera.wavelengths_nm)
+    limit = shortest * 1e-3 * camera.focal_um / dot_um
+    if camera.window_um > limit:
+        raise JobError(
+            "MF113",
+            f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of "
+            f"{dot_um:g} um",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {math.floor(limit * 10) / 10:g} um",
+        )
+    if camera.window_um < camera.pixel_um:
+        raise JobError(
+            "MF104",
+            f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um",
+            where=f"{where}: camera.window",
+            cure="Use a window of many pixels",
+        )
+    across = camera.stop.diameter_um / dot_um
+    if across > _MOST_DOTS_ACROSS_STOP:
+        raise JobError(
+            "MF115",
+            f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
+            f"{_MOST_DOTS_ACROSS_STOP}",
+            where=where,
+            cure="Use a smaller stop or a coarser dot",
+        )
+    finest = min(camera.pixel_um, shortest * 1e-3 * camera.focal_um / camera.stop.diameter_um) / 2
+    samples = camera.window_um / finest
+    if samples > _MOST_SAMPLES:
+        raise JobError(
+            "MF115",
+            f"a window of {camera.window_um:g} um is {samples:.0f} samples of {finest:g} um wide; the limit is "
+            f"{_MOST_SAMPLES}",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel",
+        )

@@ -1,0 +1,198 @@
+"""The sections of a job file, and the whole of it."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field
+
+from maskfab.model import Camera, Stop, Tiling
+from maskfab.spec.display_values import Area, ThreeColours
+from maskfab.spec.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, Spectrum
+from maskfab.spec.values import DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Wavelength
+
+
+class Section(BaseModel):
+    """A table of a job file: frozen, and refused if it has an unknown key or a value of the wrong type."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class JobSection(Section):
+    """[job]: what the plate is called."""
+
+    name: Name
+    title: DrawnText = Field(max_length=80)
+
+
+class StopSection(Section):
+    """camera.stop: the lens aperture."""
+
+    shape: Literal["circle", "square"] = "circle"
+    diameter: Length
+
+
+class CameraSection(Section):
+    """[camera]: what looks through the panel, and how much of the sensor around the axis is looked at."""
+
+    focal: Length
+    stop: StopSection
+    wavelengths: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64, strict=False)]
+    pixel: Length
+    window: Length = 256.0
+
+    def camera(self) -> Camera:
+        """The camera of the model."""
+        stop = Stop(self.stop.shape, self.stop.diameter)
+        return Camera(self.focal, stop, self.wavelengths, self.pixel, self.window)
+
+
+class PlateSection(Section):
+    """[plate]: the blank and how dies are arranged on it."""
+
+    blank: PlateLength
+    writable: PlateLength
+    die_size: PlateLength
+    die_pitch: PlateLength
+    columns: int = Field(ge=1, le=100)
+
+
+class LimitsSection(Section):
+    """[limits]: what a die must keep to; what is left out is reported without judgement."""
+
+    corner_touches: int | None = Field(default=None, ge=0)
+    min_feature: Length | None = None
+    min_space: Length | None = None
+
+
+class DieSection(Section):
+    """[[die]]: one opening laid out as one panel.
+
+    ``opening`` is a key of [openings], or the path of a file relative to the job file; ``opening_layer`` and
+    ``opening_cell`` say where in a layout file it is. ``others`` are further openings: every cell draws one of all.
+    """
+
+    name: Name
+    label: DrawnText = Field(min_length=1, max_length=40)
+    opening: str
+    opening_layer: str | None = None
+    opening_cell: str | None = None
+    others: Annotated[tuple[str, ...], Field(min_length=1, max_length=14, strict=False)] | None = None
+    dot: Length
+    pitch: Pitch | None = None
+    gutter: LengthOrZero = 0.0
+    tiling: Annotated[Tiling, Field(strict=False)]
+    seed: int | None = Field(default=None, ge=0)
+
+
+class DesignSection(Section):
+    """[design]: an opening to be found."""
+
+    name: Name
+    dots: int = Field(ge=1, le=128)
+    pitch: Pitch
+    open_ratio: float = Field(gt=0, le=1, allow_inf_nan=False)
+    tiling: Annotated[Tiling, Field(strict=False)]
+    tiling_seed: int | None = Field(default=None, ge=0)
+    seed: int = Field(ge=0)
+    iterations: int = Field(default=300, ge=1, le=100_000)
+    epsilon: float = Field(default=0.015, gt=0, le=1, allow_inf_nan=False)
+    worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
+    output: str | None = None
+
+
+class EmittersSection(Section):
+    """[emitters]: the rules that red, green and blue keep behind the openings of every die.
+
+    Gaps are kept in x or in y, corners included, and across pixels too. ``ratio`` is that of the areas; ``required``
+    the least share of the pixel that one colour covers, divided by its ratio (ratios scaled to sum to 3). Of the
+    placements with at least ``keep`` of the largest footprint, the one whose light is centred best is taken.
+    ``circuit`` is the drive circuit of one subpixel, which lies under closed area; ``shared`` says that three of them
+    need no separate rooms.
+    """
+
+    gap_to_opening: LengthOrZero = 0.0
+    colour_gap: LengthOrZero
+    min_width: Length
+    ratio: ThreeColours = (1.0, 1.0, 1.0)
+    max_aspect: float | None = Field(default=None, ge=1, allow_inf_nan=False)
+    required: float = Field(default=0.0, ge=0, le=1, allow_inf_nan=False)
+    keep: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
+    circuit: Area = 1985.0
+    shared: bool = True
+
+
+class WiresSection(Section):
+    """[wires]: the display's wires.
+
+    ``lines`` is how many must cross every pixel from top to bottom, and from left to right; opaque ones are ``line``
+    wide, ``space`` apart and ``clearance`` from openings, in ``levels`` layers of metal. A ``transparent`` wire of that
+    width runs straight over every pixel in both directions and passes a share ``transmission`` of the light.
+    """
+
+    line: Length = 3.0
+    space: Length = 3.0
+    clearance: LengthOrZero = 2.5
+    levels: int = Field(default=2, ge=1, le=2)
+    lines: int = Field(default=4, ge=1, le=64)
+    transparent: Length | None = None
+    transmission: float = Field(default=0.9, gt=0, le=1, allow_inf_nan=False)
+
+
+class LightSection(Section):
+    """[light]: what the display must emit: white luminance in cd/m2, cd/A of each colour, and how life falls with
+    current density, as its power ``-life_exponent``."""
+
+    luminance: float = Field(default=500.0, gt=0, allow_inf_nan=False)
+    efficacy: ThreeColours = (45.0, 110.0, 8.0)
+    life_exponent: float = Field(default=1.44, gt=0, allow_inf_nan=False)
+
+
+class SceneSection(Section):
+    """[scene]: what the camera looks at and how accurate the PSF must be; the defaults ask for nothing extra.
+
+    ``depth`` is the nearest and the farthest object, ``field`` the largest image height, ``gap`` the distance from the
+    panel to the stop; ``aberrations`` are pairs of Noll's number and waves at the first wavelength. ``spectrum`` is the
+    camera's own lines, the bundled colour camera, or a file of its response; ``illuminant``, for colours alone, is a
+    black body's temperature in kelvins, a file of one curve, or equal energy at all wavelengths. A file is a path
+    relative to the job file, or a key of [curves].
+    """
+
+    accuracy: Accuracy = 1e-3
+    depth: Depth = (math.inf, math.inf)
+    focus: Distance = math.inf
+    field: LengthOrZero = 0.0
+    gap: LengthOrZero = 0.0
+    aberrations: Aberrations = ()
+    saturation: bool = False
+    spectrum: Spectrum = "lines"
+    illuminant: Illuminant = "equal"
+
+
+class JobSpec(Section):
+    """A whole job file. ``openings`` and ``curves`` hold files by the names that dies and [scene] use: a job is then
+    self-contained.
+    """
+
+    job: JobSection | None = None
+    camera: CameraSection
+    plate: PlateSection | None = None
+    limits: LimitsSection = LimitsSection()
+    die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
+    design: DesignSection | None = None
+    scene: SceneSection | None = None
+    emitters: EmittersSection | None = None
+    wires: WiresSection | None = None
+    light: LightSection | None = None
+    openings: dict[str, str] = {}
+    curves: dict[str, str] = {}
+
+    def dump(self) -> dict[str, Any]:
+        """Plain data that loads to an equal spec; defaults are written out, so that they are part of the job's hash.
+
+        Only ``curves`` is left out where it is empty.
+        """
+        data = self.model_dump(mode="json", exclude_none=True)
+        # A job without tables keeps the hash that it had before jobs could name any.
+        return data if self.curves else {key: value for key, value in data.items() if key != "curves"}
