@@ -33,11 +33,31 @@ def orient(cell: NDArray[Scalar], orientation: int) -> NDArray[Scalar]:
 
 
 class Tiling(StrEnum):
-    """How the cells of a panel choose among the eight orientations."""
+    """How the cells of a panel choose among the eight orientations.
+
+    ``flips`` draws among mirror images only; the two ``rot90`` cycle through four orientations on 2 x 2 cells, the
+    second mirrors every other one; ``blue_noise`` is random without coarse clusters; ``hexagonal`` has its cells on a
+    hexagonal lattice, each turned by a random multiple of 60 degrees.
+    """
 
     PERIODIC = "periodic"
     RANDOM = "random"
     PAPER4 = "paper4"
+    FLIPS = "flips"
+    ROT90 = "rot90"
+    ROT90FLIP = "rot90flip"
+    BLUE_NOISE = "blue_noise"
+    HEXAGONAL = "hexagonal"
+
+    @property
+    def seeded(self) -> bool:
+        """Whether orientations are drawn, so that a seed is needed."""
+        return self not in {Tiling.PERIODIC, Tiling.ROT90, Tiling.ROT90FLIP}
+
+    @property
+    def independent(self) -> bool:
+        """Whether every cell draws on its own from the same orientations."""
+        return self in {Tiling.RANDOM, Tiling.PAPER4, Tiling.FLIPS}
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,15 +69,20 @@ class Opening:
         mask: bool [dots, dots], True is clear.
         dot_nm: side of one dot at the opening's nominal pitch.
         provenance: who made it, with which command, seed and version.
+        emitters: int8 [n, n], n a multiple of dots, the emitters that come with it, labelled as in :class:`Emitters`;
+            None where it comes without.
     """
 
     name: str
     mask: NDArray[np.bool_]
     dot_nm: int
     provenance: Mapping[str, str | int | float] = field(default_factory=dict)
+    emitters: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "mask", frozen(np.asarray(self.mask, dtype=np.bool_)))
+        if self.emitters is not None:
+            object.__setattr__(self, "emitters", frozen(np.asarray(self.emitters, dtype=np.int8)))
 
     @property
     def dots(self) -> int:
@@ -72,6 +97,51 @@ class Opening:
         return self.clear_dots / self.mask.size
 
 
+COLOURS = ("red", "green", "blue")
+
+
+@dataclass(frozen=True, eq=False)
+class Emitters:
+    """The red, green and blue areas of one pixel that emit.
+
+    Attributes:
+        labels: int8 [n, n] on square cells that divide the dots, over the pixel less its gutter; 0 is none, 1 to 3 are
+            red, green and blue. Turned with the opening.
+        cell_nm: side of a cell.
+    """
+
+    labels: NDArray[np.int8]
+    cell_nm: int
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "labels", frozen(np.asarray(self.labels, dtype=np.int8)))
+
+    @property
+    def areas_um2(self) -> tuple[float, float, float]:
+        """Red, green and blue area."""
+        red, green, blue = (float((self.labels == k).sum()) * self.cell_nm**2 / 1e6 for k in (1, 2, 3))
+        return red, green, blue
+
+
+@dataclass(frozen=True)
+class Track:
+    """Wires of one kind in one pixel.
+
+    Attributes:
+        name: scan, data, power ...; what it carries.
+        level: metal layer, 1 is the lowest.
+        polygons: simple, hole-free outlines in nanometres, the pixel's lower left corner, gutter included, the origin.
+        turns: whether it turns with the opening (drawn for orientation 0) or stays as the gutters do.
+        transmission: share of light that passes where it crosses an opening; 0 is opaque.
+    """
+
+    name: str
+    level: int
+    polygons: tuple[Polygon, ...]
+    turns: bool
+    transmission: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Panel:
     """An opening laid out over rows x columns of cells, with an opaque gutter round every cell.
@@ -80,9 +150,13 @@ class Panel:
         opening: the unit opening.
         dot_nm: side of one dot as laid out.
         gutter_nm: opaque space between the dots of neighbouring cells; half of it on each side of a cell, so even.
-        orientations: int8 [rows, columns], an element of D4 for each cell.
+        orientations: int8 [rows, columns], what each cell holds: 8 u + k is opening u of ``openings`` under element k
+            of D4.
         tiling: how the orientations were chosen.
         seed: seed of a random tiling.
+        emitters: what emits behind the opaque part of every pixel; None where nothing is said.
+        tracks: wires of every pixel.
+        others: further openings among which cells choose, of as many dots as the first.
     """
 
     opening: Opening
@@ -91,9 +165,25 @@ class Panel:
     orientations: NDArray[np.int8]
     tiling: Tiling
     seed: int | None
+    emitters: Emitters | None = None
+    tracks: tuple[Track, ...] = ()
+    others: tuple[Opening, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "orientations", frozen(np.asarray(self.orientations, dtype=np.int8)))
+
+    @property
+    def openings(self) -> tuple[Opening, ...]:
+        return self.opening, *self.others
+
+    def pattern(self, cell: int) -> NDArray[np.bool_]:
+        """What a cell holds, bool [dots, dots], from its entry in ``orientations``."""
+        return orient(self.openings[cell // ORIENTATIONS].mask, cell % ORIENTATIONS)
+
+    @property
+    def patterns(self) -> NDArray[np.bool_]:
+        """Everything that a cell can hold, bool [8 openings, dots, dots]."""
+        return np.stack([self.pattern(cell) for cell in range(ORIENTATIONS * len(self.openings))])
 
     @property
     def pitch_nm(self) -> int:
@@ -106,8 +196,12 @@ class Panel:
 
     @property
     def open_ratio(self) -> float:
-        """Share of a cell, gutter included, that is clear."""
-        return self.opening.clear_dots * self.dot_nm**2 / self.pitch_nm**2
+        """Share of a cell, gutter included, that is clear; the mean over all cells if they hold several openings."""
+        if not self.others:
+            return self.opening.clear_dots * self.dot_nm**2 / self.pitch_nm**2
+        held = np.bincount(self.orientations.ravel() // ORIENTATIONS, minlength=len(self.openings))
+        clear = sum(float(n) * each.clear_dots for n, each in zip(held, self.openings, strict=True))
+        return clear / self.orientations.size * self.dot_nm**2 / self.pitch_nm**2
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,7 +257,19 @@ class Layer:
 CLEAR = Layer("CLEAR", 1, 0, True, "everything that is clear in the chrome: openings, labels, marks")
 OUTLINE = Layer("OUTLINE", 10, 0, False, "blank, writable area and die slots, for orientation only")
 NOTE = Layer("NOTE", 11, 0, False, "version, job hash and seeds as text, for orientation only")
-LAYERS = (CLEAR, OUTLINE, NOTE)
+EMITTERS = (
+    Layer("RED", 20, 0, False, "red emitters of the display; not on the mask"),
+    Layer("GREEN", 21, 0, False, "green emitters of the display; not on the mask"),
+    Layer("BLUE", 22, 0, False, "blue emitters of the display; not on the mask"),
+)
+WIRES = (
+    Layer("WIRE1", 30, 0, False, "wires of the display's lower metal; not on the mask"),
+    Layer("WIRE2", 31, 0, False, "wires of the display's upper metal; not on the mask"),
+)
+VEIL = Layer("VEIL", 32, 0, False, "transparent wires of the display; not on the mask")
+GUTTER = Layer("GUTTER", 40, 0, False, "space for wires round every pixel; not on the mask")
+BLACK = Layer("BLACK", 41, 0, False, "black matrix: neither clear nor emitting; not on the mask")
+LAYERS = (CLEAR, OUTLINE, NOTE, *EMITTERS, *WIRES, VEIL, GUTTER, BLACK)
 
 
 @dataclass(frozen=True)

@@ -273,7 +273,7 @@ def test_shipped_openings_load_and_their_facts_hold(path):
 def test_shipped_jobs_load(path):
     job = load_job(path)
     assert job.spec.die or job.spec.design
-    for name, opening in job.openings.items():
+    for name, (opening,) in job.openings.items():
         assert opening.mask.any(), name
     if job.spec.die:
         assert len(job.plate().dies) == len(job.spec.die)

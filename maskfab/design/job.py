@@ -9,6 +9,9 @@ from maskfab.model import Opening, Tiling
 from maskfab.progress import Progress, silent
 from maskfab.spec import JobSpec
 
+# Hexagonal sheets are no cells that repeat on a square lattice, which is what the loss is built on.
+_DESIGNED = tuple(tiling for tiling in Tiling if tiling is not Tiling.HEXAGONAL)
+
 
 def settings(spec: JobSpec, *, where: str, command: str) -> RelaxSettings:
     """What the optimiser is to do.
@@ -25,7 +28,14 @@ def settings(spec: JobSpec, *, where: str, command: str) -> RelaxSettings:
     design, camera = spec.design, spec.camera.camera()
     if design is None:
         raise JobError("MF105", "the job has no [design] section", where=where, cure="Add [design]")
-    if design.tiling is not Tiling.PERIODIC and design.tiling_seed is None:
+    if design.tiling not in _DESIGNED:
+        raise JobError(
+            "MF122",
+            f"no opening can be designed for the {design.tiling} tiling",
+            where=f"{where}: design.tiling",
+            cure=f"Use {', '.join(_DESIGNED)}",
+        )
+    if design.tiling.seeded and design.tiling_seed is None:
         raise JobError(
             "MF111",
             f"the {design.tiling} tiling has no seed",
@@ -38,7 +48,7 @@ def settings(spec: JobSpec, *, where: str, command: str) -> RelaxSettings:
         dot_nm=dot_of_pitch(f"{design.pitch:.15g} um", design.dots, where=f"{where}: design.pitch"),
         open_ratio=design.open_ratio,
         tiling=design.tiling,
-        tiling_seed=None if design.tiling is Tiling.PERIODIC else design.tiling_seed,
+        tiling_seed=None if not design.tiling.seeded else design.tiling_seed,
         focal_um=camera.focal_um,
         stop=camera.stop,
         wavelengths_nm=camera.wavelengths_nm,

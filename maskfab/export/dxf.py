@@ -17,8 +17,9 @@ import ezdxf
 from ezdxf.document import Drawing
 from ezdxf.layouts import BaseLayout
 
-from maskfab.geometry.region import orientations_in_use, plate_names, unit_key, unit_polygons
-from maskfab.model import CLEAR, LAYERS, NOTE, OUTLINE, Die, Layer, Note, Plate, Polygon
+from maskfab.geometry.region import orientations_in_use, plate_names
+from maskfab.geometry.unit import unit_key, unit_shapes
+from maskfab.model import CLEAR, LAYERS, NOTE, Die, Layer, Note, Plate, Polygon
 from maskfab.units import NM_PER_UM
 
 Version: TypeAlias = Literal["R12", "R2010"]
@@ -26,7 +27,7 @@ Version: TypeAlias = Literal["R12", "R2010"]
 _MICRONS = 13
 _METRIC = 1
 _TEXT_HEIGHT_UM = 500.0
-_COLOURS = {CLEAR: 4, OUTLINE: 8, NOTE: 2}
+_COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True))
 _REFERENCE = {
     "R12": "  0\nINSERT\n  5\n{handle:X}\n  8\n{layer}\n  2\n{name}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n",
     "R2010": "  0\nINSERT\n  5\n{handle:X}\n330\n{owner}\n100\nAcDbEntity\n  8\n{layer}\n"
@@ -117,7 +118,9 @@ def _draw(plate: Plate, drawing: Drawing) -> Iterator[_RandomDie]:
         for orientation in orientations_in_use(panel):
             unit = units[orientation] = names.units[unit_key(panel, orientation)]
             if unit not in drawing.blocks:
-                _add_polygons(drawing.blocks.new(unit), unit_polygons(panel, orientation), CLEAR)
+                unit_block = drawing.blocks.new(unit)
+                for layer, polygons in unit_shapes(panel, orientation).items():
+                    _add_polygons(unit_block, polygons, layer)
         block = drawing.blocks.new(name)
         if len(units) == 1:
             (unit,) = units.values()

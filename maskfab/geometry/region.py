@@ -14,9 +14,9 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.geometry.polygonize import outline
 from maskfab.geometry.raster import coverage, disjoint, placed_boxes, to_boxes
-from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Polygon, orient
+from maskfab.geometry.unit import UnitKey, unit_key, unit_name, unit_shapes
+from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Polygon
 
 __all__ = [
     "PlateNames",
@@ -29,14 +29,10 @@ __all__ = [
     "region",
     "simple_polygon",
     "to_boxes",
-    "unit_key",
-    "unit_polygons",
 ]
 
 DBU_UM = 0.001
 NAME_LENGTH = 32
-
-UnitKey = tuple[str, bytes, int, int, int]
 
 
 def plate_layout(plate: Plate) -> db.Layout:
@@ -62,7 +58,8 @@ def plate_layout(plate: Plate) -> db.Layout:
             unit_indices[orientation] = unit.cell_index()
             if key not in drawn:
                 drawn.add(key)
-                _draw(unit.shapes(layers[CLEAR]), unit_polygons(die.panel, orientation))
+                for layer, polygons in unit_shapes(die.panel, orientation).items():
+                    _draw(unit.shapes(layers[layer]), polygons)
         for reference in _references(die.panel, unit_indices):
             cells[die_name].insert(reference)
         top.insert(db.CellInstArray(cells[die_name].cell_index(), db.Trans(*die.origin_nm)))
@@ -119,17 +116,6 @@ def orientations_in_use(panel: Panel) -> tuple[int, ...]:
     return tuple(int(orientation) for orientation in np.unique(panel.orientations))
 
 
-def unit_polygons(panel: Panel, orientation: int) -> tuple[Polygon, ...]:
-    """The openings of one cell in one orientation; the cell's lower left corner, gutter included, is the origin."""
-    offset = panel.gutter_nm // 2
-    return outline(orient(panel.opening.mask, orientation), panel.dot_nm, (offset, offset))
-
-
-def unit_key(panel: Panel, orientation: int) -> UnitKey:
-    """What two cells must share to be drawn once."""
-    return panel.opening.name, panel.opening.mask.tobytes(), panel.dot_nm, panel.gutter_nm, orientation
-
-
 @dataclass(frozen=True)
 class PlateNames:
     """Cell names of a plate, the same in every format.
@@ -158,8 +144,7 @@ def plate_names(plate: Plate) -> PlateNames:
         for orientation in orientations_in_use(die.panel):
             key = unit_key(die.panel, orientation)
             if key not in units:
-                name, _, dot_nm, gutter_nm, _ = key
-                units[key] = names.unique(name, f"_D{dot_nm}_G{gutter_nm}_R{orientation}")
+                units[key] = names.unique(*unit_name(die.panel, orientation))
     return PlateNames(top, dies, marks, units)
 
 

@@ -9,6 +9,9 @@ A TOML opening is a drawing with its facts beside it, and the facts are checked 
     grid = '''
     .........######......
     '''                        # '.' opaque, '#' clear, one line per row, the top row first
+    emitters = '''
+    RRR.............GG
+    '''                        # optional: R, G, B and '.', as fine as the dots or a whole number of times finer
     [provenance]
     author = "..."             # any keys; text and numbers
 
@@ -21,19 +24,20 @@ import json
 import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from decimal import Decimal
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 from maskfab.errors import JobError, OpeningError, SourceError
-from maskfab.layout import grids
+from maskfab.layout import given, grids
 from maskfab.model import Opening
 from maskfab.spec import check_name
 from maskfab.units import NM_PER_UM, parse_pitch_um, to_nm
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
-_KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "provenance")
+_KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "emitters", "provenance")
 
 _IMAGES = (".png", ".tif", ".tiff", ".exr")
 _LAYOUTS = (".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf")
@@ -145,11 +149,18 @@ def parse(text: str, where: str = "") -> Opening:
     dot_nm = dot_of_pitch(facts["pitch"], dots, where=_at(where, "pitch"))
     if "open_ratio" in facts:
         _check_open_ratio(facts["open_ratio"], mask, _at(where, "open_ratio"))
-    return _opening(name, mask, dot_nm, _provenance(facts.get("provenance", {}), where), where)
+    opening = _opening(name, mask, dot_nm, _provenance(facts.get("provenance", {}), where), where)
+    if "emitters" not in facts:
+        return opening
+    drawn = _required(facts, "emitters", str, where)
+    place = _at(where, "emitters")
+    labels = given.from_lines(list(enumerate(drawn.splitlines(), start=1)), place)
+    given.check(labels, mask, place)
+    return replace(opening, emitters=labels)
 
 
 def dumps(opening: Opening) -> str:
-    """The opening as TOML text; ``parse(dumps(o))`` has the same name, mask, dot and provenance."""
+    """The opening as TOML text; ``parse(dumps(o))`` is equal in all parts."""
     pitch_um = Decimal(opening.dots * opening.dot_nm) / NM_PER_UM
     lines = [
         f"name = {_quoted(opening.name)}",
@@ -160,6 +171,8 @@ def dumps(opening: Opening) -> str:
         *grids.drawing(opening.mask),
         '"""',
     ]
+    if opening.emitters is not None:
+        lines += ['emitters = """', *given.drawing(opening.emitters), '"""']
     if opening.provenance:
         lines += ["", "[provenance]"]
         lines += [f"{_key(key)} = {_scalar(value)}" for key, value in opening.provenance.items()]

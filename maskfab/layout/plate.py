@@ -14,6 +14,7 @@ import numpy as np
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.rules import smallest_runs
+from maskfab.layout.hexagonal import hexagonal_sheet
 from maskfab.layout.tiling import orientations
 from maskfab.model import (
     CLEAR,
@@ -29,7 +30,7 @@ from maskfab.model import (
     Point,
     Polygon,
     Stop,
-    orient,
+    Tiling,
 )
 from maskfab.spec import DieSection, JobSpec, PlateSection
 from maskfab.units import NM_PER_UM, UM_PER_INCH, to_nm
@@ -51,12 +52,12 @@ _MOST_CELLS_ACROSS = 1000
 _MOST_DOTS_ACROSS = 10_000
 
 
-def compose(spec: JobSpec, openings: Mapping[str, Opening], signature: str, *, where: str) -> Plate:
+def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signature: str, *, where: str) -> Plate:
     """Lay a job out as a plate.
 
     Args:
         spec: a validated job with [plate] and at least one [[die]].
-        openings: the opening of every die, by the die's name.
+        openings: the openings of every die, by the die's name.
         signature: who made this from what, noted in the files.
         where: the job file, for errors.
 
@@ -89,7 +90,8 @@ def compose(spec: JobSpec, openings: Mapping[str, Opening], signature: str, *, w
     return Plate(heading.name, heading.title, blank_nm, writable_nm, dies, furniture, gauges, (note,))
 
 
-def _panel(die: DieSection, opening: Opening, spec: JobSpec, section: PlateSection, where: str) -> Panel:
+def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, section: PlateSection, where: str) -> Panel:
+    opening, *others = held
     dot_nm, gutter_nm = to_nm(die.dot), to_nm(die.gutter)
     pitch_nm = opening.dots * dot_nm + gutter_nm
     _check_pitch(die, opening.dots, pitch_nm, where)
@@ -110,8 +112,10 @@ def _panel(die: DieSection, opening: Opening, spec: JobSpec, section: PlateSecti
             cure="Use a larger plate.die_size or a smaller camera.stop.diameter",
         )
     check_size(cells, opening.dots, f"die {die.name!r}", where=where)
-    chosen = orientations(die.tiling, cells, cells, die.seed, where=f"{where}.seed")
-    panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed)
+    if die.tiling is Tiling.HEXAGONAL:
+        opening, cells = hexagonal_sheet(opening, to_nm(section.die_size) // dot_nm, die.seed or 0), 1
+    chosen = orientations(die.tiling, cells, cells, die.seed, openings=len(held), where=f"{where}.seed")
+    panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
     check_light(panel, spec.camera.camera().stop, where=where)
     return panel
 
@@ -153,7 +157,7 @@ def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
     gaps = []
     for row in range(max(0, rows // 2 - 3), min(rows, rows // 2 + 3)):
         for column in range(max(0, columns // 2 - 3), min(columns, columns // 2 + 3)):
-            mask = orient(panel.opening.mask, int(panel.orientations[row, column]))
+            mask = panel.pattern(int(panel.orientations[row, column]))
             up, right = (
                 (cell - cells / 2) * pitch_um + (panel.gutter_nm / 2 + index * panel.dot_nm) / NM_PER_UM
                 for cell, cells, index in zip((row, column), (rows, columns), np.nonzero(mask), strict=True)
@@ -228,7 +232,7 @@ def _smallest_feature_nm(dies: tuple[Die, ...]) -> int:
     """
 
     def shortest(panel: Panel) -> int:
-        run = smallest_runs(panel.opening.mask, periodic=True).clear
+        run = min(smallest_runs(opening.mask, periodic=True).clear for opening in panel.openings)
         return panel.dot_nm * (round(run) if math.isfinite(run) else 1)
 
     return min(_CD_LARGEST_NM, *(shortest(die.panel) for die in dies))

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.model import ORIENTATIONS, Panel, frozen, orient
+from maskfab.model import Panel, frozen
 
 
 @dataclass(frozen=True)
@@ -110,7 +110,7 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
     column = round((x.start_um - whole_x.start_um) / x.pitch_um)
     row = round((y.start_um - whole_y.start_um) / y.pitch_um)
     chosen = panel.orientations[row : row + y.cells, column : column + x.cells]
-    oriented = [orient(panel.opening.mask, k) for k in range(ORIENTATIONS)]
+    oriented = panel.patterns
     transmission = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1))
     # One row of cells at a time stays in the processor's cache; thousands of dots across would not.
     strip = np.zeros((y.dots, x.cells, x.period))

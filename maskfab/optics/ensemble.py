@@ -213,7 +213,7 @@ class _RandomCells:
 def _random_cells(panel: Panel, stop: Stop, elements: tuple[int, ...]) -> _RandomCells:
     if not elements:
         raise InternalError("MF901", "a random tiling needs at least one orientation to draw from")
-    patterns = np.stack([orient(panel.opening.mask, k) for k in elements]).astype(np.float64)
+    patterns = np.stack([panel.pattern(k) for k in elements]).astype(np.float64)
     frame = panel_aperture(panel, stop.diameter_um / 2)
     dots = _tiled(frame, np.ones_like(patterns[0]))
     clear = cut(Aperture(frame.x, frame.y, dots, np.zeros_like(dots)), stop)

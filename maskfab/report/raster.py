@@ -9,7 +9,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.model import Panel, Psf, orient
+from maskfab.model import Panel, Psf
 
 DECADES = 6
 """Decades below the peak that every picture of a PSF shows; equal for all, so that pictures can be compared."""
@@ -29,7 +29,7 @@ def panel_coverage(panel: Panel, side_nm: int, pixels: int) -> NDArray[np.float6
     for row in range(high):
         for column in range(wide):
             orientation = int(panel.orientations[bottom + row, left + column])
-            cells[row, 1:-1, column, 1:-1] = orient(panel.opening.mask, orientation)
+            cells[row, 1:-1, column, 1:-1] = panel.pattern(orientation)
     clear = cells.reshape(high * (dots + 2), wide * (dots + 2))
     return _shares(panel, high, side_nm, pixels) @ clear @ _shares(panel, wide, side_nm, pixels).T
 

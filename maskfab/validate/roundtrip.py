@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from maskfab.geometry.reading import find_cell, read_layout, rounding_nm
 from maskfab.geometry.region import coverage, layer_info, placed_boxes, region
 from maskfab.geometry.rules import corner_touches
-from maskfab.model import CLEAR, LAYERS, Box, Die, Gauge, Layer, Panel, Plate, Point, Quantity, orient
+from maskfab.model import CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Panel, Plate, Point, Quantity
 from maskfab.units import NM_PER_UM
 
 _NM2_PER_UM2 = NM_PER_UM**2
@@ -190,7 +190,7 @@ def roundtrip(plate: Plate, design: db.Layout, path: Path, *, dots: bool = True)
     """
     read = read_layout(path)
     find_cell(read)
-    differing = {layer: _xor(design, read, layer) for layer in LAYERS if layer.written}
+    differing = {layer: _xor(design, read, layer) for layer in LAYERS if layer is not NOTE}
     differences = tuple(
         difference for layer, shapes in differing.items() for difference in _named(plate, layer, shapes)
     )
@@ -232,7 +232,7 @@ def die_raster(die: Die) -> NDArray[np.bool_]:
     """What opening and orientations say about every cell of the grid of :func:`die_edges_nm`: bool [y, x]."""
     panel = die.panel
     pad = 1 if panel.gutter_nm else 0
-    variants = np.stack([np.pad(orient(panel.opening.mask, k), pad) for k in range(8)])
+    variants = np.pad(panel.patterns, ((0, 0), (pad, pad), (pad, pad)))
     cells = variants[panel.orientations]
     rows, columns, height, width = cells.shape
     return cells.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)

@@ -26,7 +26,7 @@ def test_one_top_cell_and_names_fit_for_every_format(small_plate):
 def test_only_orientations_in_use_are_drawn_and_dies_share_them(small_plate):
     units = plate_names(small_plate).units
     for die in small_plate.dies:
-        used = {key[-1] for key in units if key[0] == die.panel.opening.name}
+        used = {key.orientation for key in units if key.opening == die.panel.opening.name}
         assert set(np.unique(die.panel.orientations)) <= used
     ring = [key for key in units if key[0] == "ring"]
     assert len(ring) == len(np.union1d(small_plate.dies[0].panel.orientations, small_plate.dies[2].panel.orientations))

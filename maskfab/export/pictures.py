@@ -1,0 +1,85 @@
+"""Pictures for people: emitted light as OpenEXR with its scale in the header, and the same as PNG."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+from numpy.typing import NDArray
+
+from maskfab.errors import OutputError
+
+Floats = NDArray[np.float64]
+
+_STEPS = 65535
+
+
+def write_exr(light: Floats, path: Path, facts: Mapping[str, str | float]) -> None:
+    """Write linear light as half floats; row 0 of the file is the top.
+
+    Args:
+        light: [3, y, x] or [y, x, 3], row 0 the lowest; linear, primaries of sRGB.
+        path: where to; nothing is left there if it fails.
+        facts: go into the header, each under ``maskfab:`` and its name.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written.
+    """
+    pixels = np.ascontiguousarray(_upright(light), dtype=np.float16)
+    header = _header(pixels, "half")
+    header.attribute("compression", "zip")
+    header.attribute("oiio:ColorSpace", "lin_rec709_scene")
+    header.attribute("DateTime", "")  # or OpenImageIO writes the time, and equal light makes unequal files
+    for name, value in facts.items():
+        header.attribute(f"maskfab:{name}", value)
+    _write(pixels, header, path)
+
+
+def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
+    """Write linear light as 8-bit sRGB (IEC 61966-2-1); ``white`` is what becomes 255, more is cut off.
+
+    Args:
+        light: [3, y, x] or [y, x, 3], row 0 the lowest.
+        path: where to; nothing is left there if it fails.
+        white: positive.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written.
+    """
+    # A table of 16 bits is off by at most a twentieth of a code, and saves a power for every value.
+    steps = np.clip(_upright(light) * (_STEPS / white), 0.0, _STEPS).round().astype(np.uint16)
+    table = (srgb(np.linspace(0.0, 1.0, _STEPS + 1)) * 255).round().astype(np.uint8)
+    pixels = np.ascontiguousarray(table[steps])
+    header = _header(pixels, "uint8")
+    header.attribute("oiio:ColorSpace", "srgb_rec709_scene")
+    _write(pixels, header, path)
+
+
+def srgb(linear: Floats) -> Floats:
+    """sRGB code values 0 to 1 of linear light, which is cut to 0 to 1 (IEC 61966-2-1)."""
+    light = np.clip(linear, 0.0, 1.0)
+    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.power(light, 1 / 2.4) - 0.055)
+
+
+def _upright(light: Floats) -> Floats:
+    """[y, x, 3] with the top row first."""
+    last = light if light.shape[-1] == 3 else np.moveaxis(light, 0, -1)
+    return last[::-1]
+
+
+def _header(pixels: NDArray[Any], kind: str) -> Any:
+    height, width, channels = pixels.shape
+    return oiio.ImageSpec(width, height, channels, kind)
+
+
+def _write(pixels: NDArray[Any], header: Any, path: Path) -> None:
+    output = oiio.ImageOutput.create(str(path))
+    written = output is not None and output.open(str(path), header) and output.write_image(pixels)
+    if output is not None:
+        written = output.close() and written
+    if not written:
+        path.unlink(missing_ok=True)
+        raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out")
