@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 import torch
 from optics.published_recipe import Recipe, published_autograd
-from optics.test_torch_field import CPU, counted_lags, full_size, window_gradient
+from optics.test_torch_field import full_size, published_loss
 from threadpoolctl import threadpool_limits
 
 from maskfab.geometry.stop import edges_in_stop
@@ -25,8 +25,6 @@ from maskfab.optics.polygons import boundary
 from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
 from maskfab.optics.pupil import cut
 from maskfab.optics.spectrum import lines, polychromatic_otf, reach_um
-from maskfab.optics.torch_field import tiled_field
-from maskfab.optics.torch_transfer import window_transfer
 from maskfab.validate.accuracy import gemm_bound_ms, race, standard_workload
 from maskfab.validate.published import published_intensity, published_size
 
@@ -104,17 +102,10 @@ def polychromatic() -> Row:
 def gradients() -> list[Row]:
     rows = []
     for name, dtype in (("double", torch.float64), ("single", torch.float32)):
-        laid_out, stop = full_size()
-        position, frequency = 0.5 * np.arange(257), np.arange(65) / 256
-        field = tiled_field(laid_out, stop, position / 5300, position / 5300, dtype=dtype, device=CPU)
-        transfer, counted = window_transfer(position, frequency, dtype=dtype), counted_lags(frequency, 0.25)
-        recipe = published_autograd(21, laid_out.orientations, Recipe())
+        gradient = published_loss(Recipe(), dtype)
+        recipe = published_autograd(21, full_size()[0].orientations, Recipe())
         unit = torch.rand(21, 21, dtype=dtype, generator=torch.Generator().manual_seed(0))
-        ours, theirs = medians(
-            7,
-            lambda f=field, t=transfer, c=counted, u=unit: window_gradient(f, t, c, u),
-            lambda r=recipe, u=unit: r.gradient(u),
-        )
+        ours, theirs = medians(7, lambda g=gradient, u=unit: g(u), lambda r=recipe, u=unit: r.gradient(u))
         rows.append((f"loss and gradient, {name}, faster than published autograd", f"{theirs / ours:.1f}x", "15x"))
     return rows
 

@@ -7,7 +7,8 @@ A PSF I of a real amplitude is equal to itself turned by half a turn, so its tra
                  ∓ Σ c sin(2πν_x x) sin(2πν_y y) (I_same - I_opposite),
 
 c counting how many quadrants a sample belongs to. The few frequencies below half a cycle per pixel are two thin real
-products each, where an FFT would work out all of them.
+products each, where an FFT would work out all of them. The samples may be those of the window, or the fewer nodes that
+have the same sums (window_nodes.py); then c is the nodes' weight.
 
 Notes:
     A window truncates the PSF: at 256 µm this moves the modulation by up to 0.05. Where a loss can do without
@@ -23,6 +24,7 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
+from maskfab.optics.window_nodes import WindowNodes
 
 Floats = NDArray[np.float64]
 
@@ -48,28 +50,29 @@ class WindowTransfer:
 
 
 def window_transfer(
-    position_um: Floats,
+    nodes: WindowNodes,
     frequency: Floats,
     *,
     dtype: torch.dtype = torch.float64,
     device: torch.device | None = None,
 ) -> WindowTransfer:
-    """The transform of a square window whose quadrant has samples at these positions along both axes.
+    """The transform of a square window whose quadrant has samples at these nodes along both axes.
 
     Args:
-        position_um: non-negative sensor positions, [n], as of ``TiledField.intensity``.
+        nodes: sensor positions, [n], as of ``TiledField.intensity``, and their weights.
         frequency: non-negative frequencies in cycles per micrometre of sensor, [m].
         dtype: float32 or float64.
         device: that of the quadrants; the CPU by default.
 
     Raises:
-        InternalError: MF901 for a negative position or frequency.
+        InternalError: MF901 for a negative frequency.
     """
-    if min(position_um.min(), frequency.min()) < 0:
-        raise InternalError("MF901", "positions and frequencies of a quadrant must not be negative")
-    cycles = frequency[:, None] * position_um
+    if frequency.min() < 0:
+        raise InternalError("MF901", "frequencies of a quadrant must not be negative")
+    cycles = frequency[:, None] * nodes.position_um
     phase = 2 * np.pi * (cycles - np.rint(cycles))
-    # A sample on an axis belongs to half as many quadrants; sqrt(2)² restores the two that both axes count together.
-    count = np.where(position_um == 0, np.sqrt(0.5), np.sqrt(2))
-    along_y = torch.from_numpy(np.stack([np.cos(phase), np.sin(phase)]) * count).to(device=device, dtype=dtype)
+    # The weights are those of half a window along either axis, and the half planes' pairs of quadrants are two.
+    along_y = torch.from_numpy(np.sqrt(2) * np.stack([np.cos(phase), np.sin(phase)]) * nodes.weight).to(
+        device=device, dtype=dtype
+    )
     return WindowTransfer(along_y, along_y.mT.contiguous())
