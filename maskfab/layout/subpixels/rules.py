@@ -1,0 +1,117 @@
+"""What a display's maker asks of emitters, and the square grid on which these rules are whole numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from maskfab.errors import JobError
+from maskfab.model import Opening
+
+MOST_CELLS = 128
+"""Cells along a pixel's side; more would take the window table beyond a gigabyte."""
+
+
+@dataclass(frozen=True)
+class EmitterRules:
+    """The rules of placement. Gaps are Chebyshev distances: kept in x or in y, also from corner to corner.
+
+    Attributes:
+        gap_to_opening_nm: least distance from an emitter to any opening, that of neighbouring pixels included.
+        colour_gap_nm: least distance between emitters of different colours, across pixels too.
+        min_width_nm: every emitter is a union of squares of this side joined by shifts along x or y.
+        ratio: relative areas of red, green and blue, scaled so that they sum to 3.
+        required: least footprint: the mean share of the pixel, gutter included, that one colour covers.
+        max_aspect: longest over shortest side of a rectangular emitter; infinity allows any.
+    """
+
+    gap_to_opening_nm: int
+    colour_gap_nm: int
+    min_width_nm: int
+    ratio: tuple[float, float, float] = (1.0, 1.0, 1.0)
+    required: float = 0.0
+    max_aspect: float = math.inf
+
+    def __post_init__(self) -> None:
+        total = math.fsum(self.ratio)
+        if len(self.ratio) != 3 or not (math.isfinite(total) and min(self.ratio) > 0):
+            raise JobError(
+                "MF116",
+                f"the ratio {self.ratio} is not three positive numbers",
+                where="emitters.ratio",
+                cure="Give the relative areas of red, green and blue, such as [1, 1, 2]",
+            )
+        object.__setattr__(self, "ratio", tuple(3 * part / total for part in self.ratio))
+
+
+@dataclass(frozen=True)
+class Grid:
+    """A pixel as square cells on which the opening and every rule are whole numbers.
+
+    Attributes:
+        cells: along a side of the area that holds dots (the pixel less its gutter).
+        cell_nm: side of one cell.
+        per_dot: cells along a dot.
+        gutter_nm: opaque space between the dots of neighbouring pixels.
+        to_opening, colour_gap, min_width: the rules in cells.
+    """
+
+    cells: int
+    cell_nm: int
+    per_dot: int
+    gutter_nm: int
+    to_opening: int
+    colour_gap: int
+    min_width: int
+
+    @property
+    def pitch_nm(self) -> int:
+        return self.cells * self.cell_nm + self.gutter_nm
+
+    @property
+    def gutter(self) -> int:
+        """The gutter in cells."""
+        return self.gutter_nm // self.cell_nm
+
+
+def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, *, where: str = "emitters") -> Grid:
+    """The coarsest grid on which the dots, the gutter and all rules are whole numbers of cells.
+
+    Rectangles and squares that are largest under whole-number rules have whole-number corners, so nothing is lost.
+
+    Raises:
+        JobError: MF117 if a rule is wider than the pixel, MF118 if the grid would have more than 128 cells on a side.
+    """
+    side = opening.dots * dot_nm
+    for name, value in (
+        ("gap_to_opening", rules.gap_to_opening_nm),
+        ("colour_gap", rules.colour_gap_nm),
+        ("min_width", rules.min_width_nm),
+    ):
+        if value > side or value < 0 or (name == "min_width" and value == 0):
+            raise JobError(
+                "MF117",
+                f"{name} = {value / 1e3:g} um is not within the {side / 1e3:g} um of a pixel less its gutter",
+                where=f"{where}.{name}",
+                cure=f"Give a length up to {side / 1e3:g} um",
+            )
+    cell = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.colour_gap_nm, rules.min_width_nm)
+    cells = side // cell
+    if cells > MOST_CELLS:
+        coarse = dot_nm // max(1, MOST_CELLS // opening.dots)
+        raise JobError(
+            "MF118",
+            f"dots of {dot_nm / 1e3:g} um and these rules are whole numbers only on a grid of {cell / 1e3:g} um, "
+            f"{cells} cells a side; the limit is {MOST_CELLS}",
+            where=where,
+            cure=f"Round the gaps, the width and the gutter to multiples of {coarse / 1e3:g} um",
+        )
+    return Grid(
+        cells,
+        cell,
+        dot_nm // cell,
+        gutter_nm,
+        rules.gap_to_opening_nm // cell,
+        rules.colour_gap_nm // cell,
+        rules.min_width_nm // cell,
+    )
