@@ -24,17 +24,23 @@ from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.mtf import longest_lag_um
 from maskfab.optics.otf import lag_table
+from maskfab.optics.plan import sampling_camera
 from maskfab.optics.pupil import cut
+from maskfab.optics.response import curves_text
+from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
-from maskfab.spec import check_optics, even_nm
+from maskfab.spec import SceneSection, check_optics, even_nm, is_table
 from maskfab.units import to_nm
 from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
     measure,
     measure_pupils,
     read_aperture,
+    read_openings,
     stop_boundary,
 )
+from maskfab.validate.scene import measure_scene, reach_um, scene_plan
+from maskfab.validate.views import SceneOptics
 
 LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"})
 
@@ -52,6 +58,8 @@ class Request:
         gutter_um: opaque space round every cell.
         tiling, seed: how an opening is laid out. For a layout file, a tiling says that it holds one opening.
         layer, cell: where in a layout file to look.
+        scene, accuracy: what the camera looks at, and the admissible error of its PSF; None for the standard numbers
+            alone.
     """
 
     camera: Camera
@@ -62,20 +70,33 @@ class Request:
     seed: int | None = None
     layer: str | None = None
     cell: str | None = None
+    scene: Scene | None = None
+    accuracy: float = 1e-3
 
 
 @dataclass(frozen=True, eq=False)
 class Analysis:
-    """The numbers and curves of one file."""
+    """The numbers and curves of one file; ``quantities`` end with those of the scene, where one was asked for."""
 
     name: str
     psfs: tuple[Psf, ...]
     mtfs: tuple[Mtf, ...]
     quantities: tuple[Quantity, ...]
+    scene: SceneOptics | None = None
 
     @property
     def passed(self) -> bool:
         return all(q.passed is not False for q in self.quantities)
+
+
+def described_scene(section: SceneSection, where: str) -> Scene:
+    """The scene of a section that did not come from a job; tables of curves are read from their paths.
+
+    Raises:
+        SourceError, JobError: for a table that is at fault.
+    """
+    named = [name for name in (section.spectrum, section.illuminant) if isinstance(name, str) and is_table(name)]
+    return Scene.of(section, {name: curves_text(Path(name), where) for name in named}, where=where)
 
 
 def analyse(path: str | Path, request: Request, progress: Progress = silent) -> Analysis:
@@ -89,6 +110,13 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     """
     path = Path(path)
     if path.suffix.lower() in LAYOUT_SUFFIXES and request.tiling is None:
+        if request.scene is not None:
+            raise JobError(
+                "MF105",
+                f"a scene needs an opening and its tiling, which {path.name} does not state",
+                where="--tiling",
+                cure="If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out",
+            )
         return _analyse_mask(path, request, progress)
     return analyse_opening(_load(path, request), request, progress)
 
@@ -99,9 +127,14 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
     if request.seed is not None and request.seed < 0:
         raise JobError("MF104", f"seed = {request.seed} is below 0", where="--seed", cure="Give 0 or more")
-    check_optics(request.camera, dot_nm / 1e3, where="the request")
+    camera, scene = request.camera, request.scene
+    check_optics(camera, dot_nm / 1e3, where="the request")
+    reach = camera.stop.diameter_um / 2
+    if scene is not None:
+        check_optics(sampling_camera(camera, scene), dot_nm / 1e3, where="the request: the ends of the spectrum")
+        reach = reach_um(camera, scene)
     pitch_nm = opening.dots * dot_nm + gutter_nm
-    cells = 2 * math.ceil(request.camera.stop.diameter_um * 1e3 / pitch_nm / 2)
+    cells = 2 * math.ceil(reach * 1e3 / pitch_nm)
     check_size(cells, opening.dots, "the panel over the stop", where="the request")
     tiling = request.tiling or Tiling.PERIODIC
     panel = Panel(
@@ -112,17 +145,23 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
         tiling,
         request.seed,
     )
-    check_light(panel, request.camera.stop, where="the request: stop.diameter")
+    check_light(panel, camera.stop, where="the request: stop.diameter")
     die = Die(opening.name, opening.name, panel, (0, 0), cells * pitch_nm)
+    plan = None if scene is None else scene_plan(die, camera, scene, request.accuracy, "the request")
     plate = Plate(opening.name, "", cells * pitch_nm, cells * pitch_nm, (die,), (), (), ())
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "panel.oas"
         write_oasis(plate_layout(plate), file)
         read = region(read_layout(file), CLEAR)
     progress("optics", 0, 1)
-    result = measure(die, request.camera, read)
+    result = measure(die, camera, read)
     progress("optics", 1, 1)
-    return Analysis(opening.name, result.psfs, result.mtfs, result.quantities)
+    if scene is None or plan is None:
+        return Analysis(opening.name, result.psfs, result.mtfs, result.quantities)
+    progress("scene", 0, 1)
+    seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan)
+    progress("scene", 1, 1)
+    return Analysis(opening.name, result.psfs, result.mtfs, (*result.quantities, *seen.quantities), seen)
 
 
 def _load(path: Path, request: Request) -> Opening:

@@ -18,7 +18,16 @@ from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import load
 from maskfab.layout.plate import compose
 from maskfab.model import Camera, Die, Quantity, WrittenFile
-from maskfab.pipeline import JOB_COPY, REPORT, assemble, die_quantities, mask_names, measure_dies
+from maskfab.pipeline import (
+    JOB_COPY,
+    REPORT,
+    assemble,
+    die_quantities,
+    mask_names,
+    measure_dies,
+    measure_scenes,
+    plan_scenes,
+)
 from maskfab.progress import Progress, silent
 from maskfab.report import data
 from maskfab.validate.optics import axis_nm
@@ -62,16 +71,22 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     if not trips:
         return tuple(checks)
     seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
-    optics = measure_dies(replace(plate, dies=tuple(seen)), job.camera, trips[0].layout, progress)
-    for item in optics:
-        measured = die_quantities(item, read, job)
+    lit = replace(plate, dies=tuple(seen))
+    optics = measure_dies(lit, job.camera, trips[0].layout, progress)
+    scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), trips[0].layout, progress)
+    for measured in (
+        *(die_quantities(item, read, job) for item in optics),
+        *(scene.quantities for scene in scenes),
+    ):
         checks += [quantity for quantity in measured if quantity.passed is not None]
     blind = [die.name for die in plate.dies if die not in seen]
     checks += [quantity for quantity in read if quantity.passed is not None and quantity.die in blind]
     checks += [_failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind]
     if not blind and len(trips) == len(names) and all(trip.xor_area_um2 == 0 for trip in trips):
         # Of files that differ from the design the numbers differ as well; what differs is told above.
-        now = data.to_document(assemble(job, plate, trips, optics, _listed(manifest), {}), plate, job.camera)
+        now = data.to_document(
+            assemble(job, plate, trips, optics, scenes, _listed(manifest), {}), plate, job.camera, scenes
+        )
         checks += _reported(folder, {**now, "maskfab_version": manifest["maskfab_version"]})
     return tuple(checks)
 

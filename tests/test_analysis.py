@@ -342,3 +342,59 @@ def test_a_check_that_fails_is_exit_1_and_its_files_are_there(capsys, tmp_path, 
     assert answer.code == 1
     assert "FAIL (0" in answer.stdout
     assert (tmp_path / "out" / "optics.png").is_file()
+
+
+SCENE = ("--gap", "60 um", "--field", "3 mm", "--depth", "100 mm, inf", "--accuracy", "0.4")
+
+
+def test_a_scene_is_analysed_and_drawn(capsys, tmp_path):
+    opening = write_job(tmp_path).parent / "ring.toml"
+    plain = command(capsys, "analyse", opening, *LOOK, "--json").document["quantities"]
+    answer = command(capsys, "analyse", opening, *LOOK, *SCENE, "--out", tmp_path / "out", "--json")
+    assert answer.code == 0
+    rows = answer.document["quantities"]
+    names = [row["name"] for row in rows]
+    assert names[: len(plain)] == [row["name"] for row in plain]
+    assert {"plan_error_measured", "field_residual", "depth_residual", "nearest_object"} <= set(names[len(plain) :])
+    for old, new in zip(plain, rows, strict=False):
+        # The panel is larger than without a scene; what the stop shows of it is not.
+        assert new["value"] == pytest.approx(old["value"], rel=1e-6, abs=1e-8), old["name"]
+    assert {"scene_field.png", "scene_depth.png"} <= {path.name for path in (tmp_path / "out").iterdir()}
+
+
+def test_aberrations_are_taken_one_by_one(capsys, tmp_path):
+    opening = write_job(tmp_path).parent / "ring.toml"
+    asked = ("--aberration", "4:0.05", "--aberration", "11:-0.02", "--accuracy", "draft")
+    rows = command(capsys, "analyse", opening, *LOOK, *asked, "--json").document["quantities"]
+    assert next(row["value"] for row in rows if row["name"] == "scene_psf_change") > 0.01
+
+
+@pytest.mark.parametrize(
+    ("options", "code"),
+    [
+        (("--aberration", "4"), "MF105"),
+        (("--aberration", "4:x"), "MF105"),
+        (("--aberration", "0:0.1"), "MF104"),
+        (("--accuracy", "2"), "MF104"),
+        (("--accuracy", "nan"), "MF104"),
+        (("--depth", "1 m"), "MF105"),
+        (("--depth", "2 m, 1 m"), "MF104"),
+        (("--depth", "1 mm, inf"), "MF104"),
+        (("--gap", "1"), "MF103"),
+        (("--spectrum", "none.csv"), "MF301"),
+        (("--spectrum", "uv"), "MF105"),
+        (("--illuminant", "6500"), "MF103"),
+    ],
+)
+def test_bad_scenes_are_refused(capsys, tmp_path, options, code):
+    opening = write_job(tmp_path).parent / "ring.toml"
+    answer = command(capsys, "analyse", opening, *LOOK, *options, "--json")
+    assert answer.code == 2
+    assert answer.document["error"]["code"] == code
+    assert answer.document["error"]["cure"]
+
+
+def test_a_mask_of_unknown_tiling_is_refused_a_scene(capsys, out):
+    answer = command(capsys, "analyse", out / "SMALL.gds", *LOOK, "--gap", "60 um", "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
+    assert "--tiling" in answer.document["error"]["cure"]

@@ -307,21 +307,54 @@ def test_the_shipped_plate_is_laid_out():
             assert x0 >= a1 or a0 >= x1 or y0 >= b1 or b0 >= y1
 
 
+SCENE = """\
+[scene]
+accuracy = 0.4
+gap = "60 um"
+field = "3 mm"
+depth = ["100 mm", "inf"]
+
+[plate]"""
+
+
+def test_a_scene_is_planned_modelled_and_reported(capsys, tmp_path):
+    job, out, again = write_job(tmp_path, ("[plate]", SCENE)), tmp_path / "out", tmp_path / "again"
+    answer = command(capsys, "run", job, "--out", out)
+    assert answer.code == 0
+    assert [line for line in answer.stderr.splitlines() if line.startswith("PLAIN: optics ") and ", scene " in line]
+    document = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    for die in document["dies"]:
+        scene = die["scene"]
+        assert (scene["asked"]["nearest_um"], scene["asked"]["farthest_um"]) == (1e5, None)
+        rows = {row["name"]: row for row in scene["plan"]["ingredients"]}
+        assert rows["shift through the gap"]["modelled"]
+        assert not rows["diffraction over the gap"]["modelled"]
+        judged = [quantity for quantity in scene["quantities"] if quantity["passed"] is not None]
+        assert {quantity["name"] for quantity in judged} == {"plan_error", "plan_error_measured"}
+        assert all(quantity in document["checks"] for quantity in judged)
+        assert len(scene["field"]) == 5
+        assert len(scene["depth"]) == 2
+        # The plate's own numbers stay what they are without a scene.
+        assert not {"plan_error", "field_residual"} & {quantity["name"] for quantity in die["quantities"]}
+    assert document["time"]["seconds"].keys() >= {"plan", "scene", "scene PLAIN", "scene TURNED"}
+    assert command(capsys, "verify", out, "--quiet").code == 0
+    assert command(capsys, "run", out / "job.json", "--out", again, "--quiet").code == 0
+    assert (out / "report.html").read_bytes() == (again / "report.html").read_bytes()
+
+
 @pytest.mark.parametrize(
     ("scene", "code"),
-    [
-        ('accuracy = "draft"', 0),
-        ('accuracy = "draft"\ndepth = ["50 mm", "inf"]', 1),
-        ('accuracy = "draft"\naberrations = [[4, 0.2]]', 1),
-    ],
+    [('accuracy = "certify"\ngap = "100 um"', "MF115"), ('accuracy = 0.5\ngap = "1 mm"\nfield = "2 mm"', "MF114")],
 )
-def test_a_scene_that_the_report_does_not_model_fails_it(capsys, tmp_path, scene, code):
-    job = write_job(tmp_path, ("[plate]", f"[scene]\n{scene}\n\n[plate]"))
-    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--quiet")
-    assert answer.code == code
-    document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
-    left_out = [q for die in document["dies"] for q in die["quantities"] if q["name"] == "scene_left_out"]
-    assert len(left_out) == 2
-    assert all((q["value"] <= q["limit"]) == q["passed"] for q in left_out)
-    assert any(not q["passed"] for q in left_out) == bool(code)
-    assert command(capsys, "verify", tmp_path / "out", "--quiet").code == code
+def test_a_scene_that_cannot_be_modelled_is_refused_before_anything_is_written(capsys, tmp_path, scene, code):
+    job, out = write_job(tmp_path, ("[plate]", f"[scene]\n{scene}\n\n[plate]")), tmp_path / "out"
+    answer = command(capsys, "run", job, "--out", out, "--json", "--quiet")
+    assert answer.code == 2
+    assert answer.document["error"]["code"] == code
+    assert "die PLAIN" in answer.document["error"]["where"]
+    assert not out.exists()
+
+
+def test_without_a_scene_nothing_is_planned_or_shown(out, report):
+    assert all("scene" not in die for die in report["dies"])
+    assert "<h3>Scene</h3>" not in (out / "report.html").read_text(encoding="utf-8")

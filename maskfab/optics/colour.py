@@ -8,8 +8,8 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float64]
 
 # IEC 61966-2-1: linear sRGB to CIE 1931 XYZ; its white, (1, 1, 1), is D65.
-_XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
-_XYZ_OF_RGB.flags.writeable = False
+XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
+XYZ_OF_RGB.flags.writeable = False
 
 _KNEE = 6 / 29
 
@@ -20,7 +20,7 @@ def lab_of_linear_srgb(rgb: Floats) -> Floats:
     Notes:
         The white is the sum of the matrix's own columns, so that rounding in the published matrix tints no grey.
     """
-    relative = (rgb @ _XYZ_OF_RGB.T) / _XYZ_OF_RGB.sum(axis=1)
+    relative = (rgb @ XYZ_OF_RGB.T) / XYZ_OF_RGB.sum(axis=1)
     root = np.where(relative > _KNEE**3, np.cbrt(relative), relative / (3 * _KNEE**2) + 4 / 29)
     x, y, z = np.moveaxis(root, -1, 0)
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)

@@ -8,7 +8,7 @@ from maskfab import __version__
 from maskfab.analysis import Analysis
 from maskfab.export.raster import write_psf
 from maskfab.export.staging import staged
-from maskfab.report import figures
+from maskfab.report import figures, scene_figures
 
 
 def write(analysis: Analysis, target: Path) -> list[Path]:
@@ -17,5 +17,11 @@ def write(analysis: Analysis, target: Path) -> list[Path]:
     with staged(target, force=False) as folder:
         for psf in analysis.psfs:
             write_psf(psf, folder / f"psf_{psf.kind}_{psf.wavelength_nm:g}nm.exr", signature)
+        for name, picture in _scene_pictures(analysis).items():
+            (folder / f"{name}.png").write_bytes(picture)
         (folder / "optics.png").write_bytes(figures.optics(analysis.psfs, analysis.mtfs, analysis.name))
     return sorted(target.iterdir())
+
+
+def _scene_pictures(analysis: Analysis) -> dict[str, bytes]:
+    return {} if analysis.scene is None else scene_figures.bitmaps(analysis.scene)

@@ -11,16 +11,18 @@ import numpy as np
 
 from maskfab import __version__
 from maskfab.errors import InternalError
-from maskfab.model import Camera, Die, Plate, Quantity, Report, WrittenFile
+from maskfab.model import Camera, Die, Plate, Quantity, Report, Tiling, WrittenFile
+from maskfab.optics.plan import document as plan_document
 from maskfab.units import NM_PER_UM, dpi
+from maskfab.validate.views import SceneOptics, View
 
 SCHEMA_VERSION = 1
 
 Document = dict[str, Any]
 
 
-def to_document(report: Report, plate: Plate, camera: Camera) -> Document:
-    """The report.json of one run, of plain Python types throughout.
+def to_document(report: Report, plate: Plate, camera: Camera, scenes: Sequence[SceneOptics] = ()) -> Document:
+    """The report.json of one run, of plain Python types throughout; ``scenes`` of the dies that have one.
 
     Only ``"time"`` may differ between two runs of one job.
 
@@ -30,6 +32,7 @@ def to_document(report: Report, plate: Plate, camera: Camera) -> Document:
     drawn, reported = [die.name for die in plate.dies], list(report.dies)
     if sorted(drawn) != sorted(reported):
         raise InternalError("MF901", f"the report has the dies {reported}, the plate {drawn}")
+    of_die = {scene.die.name: scene for scene in scenes}
     document: Document = {
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
@@ -38,7 +41,7 @@ def to_document(report: Report, plate: Plate, camera: Camera) -> Document:
         "verdict": "pass" if report.passed else "fail",
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
-        "dies": [_die(die, report.dies[die.name]) for die in plate.dies],
+        "dies": [_die(die, report.dies[die.name], of_die.get(die.name)) for die in plate.dies],
         "plate": [quantity_document(quantity) for quantity in report.plate],
         "checks": [quantity_document(quantity) for quantity in report.checks],
         "files": [_file(file) for file in report.files],
@@ -87,12 +90,15 @@ def schema() -> Document:
             "pitch_um": number,
             "dpi": number,
             "gutter_um": number,
-            "tiling": {"enum": ["periodic", "random", "paper4"]},
+            "tiling": {"enum": [tiling.value for tiling in Tiling]},
             "seed": {"type": ["integer", "null"]},
             "cells": pair | {"items": integer, "description": "columns, rows"},
             "centre_um": pair | {"description": "x, y from the plate's centre, y upwards"},
-            "quantities": quantities,
-        }
+            "quantities": quantities
+            | {"description": "of the plate's own standard: on the axis, in focus at infinity, without a gap"},
+            "scene": _scene_schema(quantities),
+        },
+        optional=("scene",),
     )
     camera = _object(
         {
@@ -131,6 +137,54 @@ def schema() -> Document:
     }
 
 
+def _scene_schema(quantities: Document) -> Document:
+    text, number, integer, flag = ({"type": kind} for kind in ("string", "number", "integer", "boolean"))
+    distance = {"type": ["number", "null"], "description": "from the lens; null is infinity"}
+    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    band = _object({"name": text, "low_nm": number, "high_nm": number})
+    view = _object(
+        {"image_um": pair, "object_um": distance, "wavelength_nm": number, "change": number, "residual": number}
+    )
+    ingredient = _object(
+        {
+            "name": text,
+            "modelled": flag,
+            "error_if_left_out": number,
+            "counted": number,
+            "method": text,
+            "safety": number,
+        }
+    )
+    plan = {
+        **dict.fromkeys(("path", "precision"), text),
+        "grey_rim": flag,
+        "step_um": number,
+        **dict.fromkeys(("samples", "pixel_margin", "wavelengths", "depths", "places"), integer),
+        "phase_tolerance": number,
+        "samples_per_dot": integer,
+        **dict.fromkeys(("predicted_flops", "predicted_seconds", "predicted_bytes", "error"), number),
+        "nearest_object_um": distance,
+        "ingredients": {"type": "array", "items": ingredient},
+    }
+    asked = {
+        "accuracy": number,
+        **dict.fromkeys(("nearest_um", "farthest_um", "focus_um"), distance),
+        **dict.fromkeys(("field_um", "gap_um"), number),
+        "aberrations": {"type": "array", "items": pair},
+        "saturation": flag,
+        "bands": {"type": "array", "items": band},
+    }
+    return _object(
+        {
+            "asked": _object(asked),
+            "plan": _object(plan),
+            "field": {"type": "array", "items": {"type": "array", "items": view}},
+            "depth": {"type": "array", "items": view},
+            "quantities": quantities,
+        }
+    )
+
+
 def _object(properties: Mapping[str, Any], optional: Sequence[str] = ()) -> Document:
     required = [name for name in properties if name not in optional]
     return {
@@ -151,10 +205,11 @@ def _camera(camera: Camera) -> Document:
     }
 
 
-def _die(die: Die, quantities: Sequence[Quantity]) -> Document:
+def _die(die: Die, quantities: Sequence[Quantity], scene: SceneOptics | None) -> Document:
     panel = die.panel
     rows, columns = panel.orientations.shape
     pitch_um = panel.pitch_nm / NM_PER_UM
+    extra = {} if scene is None else {"scene": _scene(scene)}
     return {
         "name": die.name,
         "label": die.label,
@@ -168,7 +223,45 @@ def _die(die: Die, quantities: Sequence[Quantity]) -> Document:
         "cells": (columns, rows),
         "centre_um": tuple(coordinate / NM_PER_UM for coordinate in die.centre_nm),
         "quantities": [quantity_document(quantity) for quantity in quantities],
+        **extra,
     }
+
+
+def _scene(optics: SceneOptics) -> Document:
+    scene = optics.scene
+    return {
+        "asked": {
+            "accuracy": optics.plan.accuracy,
+            "nearest_um": _distance(scene.nearest_um),
+            "farthest_um": _distance(scene.farthest_um),
+            "focus_um": _distance(scene.focus_um),
+            "field_um": scene.field_um,
+            "gap_um": scene.gap_um,
+            "aberrations": scene.aberrations,
+            "saturation": scene.saturation,
+            "bands": [
+                {"name": band.name, "low_nm": band.range_nm[0], "high_nm": band.range_nm[1]} for band in scene.bands
+            ],
+        },
+        "plan": {key: value for key, value in plan_document(optics.die.name, optics.plan).items() if key != "die"},
+        "field": [[_view(view) for view in row] for row in optics.field],
+        "depth": [_view(view) for view in optics.depth],
+        "quantities": [quantity_document(quantity) for quantity in optics.quantities],
+    }
+
+
+def _view(view: View) -> Document:
+    return {
+        "image_um": view.image_um,
+        "object_um": _distance(view.object_um),
+        "wavelength_nm": view.psf.wavelength_nm,
+        "change": view.change,
+        "residual": view.residual,
+    }
+
+
+def _distance(length_um: float) -> float | None:
+    return None if math.isinf(length_um) else length_um
 
 
 def quantity_document(quantity: Quantity) -> Document:

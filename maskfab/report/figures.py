@@ -6,20 +6,14 @@ An SVG inside ``<img>`` cannot run scripts, cannot load anything, and its ids ca
 
 from __future__ import annotations
 
-import base64
-import io
-import re
 from collections.abc import Mapping, Sequence
-from html import escape
 from types import MappingProxyType
 from typing import Any, TypeVar
-from urllib.parse import quote
 
 import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.image import imread
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path
 from matplotlib.ticker import NullFormatter
@@ -27,6 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
 from maskfab.report import raster
+from maskfab.report.canvas import INK, QUIET, bitmap, image, img, place, styled
 from maskfab.report.numbers import number
 
 Item = TypeVar("Item", Psf, Mtf)
@@ -35,7 +30,7 @@ PLATE = "<plate>"
 """Key of the whole plate's figures; no die can have this name."""
 
 _NM_PER_MM = 1e6
-_CHROME, _CLEAR, _INK, _QUIET = "#2f343c", "#ffffff", "#1f2328", "#7a828c"
+_CHROME, _CLEAR = "#2f343c", "#ffffff"
 _GREYS = np.linspace((0x2F, 0x34, 0x3C), (255, 255, 255), 64).round().astype(np.uint8)
 # Okabe and Ito's set, told apart by all common kinds of colour vision; line styles tell the curves apart in grey.
 _OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
@@ -47,26 +42,6 @@ _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
         "antidiagonal": ("diagonal −45°", "#CC79A7", (0, (1, 1)), 0.9),
         "radial_mean": ("radial mean", "#000000", "-", 1.7),
         "radial_min": ("radial minimum", "#000000", (0, (4, 2)), 1.1),
-    }
-)
-_styled = mpl.rc_context(
-    {
-        "font.family": ["DejaVu Sans"],
-        "font.size": 8.0,
-        "axes.titlesize": 9.0,
-        "axes.linewidth": 0.6,
-        "axes.edgecolor": _QUIET,
-        "axes.labelcolor": _INK,
-        "text.color": _INK,
-        "text.parse_math": False,  # a dollar sign in somebody's title is a dollar sign
-        "xtick.color": _INK,
-        "ytick.color": _INK,
-        "xtick.major.width": 0.6,
-        "ytick.major.width": 0.6,
-        "legend.frameon": False,
-        "image.composite_image": False,
-        "svg.fonttype": "none",
-        "svg.hashsalt": "maskfab",
     }
 )
 _POWERS = ("1", "10⁻¹", "10⁻²", "10⁻³", "10⁻⁴", "10⁻⁵", "10⁻⁶")
@@ -94,23 +69,23 @@ def pictures(plate: Plate, dies: Sequence[DieOptics], document: Mapping[str, Any
     }
 
 
-@_styled
+@styled
 def opening(opening: Opening, dot_nm: int | None = None) -> str:
     """The unit cell: clear is white, chrome dark; ``dot_nm`` if it is laid out at another size than its nominal one."""
     figure, axes = _sheet(2.6, 2.75)
     _draw_opening(axes, opening, dot_nm or opening.dot_nm)
-    return _image(figure, f"Opening {opening.name}: {opening.dots} x {opening.dots} dots")
+    return image(figure, f"Opening {opening.name}: {opening.dots} x {opening.dots} dots")
 
 
-@_styled
+@styled
 def panel_close_up(panel: Panel, cells: int = 6) -> str:
     """Some cells in the middle of the panel, each in its own orientation, with the gutters between them."""
     figure, axes = _sheet(2.6, 2.75)
     _draw_panel(axes, panel, cells)
-    return _image(figure, f"{cells} x {cells} cells of the panel, tiling {panel.tiling.value}")
+    return image(figure, f"{cells} x {cells} cells of the panel, tiling {panel.tiling.value}")
 
 
-@_styled
+@styled
 def psf(psfs: Sequence[Psf]) -> str:
     """log10 of the PSFs over six decades below each one's own peak: the middle wavelength large, its neighbours small.
 
@@ -121,12 +96,12 @@ def psf(psfs: Sequence[Psf]) -> str:
     others = [item for item in dict.fromkeys((shown[0], shown[-1])) if item is not main]
     width = 6.2 if others else 4.5
     figure = Figure(figsize=(width, 3.8))
-    _draw_psf(_place(figure, (0.6, 0.5, 3.0, 3.0)), main, 321)
+    _draw_psf(place(figure, (0.6, 0.5, 3.0, 3.0)), main, 321)
     for row, item in enumerate(others):
-        axes = _place(figure, (3.85, 2.15 - 1.65 * row, 1.35, 1.35))
+        axes = place(figure, (3.85, 2.15 - 1.65 * row, 1.35, 1.35))
         _draw_psf(axes, item, 161)
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
-    bar = _place(figure, (width - 0.8, 0.5, 0.12, 3.0))
+    bar = place(figure, (width - 0.8, 0.5, 0.12, 3.0))
     ramp = np.linspace(-raster.DECADES, 0, 256)[:, None]
     bar.imshow(
         ramp, origin="lower", cmap="magma", interpolation="none", aspect="auto", extent=(0, 1, -raster.DECADES, 0)
@@ -135,15 +110,15 @@ def psf(psfs: Sequence[Psf]) -> str:
     bar.yaxis.tick_right()
     bar.yaxis.set_label_position("right")
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)
-    return _image(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
+    return image(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
 
 
-@_styled
+@styled
 def mtf(mtfs: Sequence[Mtf]) -> str:
     """One plot for each wavelength: the band from radial minimum to maximum, radial mean, and the straight cuts."""
     figure = Figure(figsize=(3.4 * len(mtfs) + 0.6, 3.4))
     for index, item in enumerate(mtfs):
-        axes = _place(figure, (0.5 + 3.4 * index, 0.75, 3.1, 2.05))
+        axes = place(figure, (0.5 + 3.4 * index, 0.75, 3.1, 2.05))
         _draw_mtf(axes, item)
         if index:
             axes.set_ylabel("")
@@ -151,14 +126,14 @@ def mtf(mtfs: Sequence[Mtf]) -> str:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=7 if len(mtfs) > 2 else 3, fontsize=7.5)
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in mtfs)
-    return _image(figure, f"MTF at {lines}: radial mean, minimum and maximum, horizontal, vertical, diagonal cuts")
+    return image(figure, f"MTF at {lines}: radial mean, minimum and maximum, horizontal, vertical, diagonal cuts")
 
 
-@_styled
+@styled
 def mtf_comparison(dies: Sequence[DieOptics]) -> str:
     """Radial-minimum MTF of every die at its middle wavelength: colour says the opening, line style the tiling."""
     figure = Figure(figsize=(10.8, 3.9))
-    axes = _place(figure, (0.7, 0.5, 8.2, 2.7))
+    axes = place(figure, (0.7, 0.5, 8.2, 2.7))
     names = list(dict.fromkeys(item.die.panel.opening.name for item in dies))
     widest = max(item.die.panel.pitch_nm for item in dies)
     for item in dies:
@@ -178,31 +153,31 @@ def mtf_comparison(dies: Sequence[DieOptics]) -> str:
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_title(f"{_middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
     figure.legend(loc="center right", fontsize=7.5)
-    return _image(figure, f"Radial-minimum MTF of {len(dies)} dies")
+    return image(figure, f"Radial-minimum MTF of {len(dies)} dies")
 
 
-@_styled
+@styled
 def plate_drawing(plate: Plate, document: Mapping[str, Any]) -> str:
     """The plate in millimetres: blank, writable area, dies by name, and the marks as the polygons they really are."""
     figure, axes = _sheet(8.6, 8.6)
     _draw_plate(axes, plate, _failed_dies(document))
-    return _image(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")
+    return image(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")
 
 
 def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108) -> str:
     """A small picture of a square of ``side_nm``; with one side for all dies their cells compare in size."""
     levels = np.rint(raster.panel_coverage(panel, side_nm, pixels) * (len(_GREYS) - 1)).astype(np.uint8)
-    return _img(raster.data_uri(raster.png(levels, _GREYS)), f"Cells of opening {panel.opening.name}", "small")
+    return img(raster.data_uri(raster.png(levels, _GREYS)), f"Cells of opening {panel.opening.name}", "small")
 
 
 def psf_thumbnail(psf: Psf, pixels: int = 97) -> str:
     """A small picture of a PSF on the scale of :func:`psf`."""
     levels = np.rint((raster.log_intensity(psf, pixels) / raster.DECADES + 1) * 255).astype(np.uint8)
     magma = (mpl.colormaps["magma"](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
-    return _img(raster.data_uri(raster.png(levels, magma)), f"PSF at {psf.wavelength_nm:g} nm", "small")
+    return img(raster.data_uri(raster.png(levels, magma)), f"PSF at {psf.wavelength_nm:g} nm", "small")
 
 
-@_styled
+@styled
 def overview(plate: Plate, document: Mapping[str, Any], optics: DieOptics) -> bytes:
     """One PNG for a whole run: the plate, and one die's opening, panel, PSF and MTF."""
     figure = Figure(figsize=(13.0, 6.9), layout="constrained", dpi=120)
@@ -220,10 +195,10 @@ def overview(plate: Plate, document: Mapping[str, Any], optics: DieOptics) -> by
     places[1].set_title(f"die {optics.die.name}, 6 × 6 cells")
     places[2].set_title(f"PSF, {_middle(_finest(optics.psfs)).wavelength_nm:g} nm, six decades")
     places[3].legend(fontsize=6.5)
-    return _bitmap(figure)
+    return bitmap(figure)
 
 
-@_styled
+@styled
 def optics(psfs: Sequence[Psf], mtfs: Sequence[Mtf], name: str) -> bytes:
     """One PNG of what an opening or a mask does to a picture: a PSF over an MTF for each wavelength."""
     shown = _finest(psfs)
@@ -237,7 +212,7 @@ def optics(psfs: Sequence[Psf], mtfs: Sequence[Mtf], name: str) -> bytes:
         if not column:
             axes.legend(fontsize=6.5)
     figure.suptitle(f"{name}: PSF over six decades below its peak, and presampled MTF")
-    return _bitmap(figure)
+    return bitmap(figure)
 
 
 def _draw_opening(axes: Axes, opening: Opening, dot_nm: int) -> None:
@@ -256,9 +231,9 @@ def _show_chrome(axes: Axes, clear: NDArray[np.float64], side_um: float) -> None
     axes.imshow(grey, origin="lower", interpolation="none", extent=(0, side_um, 0, side_um))
     decade = 10.0 ** np.floor(np.log10(side_um / 2))
     bar = decade * max(step for step in (1, 2, 5) if step * decade <= side_um / 2)
-    axes.plot([0, bar], [-0.03 * side_um] * 2, color=_INK, linewidth=2, solid_capstyle="butt", clip_on=False)
+    axes.plot([0, bar], [-0.03 * side_um] * 2, color=INK, linewidth=2, solid_capstyle="butt", clip_on=False)
     axes.text(bar + 0.03 * side_um, -0.03 * side_um, f"{bar:g} µm", va="center")
-    axes.add_patch(_outline((0, 0, side_um, side_um), _QUIET, "-"))
+    axes.add_patch(_outline((0, 0, side_um, side_um), QUIET, "-"))
     axes.set(xlim=(-0.01 * side_um, 1.01 * side_um), ylim=(-0.06 * side_um, 1.01 * side_um))
     axes.set_axis_off()
 
@@ -316,7 +291,7 @@ def _dress_mtf(axes: Axes, mtf: Mtf) -> None:
 
 def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
     half, room = plate.blank_nm / 2 / _NM_PER_MM, plate.writable_nm / 2 / _NM_PER_MM
-    axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=_INK, linewidth=1))
+    axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=INK, linewidth=1))
     axes.add_patch(_outline((-room, -room, room, room), "#9aa3ad", (0, (6, 4))))
     for die in plate.dies:
         axes.add_patch(_outline(_slot_mm(die), "#6b737e", (0, (2, 2))))
@@ -392,7 +367,7 @@ def _dimension(axes: Axes, start: tuple[float, float], end: tuple[float, float],
     dx, dy = (offset, 0.0) if upright else (0.0, offset)
     a, b = (start[0] + dx, start[1] + dy), (end[0] + dx, end[1] + dy)
     for point, tip in ((start, a), (end, b)):
-        axes.plot([point[0], tip[0]], [point[1], tip[1]], color=_QUIET, linewidth=0.4)
+        axes.plot([point[0], tip[0]], [point[1], tip[1]], color=QUIET, linewidth=0.4)
     axes.annotate("", a, b, arrowprops={"arrowstyle": "<->", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0})
     x, y = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
     box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
@@ -432,58 +407,6 @@ def _middle(items: Sequence[Item]) -> Item:
     return items[len(items) // 2]
 
 
-def _place(figure: Figure, inches: tuple[float, float, float, float]) -> Axes:
-    """Axes at left, bottom, width, height in inches: a layout engine would draw every figure twice to find them."""
-    width, height = figure.get_size_inches()
-    left, bottom, wide, high = inches
-    return figure.add_axes((left / width, bottom / height, wide / width, high / height))
-
-
 def _sheet(width: float, height: float) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(width, height))
     return figure, figure.add_axes((0.0, 0.0, 1.0, 1.0))
-
-
-def _bitmap(figure: Figure) -> bytes:
-    """The figure as a PNG file without a date or a program's name."""
-    buffer = io.BytesIO()
-    figure.savefig(buffer, format="png", metadata={"Software": None})
-    return buffer.getvalue()
-
-
-def _image(figure: Figure, words: str) -> str:
-    """The figure as an ``<img>`` that holds its own SVG."""
-    buffer = io.StringIO()
-    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    svg = _slim(buffer.getvalue())
-    # Only a namespace, but a page that shows no address at all is seen to need none.
-    address = quote(svg[svg.index("<svg") :], safe=' "=/:;,()+*!?@&~').replace("//", "%2F%2F")
-    return _img(f"data:image/svg+xml,{address}", words, "figure")
-
-
-def _img(address: str, words: str, kind: str) -> str:
-    return f"""<img class="{kind}" src='{escape(address, quote=False)}' alt="{escape(words)}">"""
-
-
-def _slim(svg: str) -> str:
-    """The same picture in fewer bytes: paths to 0.01 pt, images as palettes, the reader's own sans-serif type."""
-    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
-    svg = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=\s]+", lambda uri: _palette(uri[0]), svg)
-    svg = re.sub(r"<!--.*?-->", "", re.sub(r'<g id="[^"]*"', "<g", svg), flags=re.DOTALL)
-    svg = svg.replace("'DejaVu Sans'", "system-ui, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif")
-    return " ".join(svg.split())
-
-
-def _palette(address: str) -> str:
-    """A PNG as matplotlib embeds it, four bytes a pixel, with one byte a pixel if its colours are opaque and few."""
-    pixels = (
-        (imread(io.BytesIO(base64.b64decode(address.split(",", 1)[1])), format="png") * 255).round().astype(np.uint8)
-    )
-    if pixels.ndim != 3 or (pixels.shape[2] == 4 and (pixels[..., 3] < 255).any()):
-        return address
-    packed = pixels[..., :3].astype(np.uint32) @ np.array([65536, 256, 1], dtype=np.uint32)
-    colours, levels = np.unique(packed, return_inverse=True)
-    if len(colours) > 256:
-        return address
-    palette = np.stack([colours >> 16, (colours >> 8) & 255, colours & 255], axis=1).astype(np.uint8)
-    return raster.data_uri(raster.png(levels.reshape(packed.shape).astype(np.uint8)[::-1], palette))

@@ -176,10 +176,45 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "Area that is clear in the file and not in the design, or the reverse.",
             _DIFFERS,
         ),
-        "scene_left_out": Term(
-            "Scene left out",
-            "Estimated error of the PSF for the scene that the job describes, by what the report does not model of it.",
-            "See what the scene needs with maskfab plan, or ask for less accuracy in [scene].",
+        "scene_psf_change": Term(
+            "Change of the PSF by the scene",
+            "Relative L2 difference between the PSF where the scene is hardest (the corner of the field, the end of "
+            "the depth that is most out of focus) and the one on the axis, in focus, without a gap.",
+        ),
+        "plan_error": Term(
+            "Estimated error of the plan",
+            "Estimated relative L2 error of the scene's PSF by all that the plan leaves out.",
+            "Ask for less accuracy in [scene].",
+        ),
+        "plan_error_measured": Term(
+            "Measured error of the plan",
+            "Relative L2 difference between the scene's PSF as the plan models it and as the fullest model does, where "
+            "the scene is hardest.",
+            "An estimate was too low here: ask for more accuracy in [scene], so that the plan leaves out less.",
+        ),
+        "field_residual": Term(
+            "Residual blur in the corner",
+            "What is left of the corner's PSF after Wiener deblurring with the centre's, against what is left of the "
+            "centre's own; 0 says that one PSF deblurs the whole picture.",
+            "Put the panel closer to the lens, or deblur with a PSF for each part of the field.",
+        ),
+        "depth_residual": Term(
+            "Residual blur over depth",
+            "What is left of the PSF of the nearest or farthest object, whichever is more, after Wiener deblurring "
+            "with the PSF of the one in focus, against what is left of that one's own.",
+            "Ask for less depth, choose a smaller stop, or deblur with a PSF for each distance.",
+        ),
+        "depth_change": Term(
+            "Change of the PSF over depth",
+            "Relative L2 difference between the PSF on pixels of the nearest or farthest object, whichever is more, "
+            "and of the one in focus.",
+            "Ask for less depth, or choose a smaller stop.",
+        ),
+        "nearest_object": Term(
+            "Nearest object",
+            "A PSF that is constant over depth holds from here on: for an object in focus nearer than this its change "
+            "of scale alone exceeds the accuracy.",
+            "Ask for less accuracy, or model the scale of a near focus.",
         ),
         "strehl_invariant_error": Term(
             "Strehl invariant error",
@@ -236,6 +271,10 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "radial minimum": "The lowest MTF over all directions at one frequency.",
         "aliased": "Of samples one pixel apart: frequencies finer than the pixels can hold are folded onto "
         "coarser ones, differently for every position of the picture against the pixels.",
+        "scene": "What the camera looks at: distances, field, the gap between panel and lens, aberrations, light.",
+        "plan": "The cheapest model of a scene whose error, what it leaves out included, is within the accuracy.",
+        "accuracy": "The admissible relative L2 error of the scene's PSF over its window.",
+        "relative L2": "Root of the sum of squared differences over that of the squared values.",
         "Wiener filter": "The linear restoration with the least mean squared error at a given noise-to-signal ratio.",
         "XOR": "The area in which two layouts differ.",
         "CD": "Critical dimension: a width measured at a named gauge.",

@@ -15,6 +15,7 @@ from maskfab.report import figures
 from maskfab.report.glossary import QUANTITIES, WORDS, term
 from maskfab.report.numbers import number, short
 from maskfab.resources import template
+from maskfab.validate.views import distance
 
 Row = Mapping[str, Any]
 
@@ -139,6 +140,10 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         wavelengths=_wavelengths,
         lines=_lines,
         plain=_plain,
+        asked=_asked,
+        modelled=_modelled,
+        takes=_takes,
+        not_shown=_not_shown,
         quantities=QUANTITIES,
         words=WORDS,
     )
@@ -256,6 +261,76 @@ def _lines(die: Mapping[str, Any], folded: bool) -> list[Line]:
 def _plain(die: Mapping[str, Any], folded: bool) -> list[Row]:
     """A die's numbers that do not depend on the wavelength; those that are folded, or the others."""
     return [row for row in die["quantities"] if "wavelength_nm" not in row and _is_folded(row) == folded]
+
+
+def _asked(asked: Row) -> list[tuple[str, str]]:
+    """What a scene asks for, by name; what it leaves at its default is left out."""
+    said = []
+    near, far, focus = (_distance(asked[key]) for key in ("nearest_um", "farthest_um", "focus_um"))
+    if near != far or far != focus:
+        said.append(("Depth", f"objects from {near} to {far}, in focus at {focus}" if near != far else near))
+    elif near != "infinity":
+        said.append(("Depth", f"{near}, in focus"))
+    if asked["field_um"]:
+        said.append(("Field", f"up to {short(asked['field_um'] / 1e3)} mm from the axis on the sensor"))
+    if asked["gap_um"]:
+        said.append(("Gap", f"{short(asked['gap_um'] / 1e3)} mm between panel and stop"))
+    if asked["aberrations"]:
+        waves = ", ".join(f"Z{term:g} {short(size)}" for term, size in asked["aberrations"])
+        said.append(("Aberrations", f"{waves} (waves at the first wavelength, Noll's numbers)"))
+    if asked["bands"]:
+        bands = ", ".join(f"{band['name']} {band['low_nm']:g} to {band['high_nm']:g} nm" for band in asked["bands"])
+        said.append(("Light", bands))
+    if asked["saturation"]:
+        said.append(("Saturation", "highlights clip"))
+    return said or [("Asked for", "nothing beyond the standard")]
+
+
+def _distance(length_um: float | None) -> str:
+    return distance(math.inf if length_um is None else length_um)
+
+
+def _modelled(plan: Row) -> str:
+    rim = "grey" if plan["grey_rim"] else "exact"
+    counts = [(plan[f"{kind}s"], kind) for kind in ("wavelength", "depth", "place")]
+    told = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for count, kind in counts)
+    psfs = math.prod(count for count, _ in counts)
+    return (
+        f"{plan['path']}, {plan['precision']} precision, {rim} rim; {number(psfs)} PSF{'s' * (psfs > 1)} of "
+        f"{plan['samples']} x {plan['samples']} samples ({told})"
+    )
+
+
+def _takes(plan: Row) -> str:
+    return (
+        f"predicted {number(plan['predicted_seconds'], 2)} s on one thread and "
+        f"{number(plan['predicted_bytes'] / 1e6, 2)} MB"
+    )
+
+
+def _not_shown(scene: Row) -> list[str]:
+    """Why a scene has no figure over its field or its depth."""
+    asked, errors = scene["asked"], {row["name"]: row["error_if_left_out"] for row in scene["plan"]["ingredients"]}
+    reasons = []
+    if not scene["field"]:
+        if not asked["field_um"]:
+            reasons.append("No PSFs over the field: the scene asks for the axis only.")
+        elif not asked["gap_um"]:
+            reasons.append(
+                "No PSFs over the field: without a gap between panel and stop every place on the sensor has one PSF."
+            )
+        else:
+            left = number(errors["shift through the gap"], 2)
+            reasons.append(
+                f"No PSFs over the field: the plan leaves the shift through the gap out, for an error of {left}."
+            )
+    if not scene["depth"]:
+        if asked["nearest_um"] == asked["farthest_um"] == asked["focus_um"]:
+            reasons.append("No PSFs over the depth: the scene asks for objects in focus only.")
+        else:
+            left = number(errors["defocus over the depth"], 2)
+            reasons.append(f"No PSFs over the depth: the plan leaves defocus out, for an error of {left}.")
+    return reasons
 
 
 def _is_folded(row: Row) -> bool:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 
 from maskfab.geometry.region import coverage
 from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import Camera, Die, DieOptics, Mtf, Psf, Quantity, Tiling
+from maskfab.model import Box, Camera, Die, DieOptics, Mtf, Psf, Quantity, Tiling
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Aperture, Lattice, covered_aperture, panel_aperture, zeros
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
@@ -156,6 +157,28 @@ def axis_nm(die: Die) -> tuple[float, float]:
     """Where the optical axis meets the plate: the middle of the panel."""
     x0, y0, x1, y1 = die.box_nm
     return (x0 + x1) / 2, (y0 + y1) / 2
+
+
+def reach_box(die: Die, reach_um: float) -> Box:
+    """The part of a die's panel within a distance from the axis along x and y, as a box of whole nanometres."""
+    x, y = axis_nm(die)
+    reach = 1e3 * reach_um
+    x0, y0, x1, y1 = die.box_nm
+    return (
+        max(x0, math.floor(x - reach)), max(y0, math.floor(y - reach)),
+        min(x1, math.ceil(x + reach)), min(y1, math.ceil(y + reach)),
+    )  # fmt: skip
+
+
+def read_openings(die: Die, shapes: Shapes, reach_um: float) -> Aperture:
+    """What was read back as far as a distance from the axis, on the design's own grid.
+
+    Args:
+        die: the design; beyond its panel nothing is clear.
+        shapes: everything clear there, as for :func:`measure`.
+        reach_um: half the side of the square that is wanted.
+    """
+    return _read_aperture(die, panel_aperture(die.panel, reach_um), shapes)
 
 
 def _read_aperture(die: Die, designed: Aperture, shapes: Shapes) -> Aperture:

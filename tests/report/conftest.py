@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,11 @@ from maskfab.model import (
     Tiling,
     WrittenFile,
 )
+from maskfab.optics.aperture import panel_aperture
+from maskfab.optics.scene import Scene
+from maskfab.optics.spectrum import Band, Curve
+from maskfab.validate.scene import measure_scene, scene_plan
+from maskfab.validate.views import SceneOptics
 
 MARKUP = "<script>alert('x')</script>"
 
@@ -61,6 +67,17 @@ def run() -> Run:
         seconds={"export": 0.25},
     )
     return Run(report, plate, camera, optics)
+
+
+@pytest.fixture(scope="session")
+def seen(run) -> tuple[SceneOptics, ...]:
+    """The second die in a scene with a field behind a gap, depth, and two bands of light."""
+    die, shape = run.plate.dies[1], np.array([400.0, 500.0])
+    bands = tuple(Band((Curve(shape + 100 * k, np.ones(2), name),), name) for k, name in enumerate(("blue", "<red>")))
+    camera = Camera(10_000.0, Stop("circle", 200.0), (530.0,), 2.0, 64.0)
+    scene = Scene(3e4, math.inf, math.inf, 8000.0, 30.0, ((4, 0.01),), True, bands)
+    plan = scene_plan(die, camera, scene, 0.5, "job.toml")
+    return (measure_scene(die, camera, scene, panel_aperture(die.panel), plan),)
 
 
 def _die(name: str, label: str, tiling: Tiling, camera: Camera) -> DieOptics:

@@ -65,6 +65,20 @@ def test_document_is_what_its_schema_says(document):
     check(json.loads(dumps(document)), rules, rules["$defs"], "report")
 
 
+def test_a_scene_is_what_the_schema_says(run, seen):
+    document = json.loads(dumps(to_document(run.report, run.plate, run.camera, seen)))
+    rules = schema()
+    check(document, rules, rules["$defs"], "report")
+    plain, turned = document["dies"]
+    assert "scene" not in plain
+    scene, (optics,) = turned["scene"], seen
+    assert scene["asked"]["gap_um"] == 30.0
+    assert scene["asked"]["farthest_um"] is None
+    assert [band["name"] for band in scene["asked"]["bands"]] == ["blue", "<red>"]
+    assert scene["field"][0][0]["residual"] == optics.field[0][0].residual
+    assert len(scene["plan"]["ingredients"]) == len(optics.plan.ingredients)
+
+
 def test_schema_refuses_what_the_contract_does_not_know(document):
     rules = schema()
     with pytest.raises(AssertionError, match="surplus"):
