@@ -10,7 +10,7 @@ import os
 import shlex
 import sys
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -41,6 +41,9 @@ _UsageError: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__na
 
 JobFile = Annotated[Path, typer.Argument(metavar="JOB", help="A job file (.toml).")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")]
+_SHAPES = "stripe, blobs or diamond-discs; with emitters: rgb-stripe, pentile-diamond, delta, circular or window"
+_OWN = "21; a display: its own"
+_OWN_PITCH = "168 um; a display: its own"
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
 
 
@@ -69,6 +72,8 @@ def run(
     with _watched(quiet) as progress:
         result = run_job(load(job), out, force=force, progress=progress)
     report = result.report
+    if not quiet:
+        _tell_times(report.seconds)
     if as_json:
         typer.echo((result.directory / REPORT).read_text(encoding="utf-8"), nl=False)
     else:
@@ -106,7 +111,8 @@ def design(
 
 @app.command(
     epilog="Examples: maskfab analyse layouts/openings/toled.toml --tiling random --seed 1 | "
-    "maskfab analyse plate.gds --cell TOLED_P150 --json | maskfab analyse photo.png --pitch '168 um'"
+    "maskfab analyse plate.gds --cell TOLED_P150 --json | maskfab analyse photo.png --pitch '168 um' | "
+    "maskfab analyse layouts/openings/toled.toml --stop '1 mm' --depth '0.3 m, inf' --accuracy draft"
 )
 def analyse(
     file: Annotated[Path, typer.Argument(metavar="FILE", help="An opening (.toml .txt .png .tif .exr .npy) or a mask "
@@ -125,16 +131,26 @@ def analyse(
     wavelengths: Annotated[str, typer.Option(help="Lines, separated by commas.")] = "610 nm, 530 nm, 470 nm",
     pixel: Annotated[str, typer.Option(help="Side of a sensor pixel.")] = "2 um",
     window: Annotated[str, typer.Option(help="Side of the PSF's window.")] = "256 um",
-    out: Annotated[Path | None, typer.Option(help="Directory for the PSFs as EXR and a picture.")] = None,
+    gap: Annotated[str | None, typer.Option(help="Scene: from the panel to the stop, such as '1 mm'.")] = None,
+    field: Annotated[str | None, typer.Option(help="Scene: largest image height.")] = None,
+    depth: Annotated[str | None, typer.Option(help="Scene: nearest and farthest object, such as '0.3 m, inf'.")] = None,
+    focus: Annotated[str | None, typer.Option(help="Scene: what is in focus; default: infinity.")] = None,
+    aberration: Annotated[list[str] | None, typer.Option(help="Scene: Noll's number and waves, such as '4:0.05'; "
+                                                         "as often as needed.")] = None,
+    spectrum: Annotated[str | None, typer.Option(help="Scene: lines, rgb or a table (.csv).")] = None,
+    illuminant: Annotated[str | None, typer.Option(help="Scene: equal, a temperature such as '6500 K' or a table "
+                                                   "(.csv).")] = None,
+    accuracy: Annotated[str | None, typer.Option(help="Scene: draft, standard, certify or a number.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for the PSFs as EXR and pictures.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """PSF, MTF and invariants of an opening or a mask file."""
     from maskfab import units
-    from maskfab.analysis import Request
+    from maskfab.analysis import Request, described_scene
     from maskfab.analysis import analyse as analyse_file
     from maskfab.model import Tiling
-    from maskfab.spec import CameraSection, parse_section
+    from maskfab.spec import CameraSection, SceneSection, parse_section
 
     described = {
         "focal": focal,
@@ -145,6 +161,18 @@ def analyse(
     }
     if tiling is not None and tiling not in set(Tiling):
         raise JobError("MF105", f"there is no tiling {tiling!r}", where="--tiling", cure=f"Use {', '.join(Tiling)}")
+    asked = {
+        "gap": gap,
+        "field": field,
+        "depth": None if depth is None else [end.strip() for end in depth.split(",")],
+        "focus": focus,
+        "aberrations": [_aberration(pair) for pair in aberration] if aberration else None,
+        "spectrum": spectrum,
+        "illuminant": illuminant,
+        "accuracy": None if accuracy is None else _ratio(accuracy),
+    }
+    stated = {key: value for key, value in asked.items() if value is not None}
+    section = parse_section(SceneSection, stated, where="the command line")
     request = Request(
         camera=parse_section(CameraSection, described, where="the command line").camera(),
         pitch_um=None if pitch is None else units.parse_pitch_um(pitch, where="--pitch"),
@@ -154,6 +182,8 @@ def analyse(
         seed=seed,
         layer=layer,
         cell=cell,
+        scene=described_scene(section, "the command line") if stated else None,
+        accuracy=section.accuracy,
     )
     if out is not None:
         from maskfab.export.staging import check_target
@@ -174,6 +204,27 @@ def analyse(
         for path in paths if out is not None else ():
             typer.echo(path)
     _leave(analysis.passed)
+
+
+def _aberration(pair: str) -> list[int | float]:
+    term, _, waves = pair.partition(":")
+    try:
+        return [int(term), float(waves)]
+    except ValueError as error:
+        raise JobError(
+            "MF105",
+            f"{pair!r} is not Noll's number and waves",
+            where="--aberration",
+            cure="Write it as 4:0.05",
+        ) from error
+
+
+def _ratio(text: str) -> float | str:
+    """A number, or a name for one."""
+    try:
+        return float(text)
+    except ValueError:
+        return text
 
 
 @app.command(epilog="Example: maskfab verify build/upc12")
@@ -202,30 +253,46 @@ def verify(
 )
 def shape(
     context: typer.Context,
-    kind: Annotated[str, typer.Argument(metavar="KIND", help="stripe, blobs or diamond-discs.")],
+    kind: Annotated[str, typer.Argument(metavar="KIND", help=_SHAPES)],
     out: Annotated[Path, typer.Option(help="Where the opening goes.")],
-    dots: Annotated[int, typer.Option(help="Dots along the side of a cell.")] = 21,
-    pitch: Annotated[str, typer.Option(help="Side of a cell.")] = "168 um",
+    dots: Annotated[int | None, typer.Option(help="Dots along the side of a cell.", show_default=_OWN)] = None,
+    pitch: Annotated[str | None, typer.Option(help="Side of a cell.", show_default=_OWN_PITCH)] = None,
     clear_dots: Annotated[int | None, typer.Option(help="How many dots are clear.")] = None,
     width_dots: Annotated[int, typer.Option(help="stripe: its width.")] = 5,
     size_ratio: Annotated[float, typer.Option(help="blobs: small ones over large ones.")] = 0.7,
     aspect: Annotated[float, typer.Option(help="blobs: their length over their width.")] = 1.25,
     exponent: Annotated[float, typer.Option(help="blobs: 2 is an ellipse, larger is squarer.")] = 4.0,
+    lengths: Annotated[
+        list[str] | None, typer.Option("--length", metavar="KEY=DOTS", help="Displays: another length, in dots.")
+    ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the opening; default: the file's stem.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Draw a parametric opening."""
+    """Draw a parametric opening, or a display's opening with its emitters."""
     from maskfab.export.staging import check_file, write_text
-    from maskfab.layout import shapes
+    from maskfab.layout import displays, shapes
     from maskfab.layout.openings import dot_of_pitch, dumps
     from maskfab.model import Opening
     from maskfab.spec import check_name
 
     check_file(out, force=force)
     check_name(name or out.stem, where="--name")
-    dot_nm = dot_of_pitch(pitch, dots, where="--pitch")
-    if kind == "stripe":
+    display = displays.DISPLAYS.get(kind)
+    changed = dots is not None or pitch is not None or bool(lengths)
+    own_dots, own_pitch = (display.dots, display.pitch) if display else (21, "168 um")
+    dots = own_dots if dots is None else dots
+    dot_nm = dot_of_pitch(own_pitch if pitch is None else pitch, dots, where="--pitch")
+    facts: dict[str, str | int | float] = {}
+    emitters = None
+    if display is not None:
+        mask, emitters = display.draw(dots, displays.read_lengths(lengths or ()))
+        facts.update(displays.facts(display, changed=changed))
+    elif lengths:
+        raise JobError(
+            "MF102", f"{kind} has no lengths", where="--length", cure=f"Draw one of {', '.join(displays.DISPLAYS)}"
+        )
+    elif kind == "stripe":
         mask = shapes.stripe(dots, width_dots, clear_dots)
     elif clear_dots is None:
         raise JobError(
@@ -236,10 +303,10 @@ def shape(
     elif kind == "diamond-discs":
         mask = shapes.diamond_discs(dots, clear_dots)
     else:
-        raise JobError("MF105", f"there is no shape {kind!r}", where="KIND", cure="Use stripe, blobs or diamond-discs")
+        raise JobError("MF105", f"there is no shape {kind!r}", where="KIND", cure=f"Use {_SHAPES}")
     command = shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})])
-    provenance = {"author": "maskfab", "command": command, "version": __version__}
-    opening = Opening(name or out.stem, mask, dot_nm, provenance)
+    provenance = {"author": "maskfab", "command": command, "version": __version__, **facts}
+    opening = Opening(name or out.stem, mask, dot_nm, provenance, emitters)
     write_text(out, dumps(opening))
     _tell_opening(opening, out, as_json)
 
@@ -310,9 +377,9 @@ def plan(
 ) -> None:
     """Say what the job's [scene] needs modelled, what may be left out, and what computing it takes."""
     from maskfab.layout.job import load
-    from maskfab.optics.omissions import Scene
     from maskfab.optics.plan import document, table
     from maskfab.optics.plan import plan as plan_scene
+    from maskfab.optics.scene import Scene
     from maskfab.spec import SceneSection
 
     loaded = load(job)
@@ -322,7 +389,8 @@ def plan(
         names = ", ".join(each.name for each in loaded.spec.die)
         raise JobError("MF105", f"the job has no die {die!r}", where="--die", cure=f"Use one of {names}")
     plans = {
-        name: plan_scene(panel, loaded.camera, Scene.of(section), section.accuracy) for name, panel in panels.items()
+        name: plan_scene(panel, loaded.camera, loaded.scene or Scene(), section.accuracy)
+        for name, panel in panels.items()
     }
     if as_json:
         _print_json({"accuracy": section.accuracy, "dies": [document(name, found) for name, found in plans.items()]})
@@ -330,6 +398,70 @@ def plan(
     for name, found in plans.items():
         for line in table(name, found):
             typer.echo(line)
+
+
+@app.command(
+    epilog="Examples: maskfab render job.toml --out seen | maskfab render job.toml photo.jpg --die TOLED_R300 --json"
+)
+def render(
+    job: JobFile,
+    image: Annotated[Path | None, typer.Argument(metavar="[IMAGE]", help="A photograph to show too.")] = None,
+    die: Annotated[
+        list[str] | None, typer.Option(help="Which die, or dies, of the job; default: all with emitters.")
+    ] = None,
+    dpi: Annotated[float | None, typer.Option(help="Look at the panels scaled to it; default: as they are.")] = None,
+    distance: Annotated[str, typer.Option(help="From the eye to the display.")] = "300 mm",
+    pixels: Annotated[int | None, typer.Option(help="Along a side; default: 100, or all there are.")] = None,
+    samples: Annotated[int, typer.Option(help="Along the side of a pixel.")] = 21,
+    with_jod: Annotated[bool, typer.Option("--jod", help="Ask ColorVideoVDP too; needs maskfab[eye].")] = False,
+    out: Annotated[Path | None, typer.Option(help="Directory for the pictures and the numbers.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Show pictures on the panels, and say what the eye sees of emitters and openings."""
+    from maskfab import units
+    from maskfab.imaging.display import emitters_of, has_emitters
+    from maskfab.imaging.picture import read
+    from maskfab.imaging.score import judge, pictures
+    from maskfab.imaging.viewing import Viewing
+    from maskfab.layout.job import load
+    from maskfab.report import render as report
+
+    if out is not None:
+        from maskfab.export.staging import check_target
+
+        check_target(out, force=False)
+    distance_um = units.parse_length_um(distance, where="--distance", zero_allowed=True)
+    pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="--dpi")
+    loaded = load(job)
+    panels = {each.name: each.panel for each in loaded.plate().dies}
+    for name in die or ():
+        if name not in panels:
+            listed = ", ".join(panels)
+            raise JobError("MF105", f"the job has no die {name!r}", where="--die", cure=f"Use one of {listed}")
+    photograph = None if image is None else read(image)
+    lit = [name for name, panel in panels.items() if has_emitters(panel)]
+    shown = list(dict.fromkeys(die or lit or panels))
+    for name in shown:
+        emitters_of(panels[name])
+    judged = []
+    with _watched(quiet) as progress:
+        for done, name in enumerate(shown):
+            progress("panels", done, len(shown))
+            panel = panels[name]
+            viewing = Viewing(pitch_um or panel.pitch_nm / units.NM_PER_UM, distance_um)
+            side = min(100, *panel.orientations.shape) if pixels is None else pixels
+            judged.append(judge(name, panel, pictures(side, photograph), samples, viewing, with_jod=with_jod))
+        progress("panels", len(shown), len(shown))
+        paths = [] if out is None else report.write(out, judged, samples, loaded.digest, progress)
+    if as_json:
+        _print_json(report.document(judged, samples, loaded.digest))
+        return
+    for each in judged:
+        typer.echo(each.name)
+        _print_table(each.quantities)
+    for path in paths:
+        typer.echo(path)
 
 
 @app.command(epilog="Example: maskfab explain MF106")
@@ -414,6 +546,16 @@ def _summarise(checks: Sequence[Quantity]) -> None:
         )
     verdict = "FAIL" if failed else "PASS"
     typer.echo(f"{verdict}: {len(checks) - len(failed)} of {len(checks)} checks pass", err=True)
+
+
+def _tell_times(seconds: Mapping[str, float]) -> None:
+    """What the optics of every die took."""
+    for stage, took in seconds.items():
+        kind, _, die = stage.partition(" ")
+        if kind == "optics" and die:
+            scene = seconds.get(f"scene {die}")
+            more = "" if scene is None else f", scene {scene:.2f} s"
+            typer.echo(f"{die}: optics {took:.2f} s{more}", err=True)
 
 
 def _print_table(quantities: Iterable[Quantity]) -> None:

@@ -1,0 +1,1 @@
+"""What the eye sees of a display whose pixels make room for a camera."""
