@@ -249,7 +249,8 @@ def verify(
 
 
 @app.command(
-    epilog="Example: maskfab shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml"
+    epilog="Examples: maskfab shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml | "
+    "maskfab shape circular --length diameter=18 --out ring.toml"
 )
 def shape(
     context: typer.Context,

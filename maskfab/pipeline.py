@@ -23,11 +23,13 @@ from maskfab.export.staging import RESULT_MARK, check_target, staged
 from maskfab.geometry.region import clear_shapes, plate_layout
 from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import Job, load
+from maskfab.layout.populate import Populated
 from maskfab.model import Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.mtf import area_under_radial_min
 from maskfab.optics.plan import Plan
 from maskfab.progress import Progress, silent
-from maskfab.report import data, figures, html, scene_figures
+from maskfab.report import data, display_figures, figures, html, scene_figures
+from maskfab.validate.display import display_quantities
 from maskfab.validate.features import judged, smallest_features
 from maskfab.validate.optics import axis_nm, measure, reach_box, read_openings
 from maskfab.validate.roundtrip import RoundTrip, roundtrip
@@ -71,7 +73,8 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     check_target(target, force=force)
     clock = _Clock()
     with clock.stage("layout"):
-        plate = job.plate()
+        built = job.displays(progress)
+        plate = built.plate
         design = plate_layout(plate)
     with clock.stage("plan"):
         plans = plan_scenes(job, plate, progress)
@@ -84,16 +87,19 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             optics = measure_dies(plate, job.camera, trips[0].layout, progress, clock.seconds)
         with clock.stage("scene"):
             scenes = measure_scenes(job, plate, plans, trips[0].layout, progress, clock.seconds)
-        report = assemble(job, plate, trips, optics, scenes, files, clock.seconds)
+        report = assemble(job, built, trips, optics, scenes, files, clock.seconds)
         with clock.stage("figures"):
             progress("figures", 0, 1)
-            document = data.to_document(report, plate, job.camera, scenes)
+            document = data.to_document(report, plate, job.camera, scenes, built.found)
             pictures = figures.pictures(plate, optics, document)
             for scene in scenes:
                 pictures[scene.die.name] |= scene_figures.pictures(scene)
+            for die in plate.dies:
+                if die.name in built.found:
+                    pictures[die.name] |= display_figures.pictures(die.panel, built.found[die.name])
             (folder / OVERVIEW).write_bytes(figures.overview(plate, document, _most_invertible(optics)))
             progress("figures", 1, 1)
-        document = data.to_document(report, plate, job.camera, scenes)
+        document = data.to_document(report, plate, job.camera, scenes, built.found)
         (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
         (folder / PAGE).write_text(html.render(document, pictures), encoding="utf-8")
         _write_manifest(job, files, folder)
@@ -223,7 +229,7 @@ def _each(
 
 def assemble(
     job: Job,
-    plate: Plate,
+    built: Populated,
     trips: Sequence[RoundTrip],
     optics: Sequence[DieOptics],
     scenes: Sequence[SceneOptics],
@@ -234,12 +240,15 @@ def assemble(
     read = [quantity for trip in trips for quantity in trip.quantities()]
     of_dies = {item.die.name: die_quantities(item, read, job) for item in optics}
     of_plate = tuple(quantity for quantity in read if quantity.die is None)
+    for die in built.plate.dies:
+        if die.name in built.found and die.name in of_dies:
+            of_dies[die.name] += display_quantities(die, built.found[die.name])
     everything = [*of_plate]
     of_scenes = {scene.die.name: scene.quantities for scene in scenes}
     for name, quantities in of_dies.items():
         everything += [*quantities, *of_scenes.get(name, ())]
     checks = tuple(quantity for quantity in everything if quantity.passed is not None)
-    return Report(plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
+    return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:

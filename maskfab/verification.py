@@ -53,6 +53,8 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         # A later version would sign its plates differently, which is no fault of this one.
         signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
         plate = compose(job.spec, job.openings, signature, where=job.where)
+        built = job.displays_of(plate, progress)
+        plate = built.plate
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
@@ -85,7 +87,11 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     if not blind and len(trips) == len(names) and all(trip.xor_area_um2 == 0 for trip in trips):
         # Of files that differ from the design the numbers differ as well; what differs is told above.
         now = data.to_document(
-            assemble(job, plate, trips, optics, scenes, _listed(manifest), {}), plate, job.camera, scenes
+            assemble(job, built, trips, optics, scenes, _listed(manifest), {}),
+            plate,
+            job.camera,
+            scenes,
+            built.found,
         )
         checks += _reported(folder, {**now, "maskfab_version": manifest["maskfab_version"]})
     return tuple(checks)

@@ -10,10 +10,13 @@ from pathlib import Path
 from maskfab import provenance, spec, units
 from maskfab.errors import JobError
 from maskfab.layout import openings
+from maskfab.layout.feasibility import DisplayRules
 from maskfab.layout.plate import compose
+from maskfab.layout.populate import Populated, populate
 from maskfab.model import Camera, Opening, Plate
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
+from maskfab.progress import Progress, silent
 from maskfab.spec import DieSection, JobSpec, check_optics, is_table
 
 
@@ -47,12 +50,27 @@ class Job:
         return None if self.spec.scene is None else Scene.of(self.spec.scene, self.spec.curves, where=self.where)
 
     @property
+    def display_rules(self) -> DisplayRules | None:
+        """What the display's maker asks; None if the job has no [emitters]."""
+        section = self.spec.emitters
+        return None if section is None else DisplayRules.of(section, self.spec.light, where=self.where)
+
+    @property
     def signature(self) -> str:
         return provenance.signature(self.digest, self.seeds)
 
     def plate(self) -> Plate:
         """The job laid out; see :func:`maskfab.layout.plate.compose` for what is refused."""
         return compose(self.spec, self.openings, self.signature, where=self.where)
+
+    def displays(self, progress: Progress = silent) -> Populated:
+        """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.layout.populate`."""
+        return self.displays_of(self.plate(), progress)
+
+    def displays_of(self, plate: Plate, progress: Progress = silent) -> Populated:
+        """The same for the job's plate, laid out already."""
+        rules = self.display_rules
+        return Populated(plate, {}) if rules is None else populate(plate, rules, progress)
 
 
 def load(path: str | Path) -> Job:

@@ -5,14 +5,17 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
 
 from maskfab import __version__
 from maskfab.errors import InternalError
+from maskfab.layout.feasibility import Feasibility
 from maskfab.model import Camera, Die, Plate, Quantity, Report, Tiling, WrittenFile
 from maskfab.optics.plan import document as plan_document
+from maskfab.report.display_data import display_document, display_schema
 from maskfab.units import NM_PER_UM, dpi
 from maskfab.validate.views import SceneOptics, View
 
@@ -20,9 +23,17 @@ SCHEMA_VERSION = 1
 
 Document = dict[str, Any]
 
+NO_DISPLAYS: Mapping[str, Feasibility] = MappingProxyType({})
 
-def to_document(report: Report, plate: Plate, camera: Camera, scenes: Sequence[SceneOptics] = ()) -> Document:
-    """The report.json of one run, of plain Python types throughout; ``scenes`` of the dies that have one.
+
+def to_document(
+    report: Report,
+    plate: Plate,
+    camera: Camera,
+    scenes: Sequence[SceneOptics] = (),
+    displays: Mapping[str, Feasibility] = NO_DISPLAYS,
+) -> Document:
+    """The report.json of one run, of plain Python types throughout; ``scenes`` and ``displays`` of dies that have one.
 
     Only ``"time"`` may differ between two runs of one job.
 
@@ -41,7 +52,7 @@ def to_document(report: Report, plate: Plate, camera: Camera, scenes: Sequence[S
         "verdict": "pass" if report.passed else "fail",
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
-        "dies": [_die(die, report.dies[die.name], of_die.get(die.name)) for die in plate.dies],
+        "dies": [_die(die, report.dies[die.name], of_die.get(die.name), displays.get(die.name)) for die in plate.dies],
         "plate": [quantity_document(quantity) for quantity in report.plate],
         "checks": [quantity_document(quantity) for quantity in report.checks],
         "files": [_file(file) for file in report.files],
@@ -97,8 +108,9 @@ def schema() -> Document:
             "quantities": quantities
             | {"description": "of the plate's own standard: on the axis, in focus at infinity, without a gap"},
             "scene": _scene_schema(quantities),
+            "display": display_schema(),
         },
-        optional=("scene",),
+        optional=("scene", "display"),
     )
     camera = _object(
         {
@@ -205,11 +217,13 @@ def _camera(camera: Camera) -> Document:
     }
 
 
-def _die(die: Die, quantities: Sequence[Quantity], scene: SceneOptics | None) -> Document:
+def _die(die: Die, quantities: Sequence[Quantity], scene: SceneOptics | None, display: Feasibility | None) -> Document:
     panel = die.panel
     rows, columns = panel.orientations.shape
     pitch_um = panel.pitch_nm / NM_PER_UM
     extra = {} if scene is None else {"scene": _scene(scene)}
+    if display is not None:
+        extra["display"] = display_document(display)
     return {
         "name": die.name,
         "label": die.label,

@@ -108,8 +108,8 @@ class EmittersSection(Section):
     Gaps are kept in x or in y, corners included, and across pixels too. ``ratio`` is that of the areas; ``required``
     the least share of the pixel that one colour covers, divided by its ratio (ratios scaled to sum to 3). Of the
     placements with at least ``keep`` of the largest footprint, the one whose light is centred best is taken.
-    ``circuit`` is the drive circuit of one subpixel, which lies under closed area; ``shared`` says that three of them
-    need no separate rooms.
+    ``circuit`` is the area of one drive circuit, of which a pixel's closed area must hold ``circuits``; ``shared_by``
+    pixels take turns at them.
     """
 
     gap_to_opening: LengthOrZero = 0.0
@@ -120,7 +120,8 @@ class EmittersSection(Section):
     required: float = Field(default=0.0, ge=0, le=1, allow_inf_nan=False)
     keep: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
     circuit: Area = 1985.0
-    shared: bool = True
+    circuits: int = Field(default=3, ge=1, le=16)
+    shared_by: int = Field(default=1, ge=1, le=16)
 
 
 class WiresSection(Section):

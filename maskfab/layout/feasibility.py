@@ -1,0 +1,177 @@
+"""Can a display be built round an opening? Emitters, their borders, circuits, wires and light, in one answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.layout.circuit import CircuitRules, Room, pixel_room
+from maskfab.layout.light import Light, Triple, current_density, relative_life
+from maskfab.layout.subpixels.answer import Certificate, Footprint, Verdict
+from maskfab.layout.subpixels.borders import Borders, borders
+from maskfab.layout.subpixels.choose import centred, luminance_centroid, wander
+from maskfab.layout.subpixels.fit import footprint
+from maskfab.layout.subpixels.measure import Violation, violations
+from maskfab.layout.subpixels.rules import EmitterRules, grid_of
+from maskfab.model import Emitters, Opening, Panel, Tiling
+from maskfab.spec import EmittersSection, LightSection
+from maskfab.units import to_nm
+
+REFERENCE_SHARE = 28 / 300
+"""Area of one colour over the pixel's in a panel of today, 28 % for all three at 300 DPI (a vendor's claim for fine
+metal masks); the life of emitters is told relative to it."""
+
+
+@dataclass(frozen=True)
+class DisplayRules:
+    """Everything that a display's maker asks.
+
+    Attributes:
+        emitters: gaps, width, ratio and footprint.
+        keep: share of the largest footprint that a placement with better centred light must have.
+        circuit: area for drive circuits.
+        light: what the emitters must give.
+    """
+
+    emitters: EmitterRules
+    keep: float
+    circuit: CircuitRules
+    light: Light
+
+    @classmethod
+    def of(cls, section: EmittersSection, light: LightSection | None, *, where: str = "") -> DisplayRules:
+        """The rules of a job.
+
+        Raises:
+            JobError: MF107 for a length off the grid of 1 nm, MF116 for a ratio.
+        """
+        gap, colour, width = (
+            to_nm(value, where=f"{where}: emitters.{name}", name=name)
+            for name, value in (
+                ("gap_to_opening", section.gap_to_opening),
+                ("colour_gap", section.colour_gap),
+                ("min_width", section.min_width),
+            )
+        )
+        aspect = float("inf") if section.max_aspect is None else section.max_aspect
+        rules = EmitterRules(gap, colour, width, section.ratio, section.required, aspect)
+        asked = light or LightSection()
+        return cls(
+            rules,
+            section.keep,
+            CircuitRules(section.circuit, section.circuits, section.shared_by, width),
+            Light(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Feasibility:
+    """What was found of one panel.
+
+    Attributes:
+        required: least footprint; 0 where none is.
+        footprint: how large emitters can be, with its proof.
+        emitters: those that the panel takes; None where none were found.
+        borders: gaps across pixels of the placement.
+        broken: rules that its polygons break, measured by KLayout; empty where all is well.
+        room: for the circuits.
+        density_ma_per_cm2: current density of red, green and blue; None without emitters.
+        life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
+        centroid_px: of the light, from the pixel's centre.
+        wander_px: how far the centroid moves about over the orientations in use.
+        given: whether the emitters came with the opening.
+    """
+
+    required: float
+    footprint: Footprint
+    emitters: Emitters | None
+    borders: Borders | None
+    broken: tuple[Violation, ...]
+    room: Room
+    density_ma_per_cm2: Triple | None
+    life: Triple | None
+    centroid_px: tuple[float, float]
+    wander_px: float
+    given: bool
+
+    @property
+    def verdict(self) -> Verdict:
+        """FITS if emitters are there, keep every rule and leave room for circuits; a proof against any says no."""
+        if self.certificates:
+            return Verdict.DOES_NOT_FIT
+        return self.footprint.verdict if self.emitters is None or not self.broken else Verdict.UNKNOWN
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:
+        """Every proof that something cannot be."""
+        proofs = [self.footprint.certificate if self.footprint.verdict is Verdict.DOES_NOT_FIT else None]
+        return tuple(proof for proof in (*proofs, self.room.certificate) if proof is not None)
+
+
+def feasibility(panel: Panel, rules: DisplayRules) -> Feasibility | None:
+    """Emitters for the pixels of a panel, or a proof that there are none; None for a sheet that has no pixels.
+
+    Emitters that come with the opening are taken as they are and measured; else the best that is found is placed.
+    Where cells choose among several openings, emitters keep clear of all of them.
+
+    Raises:
+        JobError: MF117 if a rule is wider than the pixel, MF118 if rules and dots share no grid coarse enough.
+    """
+    if panel.tiling is Tiling.HEXAGONAL:
+        return None
+    opening, used = _common(panel), tuple(int(k) for k in np.unique(panel.orientations % 8))
+    grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
+    found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=True)
+    emitters = _given(panel)
+    given = emitters is not None
+    if emitters is None:
+        emitters = centred(found.found, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
+    room = pixel_room(opening, panel.dot_nm, rules.circuit)
+    if emitters is None:
+        return Feasibility(rules.emitters.required, found, None, None, (), room, None, None, (0.0, 0.0), 0.0, given)
+    pixel_um2 = (panel.pitch_nm / 1e3) ** 2
+    red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
+    shares = (red, green, blue)
+    density = current_density(rules.light, shares)
+    reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
+    life = tuple(relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
+    if given:
+        found = _judged(found, emitters, shares, rules.emitters)
+    return Feasibility(
+        rules.emitters.required,
+        found,
+        emitters,
+        None if given else borders(emitters.labels, _refined(opening, grid.per_dot), grid, panel.orientations),
+        violations(replace(panel, emitters=emitters), rules.emitters),
+        room,
+        density,
+        (life[0], life[1], life[2]),
+        luminance_centroid(emitters, panel.pitch_nm),
+        wander(emitters, panel.pitch_nm, used),
+        given,
+    )
+
+
+def _common(panel: Panel) -> Opening:
+    """What is clear in any of a panel's openings."""
+    if not panel.others:
+        return panel.opening
+    return replace(panel.opening, mask=np.any([opening.mask for opening in panel.openings], axis=0))
+
+
+def _given(panel: Panel) -> Emitters | None:
+    drawn = panel.opening.emitters
+    return None if drawn is None else Emitters(drawn, panel.dot_nm * panel.opening.dots // drawn.shape[0])
+
+
+def _judged(found: Footprint, emitters: Emitters, shares: tuple[float, ...], rules: EmitterRules) -> Footprint:
+    """The answer about a pixel whose emitters were given."""
+    share = min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))
+    verdict = Verdict.FITS if share >= rules.required - 1e-12 else found.verdict
+    return replace(found, found=emitters, found_share=share, verdict=verdict, method="given with the opening")
+
+
+def _refined(opening: Opening, times: int) -> NDArray[np.bool_]:
+    return opening.mask.repeat(times, axis=0).repeat(times, axis=1)

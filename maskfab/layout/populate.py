@@ -1,0 +1,50 @@
+"""The dies of a plate with the emitters and wires that its job asks for, and what stands in the way of either."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from maskfab.layout.feasibility import DisplayRules, Feasibility, feasibility
+from maskfab.layout.subpixels.borders import meetings
+from maskfab.model import Die, Panel, Plate
+from maskfab.progress import Progress, silent
+
+
+@dataclass(frozen=True, eq=False)
+class Populated:
+    """A plate with its displays, and what was found of each, by die; nothing of dies that have no pixels."""
+
+    plate: Plate
+    found: Mapping[str, Feasibility]
+
+
+def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> Populated:
+    """Emitters for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+
+    Raises:
+        JobError: MF117, MF118 as :func:`maskfab.layout.feasibility.feasibility`.
+    """
+    known: dict[object, Feasibility | None] = {}
+    dies: list[Die] = []
+    found: dict[str, Feasibility] = {}
+    for done, die in enumerate(plate.dies):
+        progress("emitters", done, len(plate.dies))
+        key = _key(die.panel)
+        if key not in known:
+            known[key] = feasibility(die.panel, rules)
+        answer = known[key]
+        if answer is None:
+            dies.append(die)
+            continue
+        found[die.name] = answer
+        dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters)))
+    progress("emitters", len(plate.dies), len(plate.dies))
+    return Populated(replace(plate, dies=tuple(dies)), found)
+
+
+def _key(panel: Panel) -> object:
+    masks = tuple(opening.mask.tobytes() for opening in panel.openings)
+    drawn = panel.opening.emitters
+    given = None if drawn is None else drawn.tobytes()
+    return masks, given, panel.dot_nm, panel.gutter_nm, meetings(panel.orientations)

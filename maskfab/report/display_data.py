@@ -1,0 +1,100 @@
+"""What report.json says of a die's display: verdict, proofs, placement, borders and wires."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from maskfab.layout.feasibility import Feasibility
+from maskfab.layout.subpixels.answer import Certificate
+from maskfab.model import COLOURS
+
+Document = dict[str, Any]
+
+
+def display_document(found: Feasibility) -> Document:
+    """The answer about one panel; lengths in micrometres, areas in square micrometres, shares of a pixel."""
+    footprint, borders = found.footprint, found.borders
+    emitters = found.emitters
+    return {
+        "verdict": found.verdict.value,
+        "required": found.required,
+        "found_share": footprint.found_share,
+        "bound_share": footprint.bound_share,
+        "rectangles_share": footprint.rectangles_share,
+        "method": footprint.method,
+        "emitters": None
+        if emitters is None
+        else {
+            "cell_um": emitters.cell_nm / 1e3,
+            "areas_um2": dict(zip(COLOURS, emitters.areas_um2, strict=True)),
+            "centroid_px": found.centroid_px,
+        },
+        "borders": None
+        if borders is None
+        else {
+            "side_pairs": borders.side_pairs,
+            "side_violations": borders.side_violations,
+            "diagonal_pairs": borders.diagonal_pairs,
+            "diagonal_violations": borders.diagonal_violations,
+            "worst_pair": None if borders.worst is None else borders.worst.pair,
+            "sufficient_margin_um": borders.margin_nm / 1e3,
+        },
+        "proofs": [_proof(certificate) for certificate in found.certificates],
+        "bound_proof": None if footprint.certificate is None else _proof(footprint.certificate),
+    }
+
+
+def _proof(certificate: Certificate) -> Document:
+    return {
+        "proof": certificate.proof.value,
+        "statement": certificate.statement,
+        "numbers": dict(certificate.numbers),
+    }
+
+
+def display_schema() -> Document:
+    """JSON Schema of :func:`display_document`."""
+    number, integer, text = {"type": "number"}, {"type": "integer"}, {"type": "string"}
+    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    proof = _object({"proof": text, "statement": text, "numbers": {"type": "object", "additionalProperties": number}})
+    return _object(
+        {
+            "verdict": {"enum": ["FITS", "DOES NOT FIT", "UNKNOWN"]},
+            "required": number,
+            "found_share": number,
+            "bound_share": number,
+            "rectangles_share": number,
+            "method": text,
+            "emitters": _or_null(
+                _object(
+                    {
+                        "cell_um": number,
+                        "areas_um2": _object(dict.fromkeys(COLOURS, number)),
+                        "centroid_px": pair,
+                    }
+                )
+            ),
+            "borders": _or_null(
+                _object(
+                    {
+                        "side_pairs": integer,
+                        "side_violations": integer,
+                        "diagonal_pairs": integer,
+                        "diagonal_violations": integer,
+                        "worst_pair": _or_null({"type": "array", "items": integer, "minItems": 2, "maxItems": 2}),
+                        "sufficient_margin_um": number,
+                    }
+                )
+            ),
+            "proofs": {"type": "array", "items": proof},
+            "bound_proof": _or_null(proof),
+        }
+    )
+
+
+def _object(properties: Document) -> Document:
+    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
+
+
+def _or_null(schema: Document) -> Document:
+    return {"anyOf": [schema, {"type": "null"}]}

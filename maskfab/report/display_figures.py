@@ -1,0 +1,158 @@
+"""The figures of a display: emitters behind an opening, wires between pixels, and what stands in the way of either.
+
+Colours are those of Okabe and Ito, which colour-blind readers tell apart; every emitter also bears its letter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.collections import PolyCollection
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from maskfab.geometry.polygonize import outline
+from maskfab.geometry.unit import unit_shapes
+from maskfab.layout.feasibility import Feasibility
+from maskfab.layout.subpixels.answer import Certificate
+from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Polygon, orient
+from maskfab.report.canvas import INK, QUIET, image, place, styled
+
+_FILL: dict[Layer, str] = {
+    BLACK: "#2f343c",
+    GUTTER: "#555c66",
+    CLEAR: "#ffffff",
+    EMITTERS[0]: "#d55e00",
+    EMITTERS[1]: "#009e73",
+    EMITTERS[2]: "#0072b2",
+    WIRES[0]: "#e69f00",
+    WIRES[1]: "#cc79a7",
+    VEIL: "#f0e442",
+}
+_WITNESS = "#f0e442"
+_UM = 1e-3
+_SIDE = 2.7
+
+
+def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
+    """The figures of one die's display as ``<img>`` elements: ``display_placement``, and ``display_wires`` if any."""
+    proof = None if found.emitters else found.footprint.certificate
+    drawn = {"display_placement": placement(panel, proof)}
+    if panel.tracks:
+        drawn["display_wires"] = wiring(panel)
+    return drawn
+
+
+@styled
+def placement(panel: Panel, certificate: Certificate | None = None) -> str:
+    """One pixel with its emitters, and beside it a few pixels as they meet, as an ``<img>``.
+
+    Where a certificate has a witness, its cells are outlined.
+    """
+    figure, (single, several) = _two()
+    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), (BLACK, GUTTER, CLEAR, *EMITTERS))
+    _letters(single, panel)
+    if certificate is not None and certificate.witness is not None:
+        _outline(single, panel, certificate.witness, certificate.cell_nm)
+    single.set_title("one pixel")
+    _draw(several, panel, _middle(panel, 4), (BLACK, GUTTER, CLEAR, *EMITTERS))
+    several.set_title("pixels as they meet")
+    words = "placement of the red, green and blue emitters behind the opening"
+    return image(figure, f"Opening {panel.opening.name}: {words if panel.emitters else 'no emitters fit'}")
+
+
+@styled
+def wiring(panel: Panel, certificates: Iterable[Certificate] = ()) -> str:
+    """The wires of one pixel and of a few, and the cuts that bound how many there can be, as an ``<img>``."""
+    figure, (single, several) = _two()
+    shown = (BLACK, GUTTER, *EMITTERS, CLEAR, VEIL, *WIRES)
+    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), shown, faint=frozenset(EMITTERS))
+    for certificate in certificates:
+        if certificate.witness is not None:
+            _outline(single, panel, certificate.witness, certificate.cell_nm)
+    single.set_title("wires of one pixel" if panel.tracks else "where wires cannot pass")
+    _draw(several, panel, _middle(panel, 3), shown, faint=frozenset(EMITTERS))
+    several.set_title("pixels as they meet")
+    return image(figure, f"Wires of opening {panel.opening.name}: orange lower metal, purple upper, yellow transparent")
+
+
+def _two() -> tuple[Figure, tuple[Axes, Axes]]:
+    figure = Figure(figsize=(2 * _SIDE + 0.75, _SIDE + 0.5))
+    return figure, (
+        place(figure, (0.1, 0.2, _SIDE, _SIDE)),
+        place(figure, (_SIDE + 0.55, 0.2, _SIDE, _SIDE)),
+    )
+
+
+def _middle(panel: Panel, cells: int) -> NDArray[np.int8]:
+    rows, columns = panel.orientations.shape
+    high, wide = min(rows, cells), min(columns, cells)
+    bottom, left = (rows - high) // 2, (columns - wide) // 2
+    return panel.orientations[bottom : bottom + high, left : left + wide]
+
+
+def _draw(
+    axes: Axes,
+    panel: Panel,
+    cells: NDArray[np.int8],
+    layers: tuple[Layer, ...],
+    faint: frozenset[Layer] = frozenset(),
+) -> None:
+    pitch = panel.pitch_nm
+    rows, columns = cells.shape
+    axes.set_facecolor(_FILL[BLACK])
+    shapes = {cell: unit_shapes(panel, cell) for cell in np.unique(cells).tolist()}
+    for layer in layers:
+        polygons = [
+            _moved(polygon, column * pitch, row * pitch)
+            for row in range(rows)
+            for column in range(columns)
+            for polygon in shapes[int(cells[row, column])].get(layer, ())
+        ]
+        alpha = 0.35 if layer in faint else 0.6 if layer is VEIL else 1.0
+        # A hair of edge closes the seams that drawing programs leave between neighbours.
+        axes.add_collection(
+            PolyCollection(polygons, facecolor=_FILL[layer], edgecolor=_FILL[layer], linewidth=0.1, alpha=alpha)
+        )
+    _frame(axes, pitch * columns * _UM, pitch * rows * _UM)
+
+
+def _frame(axes: Axes, wide_um: float, high_um: float) -> None:
+    axes.set(xlim=(0, wide_um), ylim=(0, high_um), aspect="equal", xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set_color(QUIET)
+    bar = 10 ** np.floor(np.log10(wide_um / 3))
+    bar *= max(step for step in (1, 2, 5) if step * bar <= wide_um / 3)
+    axes.plot([0, bar], [-0.03 * high_um] * 2, color=INK, linewidth=1.5, clip_on=False, solid_capstyle="butt")
+    axes.text(bar * 1.08, -0.03 * high_um, f"{bar:g} µm", va="center", fontsize=7)
+
+
+def _moved(polygon: Polygon, x: int, y: int) -> list[tuple[float, float]]:
+    return [((a + x) * _UM, (b + y) * _UM) for a, b in polygon]
+
+
+def _letters(axes: Axes, panel: Panel) -> None:
+    """R, G and B on a cell of each emitter's largest width, for readers who do not see the colours."""
+    if panel.emitters is None:
+        return
+    labels = orient(panel.emitters.labels, 0)
+    half = panel.gutter_nm / 2
+    for number, colour in enumerate(COLOURS, 1):
+        place_of = np.argwhere(labels == number)
+        if place_of.size:
+            middle = place_of.mean(axis=0)
+            row, column = place_of[abs(place_of - middle).max(axis=1).argmin()]
+            x, y = ((index + 0.5) * panel.emitters.cell_nm + half for index in (column, row))
+            axes.text(
+                x * _UM, y * _UM, colour[0].upper(), color="white", ha="center", va="center", fontsize=9, weight="bold"
+            )
+
+
+def _outline(axes: Axes, panel: Panel, witness: NDArray[np.bool_], cell_nm: int) -> None:
+    half = panel.gutter_nm // 2
+    polygons = [_moved(polygon, half, half) for polygon in outline(witness, cell_nm)]
+    axes.add_collection(
+        PolyCollection(polygons, facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
+    )
