@@ -129,14 +129,14 @@ class Track:
 
     Attributes:
         name: scan, data, power ...; what it carries.
-        level: metal layer, 1 is the lowest.
+        axis: along which it runs; wires along x are on the lower metal, those along y on the upper.
         polygons: simple, hole-free outlines in nanometres, the pixel's lower left corner, gutter included, the origin.
-        turns: whether it turns with the opening (drawn for orientation 0) or stays as the gutters do.
+        turns: whether it turns with the opening (drawn for orientation 0), its axis with it, or stays as gutters do.
         transmission: share of light that passes where it crosses an opening; 0 is opaque.
     """
 
     name: str
-    level: int
+    axis: Literal["x", "y"]
     polygons: tuple[Polygon, ...]
     turns: bool
     transmission: float = 0.0

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TypeVar
 
@@ -73,7 +73,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     check_target(target, force=force)
     clock = _Clock()
     with clock.stage("layout"):
-        built = job.displays(progress)
+        built = job.displays(progress, largest=True)
         plate = built.plate
         design = plate_layout(plate)
     with clock.stage("plan"):
@@ -156,7 +156,7 @@ def measure_dies(
     """
 
     def one(die: Die) -> DieOptics:
-        return measure(die, camera, clear_shapes(layout, stop_box(camera.stop, axis_nm(die))))
+        return measure(_mask(die), camera, clear_shapes(layout, stop_box(camera.stop, axis_nm(die))))
 
     return _each(plate.dies, one, "optics", progress, seconds, os.cpu_count() or 1)
 
@@ -172,7 +172,7 @@ def plan_scenes(job: Job, plate: Plate, progress: Progress) -> dict[str, Plan]:
         return {}
 
     def one(die: Die) -> Plan:
-        return scene_plan(die, job.camera, scene, section.accuracy, job.where)
+        return scene_plan(_mask(die), job.camera, scene, section.accuracy, job.where)
 
     plans = _each(plate.dies, one, "plan", progress, None, os.cpu_count() or 1)
     return {die.name: plan for die, plan in zip(plate.dies, plans, strict=True)}
@@ -194,11 +194,17 @@ def measure_scenes(
 
     def one(die: Die) -> SceneOptics:
         shapes = clear_shapes(layout, reach_box(die, reach))
-        return measure_scene(die, camera, scene, read_openings(die, shapes, reach), plans[die.name])
+        mask = _mask(die)
+        return measure_scene(mask, camera, scene, read_openings(mask, shapes, reach), plans[die.name])
 
     peak = max((peak_bytes(die, camera, scene, plans[die.name]) for die in plate.dies), default=0.0)
     workers = int(min(os.cpu_count() or 1, max(1, _SCENE_BYTES // max(peak, 1.0))))
     return _each(plate.dies, one, "scene", progress, seconds, workers)
+
+
+def _mask(die: Die) -> Die:
+    """The die as it is on the plate, whose chrome knows no wires."""
+    return replace(die, panel=replace(die.panel, tracks=()))
 
 
 def _each(

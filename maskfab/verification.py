@@ -53,7 +53,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         # A later version would sign its plates differently, which is no fault of this one.
         signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
         plate = compose(job.spec, job.openings, signature, where=job.where)
-        built = job.displays_of(plate, progress)
+        built = job.displays_of(plate, progress, largest=True)
         plate = built.plate
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))

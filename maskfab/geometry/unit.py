@@ -64,7 +64,9 @@ def unit_shapes(panel: Panel, cell: int) -> Mapping[Layer, tuple[Polygon, ...]]:
     if panel.emitters is None and not panel.tracks:
         return shapes
     for track in panel.tracks:
-        layer = VEIL if track.transmission else WIRES[track.level - 1]
+        # A quarter turn lays a wire along the other axis, and so on the other metal: no pixel needs a via to the next.
+        upper = (track.axis == "y") != (track.turns and orientation % 2 == 1)
+        layer = VEIL if track.transmission else WIRES[upper]
         shapes[layer] = (*shapes.get(layer, ()), *oriented_track(track, panel.pitch_nm, orientation))
     dark, side = ~panel.pattern(cell), panel.dot_nm
     if panel.emitters is not None:

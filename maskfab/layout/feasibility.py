@@ -12,11 +12,13 @@ from maskfab.layout.light import Light, Triple, current_density, relative_life
 from maskfab.layout.subpixels.answer import Certificate, Footprint, Verdict
 from maskfab.layout.subpixels.borders import Borders, borders
 from maskfab.layout.subpixels.choose import centred, luminance_centroid, wander
-from maskfab.layout.subpixels.fit import footprint
+from maskfab.layout.subpixels.fit import LargestGap, footprint, largest_gap
 from maskfab.layout.subpixels.measure import Violation, violations
 from maskfab.layout.subpixels.rules import EmitterRules, grid_of
-from maskfab.model import Emitters, Opening, Panel, Tiling
-from maskfab.spec import EmittersSection, LightSection
+from maskfab.layout.wiring.answer import WireDemand, Wiring, wiring
+from maskfab.layout.wiring.gutter import WireRules
+from maskfab.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling
+from maskfab.spec import EmittersSection, LightSection, WiresSection, even_nm
 from maskfab.units import to_nm
 
 REFERENCE_SHARE = 28 / 300
@@ -33,15 +35,24 @@ class DisplayRules:
         keep: share of the largest footprint that a placement with better centred light must have.
         circuit: area for drive circuits.
         light: what the emitters must give.
+        wires: what must be wired; None if nothing is asked.
     """
 
     emitters: EmitterRules
     keep: float
     circuit: CircuitRules
     light: Light
+    wires: WireDemand | None
 
     @classmethod
-    def of(cls, section: EmittersSection, light: LightSection | None, *, where: str = "") -> DisplayRules:
+    def of(
+        cls,
+        section: EmittersSection,
+        light: LightSection | None,
+        wires: WiresSection | None,
+        *,
+        where: str = "",
+    ) -> DisplayRules:
         """The rules of a job.
 
         Raises:
@@ -63,6 +74,7 @@ class DisplayRules:
             section.keep,
             CircuitRules(section.circuit, section.circuits, section.shared_by, width),
             Light(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
+            None if wires is None else _demand(wires, where),
         )
 
 
@@ -81,6 +93,7 @@ class Feasibility:
         life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
         centroid_px: of the light, from the pixel's centre.
         wander_px: how far the centroid moves about over the orientations in use.
+        wiring: how far the pixels can be wired; None if it was not asked.
         given: whether the emitters came with the opening.
     """
 
@@ -94,43 +107,55 @@ class Feasibility:
     life: Triple | None
     centroid_px: tuple[float, float]
     wander_px: float
+    wiring: Wiring | None
     given: bool
 
     @property
     def verdict(self) -> Verdict:
-        """FITS if emitters are there, keep every rule and leave room for circuits; a proof against any says no."""
+        """FITS if emitters and wires are there, keep every rule and leave room for circuits; a proof against any says
+        no."""
         if self.certificates:
             return Verdict.DOES_NOT_FIT
-        return self.footprint.verdict if self.emitters is None or not self.broken else Verdict.UNKNOWN
+        if self.broken or (self.wiring is not None and self.wiring.verdict is Verdict.UNKNOWN):
+            return Verdict.UNKNOWN
+        return self.footprint.verdict
 
     @property
     def certificates(self) -> tuple[Certificate, ...]:
         """Every proof that something cannot be."""
         proofs = [self.footprint.certificate if self.footprint.verdict is Verdict.DOES_NOT_FIT else None]
-        return tuple(proof for proof in (*proofs, self.room.certificate) if proof is not None)
+        wires = None if self.wiring is None else self.wiring.failed
+        return tuple(proof for proof in (*proofs, self.room.certificate, wires) if proof is not None)
 
 
-def feasibility(panel: Panel, rules: DisplayRules) -> Feasibility | None:
+def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> Feasibility | None:
     """Emitters for the pixels of a panel, or a proof that there are none; None for a sheet that has no pixels.
 
     Emitters that come with the opening are taken as they are and measured; else the best that is found is placed.
     Where cells choose among several openings, emitters keep clear of all of them.
+
+    Args:
+        panel: its opening, gutter and orientations.
+        rules: the maker's.
+        largest: search on for the largest emitters even if the required ones are found.
 
     Raises:
         JobError: MF117 if a rule is wider than the pixel, MF118 if rules and dots share no grid coarse enough.
     """
     if panel.tiling is Tiling.HEXAGONAL:
         return None
-    opening, used = _common(panel), tuple(int(k) for k in np.unique(panel.orientations % 8))
+    opening, used = _common(panel), _used(panel)
     grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
-    found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=True)
+    found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
     emitters = _given(panel)
     given = emitters is not None
     if emitters is None:
         emitters = centred(found.found, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
     room = pixel_room(opening, panel.dot_nm, rules.circuit)
+    wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
     if emitters is None:
-        return Feasibility(rules.emitters.required, found, None, None, (), room, None, None, (0.0, 0.0), 0.0, given)
+        required, nowhere = rules.emitters.required, (0.0, 0.0)
+        return Feasibility(required, found, None, None, (), room, None, None, nowhere, 0.0, wires, given)
     pixel_um2 = (panel.pitch_nm / 1e3) ** 2
     red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
     shares = (red, green, blue)
@@ -150,8 +175,37 @@ def feasibility(panel: Panel, rules: DisplayRules) -> Feasibility | None:
         (life[0], life[1], life[2]),
         luminance_centroid(emitters, panel.pitch_nm),
         wander(emitters, panel.pitch_nm, used),
+        wires,
         given,
     )
+
+
+def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
+    """How far apart the colours of a panel can be, other rules as they are; None for a sheet that has no pixels.
+
+    Raises:
+        JobError: as :func:`feasibility`.
+    """
+    if panel.tiling is Tiling.HEXAGONAL:
+        return None
+    return largest_gap(_common(panel), panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
+
+
+def _used(panel: Panel) -> tuple[int, ...]:
+    """The orientations of the panel's pixels."""
+    return tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
+
+
+def _demand(section: WiresSection, where: str) -> WireDemand:
+    line, transparent = (
+        0 if value is None else even_nm(value, where=f"{where}: wires.{name}", name=name)
+        for name, value in (("line", section.line), ("transparent", section.transparent))
+    )
+    space, clearance = (
+        to_nm(value, where=f"{where}: wires.{name}", name=name)
+        for name, value in (("space", section.space), ("clearance", section.clearance))
+    )
+    return WireDemand(WireRules(line, space, clearance), section.lines, transparent, section.transmission)
 
 
 def _common(panel: Panel) -> Opening:

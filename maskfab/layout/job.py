@@ -53,7 +53,7 @@ class Job:
     def display_rules(self) -> DisplayRules | None:
         """What the display's maker asks; None if the job has no [emitters]."""
         section = self.spec.emitters
-        return None if section is None else DisplayRules.of(section, self.spec.light, where=self.where)
+        return None if section is None else DisplayRules.of(section, self.spec.light, self.spec.wires, where=self.where)
 
     @property
     def signature(self) -> str:
@@ -63,14 +63,14 @@ class Job:
         """The job laid out; see :func:`maskfab.layout.plate.compose` for what is refused."""
         return compose(self.spec, self.openings, self.signature, where=self.where)
 
-    def displays(self, progress: Progress = silent) -> Populated:
+    def displays(self, progress: Progress = silent, *, largest: bool = False) -> Populated:
         """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.layout.populate`."""
-        return self.displays_of(self.plate(), progress)
+        return self.displays_of(self.plate(), progress, largest=largest)
 
-    def displays_of(self, plate: Plate, progress: Progress = silent) -> Populated:
+    def displays_of(self, plate: Plate, progress: Progress = silent, *, largest: bool = False) -> Populated:
         """The same for the job's plate, laid out already."""
         rules = self.display_rules
-        return Populated(plate, {}) if rules is None else populate(plate, rules, progress)
+        return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest)
 
 
 def load(path: str | Path) -> Job:

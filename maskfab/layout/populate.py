@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
-from maskfab.layout.feasibility import DisplayRules, Feasibility, feasibility
+from maskfab.layout.feasibility import DisplayRules, Feasibility, feasibility, widest_gap
 from maskfab.layout.subpixels.borders import meetings
+from maskfab.layout.subpixels.fit import LargestGap
 from maskfab.model import Die, Panel, Plate
 from maskfab.progress import Progress, silent
 
@@ -19,8 +20,14 @@ class Populated:
     found: Mapping[str, Feasibility]
 
 
-def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> Populated:
+def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, largest: bool = False) -> Populated:
     """Emitters for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+
+    Args:
+        plate: laid out, without emitters.
+        rules: the maker's.
+        progress: told how many dies are done.
+        largest: as for :func:`maskfab.layout.feasibility.feasibility`.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.layout.feasibility.feasibility`.
@@ -32,15 +39,36 @@ def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> 
         progress("emitters", done, len(plate.dies))
         key = _key(die.panel)
         if key not in known:
-            known[key] = feasibility(die.panel, rules)
+            known[key] = feasibility(die.panel, rules, largest=largest)
         answer = known[key]
         if answer is None:
             dies.append(die)
             continue
         found[die.name] = answer
-        dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters)))
+        tracks = () if answer.wiring is None else answer.wiring.tracks
+        dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
     progress("emitters", len(plate.dies), len(plate.dies))
     return Populated(replace(plate, dies=tuple(dies)), found)
+
+
+def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
+    """How far apart the colours can be, by die; nothing of dies that have no pixels.
+
+    Raises:
+        JobError: MF117, MF118 as :func:`maskfab.layout.feasibility.feasibility`.
+    """
+    known: dict[object, LargestGap | None] = {}
+    found: dict[str, LargestGap] = {}
+    for done, die in enumerate(plate.dies):
+        progress("colour gaps", done, len(plate.dies))
+        key = _key(die.panel)
+        if key not in known:
+            known[key] = widest_gap(die.panel, rules)
+        answer = known[key]
+        if answer is not None:
+            found[die.name] = answer
+    progress("colour gaps", len(plate.dies), len(plate.dies))
+    return found
 
 
 def _key(panel: Panel) -> object:

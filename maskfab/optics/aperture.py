@@ -7,7 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.model import Panel, frozen
+from maskfab.model import ORIENTATIONS, Panel, frozen
+from maskfab.optics.veil import veil
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,24 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
     column = round((x.start_um - whole_x.start_um) / x.pitch_um)
     row = round((y.start_um - whole_y.start_um) / y.pitch_um)
     chosen = panel.orientations[row : row + y.cells, column : column + x.cells]
-    oriented = panel.patterns
+    patterns = panel.patterns
+    if not panel.tracks:
+        transmission = _laid_out(patterns, chosen, x, y)
+        return Aperture(x, y, transmission, zeros(transmission.shape))
+    turns = np.arange(len(patterns)) % ORIENTATIONS
+    amplitude, power = (patterns * values[turns] for values in veil(panel))
+    spread = np.clip(power - amplitude**2, 0, None)
+    transmission = _laid_out(amplitude, chosen, x, y)
+    # Rounding leaves specks where a dot is uniform; real spreads are far above them.
+    spread[spread < 1e-14] = 0
+    variance = _laid_out(spread, chosen, x, y) if spread.any() else zeros(transmission.shape)
+    return Aperture(x, y, transmission, variance)
+
+
+def _laid_out(
+    oriented: NDArray[np.float64] | NDArray[np.bool_], chosen: NDArray[np.int8], x: Lattice, y: Lattice
+) -> NDArray[np.float64]:
+    """Values of dots [8 openings, dots, dots] over all intervals by what each cell holds; 0 in gutters; read-only."""
     transmission = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1))
     # One row of cells at a time stays in the processor's cache; thousands of dots across would not.
     strip = np.zeros((y.dots, x.cells, x.period))
@@ -120,7 +138,7 @@ def panel_aperture(panel: Panel, half_width_um: float = np.inf) -> Aperture:
         rows = slice(j * y.period, j * y.period + y.dots)
         transmission[rows] = strip.reshape(y.dots, -1)[:, : transmission.shape[1]]
     transmission.flags.writeable = False
-    return Aperture(x, y, transmission, zeros(transmission.shape))
+    return transmission
 
 
 def zeros(shape: tuple[int, int]) -> NDArray[np.float64]:

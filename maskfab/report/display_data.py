@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from maskfab.layout.feasibility import Feasibility
-from maskfab.layout.subpixels.answer import Certificate
+from maskfab.layout.subpixels.answer import Certificate, Verdict
 from maskfab.model import COLOURS
 
 Document = dict[str, Any]
@@ -39,6 +39,16 @@ def display_document(found: Feasibility) -> Document:
             "worst_pair": None if borders.worst is None else borders.worst.pair,
             "sufficient_margin_um": borders.margin_nm / 1e3,
         },
+        "wires": None
+        if found.wiring is None
+        else {
+            "verdict": found.wiring.verdict.value,
+            "wanted": found.wiring.wanted,
+            "in_gutter": found.wiring.in_gutter,
+            "through": found.wiring.through,
+            "transparent": found.wiring.transparent,
+            "bounds": found.wiring.bounds,
+        },
         "proofs": [_proof(certificate) for certificate in found.certificates],
         "bound_proof": None if footprint.certificate is None else _proof(footprint.certificate),
     }
@@ -59,7 +69,7 @@ def display_schema() -> Document:
     proof = _object({"proof": text, "statement": text, "numbers": {"type": "object", "additionalProperties": number}})
     return _object(
         {
-            "verdict": {"enum": ["FITS", "DOES NOT FIT", "UNKNOWN"]},
+            "verdict": {"enum": [verdict.value for verdict in Verdict]},
             "required": number,
             "found_share": number,
             "bound_share": number,
@@ -83,6 +93,18 @@ def display_schema() -> Document:
                         "diagonal_violations": integer,
                         "worst_pair": _or_null({"type": "array", "items": integer, "minItems": 2, "maxItems": 2}),
                         "sufficient_margin_um": number,
+                    }
+                )
+            ),
+            "wires": _or_null(
+                _object(
+                    {
+                        "verdict": {"enum": [verdict.value for verdict in Verdict]},
+                        "wanted": integer,
+                        "in_gutter": integer,
+                        "through": pair,
+                        "transparent": integer,
+                        "bounds": pair,
                     }
                 )
             ),

@@ -40,8 +40,9 @@ def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
     """The figures of one die's display as ``<img>`` elements: ``display_placement``, and ``display_wires`` if any."""
     proof = None if found.emitters else found.footprint.certificate
     drawn = {"display_placement": placement(panel, proof)}
-    if panel.tracks:
-        drawn["display_wires"] = wiring(panel)
+    wires = found.wiring
+    if wires is not None and (wires.tracks or wires.failed is not None):
+        drawn["display_wires"] = wiring(panel, () if wires.failed is None else (wires.failed,))
     return drawn
 
 

@@ -49,6 +49,22 @@ def check_dies(spec: JobSpec, where: str) -> None:
         check_optics(spec.camera.camera(), die.dot, where=place)
 
 
+def check_display(spec: JobSpec, where: str) -> None:
+    """Wires and light belong to a display whose emitters the job describes.
+
+    Raises:
+        JobError: MF105.
+    """
+    for name in ("wires", "light"):
+        if getattr(spec, name) is not None and spec.emitters is None:
+            raise JobError(
+                "MF105",
+                f"the job has [{name}] and no [emitters]",
+                where=f"{where}: {name}",
+                cure='Add [emitters] with colour_gap = "8 um" and min_width = "8 um"',
+            )
+
+
 def check_scene(spec: JobSpec, where: str) -> None:
     """Objects within the focal length have no image, and a camera of lines no illuminant.
 

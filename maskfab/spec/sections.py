@@ -127,15 +127,14 @@ class EmittersSection(Section):
 class WiresSection(Section):
     """[wires]: the display's wires.
 
-    ``lines`` is how many must cross every pixel from top to bottom, and from left to right; opaque ones are ``line``
-    wide, ``space`` apart and ``clearance`` from openings, in ``levels`` layers of metal. A ``transparent`` wire of that
-    width runs straight over every pixel in both directions and passes a share ``transmission`` of the light.
+    ``lines`` is how many must cross every pixel from top to bottom, and from left to right, on two layers of metal;
+    opaque ones are ``line`` wide, ``space`` apart and ``clearance`` from openings. A ``transparent`` wire of that width
+    runs straight over every pixel in both directions and passes a share ``transmission`` of the light.
     """
 
     line: Length = 3.0
     space: Length = 3.0
     clearance: LengthOrZero = 2.5
-    levels: int = Field(default=2, ge=1, le=2)
     lines: int = Field(default=4, ge=1, le=64)
     transparent: Length | None = None
     transmission: float = Field(default=0.9, gt=0, le=1, allow_inf_nan=False)

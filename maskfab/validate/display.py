@@ -51,6 +51,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um2; counted in cells",
         die=name,
     )
+    yield from _wires(die, found)
     if found.emitters is None:
         return
     broken = "; ".join(f"{each.rule}, {each.area_um2:g} um2" for each in found.broken[:3])
@@ -101,3 +102,22 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
                 "life over that of an emitter of 9.3 % of the pixel at the same luminance, (J / J')^-n",
                 die=name,
             )
+
+
+def _wires(die: Die, found: Feasibility) -> Iterator[Quantity]:
+    wires, name = found.wiring, die.name
+    if wires is None:
+        return
+    for axis, through, bound, proof in zip("xy", wires.through, wires.bounds, wires.proofs, strict=True):
+        yield Quantity(
+            f"wire_lines_{axis}",
+            "n",
+            wires.in_gutter + through + wires.transparent,
+            "1",
+            f"lines along {axis} drawn across every pixel, of {wires.wanted} asked for: {wires.in_gutter} in the "
+            f"gutter, {through} through closed area, {wires.transparent} transparent",
+            die=name,
+        )
+        yield Quantity(
+            f"wire_lines_{axis}_bound", "n̄", bound, "1", f"opaque lines on one metal: {proof.statement}", die=name
+        )

@@ -7,9 +7,10 @@ it is found by halving. A search over crooked borders then starts from several s
 
 from __future__ import annotations
 
+import bisect
 import math
 import random
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -94,6 +95,41 @@ def polish(
     return best, _labels(squares, trim(squares, shapes, ratio, best))
 
 
+def cut_triples(squares: Squares, least: float, most: int) -> Iterator[Shapes]:
+    """The three largest shapes between two straight cuts, for every place of both cuts that leaves each large enough.
+
+    Args:
+        squares: of the region in which an emitter may lie.
+        least: cells that each shape must have.
+        most: places of each cut that are tried, evenly over those that are large enough.
+    """
+    return _Cuts(squares, (1.0, 1.0, 1.0)).every(least, most)
+
+
+def shaved(squares: Squares, shape: int, towards: tuple[float, float], count: int, target: int) -> int:
+    """The shape less about ``count`` cells from one side, connected and of the least width; itself if it spares none.
+
+    Args:
+        squares: any with the width and the cells of the shape's.
+        shape: squares of one emitter.
+        towards: (y, x) direction of the side; the axis along which it is longer says which side, the other at which
+            end of the side's outermost line to begin.
+        count: cells to take off at most, more where the width asks for it.
+        target: cells that must be left.
+    """
+    ys, xs = np.nonzero(squares.picture(shape))
+    y, x = (ys if towards[0] < 0 else -ys), (xs if towards[1] < 0 else -xs)
+    order = np.lexsort((x, y) if abs(towards[0]) >= abs(towards[1]) else (y, x))
+    while count > 0:
+        left = np.zeros((squares.cells, squares.cells), dtype=np.bool_)
+        left[ys[order[count:]], xs[order[count:]]] = True
+        rest = squares.largest(squares.among(left))
+        if rest and squares.area(rest) >= target:
+            return rest
+        count //= 2
+    return shape
+
+
 def _least(squares: Squares, shapes: Shapes, ratio: Ratio) -> float:
     return min(squares.area(shape) / part for shape, part in zip(shapes, ratio, strict=True))
 
@@ -135,6 +171,38 @@ class _Cuts:
                         if windows:
                             found[windows] = (value, self._shapes(windows))
         return list(found.values())
+
+    def every(self, least: float, most: int) -> Iterator[Shapes]:
+        """All pairs of cuts whose three shapes have the least area each, thinned out to so many places per cut."""
+        n = self.squares.cells
+        seen: dict[Window, int] = {}
+
+        def shape(window: Window) -> int:
+            if window not in seen:
+                seen[window] = self.squares.largest(self.squares.window(*window) & self.squares.free)
+                self._areas[window] = self.squares.area(seen[window])
+            return seen[window]
+
+        def places(window: Window, axis: int) -> list[tuple[Window, Window]]:
+            low, high = window[2 * axis] + 1, window[2 * axis + 1] - 1
+            both = [_cut(window, axis, cut, self.squares.gap) for cut in range(low, high + 1)]
+
+            def large(side: Window) -> bool:
+                shape(side)
+                return self._areas[side] >= least
+
+            # A part that grows cannot lose area: both conditions hold on one side of some place.
+            first = bisect.bisect_left(both, True, key=lambda each: large(each[0]))
+            last = bisect.bisect_left(both, True, lo=first, key=lambda each: not large(each[1]))
+            kept = np.unique(np.linspace(first, last - 1, min(most, last - first)).round().astype(int))
+            return [both[i] for i in kept]
+
+        for axis in (0, 1):
+            for lower, upper in places((0, n, 0, n), axis):
+                for alone, rest, seconds in ((lower, upper, (0, 1)), (upper, lower, (1 - axis,))):
+                    for second in seconds:
+                        for one, other in places(rest, second):
+                            yield shape(alone), shape(one), shape(other)
 
     def _shapes(self, windows: tuple[Window, Window, Window]) -> Shapes:
         a, b, c = (self.squares.largest(self.squares.window(*window) & self.squares.free) for window in windows)

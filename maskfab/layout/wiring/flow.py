@@ -9,7 +9,7 @@ dot. Every line crosses it, so it is a proof that a reader can check by counting
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -133,7 +133,7 @@ class Net:
         carried = int((upright & self._upright).sum()) * self._capacity
         return (upright if self.direction == "vertical" else upright.T), carried
 
-    def _solve(self, ports: Indices | None) -> csgraph._flow.MaximumFlowResult:
+    def _solve(self, ports: Indices | None) -> Any:
         size = self._ids.size
         dots = np.arange(size, dtype=np.int32)
         source, sink = 2 * size, 2 * size + 1

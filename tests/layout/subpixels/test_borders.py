@@ -11,7 +11,6 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from maskfab.layout.subpixels.borders import borders, margin, meetings
-from maskfab.layout.subpixels.choose import best_colours, luminance_centroid, wander
 from maskfab.layout.subpixels.measure import violations
 from maskfab.layout.subpixels.rules import EmitterRules, Grid
 from maskfab.layout.tiling import orientations
@@ -129,26 +128,3 @@ def test_a_narrow_emitter_is_seen() -> None:
     assert {each.rule for each in violations(panel, EmitterRules(0, 0, 2000))} == set()
     wide = {each.rule for each in violations(panel, EmitterRules(0, 0, 3000))}
     assert wide == {"width of red", "width of green", "width of blue"}
-
-
-def test_centroid_of_stripes_and_its_wander() -> None:
-    """Red left, green middle, blue right: the light leans towards red by (0.2126 - 0.0722) stripe pitches."""
-    labels = np.repeat(np.array([1, 2, 3], dtype=np.int8), 3)[None].repeat(9, axis=0)
-    emitters = Emitters(labels, 1000)
-    x, y = luminance_centroid(emitters, 9000)
-    assert y == pytest.approx(0)
-    assert x == pytest.approx((0.0722 - 0.2126) / 3)
-    assert wander(emitters, 9000) == pytest.approx(abs(x))
-    assert wander(emitters, 9000, [0]) == 0
-    centred = Emitters(np.where(labels == 2, labels, 0), 1000)
-    assert luminance_centroid(centred, 9000) == pytest.approx((0, 0))
-
-
-def test_colours_are_ordered_so_that_the_light_is_centred() -> None:
-    labels = np.zeros((9, 9), dtype=np.int8)
-    labels[:, 0:3], labels[:, 3:6], labels[:, 6:9] = 2, 3, 1  # green outside is the worst
-    best = best_colours([labels], 1000, 9000, (1.0, 1.0, 1.0), 27.0)
-    assert best is not None
-    assert (best.labels[:, 4] == 2).all()
-    assert best_colours([labels], 1000, 9000, (1.0, 1.0, 1.0), 28.0) is None
-    assert best_colours([labels], 1000, 9000, (0.5, 2.0, 0.5), 20.0) is None
