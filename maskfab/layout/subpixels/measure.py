@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
 from maskfab.geometry.region import simple_polygon
 from maskfab.geometry.unit import unit_shapes
@@ -16,7 +15,8 @@ from maskfab.model import CLEAR, EMITTERS, Panel
 
 # Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances.
 _SQUARE = 2
-_TILE = 32
+# Pairs stand so far apart, in pixels, that no rule reaches from one to the next.
+_APART, _COLUMNS = 4, 16
 
 
 @dataclass(frozen=True)
@@ -29,17 +29,19 @@ class Violation:
 
 
 def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
-    """Every rule that the emitters of a panel break, on a tile whose pixels meet in all the pairs of the panel's.
+    """Every rule that the emitters of a panel break, on a tile that holds all pairs of neighbours of the panel.
 
     Gaps are tested by growing one shape by the gap and looking for what it covers of the other, widths by shrinking and
     growing back; gaps are exact, widths to 1 nm.
     """
-    tile = _tile(panel.orientations)
-    regions = _regions(panel, tile)
+    cells = _clusters(panel)
+    regions = _regions(panel, cells)
     clear, colours = regions[CLEAR], [regions[layer] for layer in EMITTERS]
-    wide = panel.pitch_nm
-    frame = db.Region(db.Box(0, 0, wide * tile.shape[1], wide * tile.shape[0]))
-    found = [_found("emitter outside its panel", shape - frame) for shape in colours]
+    pitch = panel.pitch_nm
+    frame = db.Region()
+    for _, (column, row) in cells:
+        frame.insert(db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch))
+    found = [_found("emitter outside its pixel", shape - frame) for shape in colours]
     for name, shape in zip(("red", "green", "blue"), colours, strict=True):
         grown = shape.sized(rules.gap_to_opening_nm, _SQUARE)
         found.append(_found(f"gap from {name} to openings", grown & clear))
@@ -62,32 +64,45 @@ def _found(rule: str, shapes: db.Region) -> Violation | None:
     return Violation(rule, area / 1e6, (box.left, box.bottom))
 
 
-def _tile(orientations: NDArray[np.int8]) -> NDArray[np.int8]:
-    """A part of the map, or all of it, in which the same pairs meet."""
-    wanted = meetings(orientations)
-    rows, columns = orientations.shape
-    side = _TILE
-    while side < max(rows, columns):
-        part = orientations[:side, :side]
-        if meetings(part) == wanted:
-            return part
-        side *= 2
-    return orientations
+def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
+    """What the cells of a tile hold, and where they stand (column, row): every pair that meets, each by itself.
+
+    Pairs of orientations are told apart up to quarter turns of both, pairs of several openings as they stand.
+    """
+    if panel.others:
+        cells = panel.orientations
+        pairs = [
+            (int(one), int(other), step)
+            for step, (low, high) in {
+                (1, 0): (cells[:, :-1], cells[:, 1:]),
+                (0, 1): (cells[:-1], cells[1:]),
+                (1, 1): (cells[:-1, :-1], cells[1:, 1:]),
+                (-1, 1): (cells[:-1, 1:], cells[1:, :-1]),
+            }.items()
+            for one, other in sorted(set(zip(low.ravel().tolist(), high.ravel().tolist(), strict=True)))
+        ]
+    else:
+        beside, across = meetings(panel.orientations)
+        pairs = [(*pair, step) for step, found in (((1, 0), beside), ((1, 1), across)) for pair in sorted(found)]
+    placed = []
+    for number, (one, other, (right, up)) in enumerate(pairs):
+        column, row = _APART * (number % _COLUMNS) + 1, _APART * (number // _COLUMNS)
+        placed += [(one, (column, row)), (other, (column + right, row + up))]
+    return placed or [(int(panel.orientations[0, 0]), (1, 0))]
 
 
-def _regions(panel: Panel, tile: NDArray[np.int8]) -> dict[object, db.Region]:
+def _regions(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> dict[object, db.Region]:
     layout = db.Layout()
     layers = {layer: layout.layer(layer.number, layer.datatype) for layer in (CLEAR, *EMITTERS)}
     top = layout.create_cell("TILE")
-    units = {}
-    for cell in np.unique(tile).tolist():
-        unit = layout.create_cell(f"UNIT_{cell}")
-        for layer, polygons in unit_shapes(panel, cell).items():
-            if layer in layers:
-                for polygon in polygons:
-                    unit.shapes(layers[layer]).insert(simple_polygon(polygon))
-        units[cell] = unit.cell_index()
-    for row, line in enumerate(tile.tolist()):
-        for column, cell in enumerate(line):
-            top.insert(db.CellInstArray(units[cell], db.Trans(column * panel.pitch_nm, row * panel.pitch_nm)))
+    units: dict[int, int] = {}
+    for cell, (column, row) in cells:
+        if cell not in units:
+            unit = layout.create_cell(f"UNIT_{cell}")
+            units[cell] = unit.cell_index()
+            for layer, polygons in unit_shapes(panel, cell).items():
+                if layer in layers:
+                    for polygon in polygons:
+                        unit.shapes(layers[layer]).insert(simple_polygon(polygon))
+        top.insert(db.CellInstArray(units[cell], db.Trans(column * panel.pitch_nm, row * panel.pitch_nm)))
     return {layer: db.Region(top.begin_shapes_rec(index)).merged() for layer, index in layers.items()}
