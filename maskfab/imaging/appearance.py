@@ -11,10 +11,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.imaging.grain import LUMINANCE
 from maskfab.imaging.scielab import GAUSSIANS, HIGHEST_CPD, carrying
 from maskfab.imaging.series import Series
 from maskfab.imaging.viewing import Viewing
+from maskfab.optics.colour import LUMINANCE
 
 Floats = NDArray[np.float64]
 

@@ -29,7 +29,8 @@ from maskfab.imaging.display import emitters_of
 from maskfab.imaging.series import Series
 from maskfab.imaging.viewing import Viewing
 from maskfab.model import ORIENTATIONS, Emitters, Panel, orient
-from maskfab.optics.colour import XYZ_OF_RGB
+from maskfab.optics.centroid import luminance_centroid
+from maskfab.optics.colour import LUMINANCE
 
 Floats = NDArray[np.float64]
 
@@ -39,20 +40,6 @@ FINE_CPD = 30.0
 """Grain finer than this is lost to most eyes."""
 
 CONSTANT: float = (2 * math.pi) ** 1.5 / math.sqrt(8)
-
-LUMINANCE = XYZ_OF_RGB[1]
-"""Share of the luminance of white that red, green and blue have."""
-
-
-def centroid(emitters: Emitters, pitch_nm: int) -> Floats:
-    """Luminance-weighted centroid of a white pixel's emitters off the pixel's centre, (x, y) in pixels.
-
-    Every colour weighs by its share of the luminance of white, whatever its area.
-    """
-    cells = len(emitters.labels)
-    middle = (np.arange(cells) - (cells - 1) / 2) * emitters.cell_nm / pitch_nm
-    places = [(middle[x].mean(), middle[y].mean()) for y, x in (np.nonzero(emitters.labels == k) for k in (1, 2, 3))]
-    return np.asarray(LUMINANCE @ np.array(places))
 
 
 def centroids(panel: Panel) -> tuple[Floats, float]:
@@ -66,7 +53,7 @@ def centroids(panel: Panel) -> tuple[Floats, float]:
     """
     places = np.array(
         [
-            centroid(Emitters(orient(emitters.labels, turn), emitters.cell_nm), panel.pitch_nm)
+            luminance_centroid(Emitters(orient(emitters.labels, turn), emitters.cell_nm), panel.pitch_nm)
             for emitters in emitters_of(panel)
             for turn in range(ORIENTATIONS)
         ]

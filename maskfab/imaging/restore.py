@@ -1,0 +1,75 @@
+r"""Blur a scene, and undo the blur by a Wiener filter whose prior falls as 1 / f²; protocol F1 has no denoiser.
+
+    G = H / (H² + ε (f / 0.1)²),        f = |ν| in cycles per pixel,
+
+the Wiener filter of a scene with a power spectrum of 1 / f² in white noise (Field, J. Opt. Soc. Am. A 4, 2379, 1987).
+The sensor sees the middle of the scene: light from beyond its edge reaches it, as it does in life. The filter knows
+nothing of that light: the record is mirrored at its edges by the margin, filtered circularly, and cut back.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+MARGIN = 256
+"""Pixels of scene, and of mirrored record, round the sensor."""
+PRIOR_CY_PER_PX = 0.1
+
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Margin:
+    """Where the sensor lies in the scene, [3, rows, columns], and the transforms that spare the rest.
+
+    Attributes:
+        shape: rows and columns of the scene.
+        width: pixels from its edge to the sensor's, less than the sensor's sides.
+    """
+
+    shape: tuple[int, int]
+    width: int = MARGIN
+
+    def sensor(self, scene: Singles) -> Singles:
+        """The part of a scene that lies on the sensor."""
+        return scene[:, self.width : -self.width, self.width : -self.width]
+
+    def blurred(self, spectrum: NDArray[np.complex64], transfer: Singles) -> Singles:
+        """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels."""
+        lines = scipy.fft.ifft(spectrum * transfer, axis=1, overwrite_x=True, workers=1)
+        wide = scipy.fft.irfft(lines[:, self.width : -self.width], n=self.shape[1], axis=2, workers=1)
+        return np.asarray(wide[:, :, self.width : -self.width])
+
+    def mirrored(self, record: Singles) -> NDArray[np.complex64]:
+        """``rfft2`` of a record [3, sensor rows, sensor columns] mirrored at its edges (their pixels not doubled)."""
+        around = [(0, 0), (0, 0), (self.width, self.width)]
+        lines = scipy.fft.rfft(np.pad(record, around, mode="reflect"), axis=2, workers=1)
+        tall = np.pad(lines, [(0, 0), (self.width, self.width), (0, 0)], mode="reflect")
+        return np.asarray(scipy.fft.fft(tall, axis=1, overwrite_x=True, workers=1))
+
+
+def prior(shape: tuple[int, int]) -> Singles:
+    """(f / 0.1)² at the frequencies of ``rfft2``, float32 [rows, columns / 2 + 1]."""
+    y, x = scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])
+    return np.asarray((y**2 + x**2) / PRIOR_CY_PER_PX**2, dtype=np.float32)
+
+
+def wiener(transfer: Singles, inverse_prior: Singles, epsilon: float) -> Singles:
+    """G for H of any shape. Without noise, ε = 0, it is 1 / H; where H is 0 as well it is 0."""
+    below = transfer**2 + np.float32(epsilon) * inverse_prior
+    return np.divide(transfer, below, out=np.zeros_like(transfer), where=below > 0)
+
+
+def restore(mirrored: NDArray[np.complex64], filtered: Singles, margin: Margin) -> Singles:
+    """The restored picture on the sensor, [3, rows, columns] within 0 to 1.
+
+    Args:
+        mirrored: of :meth:`Margin.mirrored`.
+        filtered: G of :func:`wiener`, [3, rows, half].
+        margin: of the scene.
+    """
+    return np.clip(margin.blurred(mirrored, filtered), 0.0, 1.0)
