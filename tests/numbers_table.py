@@ -74,6 +74,7 @@ def main() -> None:
         run(job, second)
         document = json.loads((first / "report.json").read_text())
         again = json.loads((second / "report.json").read_text())
+        optics_seconds = document["time"]["seconds"]["optics"]
         document["time"] = again["time"] = None
         masks = ("UPC12.gds", "UPC12.oas", "UPC12_R12.dxf", "UPC12_R2010.dxf", "report.html")
         different = sum(not filecmp.cmp(first / name, second / name, shallow=False) for name in masks)
@@ -96,6 +97,7 @@ def main() -> None:
         ("MTF volume against η, worst die", worst("mtf_volume_invariant_error"), 1e-3, "relative"),
         ("XOR of all files read back against the design", worst("readback_xor_area"), 0, "um^2"),
         ("run of layouts/upc12.toml", seconds, 90, "s"),
+        ("its optics: twelve dies, three colours, PSF and MTF, both paths", optics_seconds, 10, "s"),
         ("its peak memory", memory, 1.5, "GB"),
         ("GDSII + OASIS of twelve dies", size, 10, "MB"),
         ("building their layout", built, 3, "s"),

@@ -31,8 +31,16 @@ RATES: Mapping[Precision, float] = MappingProxyType({"double": 43e9, "single": 9
 PHASED = "phased"
 SPECTRUM = "angular spectrum"
 
-GAP_ERRORS: Mapping[int, float] = MappingProxyType({4: 4.5e-3, 8: 1.5e-3, 16: 5e-4, 32: 1.7e-4})
-"""Error of diffraction over a gap by samples per dot: 1.5e-3 at 8 against Fresnel integrals, a third for twice."""
+GAP_ERRORS: Mapping[int, float] = MappingProxyType({1: 4e-2, 2: 1.35e-2, 4: 4.5e-3, 8: 1.5e-3, 16: 5e-4, 32: 1.7e-4})
+"""Error of diffraction over a gap by samples per dot, the smallest stops included: 1.5e-3 at 8 against Fresnel
+integrals, a third for twice."""
+
+# Samples err at the stop's rim, whose share of the light falls with the stop: so many samples over its diameter at
+# most, where 0.46 was the most seen, in stops of 0.2 to 4 mm, round and square, gaps of 0.2 to 1 mm.
+_GAP_SAMPLE = 0.8
+
+# Samples must resolve the window's frequencies so many times over: at 1.1 the error was twice that at 2.3.
+_GAP_RESOLVED = 2.0
 
 # What a phase adds to it by waves per sample, measured on openings whose edges fall on the stop's rim, where it is
 # largest; samples at the rim count with their share, and no more can err than they hold.
@@ -201,7 +209,8 @@ class Prices:
             return 4 * PHASE_SHARE * self.accuracy
         if choice.path == SPECTRUM:
             phase = choice.defocus or choice.aberrations
-            return GAP_ERRORS[choice.samples_per_dot] + (self._gap_rim(choice) if phase else 0.0)
+            share = _GAP_SAMPLE * self._sample_um(choice) / self.camera.stop.diameter_um
+            return min(GAP_ERRORS[choice.samples_per_dot], share) + (self._gap_rim(choice) if phase else 0.0)
         return _PATHS[choice.path].error[choice.precision]
 
     def ingredients(self, choice: Choice) -> tuple[Ingredient, ...]:
@@ -254,8 +263,10 @@ class Prices:
         phase = choice.defocus or choice.aberrations
         # The corner of the grid of places is the farthest off the axis.
         corner = math.sqrt(2) * self.scene.field_um
+        highest = float(self.tasks[choice.grey_rim, choice.scale].u[-1])
         return (
             most / (2 * sample) < min(_MOST_SLOPE, 1 - corner / math.hypot(corner, self.camera.focal_um))
+            and _GAP_RESOLVED * highest <= 0.5 / sample
             and not (phase and self.steepest * sample > MOST_WAVES_PER_SAMPLE)
             and self._gap_samples(choice) ** 2 <= MOST_GAP_SAMPLES
         )

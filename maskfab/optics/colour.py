@@ -11,6 +11,9 @@ Floats = NDArray[np.float64]
 XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 XYZ_OF_RGB.flags.writeable = False
 
+LUMINANCE = XYZ_OF_RGB[1]
+"""Share of the luminance of white that red, green and blue have; also ITU-R BT.709-6, item 3.3."""
+
 _KNEE = 6 / 29
 
 

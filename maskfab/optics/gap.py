@@ -183,11 +183,12 @@ def gap_psf(
     guard = gap_guard_um(gap_um, wavelength_nm, sample)
     aperture = moved_aperture(openings, moved, radius + guard)
     extent = max(abs(edges).max() for edges in (aperture.x.edges_um(), aperture.y.edges_um()))
-    count = fft.next_fast_len(math.ceil((radius + extent + guard) / sample) + 4)
+    dots = math.ceil((math.ceil((radius + extent + guard) / sample) + 4) / samples_per_dot)
+    count = samples_per_dot * fft.next_fast_len(dots)
     if count**2 > MOST_GAP_SAMPLES:
         raise JobError("MF115", f"the gap needs {count} x {count} samples", cure="Ask for fewer per dot")
     stop = _sampled_stop(camera.stop, sample)
-    spectrum = _spectrum(aperture, sample, count)
+    spectrum = _spectrum(aperture, samples_per_dot, count)
     transfer = _transfer(wavelength, carrier, gap_um, sample, count)
     middle = stop.shape[0]
     before, after = (_in_stop_plane(part, sample, middle) * stop for part in (spectrum, spectrum * transfer))
@@ -249,12 +250,38 @@ def _carrier(wavelength: float, distance: float, image_um: Place) -> tuple[float
     return x / length, y / length, math.hypot(x, y) / length
 
 
-def _spectrum(aperture: Aperture, sample: float, count: int) -> Complexes:
-    """Exact Fourier coefficients of the openings on a period of count samples, in FFT order, [v, u]."""
-    frequency = np.asarray(fft.fftfreq(count, sample), dtype=np.float64)
+def _spectrum(aperture: Aperture, samples_per_dot: int, count: int) -> Complexes:
+    """Exact Fourier coefficients of the openings on a period of count samples, in FFT order, [v, u].
+
+    The period is a whole number of dots: where these are on one grid, the coefficients are those of points on it, which
+    repeat for every sample per dot, times the dot's own and the phase of where the grid begins.
+    """
+    x, y = aperture.x, aperture.y
+    frequency = np.asarray(fft.fftfreq(count, x.dot_um / samples_per_dot), dtype=np.float64)
+    if not (x.has_gutter or y.has_gutter) and x.dot_um == y.dot_um:
+        size = count // samples_per_dot
+        points = fft.fft2(_folded(aperture.transmission, size))
+        across, up = (
+            axis.dot_um
+            * np.sinc(axis.dot_um * frequency)
+            * np.exp(-2j * np.pi * (axis.start_um + axis.dot_um / 2) * frequency)
+            for axis in (x, y)
+        )
+        repeated: Complexes = np.tile(points, (samples_per_dot, samples_per_dot))
+        repeated *= up[:, None]
+        repeated *= across
+        return repeated
     everywhere = Stop("square", math.inf)
     whole = Pupil.of_whole_dots(aperture.x, aperture.y, aperture.transmission, everywhere)
     return direct_field(whole, frequency, frequency)
+
+
+def _folded(values: Floats, size: int) -> Floats:
+    """What a period of so many rows and columns sums up; openings may be wider than it by cells that do not matter."""
+    rows, columns = (-(-n // size) for n in values.shape)
+    padded = np.zeros((rows * size, columns * size))
+    padded[: values.shape[0], : values.shape[1]] = values
+    return np.asarray(padded.reshape(rows, size, columns, size).sum(axis=(0, 2)))
 
 
 def _transfer(

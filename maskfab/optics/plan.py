@@ -9,6 +9,7 @@ and none is passed over.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel
 from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.choices import DEPTHS, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
+from maskfab.optics.choices import DEPTHS, GAP_ERRORS, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
 from maskfab.optics.depth import defocus_waves, image_distance_um, nearest_object_um
 from maskfab.optics.gap import moved_pupil, shift_um
 from maskfab.optics.omissions import check_accuracy, estimate, wavelength_range_nm
@@ -42,7 +43,9 @@ class Plan:
         phase_tolerance: to hand to a phased PSF; 0 where there is none.
         nearest_object_um: focused nearer than this, the change of scale alone exceeds the accuracy.
         fullest: all of the scene that can be computed, to hold the choice against: the rim exact, every image point its
-            own PSF, as many lines and samples as were priced.
+            own PSF, as many lines as were priced; samples over a gap twice as fine as the choice's and good for half of
+            the accuracy, or as fine as can be.
+        fullest_error: the numerical error of that, beside which a measured difference means nothing.
     """
 
     accuracy: float
@@ -57,6 +60,7 @@ class Plan:
     phase_tolerance: float
     nearest_object_um: float
     fullest: Choice
+    fullest_error: float
 
 
 def sampling_camera(camera: Camera, scene: Scene) -> Camera:
@@ -112,6 +116,7 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
     choice, price = min(fitting, key=lambda each: (each[1].seconds, each[1].error))
     step = point_step_um(known.camera)
     pilot = point_psf(known.pupil, known.camera, known.estimates.range_nm[0])
+    fullest = _fullest(known, priced, choice)
     return Plan(
         accuracy,
         choice,
@@ -124,7 +129,8 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         DEPTHS if choice.defocus else 1,
         PHASE_SHARE * accuracy if choice.path == PHASED else 0.0,
         nearest_object_um(pilot, camera, accuracy),
-        max(priced, key=_fullness)[0],
+        fullest,
+        known.own_error(fullest),
     )
 
 
@@ -151,6 +157,17 @@ def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
             beyond, before = (lens(x + k * dx, y + k * dy) + blur(x + k * dx, y + k * dy) for k in (1, -1))
             steepest = max(steepest, float(abs(beyond - before).max()) / (2 * h))
     return steepest
+
+
+def _fullest(known: Prices, priced: Sequence[tuple[Choice, Price]], choice: Choice) -> Choice:
+    """The fullest choice; of its samples over a gap no more than tell the error of the plan's own choice."""
+    best = max(priced, key=_fullness)[0]
+    alike = (replace(best, samples_per_dot=count) for count in GAP_ERRORS if 0 < count <= best.samples_per_dot)
+    for each in alike:
+        enough = each.samples_per_dot >= 2 * choice.samples_per_dot and known.own_error(each) <= known.accuracy / 2
+        if enough and known.possible(each):
+            return each
+    return best
 
 
 def _fullness(priced: tuple[Choice, Price]) -> tuple[float, ...]:

@@ -136,19 +136,6 @@ def phase_spread(aliased: AliasedMtf, presampled: Floats, die: str | None = None
     )
 
 
-def tangential_cut(frequency: Floats, azimuth_rad: float) -> tuple[Floats, Floats]:
-    """ν_x and ν_y of the tangential MTF of an image point at an azimuth (from the x axis, counter-clockwise).
-
-    Its lines are tangents to circles about the optical axis, so its frequencies run along the radius (ISO 9334).
-    """
-    return frequency * math.cos(azimuth_rad), frequency * math.sin(azimuth_rad)
-
-
-def sagittal_cut(frequency: Floats, azimuth_rad: float) -> tuple[Floats, Floats]:
-    """ν_x and ν_y of the sagittal MTF: its lines run along the radius, its frequencies across it (ISO 9334)."""
-    return -frequency * math.sin(azimuth_rad), frequency * math.cos(azimuth_rad)
-
-
 def cy_per_pixel(frequency_cy_per_mm: Floats, pixel_um: float) -> Floats:
     """Cycles per pixel of a frequency on the sensor."""
     return np.asarray(frequency_cy_per_mm * pixel_um * 1e-3)

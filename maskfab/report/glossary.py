@@ -198,6 +198,16 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "centre's own; 0 says that one PSF deblurs the whole picture.",
             "Put the panel closer to the lens, or deblur with a PSF for each part of the field.",
         ),
+        "field_mtf_tangential": Term(
+            "Tangential MTF in the corner",
+            "Contrast, in the corner of the field, of lines across the radius, four pixels to a period.",
+            "Raise the open ratio, or choose an opening without a preferred direction.",
+        ),
+        "field_mtf_sagittal": Term(
+            "Sagittal MTF in the corner",
+            "Contrast, in the corner of the field, of lines along the radius, four pixels to a period.",
+            "Raise the open ratio, or choose an opening without a preferred direction.",
+        ),
         "depth_residual": Term(
             "Residual blur over depth",
             "What is left of the PSF of the nearest or farthest object, whichever is more, after Wiener deblurring "

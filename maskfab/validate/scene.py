@@ -22,6 +22,7 @@ from maskfab.optics.band_lines import band_lines
 from maskfab.optics.field_grid import deblurring_residual, field_places, residual_blur
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, moved_aperture
 from maskfab.optics.metrics import NOISE_TO_SIGNAL, relative_difference
+from maskfab.optics.off_axis import sagittal_cut, tangential_cut, window_modulation
 from maskfab.optics.omissions import PLACES
 from maskfab.optics.plan import Plan, sampling_camera
 from maskfab.optics.plan import plan as plan_scene
@@ -29,6 +30,7 @@ from maskfab.optics.psf import pixel_psf, point_psf
 from maskfab.optics.pupil import cut
 from maskfab.optics.scene import Scene
 from maskfab.optics.scene_psf import full_plan, scene_psf, spectrum_psf
+from maskfab.optics.spectrum import pixel_transfer
 from maskfab.validate.views import SceneOptics, View, distance
 
 Floats = NDArray[np.float64]
@@ -200,6 +202,8 @@ class _Shown:
         )
         measured = relative_difference(here, true)
         place = self._place()
+        samples = plan.fullest.samples_per_dot
+        finer = f", with {samples} samples per dot in the stop's plane" if samples else ""
         return [
             Quantity(
                 "scene_psf_change",
@@ -225,7 +229,8 @@ class _Shown:
                 "ε",
                 measured,
                 "1",
-                f"relative L2 between the plan's PSF and the one that leaves nothing out, {place}",
+                f"relative L2 between the plan's PSF and the one that leaves nothing out, {place}{finer}",
+                uncertainty=plan.fullest_error,
                 limit=accuracy,
                 passed=measured <= accuracy,
                 die=self.die.name,
@@ -238,7 +243,29 @@ class _Shown:
         if field:
             worst = max((field[y][x] for y in (0, -1) for x in (0, -1)), key=lambda view: view.residual)
             x, y = (1e-3 * coordinate for coordinate in worst.image_um)
-            yield self._left("field_residual", worst, f"at ({x:.3g}, {y:.3g}) mm on the sensor, the worst corner,")
+            where = f"at ({x:.3g}, {y:.3g}) mm on the sensor, the worst corner"
+            yield self._left("field_residual", worst, f"{where},")
+            yield from self._modulations(worst, where)
+
+    def _modulations(self, view: View, where: str) -> Iterable[Quantity]:
+        """The tangential and sagittal MTF off the axis, half-way to the highest frequency that pixels hold."""
+        frequency = 0.25 / self.camera.pixel_um
+        points = self.psf(view.psf.wavelength_nm, view.image_um)
+        azimuth = math.atan2(view.image_um[1], view.image_um[0])
+        for name, across, chosen in (("tangential", "along", tangential_cut), ("sagittal", "across", sagittal_cut)):
+            nu = chosen(np.array([frequency]), azimuth)
+            values, outside = window_modulation(points, *nu)
+            yield Quantity(
+                f"field_mtf_{name}",
+                f"MTF {name[0].upper()}",
+                float((values * pixel_transfer(self.camera, *nu))[0]),
+                "1",
+                f"presampled MTF at 0.25 cy/pixel ({1e3 * frequency:g} cy/mm) {across} the radius, {where}; "
+                "transform of the point PSF, its error no more than the energy outside the window",
+                uncertainty=outside,
+                die=self.die.name,
+                wavelength_nm=view.psf.wavelength_nm,
+            )
 
     def of_depth(self, depth: tuple[View, ...]) -> Iterable[Quantity]:
         """The same for the worse end of the depth range, and how far its PSF is from the one in focus."""

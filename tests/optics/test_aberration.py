@@ -17,17 +17,16 @@ from maskfab.model import Camera, Stop
 from maskfab.optics.aberration import (
     HIGHEST_TERM,
     NOLL,
-    Distortion,
     Wavefront,
     aberrated,
     aberrated_psf,
     aberration_error,
-    distorted_psf,
     marechal_strehl,
     noll_degrees,
     strehl_ratio,
     zernike,
 )
+from maskfab.optics.distortion import Distortion, distorted_psf
 from maskfab.optics.ensemble import mean_psf
 from maskfab.optics.field import parity_field
 from maskfab.optics.metrics import relative_difference

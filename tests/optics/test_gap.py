@@ -31,8 +31,10 @@ from maskfab.optics.gap import (
 from maskfab.optics.gap_estimates import common_share, fresnel_number, gap_error, shift_error
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase_field import Waves, phased, phased_psf, window_frequency
+from maskfab.optics.plan import prices
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import cut
+from maskfab.optics.scene import Scene
 
 LINE = 530.0
 
@@ -113,6 +115,29 @@ def test_gap_against_fresnel_integrals(
     if waves is not None:
         plain = gap_psf(clear, setting, LINE, gap_um, image_um, 8, distance_um=distance_um)
         assert relative_difference(plain, found) > 0.1
+
+
+@pytest.mark.parametrize("shape", ["circle", "square"])
+@pytest.mark.parametrize(("diameter", "gap_um"), [(200.0, 200.0), (400.0, 300.0)])
+def test_samples_over_a_gap_err_no_more_than_their_price_says(shape: str, diameter: float, gap_um: float) -> None:
+    laid_out = panel(noise(7, 0.4, 5), cells=24, seed=3)
+    setting = Camera(10_000.0, Stop(shape, diameter), (LINE,), 2.0, 128.0)
+    scene = Scene(gap_um=gap_um, field_um=400.0)
+    known = prices(laid_out, setting, scene, 0.1)
+    chosen = {each.samples_per_dot: each for each in known.choices() if each.diffraction}
+    clear, place = panel_aperture(laid_out), (300.0, 100.0)
+    fine = gap_psf(clear, setting, LINE, gap_um, place, 16)
+    for samples in (1, 2, 4):
+        error = relative_difference(gap_psf(clear, setting, LINE, gap_um, place, samples), fine)
+        assert error < known.own_error(chosen[samples]), samples
+
+
+def test_samples_that_do_not_resolve_the_window_are_no_choice() -> None:
+    laid_out, scene = panel(noise(7, 0.4, 5), cells=12, seed=3), Scene(gap_um=300.0)
+    for window, coarsest in ((128.0, 1), (600.0, 2)):
+        setting = Camera(10_000.0, Stop("circle", 400.0), (LINE,), 2.0, window)
+        found = {each.samples_per_dot for each in prices(laid_out, setting, scene, 0.1).choices() if each.diffraction}
+        assert min(found) == coarsest
 
 
 def test_over_a_tiny_gap_a_phase_is_that_of_the_phased_pupil() -> None:

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import InternalError, JobError
@@ -18,8 +16,6 @@ from maskfab.optics.sampling import (
     cy_per_mm,
     cy_per_pixel,
     phase_spread,
-    sagittal_cut,
-    tangential_cut,
 )
 from maskfab.optics.spectrum import lines, pixel_transfer, polychromatic_otf
 
@@ -109,16 +105,6 @@ def test_refusals() -> None:
         aliased_mtf(lag_table(source), setting, GREEN, np.zeros(1), np.zeros(1), phases=0)
     with pytest.raises(InternalError, match="MF901"):
         aliased_mtf(lag_table(source, 50.0), setting, GREEN, np.array([0.05]), np.zeros(1))
-
-
-@given(st.floats(0, 7), st.floats(0.01, 400))
-def test_tangential_frequencies_lie_along_the_radius_and_sagittal_ones_across(azimuth: float, frequency: float) -> None:
-    radius = np.array([np.cos(azimuth), np.sin(azimuth)])
-    tangential = np.array(tangential_cut(np.array(frequency), azimuth))
-    sagittal = np.array(sagittal_cut(np.array(frequency), azimuth))
-    assert tangential @ radius == pytest.approx(frequency)
-    assert sagittal @ radius == pytest.approx(0.0, abs=1e-9 * max(1.0, frequency))
-    assert np.linalg.norm(sagittal) == pytest.approx(frequency)
 
 
 def test_frequencies_per_pixel() -> None:

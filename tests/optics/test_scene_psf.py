@@ -102,7 +102,7 @@ def carried_out(each: Case, choice: Choice) -> Plan:
 
 def possible(each: Case) -> list[Choice]:
     """Every choice of a case, at the coarsest samples, with places whose nearest one is known."""
-    found = (choice for choice in priced(each).choices() if choice.samples_per_dot <= 4)
+    found = (choice for choice in priced(each).choices() if choice.samples_per_dot in (0, 4))
     return [choice for choice in found if choice.places in BORROWED]
 
 
@@ -143,9 +143,9 @@ def joint_error(each: Case) -> float:
     """Largest difference between a plan carried out and the fullest model."""
     plan, clear = planned(each), openings(each)
     full, errors = full_plan(plan), []
-    # Twice the plan's samples, or 8, tell as much as the finest ones and take a fraction of their time.
-    samples = min(full.choice.samples_per_dot, max(8, 2 * plan.choice.samples_per_dot))
-    full = replace(full, choice=replace(full.choice, samples_per_dot=samples))
+    if full.choice.diffraction:
+        # Twice the plan's samples, or 8, tell as much as the finest ones and take a fraction of their time.
+        full = replace(full, choice=replace(full.choice, samples_per_dot=max(8, 2 * plan.choice.samples_per_dot)))
     for place, distance in looks(each.scene):
         for light in each.scene.bands or each.camera.wavelengths_nm:
             rough, exact = (
@@ -171,9 +171,17 @@ def test_the_fullest_plan_models_all_that_the_scene_has() -> None:
     choice = full_plan(planned(EVERYTHING)).choice
     assert choice.path == SPECTRUM
     assert (choice.scale, choice.defocus, choice.aberrations, choice.diffraction) == 4 * (True,)
-    assert (choice.places, choice.samples_per_dot, choice.grey_rim) == (PLACES[-1], 16, False)
+    assert (choice.places, choice.grey_rim) == (PLACES[-1], False)
     plain = full_plan(planned(CASES[0])).choice
     assert (plain.precision, plain.grey_rim, plain.places) == ("double", False, 1)
+
+
+def test_the_fullest_plan_has_samples_that_tell_the_error_of_the_plans_own() -> None:
+    for each in (*CASES, *COMBINED):
+        plan = planned(each)
+        assert plan.fullest_error == priced(each).own_error(plan.fullest) <= each.accuracy / 2
+        if plan.choice.diffraction:
+            assert plan.fullest.samples_per_dot >= 2 * plan.choice.samples_per_dot
 
 
 def test_a_band_is_the_sum_of_its_lines_on_one_grid() -> None:

@@ -1,0 +1,43 @@
+"""Tangential and sagittal MTF from a PSF over a window, against the lag table."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from optics_cases import camera, noise, panel, pupil
+
+from maskfab.optics.mtf import presampled_mtf
+from maskfab.optics.off_axis import sagittal_cut, tangential_cut, window_modulation
+from maskfab.optics.otf import lag_table
+from maskfab.optics.psf import point_psf
+from maskfab.optics.spectrum import pixel_transfer
+
+
+@given(st.floats(0, 7), st.floats(0.01, 400))
+def test_tangential_frequencies_lie_along_the_radius_and_sagittal_ones_across(azimuth: float, frequency: float) -> None:
+    radius = np.array([np.cos(azimuth), np.sin(azimuth)])
+    tangential = np.array(tangential_cut(np.array(frequency), azimuth))
+    sagittal = np.array(sagittal_cut(np.array(frequency), azimuth))
+    assert tangential @ radius == pytest.approx(frequency)
+    assert sagittal @ radius == pytest.approx(0.0, abs=1e-9 * max(1.0, frequency))
+    assert np.linalg.norm(sagittal) == pytest.approx(frequency)
+
+
+def test_a_window_has_the_mtf_of_the_lag_table_but_for_the_light_outside() -> None:
+    setting = camera(480.0, window_um=256.0)
+    source = pupil(panel(noise(7, 0.8, 3), cells=10, seed=2), setting.stop)
+    seen = point_psf(source, setting, 530.0)
+    exact = presampled_mtf(lag_table(source), setting, 530.0)
+    nu = 1e-3 * exact.frequency_cy_per_mm
+    for cut, azimuth in (("horizontal", 0.0), ("diagonal", np.pi / 4), ("vertical", np.pi / 2)):
+        chosen = tangential_cut(nu, azimuth)
+        optics, outside = window_modulation(seen, *chosen)
+        found = optics * pixel_transfer(setting, *chosen)
+        assert 0 < outside < 0.5
+        assert abs(found - exact.cuts[cut]).max() <= outside
+        # Away from zero, where all of the missing light is missed.
+        assert abs(found - exact.cuts[cut])[20:].max() < outside / 3
+        across, _ = window_modulation(seen, *sagittal_cut(nu, azimuth - np.pi / 2))
+        assert across == pytest.approx(optics, abs=1e-12)
