@@ -282,8 +282,12 @@ class Prices:
         count, sides = self._gap_samples(choice), 2 * task.u.size - 1
         across = count / choice.samples_per_dot
         middle = self.camera.stop.diameter_um / self.pupil.x.dot_um * choice.samples_per_dot
+        # Dots without gutters between them have their spectrum from one small transform.
+        axis = self.pupil.x
+        even = math.isclose(axis.pitch_um, axis.dots * axis.dot_um)
+        spectrum = 0.0 if even else 8 * count * across * (across + count)
         flops = (
-            8 * count * across * (across + count)
+            spectrum
             + _TRANSFORM_FLOP * 2 * 5 * count**2 * 2 * log2(count)
             + 8 * sides * middle * (middle + sides)
             + (_TURN * middle**2 if choice.defocus or choice.aberrations else 0.0)
