@@ -305,7 +305,9 @@ def test_explain_refuses_what_is_no_code(capsys):
     assert "MF101" in answer.document["error"]["cure"]
 
 
-@pytest.mark.parametrize("verb", ["run", "design", "analyse", "verify", "shape", "explain"])
+@pytest.mark.parametrize(
+    "verb", ["run", "design", "analyse", "verify", "shape", "bench", "plan", "check", "render", "explain"]
+)
 def test_every_verb_has_help_with_an_example_and_takes_json(capsys, verb):
     answer = command(capsys, verb, "--help")
     assert answer.code == 0

@@ -1,0 +1,126 @@
+"""``maskfab analyse``: what an opening or a mask file does to a picture."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from maskfab.cli.options import Json, Quiet
+from maskfab.cli.printing import leave, print_json, print_table
+from maskfab.cli.watch import watched
+from maskfab.errors import JobError
+
+
+def analyse(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="An opening (.toml .txt .png .tif .exr .npy) or a mask "
+                                         "(.gds .oas .dxf).")],
+    pitch: Annotated[str | None, typer.Option(help="Side of a cell, such as '168 um' or '150 dpi'.")] = None,
+    dot: Annotated[str | None, typer.Option(help="Side of a dot, such as '8 um'.")] = None,
+    gutter: Annotated[str, typer.Option(help="Opaque space round every cell.")] = "0 um",
+    tiling: Annotated[str | None, typer.Option(help="periodic, random or paper4. For a mask file: it holds one "
+                                               "opening.")] = None,
+    seed: Annotated[int | None, typer.Option(help="Seed of a random tiling.")] = None,
+    layer: Annotated[str | None, typer.Option(help="Layer of a mask file, such as 1/0 or CLEAR.")] = None,
+    cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
+    stop: Annotated[str, typer.Option(help="Diameter of the lens stop.")] = "4 mm",
+    stop_shape: Annotated[str, typer.Option(help="circle or square.")] = "circle",
+    focal: Annotated[str, typer.Option(help="Focal length.")] = "10 mm",
+    wavelengths: Annotated[str, typer.Option(help="Lines, separated by commas.")] = "610 nm, 530 nm, 470 nm",
+    pixel: Annotated[str, typer.Option(help="Side of a sensor pixel.")] = "2 um",
+    window: Annotated[str, typer.Option(help="Side of the PSF's window.")] = "256 um",
+    gap: Annotated[str | None, typer.Option(help="Scene: from the panel to the stop, such as '1 mm'.")] = None,
+    field: Annotated[str | None, typer.Option(help="Scene: largest image height.")] = None,
+    depth: Annotated[str | None, typer.Option(help="Scene: nearest and farthest object, such as '0.3 m, inf'.")] = None,
+    focus: Annotated[str | None, typer.Option(help="Scene: what is in focus; default: infinity.")] = None,
+    aberration: Annotated[list[str] | None, typer.Option(help="Scene: Noll's number and waves, such as '4:0.05'; "
+                                                         "as often as needed.")] = None,
+    spectrum: Annotated[str | None, typer.Option(help="Scene: lines, rgb or a table (.csv).")] = None,
+    illuminant: Annotated[str | None, typer.Option(help="Scene: equal, a temperature such as '6500 K' or a table "
+                                                   "(.csv).")] = None,
+    accuracy: Annotated[str | None, typer.Option(help="Scene: draft, standard, certify or a number.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for the PSFs as EXR and pictures.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
+    """PSF, MTF and invariants of an opening or a mask file."""
+    from maskfab import units
+    from maskfab.analysis import Request, described_scene
+    from maskfab.analysis import analyse as analyse_file
+    from maskfab.model import Tiling
+    from maskfab.spec import CameraSection, SceneSection, parse_section
+
+    described = {
+        "focal": focal,
+        "stop": {"shape": stop_shape, "diameter": stop},
+        "wavelengths": [line.strip() for line in wavelengths.split(",")],
+        "pixel": pixel,
+        "window": window,
+    }
+    if tiling is not None and tiling not in set(Tiling):
+        raise JobError("MF105", f"there is no tiling {tiling!r}", where="--tiling", cure=f"Use {', '.join(Tiling)}")
+    asked = {
+        "gap": gap,
+        "field": field,
+        "depth": None if depth is None else [end.strip() for end in depth.split(",")],
+        "focus": focus,
+        "aberrations": [_aberration(pair) for pair in aberration] if aberration else None,
+        "spectrum": spectrum,
+        "illuminant": illuminant,
+        "accuracy": None if accuracy is None else _ratio(accuracy),
+    }
+    stated = {key: value for key, value in asked.items() if value is not None}
+    section = parse_section(SceneSection, stated, where="the command line")
+    request = Request(
+        camera=parse_section(CameraSection, described, where="the command line").camera(),
+        pitch_um=None if pitch is None else units.parse_pitch_um(pitch, where="--pitch"),
+        dot_um=None if dot is None else units.parse_length_um(dot, where="--dot"),
+        gutter_um=units.parse_length_um(gutter, where="--gutter", zero_allowed=True),
+        tiling=None if tiling is None else Tiling(tiling),
+        seed=seed,
+        layer=layer,
+        cell=cell,
+        scene=described_scene(section, "the command line") if stated else None,
+        accuracy=section.accuracy,
+    )
+    if out is not None:
+        from maskfab.export.staging import check_target
+
+        check_target(out, force=False)
+    with watched(quiet) as progress:
+        analysis = analyse_file(file, request, progress)
+    if out is not None:
+        from maskfab.report.analysis import write
+
+        paths = write(analysis, out)
+    if as_json:
+        from maskfab.report.data import quantity_document
+
+        print_json({"name": analysis.name, "quantities": [quantity_document(q) for q in analysis.quantities]})
+    else:
+        print_table(analysis.quantities)
+        for path in paths if out is not None else ():
+            typer.echo(path)
+    leave(analysis.passed)
+
+
+def _aberration(pair: str) -> list[int | float]:
+    term, _, waves = pair.partition(":")
+    try:
+        return [int(term), float(waves)]
+    except ValueError as error:
+        raise JobError(
+            "MF105",
+            f"{pair!r} is not Noll's number and waves",
+            where="--aberration",
+            cure="Write it as 4:0.05",
+        ) from error
+
+
+def _ratio(text: str) -> float | str:
+    """A number, or a name for one."""
+    try:
+        return float(text)
+    except ValueError:
+        return text

@@ -1,0 +1,123 @@
+"""The program: its verbs in the order in which help lists them, its exit codes, and how errors are told."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from collections.abc import Callable, Sequence
+from typing import Annotated, Any
+
+import typer
+
+from maskfab import __version__
+from maskfab.cli.analyse import analyse
+from maskfab.cli.bench import bench
+from maskfab.cli.check import check
+from maskfab.cli.design import design
+from maskfab.cli.explain import explain
+from maskfab.cli.plan import plan
+from maskfab.cli.printing import print_json
+from maskfab.cli.render import render
+from maskfab.cli.run import run
+from maskfab.cli.shape import shape
+from maskfab.cli.verify import verify
+from maskfab.errors import InternalError, JobError, MaskfabError
+
+_EPILOG = "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 our own fault."
+
+_VERBS: tuple[tuple[Callable[..., None], str], ...] = (
+    (run, "Example: maskfab run layouts/upc12.toml --out build/upc12"),
+    (design, "Example: maskfab design layouts/design_inv_random.toml --out opening.toml"),
+    (
+        analyse,
+        "Examples: maskfab analyse layouts/openings/toled.toml --tiling random --seed 1 | "
+        "maskfab analyse plate.gds --cell TOLED_P150 --json | maskfab analyse photo.png --pitch '168 um' | "
+        "maskfab analyse layouts/openings/toled.toml --stop '1 mm' --depth '0.3 m, inf' --accuracy draft",
+    ),
+    (verify, "Example: maskfab verify build/upc12"),
+    (
+        shape,
+        "Examples: maskfab shape stripe --dots 21 --pitch '168 um' --width-dots 5 --clear-dots 90 --out s.toml | "
+        "maskfab shape circular --length diameter=18 --out ring.toml",
+    ),
+    (
+        bench,
+        "Examples: maskfab bench --out bench | maskfab bench layouts/upc12.toml --die TOLED_R150 | "
+        "maskfab bench --hard",
+    ),
+    (plan, "Examples: maskfab plan layouts/upc12.toml | maskfab plan job.toml --die TOLED_R150 --json"),
+    (check, "Examples: maskfab check job.toml | maskfab check job.toml --die TOLED_R150 --largest --json"),
+    (
+        render,
+        "Examples: maskfab render job.toml --out seen | maskfab render job.toml photo.jpg --die TOLED_R300 --json",
+    ),
+    (explain, "Example: maskfab explain MF106"),
+)
+
+# Newer releases of typer carry a copy of click of their own, so that class is found through typer.
+_UsageError: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__name__ == "ClickException")
+
+app = typer.Typer(
+    name="maskfab",
+    help="Photomask plates for under-panel cameras: openings, panels, mask files, and what the files do to a picture.",
+    epilog=_EPILOG,
+    add_completion=False,
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+)
+
+
+@app.callback(invoke_without_command=True)
+def _common(
+    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.", is_eager=True)] = False,
+) -> None:
+    if version:
+        typer.echo(f"maskfab {__version__}")
+        raise typer.Exit
+
+
+for _verb, _examples in _VERBS:
+    app.command(epilog=_examples)(_verb)
+
+
+def run_command_line(arguments: Sequence[str]) -> int:
+    """Run one command; every failure becomes an exit code and one message."""
+    try:
+        command = typer.main.get_command(app)
+        code = command.main(list(arguments), prog_name="maskfab", standalone_mode=False, obj=list(arguments))
+        return code if isinstance(code, int) else 0
+    except typer.Exit as leaving:
+        return leaving.exit_code
+    except typer.Abort:
+        return 130
+    except _UsageError as wrong:
+        wrong.show()
+        if "--json" in arguments:
+            cure = "See maskfab --help"
+            _print_error(JobError("MF105", wrong.format_message(), where="the command line", cure=cure))
+        return 2
+    except MaskfabError as error:
+        return _tell(error, "--json" in arguments)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return 0
+    except Exception as fault:
+        traceback.print_exc()
+        problem = InternalError(
+            "MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file"
+        )
+        return _tell(problem, "--json" in arguments)
+
+
+def _tell(error: MaskfabError, as_json: bool) -> int:
+    typer.echo(f"error: {error}", err=True)
+    if as_json:
+        _print_error(error)
+    return error.exit_code
+
+
+def _print_error(error: MaskfabError) -> None:
+    told = {"code": error.code, "what": error.what, "where": error.where, "cure": error.cure}
+    print_json({"error": told})

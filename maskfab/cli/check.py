@@ -1,0 +1,69 @@
+"""``maskfab check``: can the displays of a job be built?"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from maskfab.cli.dies import check_dies
+from maskfab.cli.options import JobFile, Json, Quiet
+from maskfab.cli.printing import leave, print_json
+from maskfab.cli.watch import watched
+from maskfab.errors import JobError
+
+if TYPE_CHECKING:
+    from maskfab.layout.feasibility import Feasibility
+
+_RULES = """Say what its maker asks, such as
+
+[emitters]
+gap_to_opening = "4 um"
+colour_gap = "8 um"
+min_width = "8 um"
+"""
+
+
+def check(
+    job: JobFile,
+    die: Annotated[list[str] | None, typer.Option(help="Which die, or dies, of the job; default: all.")] = None,
+    largest: Annotated[
+        bool, typer.Option("--largest", help="Search on for the largest emitters, whatever is required.")
+    ] = False,
+    widest: Annotated[bool, typer.Option("--largest-gap", help="Find the widest gap between colours too.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Say whether emitters, circuits and light have room behind the openings of a job, with proofs where not."""
+    from maskfab.cli import display_json, display_text
+    from maskfab.layout.job import load
+    from maskfab.layout.populate import widest_gaps
+
+    loaded = load(job)
+    rules = loaded.display_rules
+    if rules is None:
+        raise JobError("MF105", "the job asks for no emitters", where=f"{job}: emitters", cure=_RULES)
+    plate = loaded.plate()
+    check_dies(die or (), [each.name for each in plate.dies])
+    plate = replace(plate, dies=tuple(each for each in plate.dies if not die or each.name in die))
+    with watched(quiet) as progress:
+        built = loaded.displays_of(plate, progress, largest=largest)
+        gaps = widest_gaps(plate, rules, progress) if widest else {}
+    passed = all(_passes(found) for found in built.found.values())
+    if as_json:
+        print_json(display_json.document(built, gaps, loaded.digest, passed=passed))
+    else:
+        for each in built.plate.dies:
+            for line in display_text.lines(each.name, built.found.get(each.name), gaps.get(each.name)):
+                typer.echo(line)
+    leave(passed)
+
+
+def _passes(found: Feasibility) -> bool:
+    """Not knowing is enough as long as nothing is required and no rule is broken."""
+    from maskfab.layout.subpixels.answer import Verdict
+
+    return found.verdict is Verdict.FITS or (
+        found.verdict is Verdict.UNKNOWN and not found.required and not found.broken
+    )

@@ -1,0 +1,59 @@
+"""What verbs print: one JSON document or tables on stdout, verdicts on stderr."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from maskfab.model import Opening, Quantity
+
+
+def leave(passed: bool) -> None:
+    """Exit code 1 unless everything passed."""
+    if not passed:
+        raise typer.Exit(1)
+
+
+def print_json(document: dict[str, Any]) -> None:
+    """The one JSON document of a command."""
+    typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def print_table(quantities: Iterable[Quantity]) -> None:
+    """One line for each quantity, in columns."""
+    rows = [("quantity", "line", "value", "error", "unit", "limit")]
+    for q in quantities:
+        line = "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm"
+        value = "-" if q.value is None else f"{q.value:.6g}" if isinstance(q.value, float) else str(q.value)
+        error = "" if not q.uncertainty else f"± {q.uncertainty:.1e}"
+        limit = "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})"
+        rows.append((q.name, line, value, error, q.unit, limit))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    for row in rows:
+        typer.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+
+
+def summarise(checks: Sequence[Quantity]) -> None:
+    """Every failed check and the verdict, on stderr."""
+    failed = [check for check in checks if check.passed is False]
+    for check in failed:
+        place = f" [{check.die}]" if check.die else ""
+        typer.echo(
+            f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}", err=True
+        )
+    verdict = "FAIL" if failed else "PASS"
+    typer.echo(f"{verdict}: {len(checks) - len(failed)} of {len(checks)} checks pass", err=True)
+
+
+def tell_opening(opening: Opening, path: Path, as_json: bool) -> None:
+    """Where an opening was written, or what it is."""
+    if as_json:
+        facts = {"name": opening.name, "path": str(path), "clear_dots": opening.clear_dots}
+        print_json({**facts, "open_ratio": opening.open_ratio, "provenance": dict(opening.provenance)})
+    else:
+        typer.echo(path)
