@@ -37,7 +37,8 @@ class Tiling(StrEnum):
 
     ``flips`` draws among mirror images only; the two ``rot90`` cycle through four orientations on 2 x 2 cells, the
     second mirrors every other one; ``blue_noise`` is random without coarse clusters; ``hexagonal`` has its cells on a
-    hexagonal lattice, each turned by a random multiple of 60 degrees.
+    hexagonal lattice, each turned by a random multiple of 60 degrees; ``map`` is given cell by cell round the axis, and
+    random beyond.
     """
 
     PERIODIC = "periodic"
@@ -48,6 +49,7 @@ class Tiling(StrEnum):
     ROT90FLIP = "rot90flip"
     BLUE_NOISE = "blue_noise"
     HEXAGONAL = "hexagonal"
+    MAP = "map"
 
     @property
     def seeded(self) -> bool:

@@ -248,7 +248,7 @@ def assemble(
     of_plate = tuple(quantity for quantity in read if quantity.die is None)
     for die in built.plate.dies:
         if die.name in built.found and die.name in of_dies:
-            of_dies[die.name] += display_quantities(die, built.found[die.name])
+            of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)
     everything = [*of_plate]
     of_scenes = {scene.die.name: scene.quantities for scene in scenes}
     for name, quantities in of_dies.items():

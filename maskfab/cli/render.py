@@ -44,7 +44,7 @@ def render(
     distance_um = units.parse_length_um(distance, where="--distance", zero_allowed=True)
     pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="--dpi")
     loaded = load(job)
-    panels = {each.name: each.panel for each in loaded.plate().dies}
+    panels = {each.name: each.panel for each in loaded.displays().plate.dies}
     check_dies(die or (), panels)
     photograph = None if image is None else read(image)
     lit = [name for name, panel in panels.items() if has_emitters(panel)]

@@ -14,7 +14,7 @@ from scipy import ndimage
 
 from maskfab.errors import JobError
 from maskfab.layout.subpixels.answer import Certificate, Proof
-from maskfab.layout.subpixels.rules import MOST_CELLS
+from maskfab.layout.subpixels.rules import MOST_CELLS, finest_cell
 from maskfab.model import COLOURS, Emitters, Opening
 
 Mask = NDArray[np.bool_]
@@ -85,7 +85,7 @@ def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
             f"dots of {dot_nm / 1e3:g} um and a width of {rules.min_width_nm / 1e3:g} um are whole numbers only on a "
             f"grid of {cell / 1e3:g} um; the limit is {MOST_CELLS} cells a side",
             where="circuit.min_width",
-            cure=f"Round the width to a multiple of {dot_nm // max(1, MOST_CELLS // opening.dots) / 1e3:g} um",
+            cure=f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / 1e3:g} um",
         )
     per_dot = dot_nm // cell
     closed = np.repeat(np.repeat(~opening.mask, per_dot, axis=0), per_dot, axis=1)

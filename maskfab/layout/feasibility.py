@@ -7,17 +7,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.layout.circuit import CircuitRules, Room, pixel_room
+from maskfab.layout.circuit import CircuitRules, Room, emitter_rooms, pixel_room
 from maskfab.layout.light import Light, Triple, current_density, relative_life
 from maskfab.layout.subpixels.answer import Certificate, Footprint, Verdict
 from maskfab.layout.subpixels.borders import Borders, borders
-from maskfab.layout.subpixels.choose import centred, luminance_centroid, wander
+from maskfab.layout.subpixels.choose import centred, wander
 from maskfab.layout.subpixels.fit import LargestGap, footprint, largest_gap
 from maskfab.layout.subpixels.measure import Violation, violations
 from maskfab.layout.subpixels.rules import EmitterRules, grid_of
-from maskfab.layout.wiring.answer import WireDemand, Wiring, wiring
+from maskfab.layout.wiring.answer import WireDemand, Wiring, check_wires, wiring
 from maskfab.layout.wiring.gutter import WireRules
+from maskfab.layout.wiring.reach import Reach, reaches
 from maskfab.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling
+from maskfab.optics.centroid import luminance_centroid
 from maskfab.spec import EmittersSection, LightSection, WiresSection, even_nm
 from maskfab.units import to_nm
 
@@ -86,29 +88,38 @@ class Feasibility:
         required: least footprint; 0 where none is.
         footprint: how large emitters can be, with its proof.
         emitters: those that the panel takes; None where none were found.
+        share: their own footprint: where ``keep`` lets better centred ones be smaller, below ``footprint.found_share``.
         borders: gaps across pixels of the placement.
         broken: rules that its polygons break, measured by KLayout; empty where all is well.
-        room: for the circuits.
+        room: for the circuits of a pixel together.
+        own_rooms: under red, green and blue for a circuit each; empty without emitters, or where the circuits' width is
+            no multiple of the cells of emitters that came with the opening.
         density_ma_per_cm2: current density of red, green and blue; None without emitters.
         life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
         centroid_px: of the light, from the pixel's centre.
         wander_px: how far the centroid moves about over the orientations in use.
         wiring: how far the pixels can be wired; None if it was not asked.
+        reaches: each connected emitter's way to the pixel's side through closed dots; empty if no wires were asked.
         given: whether the emitters came with the opening.
+        light: what was asked of the emitters.
     """
 
     required: float
     footprint: Footprint
     emitters: Emitters | None
+    share: float
     borders: Borders | None
     broken: tuple[Violation, ...]
     room: Room
+    own_rooms: tuple[Room, ...]
     density_ma_per_cm2: Triple | None
     life: Triple | None
     centroid_px: tuple[float, float]
     wander_px: float
     wiring: Wiring | None
+    reaches: tuple[Reach, ...]
     given: bool
+    light: Light
 
     @property
     def verdict(self) -> Verdict:
@@ -116,9 +127,16 @@ class Feasibility:
         no."""
         if self.certificates:
             return Verdict.DOES_NOT_FIT
-        if self.broken or (self.wiring is not None and self.wiring.verdict is Verdict.UNKNOWN):
+        if self.broken or self.stranded or (self.wiring is not None and self.wiring.verdict is Verdict.UNKNOWN):
             return Verdict.UNKNOWN
         return self.footprint.verdict
+
+    @property
+    def stranded(self) -> tuple[Certificate, ...]:
+        """Why emitters of this placement have no way to the pixel's side; others might have one."""
+        if self.wiring is not None and self.wiring.transparent:
+            return ()
+        return tuple(reach.certificate for reach in self.reaches if reach.certificate is not None)
 
     @property
     def certificates(self) -> tuple[Certificate, ...]:
@@ -140,10 +158,13 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
         largest: search on for the largest emitters even if the required ones are found.
 
     Raises:
-        JobError: MF117 if a rule is wider than the pixel, MF118 if rules and dots share no grid coarse enough.
+        JobError: MF117 if a rule is wider than the pixel, MF118 if rules and dots share no grid coarse enough, MF120
+            if a wire is wider than the pixel.
     """
     if panel.tiling is Tiling.HEXAGONAL:
         return None
+    if rules.wires is not None:
+        check_wires(panel, rules.wires)
     opening, used = _common(panel), _used(panel)
     grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
     found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
@@ -155,28 +176,36 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
     wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
     if emitters is None:
         required, nowhere = rules.emitters.required, (0.0, 0.0)
-        return Feasibility(required, found, None, None, (), room, None, None, nowhere, 0.0, wires, given)
+        return Feasibility(
+            required, found, None, 0.0, None, (), room, (), None, None, nowhere, 0.0, wires, (), given, rules.light
+        )
     pixel_um2 = (panel.pitch_nm / 1e3) ** 2
     red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
     shares = (red, green, blue)
     density = current_density(rules.light, shares)
     reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
     life = tuple(relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
-    if given:
+    broken = violations(replace(panel, emitters=emitters), rules.emitters)
+    # Emitters that break the rules say nothing of how large those can be that keep them.
+    if given and not broken:
         found = _judged(found, emitters, shares, rules.emitters)
     return Feasibility(
         rules.emitters.required,
         found,
         emitters,
+        _share(shares, rules.emitters),
         None if given else borders(emitters.labels, _refined(opening, grid.per_dot), grid, panel.orientations),
-        violations(replace(panel, emitters=emitters), rules.emitters),
+        broken,
         room,
+        () if rules.circuit.min_width_nm % emitters.cell_nm else emitter_rooms(emitters, rules.circuit),
         density,
         (life[0], life[1], life[2]),
         luminance_centroid(emitters, panel.pitch_nm),
         wander(emitters, panel.pitch_nm, used),
         wires,
+        () if wires is None else reaches(~opening.mask, emitters),
         given,
+        rules.light,
     )
 
 
@@ -222,9 +251,14 @@ def _given(panel: Panel) -> Emitters | None:
 
 def _judged(found: Footprint, emitters: Emitters, shares: tuple[float, ...], rules: EmitterRules) -> Footprint:
     """The answer about a pixel whose emitters were given."""
-    share = min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))
+    share = _share(shares, rules)
     verdict = Verdict.FITS if share >= rules.required - 1e-12 else found.verdict
     return replace(found, found=emitters, found_share=share, verdict=verdict, method="given with the opening")
+
+
+def _share(shares: tuple[float, ...], rules: EmitterRules) -> float:
+    """The footprint of emitters: the least area, as a share of the pixel, over its ratio."""
+    return min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))
 
 
 def _refined(opening: Opening, times: int) -> NDArray[np.bool_]:

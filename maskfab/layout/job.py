@@ -9,7 +9,7 @@ from pathlib import Path
 
 from maskfab import provenance, spec, units
 from maskfab.errors import JobError
-from maskfab.layout import openings
+from maskfab.layout import maps, openings
 from maskfab.layout.feasibility import DisplayRules
 from maskfab.layout.plate import compose
 from maskfab.layout.populate import Populated, populate
@@ -98,10 +98,33 @@ def load(path: str | Path) -> Job:
                     cure="Rename one of them",
                 )
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
-    resolved = _with_curves(stated.model_copy(update={"die": dies, "openings": texts}), path)
+    named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
+    resolved = _with_curves(named, path)
     job = Job(resolved, found, provenance.job_hash(resolved.dump()), str(path))
     _check_bands(job)
     return job
+
+
+def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
+    """The spec with the text of every map that its dies name, by the map's own name."""
+    texts: dict[str, str] = {}
+    dies = []
+    for i, die in enumerate(stated.die):
+        if die.map is None:
+            dies.append(die)
+            continue
+        given = stated.maps.get(die.map)
+        cells = maps.load(path.parent / die.map) if given is None else maps.parse(given, f"{path}: maps.{die.map}")
+        text = maps.dumps(cells)
+        if texts.setdefault(cells.name, text) != text:
+            raise JobError(
+                "MF109",
+                f"two different maps have the name {cells.name!r}",
+                where=f"{path}: die[{i}].map",
+                cure="Rename one of them",
+            )
+        dies.append(die.model_copy(update={"map": cells.name}))
+    return stated.model_copy(update={"die": tuple(dies), "maps": texts})
 
 
 def _with_curves(stated: JobSpec, path: Path) -> JobSpec:

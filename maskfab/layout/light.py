@@ -15,11 +15,12 @@ import math
 from dataclasses import dataclass
 
 from maskfab.errors import JobError
+from maskfab.optics.colour import LUMINANCE
 
 Triple = tuple[float, float, float]
 
-SHARES: Triple = (0.2126, 0.7152, 0.0722)
-"""Luminance of the primaries in the white of ITU-R BT.709-6, item 3.3."""
+SHARES: Triple = (float(LUMINANCE[0]), float(LUMINANCE[1]), float(LUMINANCE[2]))
+"""Luminance of the primaries in white."""
 
 MA_PER_CM2 = 0.1
 """1 A/m² in mA/cm²."""

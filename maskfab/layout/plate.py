@@ -14,6 +14,7 @@ import numpy as np
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.rules import smallest_runs
+from maskfab.layout import maps
 from maskfab.layout.hexagonal import hexagonal_sheet
 from maskfab.layout.tiling import orientations
 from maskfab.model import (
@@ -103,18 +104,23 @@ def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, section: P
             where=where,
             cure="Use a larger plate.die_size or a finer dot",
         )
-    if cells * pitch_nm < spec.camera.stop.diameter * 1e3:
+    given = None if die.map is None else maps.parse(spec.maps[die.map], f"{where}.map")
+    rows, columns = (cells, cells) if given is None else maps.panel_shape(given, cells, cells)
+    if min(rows, columns) * pitch_nm < spec.camera.stop.diameter * 1e3:
         raise JobError(
             "MF114",
-            f"die {die.name!r} is {cells * pitch_nm / 1e3:g} um wide, less than the stop of "
+            f"die {die.name!r} is {min(rows, columns) * pitch_nm / 1e3:g} um wide, less than the stop of "
             f"{spec.camera.stop.diameter:g} um",
             where=where,
             cure="Use a larger plate.die_size or a smaller camera.stop.diameter",
         )
     check_size(cells, opening.dots, f"die {die.name!r}", where=where)
     if die.tiling is Tiling.HEXAGONAL:
-        opening, cells = hexagonal_sheet(opening, to_nm(section.die_size) // dot_nm, die.seed or 0), 1
-    chosen = orientations(die.tiling, cells, cells, die.seed, openings=len(held), where=f"{where}.seed")
+        opening, rows, columns = hexagonal_sheet(opening, to_nm(section.die_size) // dot_nm, die.seed or 0), 1, 1
+    if given is None:
+        chosen = orientations(die.tiling, rows, columns, die.seed, openings=len(held), where=f"{where}.seed")
+    else:
+        chosen = maps.placed(given, rows, columns, die.seed, openings=len(held), where=f"{where}.map")
     panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
     check_light(panel, spec.camera.camera().stop, where=where)
     return panel

@@ -33,8 +33,16 @@ def orientations(
     orientations, except that ``blue_noise`` spreads both.
 
     Raises:
-        JobError: MF111 if something is to be drawn and there is no seed; MF122 for more than 15 openings.
+        JobError: MF111 if something is to be drawn and there is no seed; MF122 for more than 15 openings, and for the
+            tiling ``map``, which a file holds (:mod:`maskfab.layout.maps`).
     """
+    if tiling is Tiling.MAP:
+        raise JobError(
+            "MF122",
+            "the map tiling has no map",
+            where=where,
+            cure='Lay it out as a die of a job, with map = "maps/x.toml", or use another tiling',
+        )
     if openings > MOST_OPENINGS:
         raise JobError("MF122", f"{openings} openings are more than {MOST_OPENINGS}", where=where, cure="Use fewer")
     if seed is None and (tiling.seeded or openings > 1):

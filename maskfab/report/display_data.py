@@ -18,6 +18,7 @@ def display_document(found: Feasibility) -> Document:
     return {
         "verdict": found.verdict.value,
         "required": found.required,
+        "share": found.share,
         "found_share": footprint.found_share,
         "bound_share": footprint.bound_share,
         "rectangles_share": footprint.rectangles_share,
@@ -28,7 +29,12 @@ def display_document(found: Feasibility) -> Document:
             "cell_um": emitters.cell_nm / 1e3,
             "areas_um2": dict(zip(COLOURS, emitters.areas_um2, strict=True)),
             "centroid_px": found.centroid_px,
+            "wander_px": found.wander_px,
+            "circuit_rooms_um2": [room.area_um2 for room in found.own_rooms],
+            "pieces": len(found.reaches),
+            "stranded": len(found.stranded),
         },
+        "circuits": {"room_um2": found.room.area_um2, "need_um2": found.room.need_um2},
         "borders": None
         if borders is None
         else {
@@ -71,6 +77,7 @@ def display_schema() -> Document:
         {
             "verdict": {"enum": [verdict.value for verdict in Verdict]},
             "required": number,
+            "share": number,
             "found_share": number,
             "bound_share": number,
             "rectangles_share": number,
@@ -81,9 +88,14 @@ def display_schema() -> Document:
                         "cell_um": number,
                         "areas_um2": _object(dict.fromkeys(COLOURS, number)),
                         "centroid_px": pair,
+                        "wander_px": number,
+                        "circuit_rooms_um2": {"type": "array", "items": number},
+                        "pieces": integer,
+                        "stranded": integer,
                     }
                 )
             ),
+            "circuits": _object({"room_um2": number, "need_um2": number}),
             "borders": _or_null(
                 _object(
                     {

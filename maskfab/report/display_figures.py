@@ -9,16 +9,23 @@ from collections.abc import Iterable
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.collections import PolyCollection
 from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
 from numpy.typing import NDArray
 
+from maskfab.export.pictures import srgb
 from maskfab.geometry.polygonize import outline
 from maskfab.geometry.unit import unit_shapes
+from maskfab.imaging.display import show
+from maskfab.imaging.targets import text
 from maskfab.layout.feasibility import Feasibility
 from maskfab.layout.subpixels.answer import Certificate
+from maskfab.layout.subpixels.measure import Violation
+from maskfab.layout.wiring.reach import Reach
 from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Polygon, orient
-from maskfab.report.canvas import INK, QUIET, image, place, styled
+from maskfab.report import raster
+from maskfab.report.canvas import INK, QUIET, image, img, place, styled
 
 _FILL: dict[Layer, str] = {
     BLACK: "#2f343c",
@@ -34,29 +41,53 @@ _FILL: dict[Layer, str] = {
 _WITNESS = "#f0e442"
 _UM = 1e-3
 _SIDE = 2.7
+_LIT_PIXELS, _LIT_SAMPLES = 24, 21
 
 
 def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
-    """The figures of one die's display as ``<img>`` elements: ``display_placement``, and ``display_wires`` if any."""
+    """The figures of one die's display as ``<img>`` elements.
+
+    ``display_placement`` is always there; ``display_wires`` where there are wires, or a proof that there are none;
+    ``display_lit`` where there are emitters.
+    """
     proof = None if found.emitters else found.footprint.certificate
-    drawn = {"display_placement": placement(panel, proof)}
+    drawn = {"display_placement": placement(panel, proof, found.broken)}
     wires = found.wiring
     if wires is not None and (wires.tracks or wires.failed is not None):
-        drawn["display_wires"] = wiring(panel, () if wires.failed is None else (wires.failed,))
+        proofs = (*(() if wires.failed is None else (wires.failed,)), *found.stranded)
+        drawn["display_wires"] = wiring(panel, proofs, found.reaches)
+    if panel.emitters is not None:
+        drawn["display_lit"] = lit(panel)
     return drawn
 
 
+def lit(panel: Panel) -> str:
+    """Some pixels in the middle of the panel that show letters, each sample the light of its own area.
+
+    The letters, the pixels and the samples are the same for every panel, so that these compare; light that only a
+    hundredth of the lit samples exceeds is white.
+    """
+    count = min(_LIT_PIXELS, *panel.orientations.shape)
+    light = show(panel, text(_LIT_PIXELS)[:count, :count], _LIT_SAMPLES).rgb
+    white = float(np.quantile(light[light > 0], 0.99))
+    levels = np.rint(srgb(np.clip(np.moveaxis(light, 0, -1) / white, 0, 1)) * 255).astype(np.uint8)
+    words = f"{count} x {count} pixels of opening {panel.opening.name} that show black letters on white"
+    return img(raster.data_uri(raster.png_of_colours(levels)), words, "lit")
+
+
 @styled
-def placement(panel: Panel, certificate: Certificate | None = None) -> str:
+def placement(panel: Panel, certificate: Certificate | None = None, broken: Iterable[Violation] = ()) -> str:
     """One pixel with its emitters, and beside it a few pixels as they meet, as an ``<img>``.
 
-    Where a certificate has a witness, its cells are outlined.
+    Where a certificate has a witness, its cells are outlined, and so is what breaks a rule.
     """
     figure, (single, several) = _two()
     _draw(single, panel, np.zeros((1, 1), dtype=np.int8), (BLACK, GUTTER, CLEAR, *EMITTERS))
     _letters(single, panel)
     if certificate is not None and certificate.witness is not None:
         _outline(single, panel, certificate.witness, certificate.cell_nm)
+    for each in broken:
+        _dash(single, [_moved(polygon, 0, 0) for polygon in each.outlines])
     single.set_title("one pixel")
     _draw(several, panel, _middle(panel, 4), (BLACK, GUTTER, CLEAR, *EMITTERS))
     several.set_title("pixels as they meet")
@@ -65,14 +96,21 @@ def placement(panel: Panel, certificate: Certificate | None = None) -> str:
 
 
 @styled
-def wiring(panel: Panel, certificates: Iterable[Certificate] = ()) -> str:
-    """The wires of one pixel and of a few, and the cuts that bound how many there can be, as an ``<img>``."""
+def wiring(panel: Panel, certificates: Iterable[Certificate] = (), reaches: Iterable[Reach] = ()) -> str:
+    """The wires of one pixel and of a few, and the cuts that bound how many there can be, as an ``<img>``.
+
+    A thin white line is an emitter's way to the pixel's side.
+    """
     figure, (single, several) = _two()
     shown = (BLACK, GUTTER, *EMITTERS, CLEAR, VEIL, *WIRES)
     _draw(single, panel, np.zeros((1, 1), dtype=np.int8), shown, faint=frozenset(EMITTERS))
     for certificate in certificates:
         if certificate.witness is not None:
             _outline(single, panel, certificate.witness, certificate.cell_nm)
+    for reach in reaches:
+        if reach.path is not None:
+            y, x = ((along + 0.5) * panel.dot_nm * _UM + panel.gutter_nm / 2 * _UM for along in reach.path.T)
+            single.plot(x, y, color="white", linewidth=0.8, marker=".", markersize=3, markevery=[0])
     single.set_title("wires of one pixel" if panel.tracks else "where wires cannot pass")
     _draw(several, panel, _middle(panel, 3), shown, faint=frozenset(EMITTERS))
     several.set_title("pixels as they meet")
@@ -113,9 +151,10 @@ def _draw(
             for polygon in shapes[int(cells[row, column])].get(layer, ())
         ]
         alpha = 0.35 if layer in faint else 0.6 if layer is VEIL else 1.0
-        # A hair of edge closes the seams that drawing programs leave between neighbours.
-        axes.add_collection(
-            PolyCollection(polygons, facecolor=_FILL[layer], edgecolor=_FILL[layer], linewidth=0.1, alpha=alpha)
+        # A hair of edge closes the seams that drawing programs leave between neighbours. Adding it as a patch would
+        # measure it first, point by point, and the frame is set anyway.
+        axes.add_artist(
+            PathPatch(_path(polygons), facecolor=_FILL[layer], edgecolor=_FILL[layer], linewidth=0.1, alpha=alpha)
         )
     _frame(axes, pitch * columns * _UM, pitch * rows * _UM)
 
@@ -153,7 +192,20 @@ def _letters(axes: Axes, panel: Panel) -> None:
 
 def _outline(axes: Axes, panel: Panel, witness: NDArray[np.bool_], cell_nm: int) -> None:
     half = panel.gutter_nm // 2
-    polygons = [_moved(polygon, half, half) for polygon in outline(witness, cell_nm)]
-    axes.add_collection(
-        PolyCollection(polygons, facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
+    _dash(axes, [_moved(polygon, half, half) for polygon in outline(witness, cell_nm)])
+
+
+def _dash(axes: Axes, polygons: list[list[tuple[float, float]]]) -> None:
+    axes.add_artist(
+        PathPatch(_path(polygons), facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
     )
+
+
+def _path(polygons: Iterable[list[tuple[float, float]]]) -> Path:
+    """All outlines as one path: as many paths take ten times as long to draw."""
+    points: list[tuple[float, float]] = []
+    codes: list[np.uint8] = []
+    for polygon in polygons:
+        points += [*polygon, polygon[0]]
+        codes += [Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY]
+    return Path(np.array(points).reshape(-1, 2), codes or None)

@@ -259,8 +259,32 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
         ),
         "led_footprint": Term(
             "Emitter footprint",
-            "Room for the emitters beside the opening.",
+            "Share of the pixel that each colour's emitter covers, the smallest relative to its ratio.",
             "Lower the open ratio, or ask for smaller emitters.",
+        ),
+        "led_footprint_largest": Term(
+            "Largest footprint found",
+            "The largest placement that was found; smaller ones may be drawn, for their light to be better centred.",
+        ),
+        "led_footprint_bound": Term(
+            "Largest footprint possible", "No placement that keeps the rules has a larger one."
+        ),
+        "emitter_rules_broken": Term(
+            "Emitter rules broken",
+            "Rules of gap and width that the emitters' polygons break, every pair of neighbours looked at.",
+            "Move or shrink the emitters that are drawn by hand.",
+        ),
+        "emitters_stranded": Term(
+            "Stranded emitters", "Emitters on an island of closed dots, from which no line leads to the pixel's side."
+        ),
+        "grain_rms": Term(
+            "Grain", "Unevenness of an even field for the eye, which comes from pixels whose light is off their centre."
+        ),
+        "wired_transmission": Term(
+            "Light past the wires", "Share of the openings' light that wires over them let pass; the mask has no wires."
+        ),
+        "wired_psf_change": Term(
+            "PSF change by the wires", "How far wires over the openings change the PSF that is told of the mask."
         ),
     }
 )

@@ -59,16 +59,22 @@ def png(levels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
 
     Equal input gives equal bytes: there is no date and no name of a program in it.
     """
-    height, width = levels.shape
+    return _png(levels, 3, ((b"PLTE", palette.tobytes()),))
+
+
+def png_of_colours(colours: NDArray[np.uint8]) -> bytes:
+    """An 8-bit colour PNG of ``colours`` [y, x, 3], row 0 the lowest; equal input gives equal bytes."""
+    return _png(colours.reshape(len(colours), -1), 2, ())
+
+
+def _png(samples: NDArray[np.uint8], kind: int, before: tuple[tuple[bytes, bytes], ...]) -> bytes:
+    """A PNG of rows of bytes, the lowest first; ``kind`` 2 has three bytes a pixel, 3 one."""
+    height, width = samples.shape
     rows = np.zeros((height, width + 1), dtype=np.uint8)  # the leading zero of a row says "unfiltered"
-    rows[:, 1:] = levels[::-1]
-    header = struct.pack(">IIBBBBB", width, height, 8, 3, 0, 0, 0)
-    parts = (
-        (b"IHDR", header),
-        (b"PLTE", palette.tobytes()),
-        (b"IDAT", zlib.compress(rows.tobytes(), 9)),
-        (b"IEND", b""),
-    )
+    rows[:, 1:] = samples[::-1]
+    header = struct.pack(">IIBBBBB", width // 3 if kind == 2 else width, height, 8, kind, 0, 0, 0)
+    data = zlib.compress(rows.tobytes(), 9 if kind == 3 else 6)
+    parts = ((b"IHDR", header), *before, (b"IDAT", data), (b"IEND", b""))
     chunks = (
         struct.pack(">I", len(data)) + tag + data + struct.pack(">I", zlib.crc32(tag + data)) for tag, data in parts
     )

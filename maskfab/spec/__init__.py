@@ -18,6 +18,7 @@ from maskfab.spec.sections import (
     LimitsSection,
     PlateSection,
     SceneSection,
+    SearchSection,
     StopSection,
     WiresSection,
 )
@@ -37,6 +38,7 @@ __all__ = [
     "LimitsSection",
     "PlateSection",
     "SceneSection",
+    "SearchSection",
     "StopSection",
     "WiresSection",
     "check_name",

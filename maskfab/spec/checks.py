@@ -37,6 +37,14 @@ def check_dies(spec: JobSpec, where: str) -> None:
                 where=f"{place}.seed",
                 cure="Add seed = 1",
             )
+        if (die.tiling is Tiling.MAP) != (die.map is not None):
+            without = die.map is None
+            raise JobError(
+                "MF122",
+                f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map",
+                where=f"{place}.map",
+                cure='Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key',
+            )
         if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
             raise JobError(
                 "MF122",

@@ -71,6 +71,7 @@ class DieSection(Section):
 
     ``opening`` is a key of [openings], or the path of a file relative to the job file; ``opening_layer`` and
     ``opening_cell`` say where in a layout file it is. ``others`` are further openings: every cell draws one of all.
+    ``map``, for the tiling of that name, is a key of [maps] or the path of a file.
     """
 
     name: Name
@@ -83,6 +84,7 @@ class DieSection(Section):
     pitch: Pitch | None = None
     gutter: LengthOrZero = 0.0
     tiling: Annotated[Tiling, Field(strict=False)]
+    map: str | None = None
     seed: int | None = Field(default=None, ge=0)
 
 
@@ -100,6 +102,45 @@ class DesignSection(Section):
     epsilon: float = Field(default=0.015, gt=0, le=1, allow_inf_nan=False)
     worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
     output: str | None = None
+
+
+class RulesSection(Section):
+    """search.rules: what the opening must keep; see :class:`maskfab.design.constraints.Constraints` for each."""
+
+    min_feature_dots: int = Field(default=1, ge=1)
+    min_space_dots: int = Field(default=1, ge=1)
+    kissing: Literal["allowed", "cell", "neighbours"] = "allowed"
+    rim_dots: int = Field(default=0, ge=0)
+    symmetry: Literal["d4", "mirror", "rot180"] | None = None
+    footprint: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    wire_flow: int | None = Field(default=None, ge=1)
+    ports: int | None = Field(default=None, ge=1)
+    centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+
+
+class SearchSection(Section):
+    """[search]: an opening to be found among compact shapes, by the photographs that could be restored behind it.
+
+    Every shape of the ``families`` is judged by the expected restored PSNR, the best is changed dot by dot for
+    ``anneal`` evaluations, and with ``map`` the orientations of the 24 x 24 cells round the axis are designed too:
+    with the light of a random map, or with cut cells turned inward.
+    """
+
+    name: Name
+    dots: int = Field(ge=2, le=64)
+    pitch: Pitch
+    clear_dots: int = Field(ge=1)
+    tiling: Literal["periodic", "random"] = "random"
+    families: Annotated[
+        tuple[Literal["bars", "discs", "l_shapes", "crosses", "blobs"], ...], Field(min_length=1, strict=False)
+    ] = ("bars",)
+    anneal: int = Field(default=0, ge=0, le=10_000_000)
+    seed: int = Field(default=0, ge=0)
+    weights: Annotated[tuple[float, float, float], Field(strict=False)] = (1.0, 1.0, 1.0)
+    rules: RulesSection = RulesSection()
+    map: Literal["equal_light", "edge_packing"] | None = None
+    output: str | None = None
+    map_output: str | None = None
 
 
 class EmittersSection(Section):
@@ -171,8 +212,8 @@ class SceneSection(Section):
 
 
 class JobSpec(Section):
-    """A whole job file. ``openings`` and ``curves`` hold files by the names that dies and [scene] use: a job is then
-    self-contained.
+    """A whole job file. ``openings``, ``maps`` and ``curves`` hold files by the names that dies and [scene] use: a job
+    is then self-contained.
     """
 
     job: JobSection | None = None
@@ -181,18 +222,20 @@ class JobSpec(Section):
     limits: LimitsSection = LimitsSection()
     die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
     design: DesignSection | None = None
+    search: SearchSection | None = None
     scene: SceneSection | None = None
     emitters: EmittersSection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
     openings: dict[str, str] = {}
+    maps: dict[str, str] = {}
     curves: dict[str, str] = {}
 
     def dump(self) -> dict[str, Any]:
         """Plain data that loads to an equal spec; defaults are written out, so that they are part of the job's hash.
 
-        Only ``curves`` is left out where it is empty.
+        Only ``curves`` and ``maps`` are left out where they are empty.
         """
         data = self.model_dump(mode="json", exclude_none=True)
-        # A job without tables keeps the hash that it had before jobs could name any.
-        return data if self.curves else {key: value for key, value in data.items() if key != "curves"}
+        # A job without tables or maps keeps the hash that it had before jobs could name any.
+        return {key: value for key, value in data.items() if value or key not in {"curves", "maps"}}

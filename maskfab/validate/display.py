@@ -7,15 +7,24 @@ from collections.abc import Iterator
 from maskfab.imaging.grain import SLOW_CPD, predicted_rms
 from maskfab.imaging.viewing import Viewing
 from maskfab.layout.feasibility import Feasibility
-from maskfab.model import COLOURS, Die, Quantity
+from maskfab.layout.light import Light
+from maskfab.model import COLOURS, Camera, Die, Quantity
 from maskfab.units import NM_PER_UM
+from maskfab.validate.wired import wired_quantities
 
 _DISTANCE_UM = 3e5
 
 
-def display_quantities(die: Die, found: Feasibility) -> tuple[Quantity, ...]:
-    """The numbers of one die's display; the footprint is judged if one is required, broken rules always."""
-    return tuple(_emitters(die, found))
+def display_quantities(die: Die, found: Feasibility, camera: Camera | None = None) -> tuple[Quantity, ...]:
+    """The numbers of one die's display; the footprint is judged if one is required, broken rules always.
+
+    Args:
+        die: with its emitters and wires.
+        found: what was found of it.
+        camera: what looks through its wires; without one nothing is told of what they do to the picture.
+    """
+    through = () if camera is None else wired_quantities(die, camera)
+    return (*_emitters(die, found), *through)
 
 
 def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
@@ -23,11 +32,19 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     yield Quantity(
         "led_footprint",
         "a",
+        found.share,
+        "1",
+        "share of a pixel, gutter included, that one colour of the emitters drawn covers; areas counted in cells",
+        limit=required or None,
+        passed=found.share >= required - 1e-12 if required else None,
+        die=name,
+    )
+    yield Quantity(
+        "led_footprint_largest",
+        "â",
         footprint.found_share,
         "1",
-        f"share of a pixel, gutter included, that one colour covers ({footprint.method}); areas counted in cells",
-        limit=required or None,
-        passed=footprint.found_share >= required - 1e-12 if required else None,
+        f"the largest share that was found ({footprint.method}); the emitters drawn may be smaller and better centred",
         die=name,
     )
     why = "" if footprint.certificate is None else f": {footprint.certificate.statement}"
@@ -54,6 +71,25 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     yield from _wires(die, found)
     if found.emitters is None:
         return
+    for colour, own in zip(COLOURS, found.own_rooms, strict=False):
+        yield Quantity(
+            f"circuit_room_{colour}",
+            "A",
+            own.area_um2,
+            "um2",
+            f"the same under the {colour} emitter, where a circuit of its own needs {own.need_um2:.0f} um2",
+            die=name,
+        )
+    if found.reaches:
+        yield Quantity(
+            "emitters_stranded",
+            "n",
+            len(found.stranded),
+            "1",
+            f"of {len(found.reaches)} connected emitters, those from which no chain of closed dots that share sides "
+            "leads to the pixel's side, and no transparent wire does",
+            die=name,
+        )
     broken = "; ".join(f"{each.rule}, {each.area_um2:g} um2" for each in found.broken[:3])
     yield Quantity(
         "emitter_rules_broken",
@@ -84,6 +120,11 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
         die=name,
     )
+    light, usual = found.light, Light()
+    assumed = light.efficacy_cd_per_a == usual.efficacy_cd_per_a
+    judged = " (a judgement; no source was found)" if assumed else ""
+    claimed = light.ageing_exponent == usual.ageing_exponent
+    source = ", from a vendor's claim of three times the life at 60 % emitting area instead of 28 %" if claimed else ""
     for number, colour in enumerate(COLOURS):
         if found.density_ma_per_cm2 is not None and found.life is not None:
             yield Quantity(
@@ -91,7 +132,9 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
                 "J",
                 found.density_ma_per_cm2[number],
                 "mA/cm2",
-                "luminance of white x the colour's share / (efficacy x area share)",
+                f"luminance of white, {light.luminance_cd_per_m2:g} cd/m2, x the share {light.shares[number]:g} that "
+                f"{colour} has of it (BT.709) / (efficacy, {light.efficacy_cd_per_a[number]:g} cd/A{judged}, x share "
+                "of the pixel)",
                 die=name,
             )
             yield Quantity(
@@ -99,7 +142,8 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
                 "t",
                 found.life[number],
                 "1",
-                "life over that of an emitter of 9.3 % of the pixel at the same luminance, (J / J')^-n",
+                "life over that of an emitter of 9.3 % of the pixel (a vendor's claim for panels of 300 DPI) at the "
+                f"same luminance, (J / J')^-n with n = {light.ageing_exponent:g}{source}",
                 die=name,
             )
 

@@ -359,7 +359,8 @@ def test_the_verb_refuses_and_writes_nothing(capsys, tmp_path, arguments):
 def test_the_job_shows_every_display_and_tiling():
     found = job.load(LAYOUTS / "displays.toml")
     dies = found.spec.die
-    assert {die.tiling for die in dies} == set(Tiling)
+    # A map of orientations belongs to one opening that was designed for it.
+    assert {die.tiling for die in dies} == set(Tiling) - {Tiling.MAP}
     assert sum(die.others is not None for die in dies) == 1
     drawn = {held[0].name for held in found.openings.values()}
     assert {kind.replace("-", "_") for kind in KINDS} <= drawn

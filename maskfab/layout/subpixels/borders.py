@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maskfab.layout.subpixels.facing import border_margin
 from maskfab.layout.subpixels.rules import Grid
 from maskfab.model import ORIENTATIONS, orient
 
@@ -65,7 +66,7 @@ class Borders:
 
 def margin(grid: Grid) -> int:
     """The margin, in cells, that is enough on every side: max((colour gap - gutter) / 2, gap to openings - gutter)."""
-    return max(0, -(-(grid.colour_gap - grid.gutter) // 2), grid.to_opening - grid.gutter)
+    return max(border_margin(grid), grid.to_opening - grid.gutter)
 
 
 def meetings(orientations: NDArray[np.int8]) -> tuple[frozenset[Pair], frozenset[Pair]]:

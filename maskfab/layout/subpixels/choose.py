@@ -22,13 +22,12 @@ from maskfab.layout.subpixels.region import free_region
 from maskfab.layout.subpixels.rules import EmitterRules, Grid
 from maskfab.layout.subpixels.squares import Squares
 from maskfab.model import ORIENTATIONS, Emitters, Opening, orient
+from maskfab.optics.centroid import luminance_centroid
+from maskfab.optics.colour import LUMINANCE
 
 Labels = NDArray[np.int8]
 Order = tuple[int, int, int]
 Orders = tuple[Order, ...]
-
-LUMINANCE_SHARES = (0.2126, 0.7152, 0.0722)
-"""Of red, green and blue in white of the sRGB primaries (ITU-R BT.709)."""
 
 _PLACES = 12
 """Places of each cut that are looked at; more makes no centroid better by what can be seen."""
@@ -40,25 +39,6 @@ _ROUNDS = 4
 """In each, every colour loses half of what it has to lose, on the side to which the light then leans."""
 _DIGITS = 3
 """Of a centroid in pixels; differences below make no grain that is seen, so that the larger area is chosen."""
-
-
-def luminance_centroid(emitters: Emitters, pitch_nm: int) -> tuple[float, float]:
-    """Offset (x, y) of the light's centroid from the pixel's centre, in pixels; every colour sends its share of white.
-
-    Colours without area send nothing; (0, 0) if there is none at all.
-    """
-    labels = emitters.labels
-    n = labels.shape[0]
-    total, moment = 0.0, np.zeros(2)
-    for colour, share in enumerate(LUMINANCE_SHARES, 1):
-        place = np.argwhere(labels == colour)
-        if place.size:
-            total += share
-            moment += share * (place.mean(axis=0) + 0.5 - n / 2)
-    if not total:
-        return 0.0, 0.0
-    y, x = moment / total * emitters.cell_nm / pitch_nm
-    return float(x), float(y)
 
 
 def wander(emitters: Emitters, pitch_nm: int, elements: Iterable[int] = range(ORIENTATIONS)) -> float:
@@ -148,7 +128,7 @@ class _Light:
         """(y, x) of the light off the pixel's centre, in pixels."""
         places = [self.measured(shape) for shape in shapes]
         y, x = (
-            sum(share * place[axis] for share, place in zip(LUMINANCE_SHARES, places, strict=True)) for axis in (1, 2)
+            sum(share * place[axis] for share, place in zip(LUMINANCE.tolist(), places, strict=True)) for axis in (1, 2)
         )
         return y, x
 
@@ -169,7 +149,7 @@ class _Light:
         """The best few triples, in any colour order, by how near to the centre trimming could bring the light."""
         unique = list(dict.fromkeys(triples))
         known = np.array([[self.measured(shape) for shape in shapes] for shapes in unique])
-        shares, ratio = np.array(LUMINANCE_SHARES), np.array(self.ratio)
+        shares, ratio = LUMINANCE, np.array(self.ratio)
         chosen: dict[Shapes, None] = {}
         for part in (0.0, _REACHED):
             keys: list[tuple[float, int, tuple[int, ...]]] = []
@@ -265,29 +245,3 @@ def _sums(parts: NDArray[np.float64]) -> NDArray[np.float64]:
     for row in parts:
         sums = (sums[:, None] + row).ravel()
     return sums
-
-
-def best_colours(
-    candidates: Iterable[Labels], cell_nm: int, pitch_nm: int, ratio: tuple[float, float, float], footprint_cells: float
-) -> Emitters | None:
-    """The placement, and the colours for its three areas, with the centroid nearest to the pixel's centre.
-
-    Args:
-        candidates: placements, int8 [n, n] with three areas numbered 1 to 3 in any order.
-        cell_nm: side of their cells.
-        pitch_nm: of the pixel, gutter included.
-        ratio: relative areas of red, green and blue.
-        footprint_cells: least area per colour over its ratio, in cells; what falls short in an order is left out.
-    """
-    found: list[tuple[float, int, Labels]] = []
-    for number, labels in enumerate(candidates):
-        areas = np.array([(labels == k).sum() for k in (1, 2, 3)])
-        for order in permutations((1, 2, 3)):
-            coloured = np.array([0, *order], dtype=np.int8)[labels]
-            held = np.array([areas[order.index(k)] for k in (1, 2, 3)]) / ratio
-            if held.min() >= footprint_cells - 1e-9:
-                offset = np.hypot(*luminance_centroid(Emitters(coloured, cell_nm), pitch_nm))
-                found.append((round(float(offset), 12), number, coloured))
-    if not found:
-        return None
-    return Emitters(min(found, key=lambda each: each[:2])[2], cell_nm)

@@ -20,7 +20,8 @@ from maskfab.layout.subpixels.squares import Squares
 from maskfab.model import Emitters, Opening
 
 _ROUNDING = 1e-9
-_MOVES = 10_000
+_MOVES = 4_000
+"""More find nothing larger on the shipped openings, and take three times as long."""
 
 
 def footprint(

@@ -291,7 +291,7 @@ def _anneal(
     squares: Squares, ratio: Ratio, shapes: Shapes, moves: int, rng: random.Random, enough: float
 ) -> tuple[float, Shapes]:
     """Push and grow, with a temperature that falls from cells to a tenth of one."""
-    state = _grown(squares, ratio, list(shapes))
+    state, near = _grown(squares, ratio, list(shapes), [squares.near(shape) for shape in shapes])
     areas = [squares.area(shape) for shape in state]
     score = _score(areas, ratio)
     best, kept = min(a / r for a, r in zip(areas, ratio, strict=True)), state
@@ -302,14 +302,14 @@ def _anneal(
         temperature = hot * (0.1 / hot) ** (move / moves)
         smallest = min(range(3), key=lambda k: areas[k] / ratio[k])
         grows = smallest if rng.random() < 0.7 else rng.randrange(3)
-        trial = _pushed(squares, state, grows, rng)
-        if trial is None:
+        pushed = _pushed(squares, state, near, grows, rng)
+        if pushed is None:
             continue
-        trial = _grown(squares, ratio, trial)
+        trial, new_near = _grown(squares, ratio, *pushed)
         new_areas = [squares.area(shape) for shape in trial]
         new = _score(new_areas, ratio)
         if new >= score or rng.random() < math.exp((new - score) / temperature):
-            state, areas, score = trial, new_areas, new
+            state, near, areas, score = trial, new_near, new_areas, new
             least = min(a / r for a, r in zip(areas, ratio, strict=True))
             if least > best:
                 best, kept = least, state
@@ -322,8 +322,14 @@ def _score(areas: list[int], ratio: Ratio) -> float:
     return low + 0.5 * middle + 0.5 * high
 
 
-def _pushed(squares: Squares, state: list[int], grows: int, rng: random.Random) -> list[int] | None:
-    """One shape takes a patch beside it; the others lose what is then too near, and their smaller pieces."""
+def _pushed(
+    squares: Squares, state: list[int], near: list[int], grows: int, rng: random.Random
+) -> tuple[list[int], list[int]] | None:
+    """One shape takes a patch beside it; the others lose what is then too near, and their smaller pieces.
+
+    Args:
+        near: what lies too near to each shape; returned for the new ones.
+    """
     own = state[grows]
     border = squares.beside(own) & squares.free & ~own
     if not border:
@@ -335,26 +341,32 @@ def _pushed(squares: Squares, state: list[int], grows: int, rng: random.Random) 
     size = rng.choice((0, 0, 0, 0, 1, 2))
     if size:
         patch = squares.reach(bit, squares.around(bit, size) & squares.free)
-    near = squares.near(patch)
-    trial = list(state)
-    trial[grows] = own | patch
+    close = squares.near(patch)
+    trial, new_near = list(state), list(near)
+    # What is near to a union is the union of what is near to its parts.
+    trial[grows], new_near[grows] = own | patch, near[grows] | close
     for k in range(3):
-        if k != grows and state[k] & near:
-            trial[k] = squares.largest(state[k] & ~near)
+        if k != grows and state[k] & close:
+            trial[k] = squares.largest(state[k] & ~close)
             if not trial[k]:
                 return None
-    return trial
+            new_near[k] = squares.near(trial[k])
+    return trial, new_near
 
 
-def _grown(squares: Squares, ratio: Ratio, state: list[int]) -> list[int]:
-    """Each shape, the smallest first, takes all that it can reach without coming too near to the others."""
-    state = list(state)
-    near = [squares.near(shape) for shape in state]
+def _grown(squares: Squares, ratio: Ratio, state: list[int], near: list[int]) -> tuple[list[int], list[int]]:
+    """Each shape, the smallest first, takes all that it can reach without coming too near to the others.
+
+    Args:
+        near: what lies too near to each shape; returned for the new ones.
+    """
+    state, near = list(state), list(near)
     for k in sorted(range(3), key=lambda k: squares.area(state[k]) / ratio[k]):
         grown = squares.reach(state[k], squares.free & ~(near[k - 1] | near[k - 2]))
-        near[k] |= squares.near(grown & ~state[k])
-        state[k] = grown
-    return state
+        if grown != state[k]:
+            near[k] |= squares.near(grown & ~state[k])
+            state[k] = grown
+    return state, near
 
 
 def trim(squares: Squares, shapes: Shapes, ratio: Ratio, least: float) -> Shapes:

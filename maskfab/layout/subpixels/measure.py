@@ -11,7 +11,7 @@ from maskfab.geometry.region import simple_polygon
 from maskfab.geometry.unit import unit_shapes
 from maskfab.layout.subpixels.borders import meetings
 from maskfab.layout.subpixels.rules import EmitterRules
-from maskfab.model import CLEAR, EMITTERS, Panel
+from maskfab.model import CLEAR, EMITTERS, Panel, Polygon
 
 # Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances.
 _SQUARE = 2
@@ -21,11 +21,19 @@ _APART, _COLUMNS = 4, 16
 
 @dataclass(frozen=True)
 class Violation:
-    """What breaks a rule: which one, the area in question, and where, in nanometres on the tile."""
+    """What breaks a rule.
+
+    Attributes:
+        rule: which one.
+        area_um2: of what breaks it, on the whole tile.
+        place_nm: of the first such area on the tile.
+        outlines: of these areas in a pixel of orientation 0, its lower left corner the origin; empty without one.
+    """
 
     rule: str
     area_um2: float
     place_nm: tuple[int, int]
+    outlines: tuple[Polygon, ...] = ()
 
 
 def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
@@ -41,27 +49,30 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     frame = db.Region()
     for _, (column, row) in cells:
         frame.insert(db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch))
-    found = [_found("emitter outside its pixel", shape - frame) for shape in colours]
+    found = [("emitter outside its pixel", shape - frame) for shape in colours]
     for name, shape in zip(("red", "green", "blue"), colours, strict=True):
         grown = shape.sized(rules.gap_to_opening_nm, _SQUARE)
-        found.append(_found(f"gap from {name} to openings", grown & clear))
+        found.append((f"gap from {name} to openings", grown & clear))
         # Doubled, so that half a width is a whole number too, and a nanometre short, so that what is exactly wide
         # enough does not vanish.
         doubled, half = shape.transformed(db.ICplxTrans(2.0)), rules.min_width_nm - 1
         opened = doubled.sized(-half, _SQUARE).sized(half, _SQUARE)
-        found.append(_found(f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
+        found.append((f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
     for one, other in ((0, 1), (0, 2), (1, 2)):
         close = colours[one].sized(rules.colour_gap_nm, _SQUARE) & colours[other]
-        found.append(_found(f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
-    return tuple(each for each in found if each is not None)
+        found.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
+    upright = next(((column * pitch, row * pitch) for cell, (column, row) in cells if cell == 0), None)
+    return tuple(_told(rule, shapes, upright, pitch) for rule, shapes in found if shapes.area())
 
 
-def _found(rule: str, shapes: db.Region) -> Violation | None:
-    area = shapes.merged().area()
-    if not area:
-        return None
+def _told(rule: str, shapes: db.Region, corner: tuple[int, int] | None, pitch_nm: int) -> Violation:
+    outlines: tuple[Polygon, ...] = ()
+    if corner is not None:
+        x, y = corner
+        inside = (shapes & db.Region(db.Box(x, y, x + pitch_nm, y + pitch_nm))).moved(-x, -y)
+        outlines = tuple(tuple((p.x, p.y) for p in each.each_point_hull()) for each in inside.merged().each())
     box = shapes.bbox()
-    return Violation(rule, area / 1e6, (box.left, box.bottom))
+    return Violation(rule, shapes.merged().area() / 1e6, (box.left, box.bottom), outlines)
 
 
 def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:

@@ -74,6 +74,11 @@ class Grid:
         return self.gutter_nm // self.cell_nm
 
 
+def finest_cell(dots: int, dot_nm: int) -> int:
+    """The smallest cell, in nanometres, that divides a dot and leaves no more than 128 of them along a pixel."""
+    return next(dot_nm // parts for parts in range(max(1, MOST_CELLS // dots), 0, -1) if dot_nm % parts == 0)
+
+
 def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, *, where: str = "emitters") -> Grid:
     """The coarsest grid on which the dots, the gutter and all rules are whole numbers of cells.
 
@@ -98,7 +103,7 @@ def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, 
     cell = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.colour_gap_nm, rules.min_width_nm)
     cells = side // cell
     if cells > MOST_CELLS:
-        coarse = dot_nm // max(1, MOST_CELLS // opening.dots)
+        coarse = finest_cell(opening.dots, dot_nm)
         raise JobError(
             "MF118",
             f"dots of {dot_nm / 1e3:g} um and these rules are whole numbers only on a grid of {cell / 1e3:g} um, "

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from maskfab.errors import JobError
 from maskfab.layout.subpixels.answer import Certificate, Verdict
 from maskfab.layout.wiring.flow import DIRECTIONS, Direction
 from maskfab.layout.wiring.gutter import WireRules, lines_per_layer
@@ -72,6 +73,22 @@ class Wiring:
         """Why the lines asked for cannot be, if that is proved."""
         worst = int(np.argmin(self.bounds))
         return self.proofs[worst] if self.bounds[worst] + self.transparent < self.wanted else None
+
+
+def check_wires(panel: Panel, demand: WireDemand) -> None:
+    """Refuse wires that no pixel can hold.
+
+    Raises:
+        JobError: MF120 if a line or a transparent wire is wider than the pixel.
+    """
+    for name, width_nm in (("line", demand.rules.line_nm), ("transparent", demand.transparent_nm)):
+        if width_nm > panel.pitch_nm:
+            raise JobError(
+                "MF120",
+                f"{name} = {width_nm / 1e3:g} um is wider than the {panel.pitch_nm / 1e3:g} um of a pixel",
+                where=f"wires.{name}",
+                cure=f"Give a width up to {panel.pitch_nm / 1e3:g} um",
+            )
 
 
 def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from maskfab.layout.openings import parse
 from maskfab.layout.subpixels.borders import borders
-from maskfab.layout.subpixels.choose import best_colours, centred, colour_orders, luminance_centroid, wander
+from maskfab.layout.subpixels.choose import centred, colour_orders, wander
 from maskfab.layout.subpixels.fit import footprint
 from maskfab.layout.subpixels.freeform import cut_triples, guillotine, shaved
 from maskfab.layout.subpixels.region import free_region
@@ -21,6 +21,7 @@ from maskfab.layout.subpixels.rules import EmitterRules, grid_of
 from maskfab.layout.subpixels.squares import Squares
 from maskfab.layout.tiling import orientations
 from maskfab.model import Emitters, Opening, Tiling, orient
+from maskfab.optics.centroid import luminance_centroid
 from maskfab.resources import path
 
 ALL = orientations(Tiling.RANDOM, 40, 40, 1)
@@ -69,16 +70,6 @@ def test_centroid_of_stripes_and_its_wander() -> None:
     assert wander(emitters, 9000, [0]) == 0
     centred = Emitters(np.where(labels == 2, labels, 0), 1000)
     assert luminance_centroid(centred, 9000) == pytest.approx((0, 0))
-
-
-def test_colours_are_ordered_so_that_the_light_is_centred() -> None:
-    labels = np.zeros((9, 9), dtype=np.int8)
-    labels[:, 0:3], labels[:, 3:6], labels[:, 6:9] = 2, 3, 1  # green outside is the worst
-    best = best_colours([labels], 1000, 9000, (1.0, 1.0, 1.0), 27.0)
-    assert best is not None
-    assert (best.labels[:, 4] == 2).all()
-    assert best_colours([labels], 1000, 9000, (1.0, 1.0, 1.0), 28.0) is None
-    assert best_colours([labels], 1000, 9000, (0.5, 2.0, 0.5), 20.0) is None
 
 
 @pytest.mark.parametrize(

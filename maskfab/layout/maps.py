@@ -1,0 +1,251 @@
+"""Orientation maps as files: which way every cell round the optical axis is turned.
+
+TOML, a drawing with its facts beside it::
+
+    name = "bar_map"
+    map = '''
+    0415
+    7726
+    '''                        # elements of D4, 0 to 7 as in model.orient, the top row first, centred on the axis
+    openings = '''
+    0010
+    0000
+    '''                        # optional: which of a die's openings each cell holds, 0 to 9 and a to e
+    [provenance]
+    author = "..."             # any keys; text and numbers
+
+The middle of a map is the middle of its panel, so a panel has an even number of rows if its map has, and an odd number
+if its map has; columns alike.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.errors import JobError, SourceError
+from maskfab.layout.tiling import MOST_OPENINGS, orientations
+from maskfab.model import ORIENTATIONS, Tiling, frozen
+from maskfab.spec import check_name
+
+_KEYS = ("name", "map", "openings", "provenance")
+_ELEMENTS = "01234567"
+_OPENINGS = "0123456789abcde"[:MOST_OPENINGS]
+_MOST_CELLS = 1000
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+
+@dataclass(frozen=True, eq=False)
+class CellMap:
+    """What the cells round the axis hold.
+
+    Attributes:
+        name: identifier.
+        cells: int8 [rows, columns], 8 u + k for a die's opening u under element k of D4, row 0 the lowest.
+        provenance: who made it, with which command, seed and version.
+    """
+
+    name: str
+    cells: NDArray[np.int8]
+    provenance: Mapping[str, str | int | float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cells", frozen(np.asarray(self.cells, dtype=np.int8)))
+
+
+def load(path: str | Path) -> CellMap:
+    """The map held by a TOML file.
+
+    Raises:
+        SourceError: MF301 missing, MF302 empty, MF304 not text, MF308 another suffix.
+        JobError: as for :func:`parse`.
+    """
+    path = Path(path)
+    where = str(path)
+    if not path.is_file():
+        raise SourceError("MF301", "the map's file does not exist", where=where, cure="Check the path")
+    if path.suffix.lower() != ".toml":
+        raise SourceError("MF308", f"no map is read from a {path.suffix} file", where=where, cure="A map ends in .toml")
+    content = path.read_bytes()
+    if not content.strip():
+        raise SourceError("MF302", f"{len(content)} bytes and no content", where=where, cure="Write it again")
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SourceError("MF304", f"the file is not text: {error}", where=where, cure="Save it as UTF-8") from None
+    return parse(text, where)
+
+
+def parse(text: str, where: str = "") -> CellMap:
+    """The map that a TOML text describes; ``where`` names the text in errors.
+
+    Raises:
+        JobError: MF101 no TOML, MF102 an unknown key, MF105 a missing one or one of the wrong type, MF110 a refused
+            name, MF115 too large, MF122 a drawing with another digit or with rows of different lengths.
+    """
+    try:
+        facts = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise JobError("MF101", f"the map is not valid TOML: {error}", where=where, cure="Mend that line") from None
+    for key in facts:
+        if key not in _KEYS:
+            raise JobError(
+                "MF102", f"unknown key {key!r}", where=_at(where, key), cure=f"A map has: {', '.join(_KEYS)}"
+            )
+    name = _text(facts, "name", where)
+    check_name(name, where=_at(where, "name"))
+    cells = _digits(_text(facts, "map", where), _ELEMENTS, _at(where, "map"))
+    if "openings" in facts:
+        place = _at(where, "openings")
+        held = _digits(_text(facts, "openings", where), _OPENINGS, place)
+        if held.shape != cells.shape:
+            raise JobError(
+                "MF122",
+                f"{held.shape[0]} rows of {held.shape[1]} openings for a map of {cells.shape[0]} rows of "
+                f"{cells.shape[1]} cells",
+                where=place,
+                cure="Give every cell one",
+            )
+        cells = cells + ORIENTATIONS * held
+    return CellMap(name, cells, MappingProxyType(_provenance(facts.get("provenance", {}), where)))
+
+
+def dumps(cells: CellMap) -> str:
+    """The map as TOML text; ``parse(dumps(m))`` is equal in all parts."""
+    held, turned = np.divmod(cells.cells, ORIENTATIONS)
+    lines = [f"name = {_quoted(cells.name)}", 'map = """', *_drawing(turned, _ELEMENTS), '"""']
+    if held.any():
+        lines += ['openings = """', *_drawing(held, _OPENINGS), '"""']
+    if cells.provenance:
+        lines += ["", "[provenance]"]
+        for key, value in cells.provenance.items():
+            written = _quoted(value) if isinstance(value, str) else repr(value)
+            lines.append(f"{key if _BARE_KEY.fullmatch(key) else _quoted(key)} = {written}")
+    return "\n".join(lines) + "\n"
+
+
+def panel_shape(cells: CellMap, rows: int, columns: int) -> tuple[int, int]:
+    """Rows and columns of a panel about this map: those that there is room for, or one less."""
+    have = cells.cells.shape
+    return rows - (rows - have[0]) % 2, columns - (columns - have[1]) % 2
+
+
+def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> NDArray[np.int8]:
+    """What each cell of a panel holds, int8 [rows, columns]: the map in the middle, all beyond it drawn at random.
+
+    A map larger than the panel loses its rim.
+
+    Args:
+        cells: the map.
+        rows: of the panel; :func:`panel_shape` has the right ones.
+        columns: of the panel.
+        seed: of what is drawn.
+        openings: how many the die has.
+        where: the die, for errors.
+
+    Raises:
+        JobError: MF111 without a seed; MF122 if the map and the panel cannot share their middle, or the map has more
+            openings than the die.
+    """
+    for have, room, what in zip(cells.cells.shape, (rows, columns), ("rows", "columns"), strict=True):
+        if (have - room) % 2 or room < 1:
+            raise JobError(
+                "MF122",
+                f"the map {cells.name!r} has {have} {what} and the panel {room}: its middle would not be on the axis",
+                where=where,
+                cure=f"Use a panel of {have} {what}, or of an even number more",
+            )
+    most = int(cells.cells.max()) // ORIENTATIONS
+    if most >= openings:
+        raise JobError(
+            "MF122",
+            f"the map {cells.name!r} asks for opening {most}, counted from 0, and the die has {openings}",
+            where=where,
+            cure="Name the others in the die's key others, or draw a map of fewer",
+        )
+    panel = orientations(Tiling.RANDOM, rows, columns, seed, openings=openings, where=where).copy()
+    (bottom, low), (left, first) = (
+        (max(0, (room - have) // 2), max(0, (have - room) // 2))
+        for have, room in zip(cells.cells.shape, (rows, columns), strict=True)
+    )
+    kept = cells.cells[low : low + rows, first : first + columns]
+    panel[bottom : bottom + kept.shape[0], left : left + kept.shape[1]] = kept
+    return panel
+
+
+def _digits(text: str, digits: str, where: str) -> NDArray[np.int8]:
+    rows = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    if not rows:
+        raise JobError(
+            "MF122", "the map has 0 rows", where=where, cure=f"Draw it in digits {digits[0]} to {digits[-1]}"
+        )
+    width = len(rows[0][1])
+    for number, row in rows:
+        wrong = next((place for place, character in enumerate(row) if character not in digits), None)
+        if wrong is not None:
+            raise JobError(
+                "MF122",
+                f"line {number}, column {wrong + 1}: {row[wrong]!r} is none of {digits}",
+                where=where,
+                cure="Replace it",
+            )
+        if len(row) != width:
+            raise JobError(
+                "MF122",
+                f"line {number} has {len(row)} cells where the first has {width}",
+                where=where,
+                cure=f"Give every line {width} digits",
+            )
+    if max(len(rows), width) > _MOST_CELLS:
+        raise JobError(
+            "MF115",
+            f"the map is {len(rows)} x {width} cells; the limit is {_MOST_CELLS} along a side",
+            where=where,
+            cure="Draw what lies over the stop",
+        )
+    return np.array([[digits.index(character) for character in row] for _, row in reversed(rows)], dtype=np.int8)
+
+
+def _drawing(values: NDArray[np.int8], digits: str) -> Iterable[str]:
+    return ("".join(digits[value] for value in row) for row in values[::-1])
+
+
+def _text(facts: Mapping[str, Any], key: str, where: str) -> str:
+    value = facts.get(key)
+    if not isinstance(value, str):
+        what = f"{key} = {value!r} is not text" if key in facts else f"the key {key!r} is missing"
+        raise JobError("MF105", what, where=_at(where, key), cure=f"A map has: {', '.join(_KEYS)}")
+    return value
+
+
+def _provenance(stated: object, where: str) -> dict[str, str | int | float]:
+    place = _at(where, "provenance")
+    if not isinstance(stated, dict):
+        raise JobError("MF105", "provenance is not a table", where=place, cure="Write [provenance]")
+    for key, value in stated.items():
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise JobError(
+                "MF105",
+                f"{key} is a {type(value).__name__}, not text or a number",
+                where=f"{place}.{key}",
+                cure='Write it as text: "..."',
+            )
+    return dict(stated)
+
+
+def _quoted(text: str) -> str:
+    # JSON's escapes are TOML's, but TOML also wants DEL escaped.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _at(where: str, key: str) -> str:
+    return f"{where}: {key}" if where else key
