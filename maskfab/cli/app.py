@@ -21,6 +21,7 @@ from maskfab.cli.printing import print_json
 from maskfab.cli.render import render
 from maskfab.cli.run import run
 from maskfab.cli.shape import shape
+from maskfab.cli.simulate import simulate
 from maskfab.cli.verify import verify
 from maskfab.errors import InternalError, JobError, MaskfabError
 
@@ -28,7 +29,11 @@ _EPILOG = "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing
 
 _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
     (run, "Example: maskfab run layouts/upc12.toml --out build/upc12"),
-    (design, "Example: maskfab design layouts/design_inv_random.toml --out opening.toml"),
+    (
+        design,
+        "Examples: maskfab design layouts/design_inv_random.toml --out opening.toml | "
+        "maskfab design layouts/search_bar.toml --out bar.toml",
+    ),
     (
         analyse,
         "Examples: maskfab analyse layouts/openings/toled.toml --tiling random --seed 1 | "
@@ -51,6 +56,11 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
     (
         render,
         "Examples: maskfab render job.toml --out seen | maskfab render job.toml photo.jpg --die TOLED_R300 --json",
+    ),
+    (
+        simulate,
+        "Examples: maskfab simulate layouts/upc12.toml --die TOLED_P150 --die INVP_R150 | "
+        "maskfab simulate job.toml --images photographs --reference TOLED_P150 --json",
     ),
     (explain, "Example: maskfab explain MF106"),
 )

@@ -1,0 +1,96 @@
+"""``maskfab simulate``: how good restored photographs are behind the dies of a job."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from maskfab.cli.dies import check_dies
+from maskfab.cli.options import JobFile, Json, Quiet
+from maskfab.cli.printing import print_json
+from maskfab.cli.watch import watched
+from maskfab.errors import JobError
+
+if TYPE_CHECKING:
+    from maskfab.imaging.protocol import Table
+
+
+def simulate(
+    job: JobFile,
+    die: Annotated[list[str] | None, typer.Option(help="Which dies; default: all that the protocol can judge.")] = None,
+    reference: Annotated[str | None, typer.Option(help="The die to compare with; default: first.")] = None,
+    images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: drawn scenes.")] = None,
+    protocol: Annotated[str, typer.Option(help="How photographs are taken and restored: f1.")] = "f1",
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Photographs through every die, in noise, restored and scored: PSNR, SSIM, and gains over a reference."""
+    from maskfab.imaging.laid_panel import laid_panel
+    from maskfab.imaging.photographs import folder
+    from maskfab.imaging.protocol import evaluate
+    from maskfab.imaging.scenes import bundled
+    from maskfab.layout.job import load
+
+    if protocol != "f1":
+        raise JobError("MF105", f"there is no protocol {protocol!r}", where="--protocol", cure="Use f1")
+    panels = {each.name: each.panel for each in load(job).plate().dies}
+    check_dies(die or (), list(panels))
+    chosen = list(dict.fromkeys(die)) if die else list(panels)
+    laid = []
+    for name in chosen:
+        try:
+            laid.append(laid_panel(name, panels[name]))
+        except JobError:
+            if die:
+                raise
+    if not laid:
+        raise JobError("MF122", "no die has cells of 168 um", where=str(job), cure="See maskfab simulate --die NAME")
+    names = [each.name for each in laid]
+    check_dies([reference] if reference else (), names)
+    scenes = bundled() if images is None else folder(images)
+    tables = []
+    with watched(quiet) as progress:
+        for done, each in enumerate(laid):
+            progress("photographs", done, len(laid))
+            tables.append(evaluate([each], scenes, scenes))
+        progress("photographs", len(laid), len(laid))
+    table = type(tables[0])(tuple(score for each in tables for score in each.scores))
+    base = reference or names[0]
+    if as_json:
+        print_json(_document(table, base, protocol, [scene.name for scene in scenes]))
+        return
+    for line in _lines(table, base):
+        typer.echo(line)
+
+
+def _document(table: Table, reference: str, protocol: str, scenes: list[str]) -> dict[str, Any]:
+    return {
+        "protocol": protocol,
+        "reference": reference,
+        "scenes": scenes,
+        "scores": [vars(score) for score in table.scores],
+        "gains": [{key: _known(value) for key, value in vars(gain).items()} for gain in table.gains(reference)],
+    }
+
+
+def _known(value: object) -> object:
+    """A single photograph has no standard error."""
+    return None if isinstance(value, float) and math.isnan(value) else value
+
+
+def _lines(table: Table, reference: str) -> list[str]:
+    rows = [("die", "level", "PSNR", "inner", "SSIM", f"gain over {reference}", "inner")]
+    gains = {(gain.design, gain.level_db): gain for gain in table.gains(reference)}
+    for design, level in dict.fromkeys((score.design, score.level_db) for score in table.scores):
+        own = [score for score in table.scores if (score.design, score.level_db) == (design, level)]
+        mean = [sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim")]
+        gain = gains.get((design, level))
+        told = ("", "") if gain is None else (
+            f"{gain.psnr:+.2f} ± {gain.psnr_error:.2f} dB", f"{gain.psnr_inner:+.2f} ± {gain.psnr_inner_error:.2f} dB",
+        )  # fmt: skip
+        rows.append((design, f"{level} dB", f"{mean[0]:.2f} dB", f"{mean[1]:.2f} dB", f"{mean[2]:.3f}", *told))
+    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+    return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]

@@ -1,0 +1,52 @@
+"""maskfab simulate: restored photographs behind the dies of a job."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maskfab.cli import run_command_line
+from maskfab.export.pictures import write_png
+from maskfab.imaging.laid_panel import laid_panel
+from maskfab.imaging.scenes import dead_leaves
+from maskfab.imaging.transfer import lay
+from maskfab.layout.job import load
+
+ROOT = Path(__file__).parents[1]
+JOB = ROOT / "layouts" / "upc12.toml"
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("photographs")
+    write_png(dead_leaves(3, 832, 832).values, folder / "leaves.png", white=1.0)
+    return folder
+
+
+def test_a_random_tiling_beats_the_periodic_one(photographs: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["simulate", str(JOB), "--die", "TOLED_P150", "--die", "INVP_R150", "--images", str(photographs)]
+    assert run_command_line([*arguments, "--json", "--quiet"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert told["reference"] == "TOLED_P150"
+    assert [score["design"] for score in told["scores"]] == ["TOLED_P150"] * 3 + ["INVP_R150"] * 3
+    assert all(gain["psnr"] > 0.5 and gain["psnr_error"] is None for gain in told["gains"])
+
+
+def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFixture[str]) -> None:
+    for arguments, code in (
+        (["--protocol", "f2"], "MF105"),
+        (["--die", "NOBODY"], "MF105"),
+        (["--die", "TOLED_R300"], "MF122"),
+        (["--reference", "TOLED_R300"], "MF105"),
+        (["--images", "nowhere"], "MF301"),
+    ):
+        assert run_command_line(["simulate", str(JOB), *arguments, "--quiet"]) == 2
+        assert code in capsys.readouterr().err
+
+
+def test_a_random_die_is_drawn_as_the_protocol_draws_it() -> None:
+    panel = next(die.panel for die in load(JOB).plate().dies if die.name == "TOLED_R150")
+    assert np.array_equal(laid_panel("x", panel).pupil, lay("x", panel.opening.mask).pupil)
