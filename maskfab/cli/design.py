@@ -93,6 +93,8 @@ def _search(
 def _lines(found: Searched) -> list[str]:
     levels = ", ".join(f"{value:.2f} dB at {level}" for level, value in _by_level(found.psnr))
     lines = [f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {levels}"]
+    room = ", ".join(f"{value:.2f} dB at {level}" for level, value in _by_level(found.head_room))
+    lines.append(f"no opening of as many dots gains more, in the picture's interior, than {room}")
     lines.append(f"rules together cost {_db(found.prices.together)}, of {found.evaluated} openings")
     lines += [f"  {price.rule}: alone {_db(price.alone)}, last {_db(price.last)}" for price in found.prices.each]
     if found.designed is not None:
@@ -111,6 +113,7 @@ def _document(found: Searched, target: Path, map_target: Path | None) -> dict[st
         "clear_dots": found.opening.clear_dots,
         "open_ratio": found.opening.open_ratio,
         "expected_psnr_db": {str(level): value for level, value in _by_level(found.psnr)},
+        "head_room_db": {str(level): value for level, value in _by_level(found.head_room)},
         "evaluated": found.evaluated,
         "rules_cost_db": _finite(found.prices.together),
         "prices_db": {

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from itertools import chain
 
 from maskfab import __version__
+from maskfab.design.bounds import optimality_gap
 from maskfab.design.constraints import Constraints
 from maskfab.design.discrete import ExpectedPsnr, Prices, Ranked, anneal, prices, scan
 from maskfab.design.families import FAMILIES, Candidate
@@ -35,6 +36,7 @@ class Searched:
         opening: the best that keeps all rules.
         shape: the family, size and place it came from.
         psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic).
+        head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior.
         evaluated: openings that were judged.
         prices: what the rules cost among them, in dB of the weighted mean.
         cells: the designed map; None if none was asked for.
@@ -44,6 +46,7 @@ class Searched:
     opening: Opening
     shape: str
     psnr: tuple[float, ...]
+    head_room: tuple[float, ...]
     evaluated: int
     prices: Prices
     cells: CellMap | None
@@ -87,6 +90,9 @@ def search(section: SearchSection, scenes: Sequence[Scene], command: str, progre
         looked.append(best)
     priced = prices((Candidate(each.name, each.unit) for each in looked), objective, rules)
     psnr = estimate(best.unit, periodic=periodic)
+    progress("bounds", 0, 1)
+    gap = optimality_gap(estimate, best.unit, periodic=periodic)
+    progress("bounds", 1, 1)
     facts: dict[str, str | int | float] = {
         "author": "maskfab",
         "command": command,
@@ -101,7 +107,7 @@ def search(section: SearchSection, scenes: Sequence[Scene], command: str, progre
         designed = design_map(best.unit, pupil_error(estimate), mode=mode, seed=section.seed, progress=progress)
         gains = {f"gain_db_{level}": round(gain, 3) for level, gain in zip(LEVELS, designed.gain_db, strict=True)}
         cells = CellMap(f"{section.name[:20]}_map", designed.orientations, {**facts, "mode": mode.value, **gains})
-    return Searched(opening, best.name, psnr, evaluated, priced, cells, designed)
+    return Searched(opening, best.name, psnr, gap.head_room, evaluated, priced, cells, designed)
 
 
 def _constraints(section: SearchSection, dot_nm: int) -> Constraints:
