@@ -9,8 +9,9 @@ from maskfab.model import Opening, Tiling
 from maskfab.progress import Progress, silent
 from maskfab.spec import JobSpec
 
-# Hexagonal sheets are no cells that repeat on a square lattice, which is what the loss is built on.
-_DESIGNED = tuple(tiling for tiling in Tiling if tiling is not Tiling.HEXAGONAL)
+# Hexagonal sheets are no cells that repeat on a square lattice, which is what the loss is built on; a map is made for
+# an opening that is there.
+_DESIGNED = tuple(tiling for tiling in Tiling if tiling not in {Tiling.HEXAGONAL, Tiling.MAP})
 
 
 def settings(spec: JobSpec, *, where: str, command: str) -> RelaxSettings:

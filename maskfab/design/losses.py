@@ -13,6 +13,7 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.design.autocorrelation import Autocorrelation, autocorrelation
+from maskfab.design.objective import Objective
 from maskfab.errors import JobError
 from maskfab.model import Stop
 from maskfab.units import NM_PER_UM
@@ -36,7 +37,7 @@ def stop_dots(stop: Stop, side: int, dot_nm: int) -> NDArray[np.bool_]:
 
 
 @dataclass(frozen=True, eq=False)
-class Invertibility:
+class Invertibility(Objective):
     """How well the worst spatial frequencies survive a Wiener filter, with photons counted.
 
     The OTF at the frequency nu is the pupil's autocorrelation AC at the lag lambda f nu (Goodman, Introduction to
@@ -53,6 +54,9 @@ class Invertibility:
     r have r times that on average, and the optimum is uniform grey. With photons counted, grey of the share r has
     r times the bare stop's O as well; all it keeps is its evenness, which binarisation takes away.
 
+    Good for worst cases whatever the picture. It knows neither the picture's spectrum nor the sensor's edge: for
+    photographs use :class:`maskfab.design.expected_error.ExpectedError`.
+
     Attributes:
         correlation: autocorrelation of the stop filled with oriented cells, far enough for these lags.
         lags: per wavelength, int64 flat indices into the autocorrelation table: integer lags of a half plane (the
@@ -60,6 +64,7 @@ class Invertibility:
         light: clear area of the stop, in dots, x target open ratio: AC(0) of an opening that meets the target.
         epsilon: noise-to-signal ratio of the Wiener filter.
         worst_fraction: share of the lags that counts.
+        own_sum: divide by the PSF's own sum, AC(0), as published, so that darkness is free; its optimum is grey.
     """
 
     correlation: Autocorrelation
@@ -67,13 +72,15 @@ class Invertibility:
     light: float
     epsilon: float
     worst_fraction: float
+    own_sum: bool = False
 
-    def __call__(self, cell: torch.Tensor) -> torch.Tensor:
-        """The loss of one cell's transmission, float [dots, dots] in 0 to 1; a scalar between -1 and 0."""
-        autocorrelation = self.autocorrelation(cell).flatten()
+    def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
+        """The loss from the unit's autocorrelation table; a scalar between -1 and 0."""
+        autocorrelation = table.flatten()
+        light = autocorrelation[0] if self.own_sum else self.light
         worst = []
         for lags in self.lags:
-            otf = autocorrelation.index_select(0, lags) / self.light
+            otf = autocorrelation.index_select(0, lags) / light
             kept = otf**2 / (otf**2 + self.epsilon)
             count = math.ceil(self.worst_fraction * lags.numel())
             worst.append(torch.topk(kept, count, largest=False, sorted=False).values.mean())
@@ -139,7 +146,7 @@ def invertibility(
     correlation = autocorrelation(dots, orientations, inside, math.floor(max(reaches)))
     return Invertibility(
         correlation=correlation,
-        lags=tuple(torch.from_numpy(_lags(reach, correlation.size)) for reach in reaches),
+        lags=tuple(torch.from_numpy(lags_within(reach, correlation.size)) for reach in reaches),
         light=float(inside.sum() * target),
         epsilon=epsilon,
         worst_fraction=worst_fraction,
@@ -160,7 +167,7 @@ def _nyquist_lag(wavelength_nm: float, focal_um: float, pixel_um: float, dot_nm:
     return min(lag, side - 1.0)
 
 
-def _lags(reach: float, table: int) -> NDArray[np.int64]:
+def lags_within(reach: float, table: int) -> NDArray[np.int64]:
     """Flat table indices of the integer lags with 0 < |lag| <= reach in the half plane y > 0, or y = 0 and x > 0."""
     whole = math.floor(reach)
     y, x = np.mgrid[0 : whole + 1, -whole : whole + 1]

@@ -17,12 +17,16 @@ import numpy as np
 import torch
 
 from maskfab import __version__
+from maskfab.design.descent import Descent, RelaxStep, binarised, descend
 from maskfab.design.losses import Invertibility, cells_across, invertibility
-from maskfab.errors import InternalError, JobError, OpeningError
+from maskfab.design.objective import AreaPenalty
+from maskfab.errors import JobError, OpeningError
 from maskfab.layout.tiling import orientations
 from maskfab.model import Opening, Stop, Tiling
 from maskfab.spec import check_name
 from maskfab.units import parse_wavelength_nm
+
+__all__ = ["RelaxSettings", "RelaxStep", "binarised", "descent_of", "loss_of", "optimise"]
 
 LEARNING_RATE = 0.2
 START_LOGIT = 1.0  # 0.73 open: "all open" as the paper's authors ran it ...
@@ -74,27 +78,6 @@ class RelaxSettings:
     command: str = ""
 
 
-@dataclass(frozen=True)
-class RelaxStep:
-    """Where the descent stands.
-
-    Attributes:
-        iteration: 0 to iterations - 1.
-        iterations: how many there will be.
-        loss: invertibility loss of the relaxed opening, without the area penalty.
-        open_ratio: mean transmission of the relaxed opening.
-        gain: of the sigmoid.
-        best_loss: loss of the best binary opening so far; infinite before the first.
-    """
-
-    iteration: int
-    iterations: int
-    loss: float
-    open_ratio: float
-    gain: float
-    best_loss: float
-
-
 def optimise(settings: RelaxSettings, progress: Callable[[RelaxStep], None] | None = None) -> Opening:
     """The best binary opening found; the same settings give the same one on the same machine.
 
@@ -109,8 +92,9 @@ def optimise(settings: RelaxSettings, progress: Callable[[RelaxStep], None] | No
     _check(settings)
     clear_dots = _clear_dots(settings.open_ratio, settings.dots)
     loss = loss_of(settings)
-    cell, reached = _descend(settings, loss, clear_dots, progress)
-    cell, reached = _polish(loss, cell, reached)
+    target = clear_dots / settings.dots**2
+    found = descend(loss, AreaPenalty(target, AREA_WEIGHT, AREA_SETTLED), descent_of(settings), progress=progress)
+    cell, reached = _polish(loss, found.unit, found.loss)
     provenance: dict[str, str | int | float] = {
         "author": "maskfab",
         "command": settings.command,
@@ -121,6 +105,22 @@ def optimise(settings: RelaxSettings, progress: Callable[[RelaxStep], None] | No
         "loss": round(reached, 6),
     }
     return Opening(settings.name, cell.numpy() > 0.5, settings.dot_nm, provenance)
+
+
+def descent_of(settings: RelaxSettings) -> Descent:
+    """The schedule that :func:`optimise` follows."""
+    return Descent(
+        dots=settings.dots,
+        clear_dots=_clear_dots(settings.open_ratio, settings.dots),
+        iterations=settings.iterations,
+        seed=settings.seed,
+        rate=LEARNING_RATE,
+        start_logit=START_LOGIT,
+        start_noise=START_NOISE,
+        final_gain=FINAL_GAIN,
+        settled=AREA_SETTLED,
+        judged_every=JUDGED_EVERY,
+    )
 
 
 def loss_of(settings: RelaxSettings) -> Invertibility:
@@ -138,43 +138,6 @@ def loss_of(settings: RelaxSettings) -> Invertibility:
         epsilon=settings.epsilon,
         worst_fraction=settings.worst_fraction,
     )
-
-
-def binarised(transmission: torch.Tensor, clear_dots: int) -> torch.Tensor:
-    """The ``clear_dots`` largest transmissions set to one, the others to zero; of equals, the first ones."""
-    order = torch.sort(transmission.flatten(), descending=True, stable=True).indices
-    cell = torch.zeros(transmission.numel(), dtype=transmission.dtype)
-    cell[order[:clear_dots]] = 1
-    return cell.reshape(transmission.shape)
-
-
-def _descend(
-    settings: RelaxSettings, loss: Invertibility, clear_dots: int, progress: Callable[[RelaxStep], None] | None
-) -> tuple[torch.Tensor, float]:
-    shape = (settings.dots, settings.dots)
-    target = clear_dots / settings.dots**2
-    noise = np.random.default_rng(settings.seed).standard_normal(shape)
-    logits = torch.tensor(START_LOGIT + START_NOISE * noise, dtype=torch.float32, requires_grad=True)
-    adam = torch.optim.Adam([logits], lr=LEARNING_RATE)
-    best, best_loss = binarised(logits.detach(), clear_dots), math.inf
-    for iteration in range(settings.iterations):
-        done = iteration / max(settings.iterations - 1, 1)
-        wanted = 1 + (target - 1) * min(done / AREA_SETTLED, 1)
-        gain = FINAL_GAIN ** max((done - AREA_SETTLED) / (1 - AREA_SETTLED), 0)
-        transmission = torch.sigmoid(gain * logits)
-        value, area = loss(transmission), transmission.mean()
-        adam.zero_grad()
-        (value + AREA_WEIGHT * (area - wanted) ** 2).backward()  # type: ignore[no-untyped-call]
-        _check_finite(value.item(), iteration)
-        adam.step()
-        if iteration % JUDGED_EVERY == JUDGED_EVERY - 1 or iteration == settings.iterations - 1:
-            candidate = binarised(logits.detach(), clear_dots)
-            candidate_loss = _judge(loss, candidate)
-            if candidate_loss < best_loss:
-                best, best_loss = candidate, candidate_loss
-        if progress is not None:
-            progress(RelaxStep(iteration, settings.iterations, value.item(), area.item(), gain, best_loss))
-    return best, best_loss
 
 
 def _polish(loss: Invertibility, cell: torch.Tensor, reached: float) -> tuple[torch.Tensor, float]:
@@ -208,16 +171,6 @@ def _promising_swaps(loss: Invertibility, cell: torch.Tensor) -> list[tuple[int,
 def _judge(loss: Invertibility, cell: torch.Tensor) -> float:
     with torch.no_grad():
         return float(loss(cell))
-
-
-def _check_finite(value: float, iteration: int) -> None:
-    if not math.isfinite(value):
-        raise InternalError(
-            "MF901",
-            f"the design's loss is {value} at iteration {iteration}; it must be finite",
-            where="design",
-            cure="Report it with the job file",
-        )
 
 
 def _clear_dots(open_ratio: float, dots: int) -> int:

@@ -138,7 +138,7 @@ def test_refused(code: str, change: dict[str, object]) -> None:
 
 
 def test_a_loss_that_is_not_a_number_is_our_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(relax, "START_NOISE", float("nan"))
+    monkeypatch.setattr(relax, "AREA_WEIGHT", float("nan"))
     with pytest.raises(InternalError) as caught:
         optimise(QUICK)
     assert caught.value.code == "MF901"

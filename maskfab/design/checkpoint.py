@@ -1,0 +1,69 @@
+"""A run's state on disk, so that it can be cut off anywhere and go on to the same result.
+
+The state is written aside and renamed, so a file of that name is always whole. It holds plain arrays, no code.
+"""
+
+from __future__ import annotations
+
+import os
+import zipfile
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.errors import OutputError, SourceError
+
+State = Mapping[str, NDArray[np.generic]]
+_KEY = "run"
+
+
+def save(path: Path, run: str, state: State) -> None:
+    """Keep the state of a run.
+
+    Args:
+        path: of the file; its directory exists.
+        run: what tells this run from every other.
+        state: arrays by name.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written.
+    """
+    aside = path.with_name(f".{path.name}.part")
+    try:
+        with aside.open("wb") as file:
+            np.savez(file, allow_pickle=False, **{_KEY: np.array(run)}, **state)
+            file.flush()
+            os.fsync(file.fileno())
+        aside.replace(path)
+    except OSError as error:
+        aside.unlink(missing_ok=True)
+        raise OutputError(
+            "MF401", f"the checkpoint cannot be written: {error.strerror}", where=str(path), cure="Choose another place"
+        ) from error
+
+
+def load(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
+    """The state that :func:`save` kept; None if there is no file.
+
+    Raises:
+        SourceError: MF303 if the file is damaged, MF304 if it is another run's.
+    """
+    if not path.exists():
+        return None
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            found = {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
+        raise SourceError(
+            "MF303", "the checkpoint is damaged", where=str(path), cure="Delete it and start again"
+        ) from error
+    if _KEY not in found or str(found.pop(_KEY)) != run:
+        raise SourceError(
+            "MF304",
+            "the checkpoint belongs to another run",
+            where=str(path),
+            cure="Give the settings it was made with, or delete it",
+        )
+    return found
