@@ -78,7 +78,6 @@ def _search(
         found = search(section, bundled() if images is None else folder(images), command, progress)
     write_text(target, dumps(found.opening))
     if found.cells is not None and map_target is not None:
-        map_target.parent.mkdir(parents=True, exist_ok=True)
         write_text(map_target, maps.dumps(found.cells))
     if as_json:
         print_json(_document(found, target, map_target))

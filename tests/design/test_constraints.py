@@ -158,7 +158,7 @@ def test_rules_can_be_taken_off_and_kept():
         ({"clear_dots": 1, "footprint": 0.33}, {"footprint", "clear_dots"}),
         ({"clear_dots": 1, "footprint": 0.3}, {"footprint"}),
     ],
-    ids=str,
+    ids=lambda given: " ".join(sorted(map(str, given))),
 )
 def test_contradictions_name_their_rules(rules, expected):
     held = Constraints(**{"dots": 5, **rules})
