@@ -58,9 +58,13 @@ def check(labels: Labels, mask: Mask, where: str) -> None:
         both = np.argwhere(emitter & clear)
         if both.size:
             row, column = both[0]
+            drawn = "".join(
+                "!" if both_here else LETTERS[cell]
+                for both_here, cell in zip((emitter & clear)[row], labels[row], strict=True)
+            )
             raise _refused(
                 f"the {colour} emitter lies on the opening in {len(both)} cells, first in line "
-                f"{labels.shape[0] - row}, column {column + 1}",
+                f"{labels.shape[0] - row}, column {column + 1}, at the ! of {drawn}",
                 where,
             )
 
