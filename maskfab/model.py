@@ -32,6 +32,11 @@ def orient(cell: NDArray[Scalar], orientation: int) -> NDArray[Scalar]:
     return np.rot90(mirrored, -(orientation % 4))
 
 
+def refined(cells: NDArray[Scalar], times: int) -> NDArray[Scalar]:
+    """The same picture [..., y, x] on cells that many times finer along each side."""
+    return cells.repeat(times, axis=-2).repeat(times, axis=-1)
+
+
 class Tiling(StrEnum):
     """How the cells of a panel choose among the eight orientations.
 

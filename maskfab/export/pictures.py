@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-from maskfab.errors import OutputError
+from maskfab.export.image import write_image
 
 Floats = NDArray[np.float64]
 
@@ -35,7 +35,7 @@ def write_exr(light: Floats, path: Path, facts: Mapping[str, str | float]) -> No
     header.attribute("DateTime", "")  # or OpenImageIO writes the time, and equal light makes unequal files
     for name, value in facts.items():
         header.attribute(f"maskfab:{name}", value)
-    _write(pixels, header, path)
+    write_image(pixels, header, path)
 
 
 def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
@@ -55,7 +55,7 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
     pixels = np.ascontiguousarray(table[steps])
     header = _header(pixels, "uint8")
     header.attribute("oiio:ColorSpace", "srgb_rec709_scene")
-    _write(pixels, header, path)
+    write_image(pixels, header, path)
 
 
 def srgb(linear: Floats) -> Floats:
@@ -73,13 +73,3 @@ def _upright(light: Floats) -> Floats:
 def _header(pixels: NDArray[Any], kind: str) -> Any:
     height, width, channels = pixels.shape
     return oiio.ImageSpec(width, height, channels, kind)
-
-
-def _write(pixels: NDArray[Any], header: Any, path: Path) -> None:
-    output = oiio.ImageOutput.create(str(path))
-    written = output is not None and output.open(str(path), header) and output.write_image(pixels)
-    if output is not None:
-        written = output.close() and written
-    if not written:
-        path.unlink(missing_ok=True)
-        raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 
-from maskfab.errors import OutputError
+from maskfab.export.image import write_image
 from maskfab.model import Psf
 
 
@@ -30,14 +29,6 @@ def write_psf(psf: Psf, path: Path, signature: str) -> None:
     header.attribute("maskfab:wavelength_nm", psf.wavelength_nm)
     header.attribute("maskfab:kind", psf.kind)
     header.attribute("maskfab:unit", "1/um^2")
-    aside = path.with_name(f".{path.name}.partial.exr")
-    output = oiio.ImageOutput.create(str(aside))
     # Of an array without the axis of channels OpenImageIO takes the first axis for x.
     pixels = np.ascontiguousarray(psf.values[::-1, :, None], dtype=np.float32)
-    written = output is not None and output.open(str(aside), header) and output.write_image(pixels)
-    if output is not None:
-        written = output.close() and written
-    if not written:
-        aside.unlink(missing_ok=True)
-        raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out")
-    os.replace(aside, path)
+    write_image(pixels, header, path)

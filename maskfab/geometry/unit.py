@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from maskfab.geometry.polygonize import outline
 from maskfab.model import (
     BLACK,
@@ -23,6 +20,7 @@ from maskfab.model import (
     Polygon,
     Track,
     orient,
+    refined,
 )
 
 
@@ -73,7 +71,7 @@ def unit_shapes(panel: Panel, cell: int) -> Mapping[Layer, tuple[Polygon, ...]]:
         labels, side = orient(panel.emitters.labels, orientation), panel.emitters.cell_nm
         for colour, layer in enumerate(EMITTERS, 1):
             shapes[layer] = outline(labels == colour, side, (half, half))
-        dark = _refined(dark, panel.dot_nm // side) & (labels == 0)
+        dark = refined(dark, panel.dot_nm // side) & (labels == 0)
     shapes[BLACK] = outline(dark, side, (half, half))
     if half:
         shapes[GUTTER] = _ring(panel.pitch_nm, half)
@@ -94,10 +92,6 @@ def _turned(point: Point, pitch_nm: int, orientation: int) -> Point:
     for _ in range(orientation % 4):
         x, y = pitch_nm - y, x
     return x, y
-
-
-def _refined(mask: NDArray[np.bool_], times: int) -> NDArray[np.bool_]:
-    return mask.repeat(times, axis=0).repeat(times, axis=1)
 
 
 def _ring(pitch: int, half: int) -> tuple[Polygon, ...]:

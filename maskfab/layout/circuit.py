@@ -15,7 +15,7 @@ from scipy import ndimage
 from maskfab.errors import JobError
 from maskfab.layout.subpixels.answer import Certificate, Proof
 from maskfab.layout.subpixels.rules import MOST_CELLS, finest_cell
-from maskfab.model import COLOURS, Emitters, Opening
+from maskfab.model import COLOURS, Emitters, Opening, refined
 
 Mask = NDArray[np.bool_]
 
@@ -88,7 +88,7 @@ def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
             cure=f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / 1e3:g} um",
         )
     per_dot = dot_nm // cell
-    closed = np.repeat(np.repeat(~opening.mask, per_dot, axis=0), per_dot, axis=1)
+    closed = refined(~opening.mask, per_dot)
     return _room("the closed area", closed, cell, rules.min_width_nm // cell, rules.pixel_need_um2)
 
 

@@ -20,6 +20,7 @@ from scipy import ndimage
 from maskfab.errors import JobError
 from maskfab.layout.given import Labels
 from maskfab.layout.grids import MAX_DOTS, Mask
+from maskfab.model import refined
 
 RED, GREEN, BLUE = 1, 2, 3
 _FINER = 2  # emitter cells along a dot of the round layout
@@ -165,7 +166,7 @@ def circular(dots: int, *, diameter: int, colour_gap: int, to_opening: int, bord
     mask = np.hypot(*_centred(dots)) < diameter / 2  # without the lone dots that a circle's tips may touch
     x, y = (each / _FINER for each in _centred(dots * _FINER))
     radius = np.hypot(x, y)
-    clear = mask.repeat(_FINER, axis=0).repeat(_FINER, axis=1)
+    clear = refined(mask, _FINER)
     near = ndimage.maximum_filter(clear, size=2 * _FINER * to_opening + 1, mode="constant")
     free = ~near & (radius <= dots / 2 - border)
     labels = np.zeros(radius.shape, dtype=np.int8)

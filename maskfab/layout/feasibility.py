@@ -5,7 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maskfab.layout.circuit import CircuitRules, Room, emitter_rooms, pixel_room
 from maskfab.layout.light import Light, Triple, current_density, relative_life
@@ -18,7 +17,7 @@ from maskfab.layout.subpixels.rules import EmitterRules, grid_of
 from maskfab.layout.wiring.answer import WireDemand, Wiring, check_wires, wiring
 from maskfab.layout.wiring.gutter import WireRules
 from maskfab.layout.wiring.reach import Reach, reaches
-from maskfab.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling
+from maskfab.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling, refined
 from maskfab.optics.centroid import luminance_centroid
 from maskfab.spec import EmittersSection, LightSection, WiresSection, even_nm
 from maskfab.units import to_nm
@@ -194,7 +193,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
         found,
         emitters,
         _share(shares, rules.emitters),
-        None if given else borders(emitters.labels, _refined(opening, grid.per_dot), grid, panel.orientations),
+        None if given else borders(emitters.labels, refined(opening.mask, grid.per_dot), grid, panel.orientations),
         broken,
         room,
         () if rules.circuit.min_width_nm % emitters.cell_nm else emitter_rooms(emitters, rules.circuit),
@@ -259,7 +258,3 @@ def _judged(found: Footprint, emitters: Emitters, shares: tuple[float, ...], rul
 def _share(shares: tuple[float, ...], rules: EmitterRules) -> float:
     """The footprint of emitters: the least area, as a share of the pixel, over its ratio."""
     return min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))
-
-
-def _refined(opening: Opening, times: int) -> NDArray[np.bool_]:
-    return opening.mask.repeat(times, axis=0).repeat(times, axis=1)

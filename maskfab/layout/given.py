@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.layout.grids import CLOSED, Mask, Rows
-from maskfab.model import COLOURS
+from maskfab.model import COLOURS, refined
 
 Labels = NDArray[np.int8]
 
@@ -50,7 +50,7 @@ def check(labels: Labels, mask: Mask, where: str) -> None:
         raise _refused(
             f"{labels.shape[0]} cells a side are no whole number of times the {mask.shape[0]} dots of the grid", where
         )
-    clear = mask.repeat(times, axis=0).repeat(times, axis=1)
+    clear = refined(mask, times)
     for label, colour in enumerate(COLOURS, 1):
         emitter = labels == label
         if not emitter.any():

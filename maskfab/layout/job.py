@@ -89,20 +89,19 @@ def load(path: str | Path) -> Job:
     for i, die in enumerate(stated.die):
         _check_alike(found[die.name], f"{path}: die[{i}].others")
         for opening in found[die.name]:
-            text = openings.dumps(opening)
-            if texts.setdefault(opening.name, text) != text:
-                raise JobError(
-                    "MF109",
-                    f"two different openings have the name {opening.name!r}",
-                    where=f"{path}: die[{i}].opening",
-                    cure="Rename one of them",
-                )
+            _keep(texts, opening.name, openings.dumps(opening), "openings", f"{path}: die[{i}].opening")
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
     named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
     resolved = _with_curves(named, path)
     job = Job(resolved, found, provenance.job_hash(resolved.dump()), str(path))
     _check_bands(job)
     return job
+
+
+def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:
+    """Hold a file's text under its name, which must not stand for another text already."""
+    if texts.setdefault(name, text) != text:
+        raise JobError("MF109", f"two different {kind} have the name {name!r}", where=where, cure="Rename one of them")
 
 
 def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
@@ -115,14 +114,7 @@ def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
             continue
         given = stated.maps.get(die.map)
         cells = maps.load(path.parent / die.map) if given is None else maps.parse(given, f"{path}: maps.{die.map}")
-        text = maps.dumps(cells)
-        if texts.setdefault(cells.name, text) != text:
-            raise JobError(
-                "MF109",
-                f"two different maps have the name {cells.name!r}",
-                where=f"{path}: die[{i}].map",
-                cure="Rename one of them",
-            )
+        _keep(texts, cells.name, maps.dumps(cells), "maps", f"{path}: die[{i}].map")
         dies.append(die.model_copy(update={"map": cells.name}))
     return stated.model_copy(update={"die": tuple(dies), "maps": texts})
 
@@ -139,10 +131,7 @@ def _with_curves(stated: JobSpec, path: Path) -> JobSpec:
         where = f"{path}: scene.{key}"
         text = stated.curves[value] if value in stated.curves else curves_text(path.parent / value, where)
         named[key] = Path(value).name
-        if texts.setdefault(named[key], text) != text:
-            raise JobError(
-                "MF109", f"two different tables have the name {named[key]!r}", where=where, cure="Rename one of them"
-            )
+        _keep(texts, named[key], text, "tables", where)
     return stated.model_copy(update={"scene": stated.scene.model_copy(update=named), "curves": texts})
 
 
