@@ -53,7 +53,10 @@ def test_cells_may_be_finer_than_dots() -> None:
 @pytest.mark.parametrize(
     ("rows", "told"),
     [
-        (["R.GB", *GOOD[1:]], "red emitter lies on the opening in 1 cells, first in line 1, column 1, at the ! of !.GB"),
+        (
+            ["R.GB", *GOOD[1:]],
+            "red emitter lies on the opening in 1 cells, first in line 1, column 1, at the ! of !.GB",
+        ),
         ([".RG."] * 4, "no blue emitter"),
         ([".RGX"] * 4, "'X'"),
         ([".RGB"] * 3, "3 lines"),
