@@ -39,8 +39,7 @@ def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFi
     for arguments, code in (
         (["--protocol", "f2"], "MF105"),
         (["--die", "NOBODY"], "MF105"),
-        (["--die", "TOLED_R300"], "MF122"),
-        (["--reference", "TOLED_R300"], "MF105"),
+        (["--die", "TOLED_P150", "--reference", "TOLED_R300"], "MF105"),
         (["--images", "nowhere"], "MF301"),
     ):
         assert run_command_line(["simulate", str(JOB), *arguments, "--quiet"]) == 2

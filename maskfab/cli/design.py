@@ -1,143 +1,131 @@
-"""``maskfab design``: an opening by gradient descent, or by a search among shapes."""
+"""``maskfab design``: an opening, and its map, as the job's [design] asks for it."""
 
 from __future__ import annotations
 
-import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from maskfab.cli.budget import Budget, seconds
+from maskfab.cli.design_text import document, lines
 from maskfab.cli.options import JobFile, Json, Quiet
-from maskfab.cli.printing import print_json, tell_opening
+from maskfab.cli.printing import print_json
 from maskfab.cli.watch import watched
-from maskfab.errors import JobError
+from maskfab.errors import JobError, OutputError
 
 if TYPE_CHECKING:
-    from maskfab.design.search import Searched
-    from maskfab.spec import JobSpec, SearchSection
+    from maskfab.design.job import Designed
+    from maskfab.imaging.photographs import Scene
+    from maskfab.progress import Progress
+    from maskfab.spec import JobSpec
 
 
 def design(
     job: JobFile,
     out: Annotated[Path | None, typer.Option(help="Where the opening goes; default: the output of the job.")] = None,
-    images: Annotated[
-        Path | None, typer.Option(help="Photographs that [search] judges by; default: drawn scenes.")
+    images: Annotated[Path | None, typer.Option(help="Photographs to design for; default: drawn scenes.")] = None,
+    budget: Budget = None,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="File to keep the search's state in, and to go on from if it is there.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an existing opening.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find an opening whose blur can be undone: [design] by gradient descent, [search] among compact shapes."""
+    """Find an opening behind which photographs can be restored, by a search among shapes or by gradient descent."""
+    from maskfab.export.staging import check_file, write_text
+    from maskfab.layout import maps
+    from maskfab.layout.openings import dumps
     from maskfab.spec import read
 
     spec = read(job)
-    if spec.search is not None:
-        _search(spec.search, job, out, images, force=force, as_json=as_json, quiet=quiet)
-    else:
-        _descend(spec, job, out, force=force, as_json=as_json, quiet=quiet)
-
-
-def _descend(spec: JobSpec, job: Path, out: Path | None, *, force: bool, as_json: bool, quiet: bool) -> None:
-    from maskfab.design.job import find, settings
-    from maskfab.export.staging import check_file, write_text
-    from maskfab.layout.openings import dumps
-
-    wanted = settings(spec, where=str(job), command=f"maskfab design {job.as_posix()}")
-    target = out or (job.parent / spec.design.output if spec.design and spec.design.output else None)
-    if target is None:
-        raise JobError("MF105", "the design has no output file", where=f"{job}: design.output", cure="Add it, or --out")
-    check_file(target, force=force)
-    with watched(quiet) as progress:
-        opening = find(wanted, progress)
-    write_text(target, dumps(opening))
-    tell_opening(opening, target, as_json)
-
-
-def _search(
-    section: SearchSection, job: Path, out: Path | None, images: Path | None, *, force: bool, as_json: bool, quiet: bool
-) -> None:
-    from maskfab.design.search import search
-    from maskfab.export.staging import check_file, write_text
-    from maskfab.imaging.photographs import folder
-    from maskfab.imaging.scenes import bundled
-    from maskfab.layout import maps
-    from maskfab.layout.openings import dumps
-
-    target = out or (None if section.output is None else job.parent / section.output)
-    if target is None:
-        raise JobError("MF105", "the search has no output file", where=f"{job}: search.output", cure="Add it, or --out")
-    map_target = None if section.map_output is None else job.parent / section.map_output
-    if section.map is not None and map_target is None:
-        raise JobError("MF105", "the map has no output file", where=f"{job}: search.map_output", cure="Add it")
-    for each in (target, map_target):
-        if each is not None:
-            check_file(each, force=force)
+    limit_s = seconds(budget)
+    targets = _targets(spec, job, out)
+    for each in targets.values():
+        check_file(each, force=force)
+    if checkpoint is not None and not checkpoint.absolute().parent.is_dir():
+        raise OutputError(
+            "MF401", f"there is no directory for the checkpoint {checkpoint}", cure="Choose another place"
+        )
+    _check_rules(spec, job)
     command = f"maskfab design {job.as_posix()}" + ("" if images is None else f" --images {images.as_posix()}")
     with watched(quiet) as progress:
-        found = search(section, bundled() if images is None else folder(images), command, progress)
-    write_text(target, dumps(found.opening))
-    if found.cells is not None and map_target is not None:
-        write_text(map_target, maps.dumps(found.cells))
+        found = _found(spec, _scenes(images), command, progress, limit_s, checkpoint)
+    written = {"opening": dumps(found.opening)}
+    if found.outer is not None:
+        written["outer"] = dumps(found.outer)
+    if found.cells is not None:
+        written["map"] = maps.dumps(found.cells)
+    for name, text in written.items():
+        write_text(targets[name], text)
+    paths = {name: targets[name] for name in written}
+    notes = [*found.notes]
+    if found.cut:
+        notes.append("A run that its budget cut short is not repeated bit for bit.")
     if as_json:
-        print_json(_document(found, target, map_target))
+        print_json(document(found, paths, notes))
         return
-    for line in _lines(found):
+    for line in lines(found, notes):
         typer.echo(line)
-    for each in (target, map_target if found.cells is not None else None):
-        if each is not None:
-            typer.echo(each)
+    for path in paths.values():
+        typer.echo(path)
 
 
-def _lines(found: Searched) -> list[str]:
-    levels = ", ".join(f"{value:.2f} dB at {level}" for level, value in _by_level(found.psnr))
-    lines = [f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {levels}"]
-    room = ", ".join(f"{value:.2f} dB at {level}" for level, value in _by_level(found.head_room))
-    lines.append(f"no opening of as many dots gains more, in the picture's interior, than {room}")
-    lines.append(f"rules together cost {_db(found.prices.together)}, of {found.evaluated} openings")
-    lines += [f"  {price.rule}: alone {_db(price.alone)}, last {_db(price.last)}" for price in found.prices.each]
-    if found.designed is not None:
-        gains = ", ".join(f"{value:+.2f} dB at {level}" for level, value in _by_level(found.designed.gain_db))
-        light = found.designed.clear_dots / found.designed.start_clear_dots - 1
-        lines.append(f"designed map, against a random one: {gains}; light {light:+.2%}")
-    return lines
+def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
+    """Where the opening goes, and the outer one and the map where there will be any."""
+    from maskfab.spec import SearchSection
+
+    section = spec.design
+    if section is None:
+        raise JobError("MF105", "the job has no [design] section", where=str(job), cure="Add [design]")
+    target = out or (None if section.output is None else job.parent / section.output)
+    if target is None:
+        raise JobError("MF105", "the design has no output file", where=f"{job}: design.output", cure="Add it, or --out")
+    targets = {"opening": target}
+    if isinstance(section, SearchSection) and section.map is not None:
+        if section.map_output is None:
+            raise JobError(
+                "MF105", "the map has no output file", where=f"{job}: design.map_output", cure="Add map_output"
+            )
+        targets["map"] = job.parent / section.map_output
+        if section.density is not None:
+            targets["outer"] = target.with_name(f"{target.stem}_outer{target.suffix}")
+    return targets
 
 
-def _document(found: Searched, target: Path, map_target: Path | None) -> dict[str, object]:
-    designed = found.designed
-    return {
-        "name": found.opening.name,
-        "path": str(target),
-        "shape": found.shape,
-        "clear_dots": found.opening.clear_dots,
-        "open_ratio": found.opening.open_ratio,
-        "expected_psnr_db": {str(level): value for level, value in _by_level(found.psnr)},
-        "head_room_db": {str(level): value for level, value in _by_level(found.head_room)},
-        "evaluated": found.evaluated,
-        "rules_cost_db": _finite(found.prices.together),
-        "prices_db": {
-            each.rule: {"alone": _finite(each.alone), "last": _finite(each.last)} for each in found.prices.each
-        },
-        "map": None
-        if designed is None
-        else {
-            "path": str(map_target),
-            "gain_db": {str(level): value for level, value in _by_level(designed.gain_db)},
-            "clear_dots": designed.clear_dots,
-            "random_clear_dots": designed.start_clear_dots,
-        },
-    }
+def _check_rules(spec: JobSpec, job: Path) -> None:
+    """Refuse rules that no opening keeps before anything is read or drawn."""
+    from maskfab.design.job import constraints_of
+
+    assert spec.design is not None
+    constraints_of(spec.design, where=f"{job}: design").require_possible()
 
 
-def _by_level(values: tuple[float, ...]) -> list[tuple[int, float]]:
-    from maskfab.imaging.protocol import LEVELS
+def _scenes(images: Path | None) -> Sequence[Scene]:
+    from maskfab.imaging.photographs import folder
+    from maskfab.imaging.scenes import bundled
 
-    return list(zip(LEVELS, values, strict=True))
-
-
-def _db(value: float) -> str:
-    return f"{value:.3f} dB" if math.isfinite(value) else "everything: nothing seen keeps it"
+    return bundled() if images is None else folder(images)
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _found(
+    spec: JobSpec,
+    scenes: Sequence[Scene],
+    command: str,
+    progress: Progress,
+    limit_s: float | None,
+    checkpoint: Path | None,
+) -> Designed:
+    from maskfab.spec import RelaxSection
+
+    assert spec.design is not None
+    if isinstance(spec.design, RelaxSection):
+        from maskfab.design.relax import relax
+
+        camera = spec.camera.camera()
+        return relax(spec.design, camera, scenes, command, progress, budget_s=limit_s, checkpoint=checkpoint)
+    from maskfab.design.search import search
+
+    return search(spec.design, scenes, command, progress, budget_s=limit_s, checkpoint=checkpoint)

@@ -15,7 +15,13 @@ from maskfab.cli.watch import watched
 from maskfab.errors import JobError
 
 if TYPE_CHECKING:
-    from maskfab.imaging.protocol import Table
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from maskfab.imaging.protocol import Score, Table
+
+_PICTURE = (160, 200)
+"""Rows and columns of the sensor that a picture shows of every photograph."""
 
 
 def simulate(
@@ -24,18 +30,24 @@ def simulate(
     reference: Annotated[str | None, typer.Option(help="The die to compare with; default: first.")] = None,
     images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: drawn scenes.")] = None,
     protocol: Annotated[str, typer.Option(help="How photographs are taken and restored: f1.")] = "f1",
+    picture: Annotated[Path | None, typer.Option(help="Write a PNG: truth and dies, a row for each level.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace that picture.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Photographs through every die, in noise, restored and scored: PSNR, SSIM, and gains over a reference."""
+    from maskfab.export.staging import check_file, write_bytes
     from maskfab.imaging.laid_panel import laid_panel
     from maskfab.imaging.photographs import folder
     from maskfab.imaging.protocol import evaluate
     from maskfab.imaging.scenes import bundled
+    from maskfab.imaging.shots import Crop, Shot, truth_of
     from maskfab.layout.job import load
 
     if protocol != "f1":
         raise JobError("MF105", f"there is no protocol {protocol!r}", where="--protocol", cure="Use f1")
+    if picture is not None:
+        check_file(picture, force=force)
     panels = {each.name: each.panel for each in load(job).plate().dies}
     check_dies(die or (), list(panels))
     chosen = list(dict.fromkeys(die)) if die else list(panels)
@@ -47,17 +59,30 @@ def simulate(
             if die:
                 raise
     if not laid:
-        raise JobError("MF122", "no die has cells of 168 um", where=str(job), cure="See maskfab simulate --die NAME")
+        raise JobError(
+            "MF122", f"protocol {protocol.upper()} can judge no die", where=str(job), cure="Add --die NAME to see why"
+        )
     names = [each.name for each in laid]
     check_dies([reference] if reference else (), names)
     scenes = bundled() if images is None else folder(images)
-    tables = []
+    crop = Crop(*_PICTURE)
+    tables: list[Table] = []
+    shown: dict[str, list[Shot]] = {name: [] for name in names}
+
+    def show(score: Score, whole: NDArray[np.float32]) -> None:
+        if picture is not None and score.scene == scenes[0].name:
+            shown[score.design].append(Shot(score, crop.of(whole)))
+
     with watched(quiet) as progress:
         for done, each in enumerate(laid):
             progress("photographs", done, len(laid))
-            tables.append(evaluate([each], scenes, scenes))
+            tables.append(evaluate([each], scenes, scenes, show=show))
         progress("photographs", len(laid), len(laid))
     table = type(tables[0])(tuple(score for each in tables for score in each.scores))
+    if picture is not None:
+        from maskfab.report.design_figures import sheet
+
+        write_bytes(picture, sheet(truth_of(scenes[0], crop), scenes[0].name, shown))
     base = reference or names[0]
     if as_json:
         print_json(_document(table, base, protocol, [scene.name for scene in scenes]))

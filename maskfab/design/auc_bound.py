@@ -25,7 +25,7 @@ from scipy import optimize, sparse
 
 from maskfab.design.interior import unit_modulation
 from maskfab.design.residue_bound import residue_classes
-from maskfab.imaging.transfer import CELLS, WAVELENGTHS_NM, autocorrelation, lags_per_frequency, stop
+from maskfab.imaging.transfer import WAVELENGTHS_NM, Lattice, autocorrelation, lags_per_frequency, lattice, stop
 
 Floats = NDArray[np.float64]
 
@@ -70,11 +70,18 @@ class Rings:
         return self.area(np.stack(found))
 
 
-def rings(dots: int = 21, wavelength_nm: float = WAVELENGTHS_NM[2]) -> Rings:
-    """The rings of the protocol's camera; blue by default."""
-    side = CELLS * dots
-    per_cycle = lags_per_frequency(side, wavelength_nm)
-    table = autocorrelation(stop(side).astype(np.float64))
+def rings(dots: int = 21, wavelength_nm: float = WAVELENGTHS_NM[2], *, room: Lattice | None = None) -> Rings:
+    """The rings of the protocol's camera; blue by default.
+
+    Args:
+        dots: along the unit's side.
+        wavelength_nm: of the light.
+        room: of the cells behind the stop, of so many dots; None for cells of 168 um.
+    """
+    room = room or lattice(dots)
+    side = room.side
+    per_cycle = lags_per_frequency(side, wavelength_nm, room.dot_um)
+    table = autocorrelation(stop(side, room.dot_um).astype(np.float64))
     table /= table[side - 1, side - 1]
     longest = min(round(per_cycle / 2), side - 1)
     y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, 0 : longest + 1])

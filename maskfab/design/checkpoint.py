@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import zipfile
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -67,3 +68,29 @@ def load(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
             cure="Give the settings it was made with, or delete it",
         )
     return found
+
+
+@dataclass(frozen=True, eq=False)
+class Kept:
+    """A checkpoint that grows from stage to stage of a run.
+
+    Attributes:
+        path: of the file; its directory exists.
+        key: what tells the run from every other.
+        state: what is known of it so far, read from the file.
+
+    Raises:
+        SourceError: MF303, MF304 as :func:`load`.
+    """
+
+    path: Path
+    key: str
+    state: dict[str, NDArray[np.generic]] = field(default_factory=dict, init=False)
+
+    def __post_init__(self) -> None:
+        self.state.update(load(self.path, self.key) or {})
+
+    def put(self, arrays: State) -> None:
+        """Add these, or replace those of the same names, and save all; MF401 as :func:`save`."""
+        self.state.update(arrays)
+        save(self.path, self.key, self.state)

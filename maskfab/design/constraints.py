@@ -35,6 +35,7 @@ from maskfab.layout.wiring.flow import DIRECTIONS, Net, lines
 from maskfab.layout.wiring.ports import ports
 from maskfab.model import ORIENTATIONS, Opening, frozen, orient
 from maskfab.optics.centroid import luminance_centroid
+from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
 Kissing = Literal["allowed", "cell", "neighbours"]
@@ -99,7 +100,7 @@ class Constraints:
 
     Raises:
         JobError: MF104 for a number out of range; MF105 for a rule or keep-out of another kind; MF117 or MF118 where
-            the emitters' rules do not suit the pixel.
+            the rules of emitters or circuits do not suit the pixel.
     """
 
     clear_dots: int
@@ -171,6 +172,8 @@ class Constraints:
             object.__setattr__(self, "keep_out", frozen(kept))
         if self.footprint is not None or self.centroid_px is not None:
             _ = self.grid
+        if self.circuit is not None:
+            pixel_room(self._opening(np.zeros((self.dots, self.dots), dtype=np.bool_)), self.dot_nm, self.circuit)
 
     @property
     def active(self) -> tuple[str, ...]:
@@ -237,9 +240,31 @@ class Constraints:
         said = self._broken(np.asarray(unit, dtype=np.bool_), quick=True)
         return frozenset(each.split(":")[0] for each in said)
 
+    def broken_beside(self, units: Mask) -> str | None:
+        """Name of the first rule that openings which keep it among themselves break beside one another; None if none.
+
+        Args:
+            units: bool [units, dots, dots], any of which may be the neighbour of any, in the orientations used.
+        """
+        active = self.active
+        turned = np.concatenate([_turned(unit, self.orientations) for unit in np.asarray(units, dtype=np.bool_)])
+        if "kissing" in active and self.kissing == "neighbours" and self.gutter_nm == 0 and _kiss_across(turned):
+            return "kissing"
+        if "min_space_dots" in active and _space_across(turned, self.gutter_nm / self.dot_nm) < self.min_space_dots:
+            return "min_space_dots"
+        return None
+
     def conflict(self) -> Conflict | None:
         """Rules that contradict each other, with the proof; None where no proof was found, so that a search may go."""
-        for find in (self._by_counting, self._by_orbits, self._by_width, self._by_wires, self._by_area):
+        proofs = (
+            self._by_counting,
+            self._by_orbits,
+            self._by_width,
+            self._by_wires,
+            self._by_circuits,
+            self._by_area,
+        )
+        for find in proofs:
             if (found := find()) is not None:
                 return found
         return self._by_looking()
@@ -312,7 +337,7 @@ class Constraints:
     def _kissing(self, unit: Mask) -> str | None:
         if inside := corner_touches(unit):
             return f"{inside} corners touch inside the cell"
-        if self.kissing == "neighbours" and self.gutter_nm == 0 and _kiss_across(unit, self.orientations):
+        if self.kissing == "neighbours" and self.gutter_nm == 0 and _kiss_across(_turned(unit, self.orientations)):
             return "corners of neighbouring cells can touch"
         return None
 
@@ -322,7 +347,8 @@ class Constraints:
         return f"a clear width of {least:g} dots, least {wanted}" if least < wanted else None
 
     def _space(self, unit: Mask) -> str | None:
-        least = min(smallest_runs(unit).opaque, _space_across(unit, self.orientations, self.gutter_nm / self.dot_nm))
+        across = _space_across(_turned(unit, self.orientations), self.gutter_nm / self.dot_nm)
+        least = min(smallest_runs(unit).opaque, across)
         return f"a space of {least:g} dots, least {self.min_space_dots}" if least < self.min_space_dots else None
 
     def _circuit(self, unit: Mask) -> str | None:
@@ -454,6 +480,18 @@ class Constraints:
                 )
         return None
 
+    def _by_circuits(self) -> Conflict | None:
+        if self.circuit is None:
+            return None
+        closed = (self.dots**2 - self.clear_dots) * (self.dot_nm / NM_PER_UM) ** 2
+        if self.circuit.pixel_need_um2 <= closed * (1 + 1e-9):
+            return None
+        return Conflict(
+            ("circuit", "clear_dots"),
+            f"{self.circuit.circuits} circuits of {self.circuit.need_um2:g} um2 need more than the {closed:g} um2 of "
+            "the pixel that are closed",
+        )
+
     def _by_area(self) -> Conflict | None:
         if self.footprint is None:
             return None
@@ -524,10 +562,9 @@ def _turned(unit: Mask, orientations: tuple[int, ...]) -> Mask:
     return np.stack([orient(unit, k) for k in orientations])
 
 
-def _kiss_across(unit: Mask, orientations: tuple[int, ...]) -> bool:
-    """Whether cells without a gutter, any orientation beside any, can touch at corners along a border or where four
-    meet."""
-    turned = _turned(unit, orientations)
+def _kiss_across(turned: Mask) -> bool:
+    """Whether cells [kinds, dots, dots] without a gutter, any beside any, can touch at corners along a border or where
+    four meet."""
     for here, there in ((turned[:, :, -1], turned[:, :, 0]), (turned[:, -1], turned[:, 0])):
         low, high = here[:, None, :-1], here[:, None, 1:]
         across_low, across_high = there[None, :, :-1], there[None, :, 1:]
@@ -542,9 +579,8 @@ def _kiss_across(unit: Mask, orientations: tuple[int, ...]) -> bool:
     return rising_four or falling_four
 
 
-def _space_across(unit: Mask, orientations: tuple[int, ...], gutter: float) -> float:
-    """Least closed run in dots that crosses a border between cells; inf where there is none."""
-    turned = _turned(unit, orientations)
+def _space_across(turned: Mask, gutter: float) -> float:
+    """Least closed run in dots that crosses a border between cells [kinds, dots, dots]; inf where there is none."""
     least = math.inf
     for cells in (turned, turned.transpose(0, 2, 1)):
         used = cells.any(axis=2)

@@ -8,7 +8,8 @@ Notes:
     A step depends on its number and the state before it alone: an interrupted run that goes on from its checkpoint
     ends bit for bit where an uninterrupted one does (on the CPU; on CUDA sums are added in any order).
     An even start, all clear or all closed, is a saddle: dots that the layout treats alike have one gradient for ever.
-    What is left is the rim of the stop and rounding. Such a run goes on, and its result says so.
+    What is left is the rim of the stop and rounding. Such a run goes on, and its result says so. So far out that the
+    sigmoid is flat, or the loss of a closed unit is no number, it is refused.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from numpy.typing import NDArray
 from maskfab.design.checkpoint import load, save
 from maskfab.design.objective import AreaPenalty, Objective
 from maskfab.design.tiled_stop import DTYPES, Precision
-from maskfab.errors import InternalError, JobError
+from maskfab.errors import InternalError, JobError, OpeningError
 
 EVEN = 1e-6  # spread of the start's transmissions below which it counts as even
 PROBE_STEPS = 3
@@ -168,7 +169,8 @@ def descend(
 
     Raises:
         JobError: MF104 for settings out of range, or a start on which nothing has any slope.
-        InternalError: MF901 if the very first loss is not finite.
+        OpeningError: MF203 if no dot is to be clear.
+        InternalError: MF901 if the very first loss, or the judgement of every binary unit, is not finite.
         SourceError: MF303, MF304 for a checkpoint that is damaged or another run's.
         OutputError: MF401 if the checkpoint cannot be written.
     """
@@ -268,6 +270,8 @@ class _Run:
         slope = self.logits.grad
         assert slope is not None
         if not (math.isfinite(value.item()) and bool(torch.isfinite(slope).all())):
+            if self.total == 0:
+                self._look_for_flat(transmission.detach(), EVEN)
             self._not_finite(value.item())
             return None
         if iteration == 0:
@@ -285,6 +289,9 @@ class _Run:
         candidate = binarised(self.logits.detach(), self.how.clear_dots)
         with torch.no_grad():
             loss = float(self.judge(candidate))
+        if not math.isfinite(loss) and last:
+            self._not_finite(loss)
+            return
         if loss < self.best_loss or (last and not self.how.judged_every):
             self.best, self.best_loss, self.stale = candidate, loss, 0
             return
@@ -293,14 +300,14 @@ class _Run:
             self.ended, self.outcome = True, Outcome.PLATEAU
 
     def _look_at_start(self, transmission: torch.Tensor, slope: torch.Tensor) -> None:
+        self._look_for_flat(transmission)
         largest = float(slope.abs().max())
         if largest == 0:
             raise JobError(
                 "MF104",
-                f"a start of logit {self.how.start_logit:g} has no slope at all: its transmissions are "
-                f"{float(transmission.min()):.3g} to {float(transmission.max()):.3g}",
-                where="design.start_logit",
-                cure="Start with noise, and nearer to 0",
+                f"the objective has no slope at the start, {float(transmission.mean()):.3g} open: no dot changes it",
+                where="design.objectives",
+                cure="Weigh an objective that looks at the dots",
             )
         if float(transmission.max() - transmission.min()) <= EVEN:
             spread = float(slope.max() - slope.min()) / largest
@@ -309,8 +316,19 @@ class _Run:
                 f"its dots differ by {spread:.1e} of their size. Set start_noise to 0.5."
             )
 
+    def _look_for_flat(self, transmission: torch.Tensor, least: float = 0.0) -> None:
+        """Refuse a start on which the sigmoid has no slope, or hardly any."""
+        if float((transmission * (1 - transmission)).max()) <= least:
+            raise JobError(
+                "MF104",
+                f"a start of logit {self.how.start_logit:g} has no slope at all: its transmissions are "
+                f"{float(transmission.min()):.3g} to {float(transmission.max()):.3g}",
+                where="design.start_logit",
+                cure="Start with noise, and nearer to 0",
+            )
+
     def _not_finite(self, value: float) -> None:
-        if math.isinf(self.best_loss) and math.isinf(self.overall_loss):
+        if math.isinf(self.best_loss) and math.isinf(self.overall_loss) and not self._kept_what_is():
             raise InternalError(
                 "MF901",
                 f"the design's loss is {value} at iteration {self.iteration}; it and its gradient must be finite",
@@ -319,6 +337,17 @@ class _Run:
             )
         self.outcome, self.ended = Outcome.NOT_FINITE, True
         self.notes.append(f"Start {self.start} was not finite at iteration {self.iteration}.")
+
+    def _kept_what_is(self) -> bool:
+        """Whether some step was done and its binary unit has a loss; it is kept then."""
+        if self.iteration == 0:
+            return False
+        candidate = binarised(self.logits.detach(), self.how.clear_dots)
+        with torch.no_grad():
+            loss = float(self.judge(candidate))
+        if math.isfinite(loss):
+            self.best, self.best_loss = candidate, loss
+        return math.isfinite(loss)
 
     def next_start(self) -> None:
         """Keep the best of this start, and begin the next one if there is any."""
@@ -392,6 +421,8 @@ def _device(objective: Objective) -> torch.device:
 
 
 def _check(how: Descent) -> None:
+    if how.clear_dots == 0:
+        raise OpeningError("MF203", "0 dots are to be clear", where="design.clear_dots", cure="Open at least 1 dot")
     limits: tuple[tuple[str, float, float, float], ...] = (
         ("dots", how.dots, 1, 512),
         ("clear_dots", how.clear_dots, 0, how.dots**2),

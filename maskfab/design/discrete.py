@@ -275,14 +275,25 @@ class State:
         """From what :meth:`plain` gave.
 
         Raises:
-            JobError: MF105 if something is missing.
+            JobError: MF105 if something is missing or of another kind.
         """
         try:
-            return cls(**{name: plain[name] for name in cls.__dataclass_fields__})
+            made = cls(**{name: plain[name] for name in cls.__dataclass_fields__})
+            whole = made.unit.ndim == 2 and made.unit.shape == made.best.shape and made.evaluations >= 0
+            np.random.default_rng().bit_generator.state = dict(made.generator)
         except KeyError as missing:
             raise JobError(
                 "MF105", f"the saved annealing has no {missing}", where="design", cure="Start it again"
             ) from missing
+        except (TypeError, ValueError) as error:
+            raise JobError(
+                "MF105", f"the saved annealing is damaged: {error}", where="design", cure="Start it again"
+            ) from error
+        if not (whole and math.isfinite(made.value) and math.isfinite(made.best_value)):
+            raise JobError(
+                "MF105", "the saved annealing's openings or values are damaged", where="design", cure="Start it again"
+            )
+        return made
 
 
 @dataclass(frozen=True, eq=False)

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from maskfab.design.interior import Interior
-from maskfab.imaging.transfer import CELLS, stop
+from maskfab.imaging.transfer import Lattice, stop
 
 Floats = NDArray[np.float64]
 
@@ -137,14 +137,15 @@ class Blocks:
     allowed: Floats
 
 
-def blocks(inner: Interior, ratio: float, *, cut_cells: bool = False) -> Blocks:
+def blocks(inner: Interior, ratio: float, *, cut_cells: bool = False, open_share: float | None = None) -> Blocks:
     """The blocks that reach the square of frequencies.
 
     Args:
         inner: of the camera.
         ratio: ρ, clear share of each cell.
-        cut_cells: count what the cells that the stop cuts can hold inside it at most, their light being that of ρ;
-            otherwise they count as if their clear dots were spread evenly.
+        cut_cells: count what the cells that the stop cuts can hold inside it at most; otherwise they count as if their
+            clear dots were spread evenly.
+        open_share: clear share of the stop, which cut cells can change; None is ρ.
     """
     n = inner.dots
     cell, part = np.divmod(inner.lags, n)
@@ -160,7 +161,8 @@ def blocks(inner: Interior, ratio: float, *, cut_cells: bool = False) -> Blocks:
     # A lag at a multiple of the cell along an axis is not reached by the next block.
     covering = np.where(triangle > 0, covering, covering[:, :1])
     images = np.array([(1 if v == u == 0 else 4 if v in (0, u) else 8) for v, u in pairs], dtype=np.float64)
-    sums = _cut_cell_sums(n, ratio, pairs) if cut_cells else ratio * _stop_sums(inner, pairs)
+    light = ratio if open_share is None else open_share
+    sums = _cut_cell_sums(inner.lattice, ratio, light, pairs) if cut_cells else ratio * _stop_sums(inner, pairs)
     return Blocks(covering, triangle, images * sums)
 
 
@@ -175,26 +177,27 @@ def _stop_sums(inner: Interior, pairs: list[tuple[int, int]]) -> Floats:
     return np.array(found)
 
 
-def _cut_cell_sums(n: int, ratio: float, pairs: list[tuple[int, int]]) -> Floats:
+def _cut_cell_sums(room: Lattice, ratio: float, open_share: float, pairs: list[tuple[int, int]]) -> Floats:
     """Most pairs of clear dots for each displacement of cells, over all clear dots.
 
-    Whole cells hold c dots, cut ones up to min(c, their dots inside), as many in all as the stop's light at ρ leaves.
+    Whole cells hold c dots, cut ones up to min(c, their dots inside), as many in all as the light leaves.
     A product of two cut cells is at most the mean of one's count times the other's most, which is linear, so the best
     filling goes from the largest gain down.
     """
-    inside = stop(CELLS * n).reshape(CELLS, n, CELLS, n).sum(axis=(1, 3)).astype(np.float64)
+    n, cells = room.dots, room.cells
+    inside = stop(room.side, room.dot_um).reshape(cells, n, cells, n).sum(axis=(1, 3)).astype(np.float64)
     count = ratio * n * n
     most = np.minimum(inside, count)
     whole = np.where(inside == n * n, count, 0.0)
     cut = np.where(inside == n * n, 0.0, most)
-    total = ratio * inside.sum()
-    room = min(total - whole.sum(), float(cut.sum()))
+    total = open_share * inside.sum()
+    spare = min(total - whole.sum(), float(cut.sum()))
     found = []
     for v, u in pairs:
         gain = sum(_moved(whole, s * v, s * u) + _moved(cut, s * v, s * u) / 2 for s in (1, -1))
         order = np.argsort(-np.asarray(gain)[cut > 0])
         limits = cut[cut > 0][order]
-        taken = np.minimum(limits, np.maximum(room - np.r_[0, np.cumsum(limits)[:-1]], 0))
+        taken = np.minimum(limits, np.maximum(spare - np.r_[0, np.cumsum(limits)[:-1]], 0))
         both = float((whole * _moved(whole, v, u)).sum())
         found.append((both + float(taken @ np.asarray(gain)[cut > 0][order])) / total)
     return np.array(found)

@@ -21,6 +21,7 @@ Notes:
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,7 +35,7 @@ from maskfab.design.tiled_stop import Precision, TiledStop, tiled_stop
 from maskfab.errors import JobError
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import CELLS, FOCAL_UM, PANEL_UM, PIXEL_UM
+from maskfab.imaging.transfer import FOCAL_UM, PIXEL_UM, STOP_UM
 from maskfab.model import Camera, Stop
 from maskfab.units import NM_PER_UM
 
@@ -50,8 +51,8 @@ class BoundaryLeak(Objective):
 
     Attributes:
         correlation: of the pupil.
-        along: matrices from the lags -dots to dots to the low frequencies of y and x, the pixel's sinc in them.
-        lags: flat table indices of these lags' upper half, [dots + 1, 2 dots + 1].
+        along: matrices from the lags -k to k to the low frequencies of y and x, the pixel's sinc in them.
+        lags: flat table indices of these lags' upper half, [k + 1, 2 k + 1].
         spectra: complex [scenes, rows, columns / 2 + 1], the low-passed scenes.
         truth: their part on the sensor; ``width`` samples are round it on every side.
         prior: (f / 0.1)² at the frequencies.
@@ -154,7 +155,7 @@ def expected_error(
 
     Args:
         known: of the scenes and the unit's dots.
-        orientations: int8 [24, 24], elements of D4.
+        orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
         levels: dB, keys of ``imaging.capture.ELECTRONS``.
         epsilons: constants of the filter to choose from.
         with_leak: count the halo across the sensor's edge.
@@ -163,25 +164,25 @@ def expected_error(
     Raises:
         JobError: MF104 for a level that is not known or an ε that is not above 0, MF122 for another number of cells.
     """
-    if orientations.shape != (CELLS, CELLS):
+    cells = known.lattice.cells
+    if orientations.shape != (cells, cells):
         raise JobError(
             "MF122",
             f"the orientations have the shape {orientations.shape}",
             where="design.orientations",
-            cure=f"Give {CELLS} x {CELLS} of them",
+            cure=f"Give {cells} x {cells} of them",
         )
-    if not levels or any(level not in ELECTRONS for level in levels) or not min(epsilons, default=0.0) > 0:
+    fine = all(0 < epsilon < math.inf for epsilon in epsilons) and epsilons
+    if not levels or any(level not in ELECTRONS for level in levels) or not fine:
         raise JobError(
             "MF104",
             f"levels {levels} and ε {epsilons} must be known levels and positive numbers",
             where="design.levels",
             cure=f"Choose levels among {', '.join(map(str, ELECTRONS))}",
         )
-    dots = known.dots
-    dot_um = PANEL_UM / (CELLS * dots)
-    diameter = 2 * 250 / 504 * PANEL_UM
-    camera = Camera(FOCAL_UM, Stop("circle", diameter), (WAVELENGTH_NM,), PIXEL_UM, 256.0)
-    stop = tiled_stop(dots, round(dot_um * NM_PER_UM), orientations, camera, precision=precision, device=device)
+    camera = Camera(FOCAL_UM, Stop("circle", STOP_UM), (WAVELENGTH_NM,), PIXEL_UM, 256.0)
+    dot_nm = round(known.lattice.dot_um * NM_PER_UM)
+    stop = tiled_stop(known.dots, dot_nm, orientations, camera, precision=precision, device=device)
     size = stop.correlation.size
     y, x = known.lags
     nu = known.lags / stop.per_cycle(WAVELENGTH_NM)
@@ -214,7 +215,7 @@ def boundary_leak(
 
 
 def _leak(known: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> BoundaryLeak:
-    n, size = known.dots, stop.correlation.size
+    n, size = len(known.near) // 2, stop.correlation.size
     y, x = np.mgrid[0 : n + 1, -n : n + 1]
     complex_type = torch.complex64 if stop.dtype == torch.float32 else torch.complex128
     return BoundaryLeak(

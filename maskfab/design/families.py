@@ -102,11 +102,18 @@ def discs(
         free: bool [dots, dots], where dots may be clear; None is everywhere.
 
     Raises:
-        JobError: MF105 for a symmetry that there is not.
+        JobError: MF105 for a symmetry that there is not, or a ``free`` of another shape.
         OpeningError: MF203, MF204 as all families; MF204 if the symmetry and what is free do not offer the count.
     """
     _check(dots, clear_dots)
     allowed = np.ones(dots * dots, dtype=np.bool_) if free is None else np.asarray(free, dtype=np.bool_).ravel()
+    if allowed.size != dots * dots:
+        raise JobError(
+            "MF105",
+            f"what is free has {allowed.size} dots, the cell {dots} x {dots}",
+            where="design.keep_out",
+            cure="Give one value per dot",
+        )
     members = [orbit for orbit in orbits(dots, symmetry) if allowed[orbit].all()]
     if not reachable([len(orbit) for orbit in members]) >> clear_dots & 1:
         raise OpeningError(
@@ -262,3 +269,10 @@ def _everywhere(name: str, shape: Mask, dots: int) -> Iterator[Candidate]:
             unit = np.zeros((dots, dots), dtype=np.bool_)
             unit[y : y + height, x : x + width] = shape
             yield Candidate(f"{name} at ({y}, {x})", unit)
+
+
+def kind(name: str, unit: NDArray[np.bool_]) -> tuple[str, int, int]:
+    """Family of a candidate, and the shorter and the longer side of what is clear in it, in dots."""
+    rows, columns = (np.flatnonzero(unit.any(axis=axis)) for axis in (1, 0))
+    short, long = sorted((int(rows[-1] - rows[0]) + 1, int(columns[-1] - columns[0]) + 1))
+    return name.split(maxsplit=1)[0], short, long

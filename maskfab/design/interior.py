@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from maskfab.design.surrogate import Surrogate
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import CELLS, autocorrelation, stop
+from maskfab.imaging.transfer import Lattice, autocorrelation, stop
 from maskfab.model import ORIENTATIONS, orient
 
 Floats = NDArray[np.float64]
@@ -32,7 +32,7 @@ class Interior:
     """The lags 0 <= y <= x within the square of frequencies, and all that no opening changes at them.
 
     Attributes:
-        dots: along the unit's side.
+        lattice: of the cells behind the stop.
         lags: int64 [2, m], y and x in dots.
         count: [m], lags of the whole plane that each stands for: 1, 4 or 8.
         weight: [m], share of the square of frequencies; sums to 1.
@@ -42,10 +42,13 @@ class Interior:
         power: [m], P at them, white is 1.
         inverse_prior: [m], (f / 0.1)².
         light: mean of the scenes.
-        stop_table: [2 n - 1, 2 n - 1], the open stop's autocorrelation at every lag, lag 0 in the middle; n = 24 dots.
+        per_cycle: lag in dots that belongs to one cycle per pixel.
+        stop_dots: dots within the stop.
+        stop_table: [2 n - 1, 2 n - 1], the open stop's autocorrelation at every lag, lag 0 in the middle; the panel
+            has n dots along its side.
     """
 
-    dots: int
+    lattice: Lattice
     lags: NDArray[np.int64]
     count: Floats
     weight: Floats
@@ -55,7 +58,14 @@ class Interior:
     power: Floats
     inverse_prior: Floats
     light: float
+    per_cycle: float
+    stop_dots: float
     stop_table: Floats
+
+    @property
+    def dots(self) -> int:
+        """Along the unit's side."""
+        return self.lattice.dots
 
     def variance(self, level: int, open_share: float) -> float:
         """σ² of a pixel at a level of light behind a panel of this open share, white is 1."""
@@ -121,8 +131,7 @@ def unit_modulation(unit: NDArray[np.bool_], *, periodic: bool = False) -> tuple
 
 def interior(estimate: Surrogate) -> Interior:
     """The interior part of a surrogate, at every lag instead of its sample of them, low frequencies included."""
-    n = estimate.dots
-    side = CELLS * n
+    side = estimate.lattice.side
     distance = 0.1 * np.sqrt(np.maximum(estimate.inverse_prior - 1e-12, 0))
     farthest = int(np.argmax(distance))
     per_cycle = float(np.hypot(*estimate.lags[:, farthest]) / distance[farthest])
@@ -137,8 +146,9 @@ def interior(estimate: Surrogate) -> Interior:
     y, x = y[kept], x[kept]
     count = np.where(y == x, 4.0, 8.0) / np.where(y == 0, 2, 1)
     count[0] = 1
-    table = autocorrelation(stop(side).astype(np.float64))
-    table /= table[side - 1, side - 1]
+    table = autocorrelation(stop(side, estimate.lattice.dot_um).astype(np.float64))
+    area = float(table[side - 1, side - 1])
+    table /= area
 
     def at(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
         inside = (abs(rows) < side) & (abs(columns) < side)
@@ -155,7 +165,7 @@ def interior(estimate: Surrogate) -> Interior:
     frequency = np.hypot(y, x) / per_cycle
     power = np.exp(logs[0][1] + slope * (np.log(np.maximum(frequency, 1e-3)) - logs[0][0]))
     return Interior(
-        n,
+        estimate.lattice,
         np.stack([y, x]),
         count,
         count / count.sum(),
@@ -165,5 +175,7 @@ def interior(estimate: Surrogate) -> Interior:
         power,
         (frequency / 0.1) ** 2 + 1e-12,
         estimate.light,
+        per_cycle,
+        area,
         table,
     )

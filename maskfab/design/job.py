@@ -1,71 +1,157 @@
-"""A job's [design] section as settings of the optimiser, and its run."""
+"""What both methods of [design] take from a job, and what either has found."""
 
 from __future__ import annotations
 
-from maskfab.design.relax import RelaxSettings, RelaxStep, optimise
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab import __version__
+from maskfab.design.bounds import bounds, optimality_gap
+from maskfab.design.constraints import Constraints
+from maskfab.design.discrete import Prices
+from maskfab.design.orientation_map import DesignedMap
+from maskfab.design.surrogate import Surrogate
 from maskfab.errors import JobError
+from maskfab.imaging.photographs import Scene
+from maskfab.imaging.protocol import LEVELS
+from maskfab.layout.circuit import CircuitRules
+from maskfab.layout.maps import CellMap
 from maskfab.layout.openings import dot_of_pitch
-from maskfab.model import Opening, Tiling
-from maskfab.progress import Progress, silent
-from maskfab.spec import JobSpec
+from maskfab.layout.subpixels.rules import EmitterRules
+from maskfab.model import ORIENTATIONS, Opening, Tiling
+from maskfab.spec import DesignSection
+from maskfab.units import NM_PER_UM, to_nm
 
-# Hexagonal sheets are no cells that repeat on a square lattice, which is what the loss is built on; a map is made for
-# an opening that is there.
-_DESIGNED = tuple(tiling for tiling in Tiling if tiling not in {Tiling.HEXAGONAL, Tiling.MAP})
+Facts = dict[str, str | int | float]
 
 
-def settings(spec: JobSpec, *, where: str, command: str) -> RelaxSettings:
-    """What the optimiser is to do.
+@dataclass(frozen=True, eq=False)
+class Designed:
+    """What a design has come to.
 
-    Args:
-        spec: a validated job.
-        where: the job file, for errors.
-        command: how a user repeats the run; it goes into the opening's provenance.
+    Attributes:
+        opening: the best that keeps all rules.
+        shape: how it was found: the family, size and place it came from, or the objectives that were descended.
+        psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic).
+        head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior; None
+            for a panel of two openings.
+        evaluated: openings that were judged.
+        prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise.
+        cells: the designed map; None if none was asked for.
+        designed: how that went.
+        map_head_room: by level, dB that no layout of as many dots and the map's own light can gain over it; None
+            without a map, and for one of two openings.
+        outer: the opening of the outer half of the stop; None unless the density was asked to differ.
+        notes: what a user should know, as sentences.
+        cut: a budget cut the search short, so that it depends on the clock.
+    """
+
+    opening: Opening
+    shape: str
+    psnr: tuple[float, ...]
+    head_room: tuple[float, ...] | None
+    evaluated: int
+    prices: Prices | None = None
+    cells: CellMap | None = None
+    designed: DesignedMap | None = None
+    map_head_room: tuple[float, ...] | None = None
+    outer: Opening | None = None
+    notes: tuple[str, ...] = ()
+    cut: bool = False
+
+
+def constraints_of(section: DesignSection, *, where: str = "design") -> Constraints:
+    """The section's rules.
 
     Raises:
-        JobError: MF105 if the job has no [design] section; MF106 or MF107 if its pitch is no whole number of dots on
-            the grid; MF111 if its tiling needs a seed and has none.
+        JobError: MF104, MF106 or MF107 for a pitch that is no whole number of dots on the grid, or rules out of range;
+            MF117 or MF118 where a footprint's rules do not suit the pixel.
     """
-    design, camera = spec.design, spec.camera.camera()
-    if design is None:
-        raise JobError("MF105", "the job has no [design] section", where=where, cure="Add [design]")
-    if design.tiling not in _DESIGNED:
-        raise JobError(
-            "MF122",
-            f"no opening can be designed for the {design.tiling} tiling",
-            where=f"{where}: design.tiling",
-            cure=f"Use {', '.join(_DESIGNED)}",
+    asked = section.rules
+    dot_nm = dot_of_pitch(f"{section.pitch:.15g} um", section.dots, where=f"{where}.pitch")
+    gap_nm, colour_nm, width_nm = (
+        to_nm(value, where=f"{where}.rules.{name}", name=name)
+        for name, value in (
+            ("gap_to_opening", asked.gap_to_opening),
+            ("colour_gap", asked.colour_gap),
+            ("min_width", 2 * dot_nm / NM_PER_UM if asked.min_width is None else asked.min_width),
         )
-    if design.tiling.seeded and design.tiling_seed is None:
-        raise JobError(
-            "MF111",
-            f"the {design.tiling} tiling has no seed",
-            where=f"{where}: design.tiling_seed",
-            cure="Add tiling_seed = 1",
-        )
-    return RelaxSettings(
-        name=design.name,
-        dots=design.dots,
-        dot_nm=dot_of_pitch(f"{design.pitch:.15g} um", design.dots, where=f"{where}: design.pitch"),
-        open_ratio=design.open_ratio,
-        tiling=design.tiling,
-        tiling_seed=None if not design.tiling.seeded else design.tiling_seed,
-        focal_um=camera.focal_um,
-        stop=camera.stop,
-        wavelengths_nm=camera.wavelengths_nm,
-        pixel_um=camera.pixel_um,
-        seed=design.seed,
-        iterations=design.iterations,
-        epsilon=design.epsilon,
-        worst_fraction=design.worst_fraction,
-        command=command,
     )
+    if asked.circuit == 0:
+        raise JobError(
+            "MF104",
+            "a circuit of 0 um2 asks for nothing",
+            where=f"{where}.rules.circuit",
+            cure="Give its area, or remove the key",
+        )
+    try:
+        return Constraints(
+            section.clear_dots,
+            dots=section.dots,
+            dot_nm=dot_nm,
+            min_feature_dots=asked.min_feature_dots,
+            min_space_dots=asked.min_space_dots,
+            kissing=asked.kissing,
+            rim_dots=asked.rim_dots,
+            orientations=(0,) if section.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS)),
+            symmetry=asked.symmetry,
+            emitters=EmitterRules(gap_nm, colour_nm, width_nm),
+            footprint=asked.footprint,
+            circuit=None if asked.circuit is None else CircuitRules(asked.circuit, min_width_nm=width_nm),
+            wire_flow=asked.wire_flow,
+            ports=asked.ports,
+            centroid_px=asked.centroid_px,
+        )
+    except JobError as error:
+        # The rules of emitters and circuits are told by the names that they have among a display's.
+        place = error.where.replace("emitters.", f"{where}.rules.").replace("circuit.", f"{where}.rules.")
+        raise JobError(error.code, error.what, where=place, cure=error.cure) from None
 
 
-def find(wanted: RelaxSettings, progress: Progress = silent) -> Opening:
-    """Run the optimiser and tell where it stands."""
+def appraised(
+    estimate: Surrogate, mask: NDArray[np.bool_], *, periodic: bool
+) -> tuple[tuple[float, ...], Facts, tuple[float, ...]]:
+    """Expected restored PSNR of a unit by level, both as provenance, and what no other of as many dots can gain, in dB.
 
-    def watch(step: RelaxStep) -> None:
-        progress(f"design, best loss {step.best_loss:.4f}", step.iteration + 1, wanted.iterations)
+    The last is of the picture's interior; the provenance has that of the whole frame too.
+    """
+    if mask.all():
+        # It is the only opening of its count.
+        psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(LEVELS)
+        return psnr, by_level("expected_psnr", psnr) | by_level("head_room", none), none
+    limit = bounds(estimate, int(mask.sum()), periodic=periodic, any_layout=False)
+    gap = optimality_gap(estimate, mask, periodic=periodic, known=limit)
+    psnr = estimate(mask, periodic=periodic)
+    facts = by_level("expected_psnr", psnr) | by_level("head_room", gap.head_room)
+    return psnr, facts | by_level("head_room_frame", gap.head_room_frame), gap.head_room
 
-    return optimise(wanted, watch)
+
+def origin(section: DesignSection, command: str) -> Facts:
+    """Who made it, and how it is made again."""
+    return {"author": "maskfab", "command": command, "version": __version__, "seed": section.seed}
+
+
+def by_level(name: str, values: Sequence[float]) -> Facts:
+    """Decibels as provenance: ``name_24`` and so on, rounded to what they are worth."""
+    # A rounded loss of nothing must not be written as -0.0.
+    return {f"{name}_{level}": round(value, 3) + 0.0 for level, value in zip(LEVELS, values, strict=True)}
+
+
+def of_prices(found: Prices) -> Facts:
+    """What rules cost, as provenance."""
+    facts: Facts = {"rules_cost_db": round(found.together, 3) + 0.0}
+    facts.update({f"price_{each.rule}_db": round(each.last, 3) + 0.0 for each in found.each})
+    return facts
+
+
+def run_key(section: DesignSection, scenes: Sequence[Scene], *more: object) -> str:
+    """What tells the checkpoint of this run from that of every other."""
+    told = hashlib.sha256(f"{__version__} {np.__version__} {section!r} {more!r}".encode())
+    for scene in scenes:
+        told.update(f"{scene.name} {scene.number} {scene.values.shape}".encode())
+        told.update(np.ascontiguousarray(scene.values).tobytes())
+    return told.hexdigest()

@@ -14,19 +14,25 @@ few cells are turned at random and the rest answers, and the best map is kept.
 the random map that it starts from; turns are compared at the price of light at which its sum stays. ``edge_packing``
 starts with the cut cells turned so that most of their opening is inside, and leaves the light free: more of it is
 worth decibels that are no merit of the map.
+
+With ``positions`` the map also moves its one opening inside the cells: to some of the places that it can have there,
+chosen by the field of the first map (:mod:`maskfab.design.positions`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.design.positions import best_places, places
 from maskfab.design.pupil_error import PupilError, Slope
 from maskfab.errors import JobError
-from maskfab.imaging.transfer import CELLS, lay
+from maskfab.imaging.transfer import Lattice
+from maskfab.layout.maps import Shift, shifted
 from maskfab.layout.tiling import MOST_OPENINGS
 from maskfab.model import ORIENTATIONS, Scalar, frozen, orient
 from maskfab.progress import Progress, silent
@@ -39,6 +45,10 @@ LIGHT_TOLERANCE = 1e-3
 _FIRST_SHARE, _LARGEST_SHARE = 0.1, 0.5
 _GROWTH, _SHRINKAGE = 1.6, 0.3
 _REFUSALS = 3
+_MOST_DOTS = 85
+"""Along a cell; all pairs of them take 1.5 GB."""
+_MOST_CELLS = 1000
+"""Along the panel, as of every map's file."""
 _KICKED_SHARE = 0.04
 # At first one turn is worth some 2e-3 dB.
 _ENOUGH_DB = 2e-5
@@ -57,7 +67,8 @@ class DesignedMap:
     """A map with what it was measured against.
 
     Attributes:
-        orientations: int8 [24, 24], 8 u + k for unit u under element k of D4, row 0 the lowest.
+        orientations: int8 [cells, cells], 24 x 24 of 168 µm, 8 u + k for unit u under element k of D4, row 0 the
+            lowest.
         mode: of the search.
         psnr: expected restored PSNR in dB at each level.
         start_psnr: the same of the random map of the seed.
@@ -65,6 +76,7 @@ class DesignedMap:
         start_clear_dots: the same of the random map.
         fields: adjoint fields that were computed.
         history: the loss after each, dB, lower is better.
+        shifts: (right, up) in dots of every unit u, which is the one unit moved by that; empty without positions.
     """
 
     orientations: NDArray[np.int8]
@@ -75,6 +87,7 @@ class DesignedMap:
     start_clear_dots: int
     fields: int
     history: tuple[float, ...]
+    shifts: tuple[Shift, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "orientations", frozen(np.asarray(self.orientations, dtype=np.int8)))
@@ -92,9 +105,15 @@ def design_map(
     mode: MapMode = MapMode.EQUAL_LIGHT,
     seed: int = 0,
     kicks: int = 3,
+    positions: int = 1,
+    shifts: Sequence[Shift] = (),
+    allows: Callable[[NDArray[np.bool_]], bool] = lambda _: True,
+    start: NDArray[np.int8] | None = None,
+    light: int | None = None,
+    keep_units: bool = False,
     progress: Progress = silent,
 ) -> DesignedMap:
-    """Design the orientation map of a panel of 24 x 24 cells.
+    """Design the orientation map of the cells that cover the stop.
 
     Args:
         units: bool [dots, dots], or [units, dots, dots] among which every cell chooses as well.
@@ -102,14 +121,79 @@ def design_map(
         mode: whether the light stays.
         seed: of the random map it starts from, drawn as protocol F1 draws it, and of the kicks.
         kicks: how often cells are turned at random after the first descent; 0 for none.
+        positions: how many places inside the cell the map may move the unit to, at most; 1 for none but its own.
+        shifts: these places themselves, (right, up) in dots, in place of a choice; the first is (0, 0).
+        allows: whether the unit, bool [dots, dots], may stand where it was moved to, asked for every other place.
+        start: integers [cells, cells] to go on from, as :attr:`DesignedMap.orientations`; None starts at the random
+            map. Light and gains are still those of the random map.
+        light: clear dots inside the stop that equal light is; None takes those of the random map.
+        keep_units: cells keep the unit that ``start`` gives them and turn only; the random map is then ``start``.
         progress: told after every descent.
 
     Raises:
         OpeningError: MF201 to MF203 as :func:`maskfab.imaging.transfer.lay`.
-        JobError: MF122 for units of other dots than the error's, or more than 15 of them.
+        JobError: MF122 for units of other dots than the error's, or more than 15 of them; for several units together
+            with positions; for shifts that move clear dots out of the cell. MF104 for fewer positions than 1. MF115
+            for more than 85 dots along a cell, or 1000 cells along the panel.
     """
     stack = np.asarray(units)
     stack = stack[None] if stack.ndim == 2 else stack
+    _check(stack, error, positions, shifts)
+    size = error.cells, error.cells
+    random = np.random.default_rng(seed).integers(ORIENTATIONS * len(stack), size=size).astype(np.int8)
+    drawn = random if start is None else np.asarray(start, dtype=np.int8)
+    first = error.laid(stack, drawn if keep_units else random)
+    target = float(first.sum()) if light is None else float(light)
+    if shifts or positions > 1:
+        kept = tuple(shifts) or _placed(stack[0], error, mode, random, positions, allows)
+        stack = np.stack([shifted(stack[0], shift) for shift in kept])
+    else:
+        kept = ()
+    search = _Search(stack, error, mode, target)
+    draw = np.random.default_rng([seed, 1])
+    if keep_units:
+        search.bar(drawn)
+    best = search.descend(search.packed(drawn) if mode is MapMode.EDGE_PACKING else drawn)
+    progress("map", 1, kicks + 1)
+    for kick in range(kicks):
+        found = search.descend(search.kicked(best.chosen, draw))
+        best = min(best, found, key=lambda state: state.loss)
+        progress("map", kick + 2, kicks + 1)
+    chosen = best.chosen.reshape(size).astype(np.int8)
+    return DesignedMap(
+        chosen,
+        mode,
+        error.psnr(search.pupil(best.chosen)),
+        error.psnr(first),
+        round(float(search.pupil(best.chosen).sum())),
+        round(target),
+        len(search.history),
+        tuple(search.history),
+        kept,
+    )
+
+
+def require_size(room: Lattice) -> None:
+    """Refuse cells for which no map can be designed.
+
+    Raises:
+        JobError: MF115 for more than 85 dots along a cell, or 1000 cells along the panel.
+    """
+    for have, most, what in (
+        (room.dots, _MOST_DOTS, "dots along a cell"),
+        (room.cells, _MOST_CELLS, "cells along the panel"),
+    ):
+        if have > most:
+            raise JobError(
+                "MF115",
+                f"{have} {what} are too many for a map; the limit is {most}",
+                where="design.map",
+                cure="Use a coarser opening, or no map",
+            )
+
+
+def _check(stack: NDArray[np.bool_], error: PupilError, positions: int, shifts: Sequence[Shift]) -> None:
+    require_size(error.lattice)
     if not 0 < len(stack) <= MOST_OPENINGS or stack.shape[-1] != error.dots:
         raise JobError(
             "MF122",
@@ -118,27 +202,47 @@ def design_map(
             where="orientation map",
             cure="Give openings of the panel's dots",
         )
-    drawn = np.random.default_rng(seed).integers(ORIENTATIONS * len(stack), size=(CELLS, CELLS)).astype(np.int8)
-    start = lay("start", stack, drawn).pupil
-    search = _Search(stack, error, mode, drawn)
-    draw = np.random.default_rng([seed, 1])
-    best = search.descend(search.packed(drawn) if mode is MapMode.EDGE_PACKING else drawn)
-    progress("map", 1, kicks + 1)
-    for kick in range(kicks):
-        found = search.descend(search.kicked(best.chosen, draw))
-        best = min(best, found, key=lambda state: state.loss)
-        progress("map", kick + 2, kicks + 1)
-    chosen = best.chosen.reshape(CELLS, CELLS).astype(np.int8)
-    return DesignedMap(
-        chosen,
-        mode,
-        error.psnr(search.pupil(best.chosen)),
-        error.psnr(start),
-        round(float(search.pupil(best.chosen).sum())),
-        round(float(start.sum())),
-        len(search.history),
-        tuple(search.history),
-    )
+    if not 1 <= positions <= MOST_OPENINGS or len(shifts) > MOST_OPENINGS:
+        raise JobError(
+            "MF104",
+            f"{max(positions, len(shifts)) if positions > 0 else positions} positions are not 1 to {MOST_OPENINGS}",
+            where="positions",
+            cure="Use a number in that range",
+        )
+    if (positions > 1 or shifts) and len(stack) > 1:
+        raise JobError(
+            "MF122", f"{len(stack)} openings cannot be moved as well", where="positions", cure="Give one opening"
+        )
+    if shifts and shifts[0] != (0, 0):
+        raise JobError("MF122", f"the first shift is {shifts[0]}", where="positions", cure="Begin with (0, 0)")
+    for shift in shifts:
+        lost = int(stack[0].sum()) - int(shifted(stack[0], shift).sum())
+        if lost:
+            raise JobError(
+                "MF122",
+                f"the shift {shift} moves {lost} clear dots out of the cell",
+                where="positions",
+                cure="Use a smaller shift",
+            )
+
+
+def _placed(
+    unit: NDArray[np.bool_],
+    error: PupilError,
+    mode: MapMode,
+    drawn: NDArray[np.int8],
+    count: int,
+    allows: Callable[[NDArray[np.bool_]], bool],
+) -> tuple[Shift, ...]:
+    """The places that promise most together, by the field of the random map."""
+    first, *rest = places(unit)
+    candidates = (first, *(shift for shift in rest if allows(shifted(unit, shift))))
+    stack = np.stack([shifted(unit, shift) for shift in candidates])
+    search = _Search(stack, error, mode, float(error.laid(unit, drawn).sum()))
+    state = search.fresh(drawn.ravel().astype(np.int64))
+    worth = state.turns + search.price(state) * search.change(state.chosen)
+    best = worth.reshape(len(worth), len(candidates), ORIENTATIONS).min(axis=2)
+    return tuple(candidates[k] for k in best_places(best, count))
 
 
 @dataclass(frozen=True, eq=False)
@@ -161,7 +265,7 @@ class _State:
 class _Search:
     """The constants of one search: what every cell can hold, what the stop leaves of it."""
 
-    def __init__(self, units: NDArray[np.bool_], error: PupilError, mode: MapMode, drawn: NDArray[np.int8]) -> None:
+    def __init__(self, units: NDArray[np.bool_], error: PupilError, mode: MapMode, target: float) -> None:
         dots = error.dots
         self.error, self.mode = error, mode
         self.patterns = np.stack([orient(unit, k) for unit in units for k in range(ORIENTATIONS)]).astype(np.float64)
@@ -171,24 +275,30 @@ class _Search:
         self.live = np.flatnonzero(self.inside.any(axis=1))
         self.cut = np.flatnonzero(self.inside.any(axis=1) & ~self.inside.all(axis=1))
         self.rim = (self.flat * self.inside[self.cut, None]).astype(np.float32)
-        start = drawn.ravel().astype(np.int64)
-        self.target = float(self._light_of(start).sum())
+        self.target = target
         self.history: list[float] = []
+        self.barred = np.zeros(self.light.shape, dtype=np.bool_)
         y, x = np.divmod(np.arange(dots * dots), dots)
         self.apart = (y[:, None] - y + dots - 1, x[:, None] - x + dots - 1)
 
+    def bar(self, drawn: NDArray[np.int8]) -> None:
+        """Keep every cell's unit."""
+        units = np.arange(len(self.flat)) // ORIENTATIONS
+        self.barred = units != drawn.ravel()[:, None] // ORIENTATIONS
+
     def pupil(self, chosen: NDArray[np.int64]) -> Floats:
         """The stop filled with these."""
-        dots, side = self.error.dots, len(self.error.inside)
-        cells = self.patterns[chosen].reshape(CELLS, CELLS, dots, dots)
+        dots, side, count = self.error.dots, len(self.error.inside), self.error.cells
+        cells = self.patterns[chosen].reshape(count, count, dots, dots)
         return np.asarray(cells.transpose(0, 2, 1, 3).reshape(side, side) * self.error.inside)
 
     def packed(self, drawn: NDArray[np.int8]) -> NDArray[np.int8]:
         """The map with every cut cell turned so that the most light is inside; of equals, the drawn one first."""
         chosen = drawn.ravel().copy()
         kept = np.take_along_axis(self.light, chosen[:, None].astype(np.int64), axis=1)[:, 0]
-        better = self.light.max(axis=1) > kept
-        chosen[better] = self.light.argmax(axis=1)[better]
+        light = np.where(self.barred, -1, self.light)
+        better = light.max(axis=1) > kept
+        chosen[better] = light.argmax(axis=1)[better]
         return chosen
 
     def kicked(self, chosen: NDArray[np.int64], draw: np.random.Generator) -> NDArray[np.int64]:
@@ -202,16 +312,16 @@ class _Search:
 
     def descend(self, start: NDArray[np.integer]) -> _State:
         """Turn cells until no turn helps; the ε and the price of light are those of the start, then of the end."""
-        state = self._fresh(start.ravel().astype(np.int64))
+        state = self.fresh(start.ravel().astype(np.int64))
         while True:
-            price = self._price(state)
-            after = self._fresh(self._descended(state, price))
+            price = self.price(state)
+            after = self.fresh(self._descended(state, price))
             # Where light has a price, the way may end above its beginning by what the band of light is worth.
             if after.loss > state.loss - _WORTH_ANOTHER_DB:
                 return min(state, after, key=lambda each: each.loss)
             state = after
 
-    def _fresh(self, chosen: NDArray[np.int64]) -> _State:
+    def fresh(self, chosen: NDArray[np.int64]) -> _State:
         pupil = self.pupil(chosen)
         epsilons = self.error.epsilons(pupil)
         judged = self.error.judge(pupil, epsilons)
@@ -222,7 +332,7 @@ class _Search:
         chosen, loss, turns, share, refused = state.chosen, state.loss, state.turns, _FIRST_SHARE, 0
         while True:
             self.history.append(loss)
-            worth = turns + price * (self.light - self._light_of(chosen)[:, None])
+            worth = self._worth(turns, chosen, price)
             helpful = max(1, int((worth.min(axis=1) < -_ENOUGH_DB).sum()))
             most = max(1, round(share * helpful))
             while True:
@@ -243,6 +353,14 @@ class _Search:
             chosen, loss, turns, refused = tried, after.loss, self._turns(tried, after.slope()), 0
             share = min(_LARGEST_SHARE, _GROWTH * len(cells) / helpful)
 
+    def change(self, chosen: NDArray[np.int64]) -> Floats:
+        """Clear dots inside the stop that turning every cell to every kind adds, [cells, kinds]."""
+        return self.light - self._light_of(chosen)[:, None]
+
+    def _worth(self, turns: Floats, chosen: NDArray[np.int64], price: float) -> Floats:
+        """The turns with their light paid, 0 for those that are barred."""
+        return np.where(self.barred, 0.0, turns + price * self.change(chosen))
+
     def _light_of(self, chosen: NDArray[np.int64]) -> Floats:
         return np.take_along_axis(self.light, chosen[:, None], axis=1)[:, 0]
 
@@ -255,26 +373,29 @@ class _Search:
         turns = linear - np.take_along_axis(linear, chosen[:, None], axis=1)
         alone = np.diag(whole)
         turns += alone + alone[chosen, None] - 2 * whole[chosen]
-        within = self.rim @ pairs @ self.rim.transpose(0, 2, 1)
         held = chosen[self.cut]
-        places = np.arange(len(self.cut))
-        alone = np.diagonal(within, axis1=1, axis2=2)
-        quadratic = alone + alone[places, held, None] - 2 * within[places, held]
+        seen = self.rim @ pairs
+        alone = np.einsum("ckd,ckd->ck", seen, self.rim)
+        mine = self.rim[np.arange(len(held)), held]
+        quadratic = alone + np.take_along_axis(alone, held[:, None], axis=1)
+        quadratic -= 2 * (seen @ mine[:, :, None])[:, :, 0]
         turns[self.cut] = linear[self.cut] - linear[self.cut, held][:, None] + quadratic
         turns[np.setdiff1d(np.arange(len(turns)), self.live)] = 0
+        # What a cell holds costs nothing, whatever the rounding.
+        turns[np.arange(len(turns)), chosen] = 0
         return np.asarray(turns)
 
-    def _price(self, state: _State) -> float:
+    def price(self, state: _State) -> float:
         """dB per dot at which all turns that help together bring the light to its target; 0 where light is free."""
         if self.mode is MapMode.EDGE_PACKING:
             return 0.0
         held = self._light_of(state.chosen)
-        change = self.light - held[:, None]
+        change = self.change(state.chosen)
         spare = self.target - held.sum()
         low, high = 0.0, 4 * float(abs(state.turns).max() / max(1.0, abs(change).max()))
         for _ in range(20):
             price = (low + high) / 2
-            cells, kinds = _best(state.turns + price * change)
+            cells, kinds = _best(self._worth(state.turns, state.chosen, price))
             low, high = (price, high) if change[cells, kinds].sum() > spare else (low, price)
         return high
 
@@ -312,5 +433,6 @@ def _best(worth: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 
 def _by_cell(values: NDArray[Scalar], dots: int) -> NDArray[Scalar]:
-    """[24 dots, 24 dots] as [cells, dots²]."""
-    return values.reshape(CELLS, dots, CELLS, dots).transpose(0, 2, 1, 3).reshape(CELLS**2, dots * dots)
+    """[side, side] as [cells, dots²]."""
+    count = len(values) // dots
+    return values.reshape(count, dots, count, dots).transpose(0, 2, 1, 3).reshape(count**2, dots * dots)

@@ -6,8 +6,9 @@ autocorrelation A alone: the light is A(0), and with L lags to one cycle per pix
 
     H(t / L) = sum over k of A(t + kL) / A(0) sinc(t / L + k),    k = -1, 0, 1 on each axis,
 
-exact for square dots at whole lags t once L is a whole odd number (331 for 331.25; lags are off by 0.08 %, which moves
-no comparison of layouts). Beyond 1.5 L there is no stop. One wavelength, 530 nm, stands for the three colours.
+exact for square dots at whole lags t once L is a whole odd number (331 for 331.25 of 8 µm, so that lags are off by
+0.08 %, which moves no comparison of layouts; by one dot in L at most). Beyond 1.5 L there is no stop. One wavelength,
+530 nm, stands for the three colours.
 
 The slope by the pupil is a field that costs two transforms: with g = ∂E/∂A,
 
@@ -16,6 +17,7 @@ The slope by the pupil is a field that costs two transforms: with g = ∂E/∂A,
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,7 +30,8 @@ from maskfab.design.surrogate import Surrogate
 from maskfab.errors import JobError
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import CELLS, lags_per_frequency, stop
+from maskfab.imaging.transfer import CELLS, PANEL_UM, Lattice, lags_per_frequency, lay, stop
+from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
 
@@ -88,7 +91,10 @@ class Judged:
         slopes = scipy.fft.hfft(rows, n=size, axis=0, workers=1)
         by_row = scipy.fft.ifft(self.spectrum * slopes, axis=0, overwrite_x=True, workers=1)[: self.side]
         field = 2 * scipy.fft.irfft(by_row, n=size, axis=1, workers=1)[:, : self.side]
-        upper = half[: self.dots, reach - self.dots + 1 : reach + self.dots].astype(np.float64)
+        upper = np.zeros((self.dots, 2 * self.dots - 1))
+        # Cells wider than the stop have lags at which nothing is seen.
+        kept = min(self.dots - 1, reach)
+        upper[: kept + 1, self.dots - 1 - kept : self.dots + kept] = half[: kept + 1, reach - kept : reach + kept + 1]
         return Slope(np.concatenate([upper[:0:-1, ::-1], upper]), field)
 
 
@@ -97,9 +103,9 @@ class PupilError:
     """Everything that no layout changes.
 
     Attributes:
-        dots: along the unit's side.
+        lattice: of the cells behind the stop.
         size: points of the transforms along each side; no lag wraps.
-        inside: the stop, bool [24 dots, 24 dots].
+        inside: the stop, bool [side, side], side = ``lattice.side``.
         levels: keys of :data:`maskfab.imaging.capture.ELECTRONS`.
         weights: of the levels in the loss; they sum to 1.
         cycle: L, whole and odd.
@@ -107,13 +113,13 @@ class PupilError:
         share: of the square of frequencies, [(L + 1) / 2, L], its upper half; sums to 1.
         signal: the same times the scenes' mean spectrum, 0 where the leak counts.
         inverse_prior: (f / 0.1)² at the same places.
-        along: matrices from the lags -dots to dots to the low frequencies of y and x.
+        along: matrices from the lags that reach 168 µm, [.., 2 k + 1], to the low frequencies of y and x.
         low, low_truth, low_prior: the low-passed scenes as in :class:`maskfab.design.surrogate.Surrogate`.
         mirror: for y and x, where the mirrored record takes its rows and columns from.
         light: mean of the scenes, white is 1.
     """
 
-    dots: int
+    lattice: Lattice
     size: int
     inside: NDArray[np.bool_]
     levels: tuple[int, ...]
@@ -130,11 +136,29 @@ class PupilError:
     mirror: tuple[torch.Tensor, torch.Tensor]
     light: float
 
+    @property
+    def dots(self) -> int:
+        """Along the unit's side."""
+        return self.lattice.dots
+
+    @property
+    def cells(self) -> int:
+        """Along the panel's side: 24 of 168 µm."""
+        return self.lattice.cells
+
+    def laid(self, units: NDArray[np.bool_], orientations: NDArray[np.int8] | None = None, seed: int = 0) -> Floats:
+        """The pupil of units laid on these cells, [side, side] of 0 and 1, as :func:`maskfab.imaging.transfer.lay`."""
+        room = self.lattice
+        common = math.isclose(room.dots * room.dot_um, PANEL_UM / CELLS, rel_tol=1e-9)
+        # Cells of 168 um are told by their dots alone, which need be no whole number of nanometres.
+        dot_nm = None if common else round(room.dot_um * NM_PER_UM)
+        return lay("panel", units, orientations, seed, dot_nm=dot_nm).pupil
+
     def psnr(self, pupil: Floats) -> tuple[float, ...]:
         """Expected restored PSNR in dB at each level, each with its best ε.
 
         Args:
-            pupil: of :func:`maskfab.imaging.transfer.lay`, [24 dots, 24 dots] of 0 and 1.
+            pupil: of :meth:`laid`, [side, side] of 0 and 1.
         """
         return tuple(float(v) for v in self._tabulated(pupil).max(axis=1))
 
@@ -161,7 +185,7 @@ class PupilError:
 
     def _transfers(self, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """H on the upper half of the square of frequencies, at the low ones, and the light in dots."""
-        reach, dots, cycle = len(self.pixel) // 2, self.dots, self.cycle
+        reach, near_reach, cycle = len(self.pixel) // 2, self.along[0].shape[1] // 2, self.cycle
         light = table[0, reach].to(torch.float64)
         seen = table * self.pixel
         lines = (seen[:, :cycle] + seen[:, cycle : 2 * cycle] + seen[:, 2 * cycle :]) * self.pixel[reach:, None]
@@ -169,7 +193,7 @@ class PupilError:
         # Rows from below 0 are rows above it, mirrored.
         below = lines[half : cycle + 1].flip(0, 1)
         folded = (lines[:half] + lines[cycle : cycle + half] + below).to(torch.float64) / light
-        upper = table[: dots + 1, reach - dots : reach + dots + 1].to(torch.float64)
+        upper = table[: near_reach + 1, reach - near_reach : reach + near_reach + 1].to(torch.float64)
         near = torch.cat([upper[1:].flip(0, 1), upper]) / light
         return folded, self.along[0] @ near @ self.along[1].T, light
 
@@ -241,8 +265,9 @@ def pupil_error(
             where="weights",
             cure="Give one for each level",
         )
-    side = CELLS * estimate.dots
-    per_cycle = lags_per_frequency(side, _WAVELENGTH_NM)
+    room = estimate.lattice
+    side = room.side
+    per_cycle = lags_per_frequency(side, _WAVELENGTH_NM, room.dot_um)
     cycle = 2 * round((per_cycle - 1) / 2) + 1
     reach = (3 * cycle - 1) // 2
     nu = np.arange(-(cycle // 2), cycle // 2 + 1) / cycle
@@ -256,9 +281,9 @@ def pupil_error(
     columns = 2 * (estimate.along[1].shape[0] - 1)
     signal[(upper < _LOW) & (abs(nu) < _LOW)] = 0
     return PupilError(
-        estimate.dots,
-        int(scipy.fft.next_fast_len(max(2 * side - 1, side + reach), real=True)),
-        stop(side),
+        room,
+        int(scipy.fft.next_fast_len(max(2 * side - 1, side + reach, 2 * reach + 1), real=True)),
+        stop(side, room.dot_um),
         tuple(levels),
         tuple(float(w) for w in share / share.sum()),
         cycle,

@@ -48,8 +48,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.design.descent import Descent, Found, RelaxStep, descend
-from maskfab.design.losses import cells_across
 from maskfab.design.objective import AreaPenalty, Objective, Weighted
+from maskfab.design.stop_grid import cells_across
 from maskfab.design.tiled_stop import Precision, invertibility_of, tiled_stop
 from maskfab.design.top_residual import top_residual
 from maskfab.errors import JobError

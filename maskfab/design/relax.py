@@ -1,224 +1,242 @@
-"""A good opening by gradient descent on relaxed dots, then on real ones.
+"""The method "relax": gradient descent on relaxed dots, then the nearest opening that keeps the rules.
 
-Every dot is a number mapped to a transmission by a sigmoid; Adam follows the gradient of the loss through the
-tiled pupil, an area penalty leads the open ratio down from one to its target, and the sigmoid's gain grows until
-the transmissions are nearly binary. The largest ones become clear dots, exactly as many as asked for, and pairs of
-dots are exchanged as long as that helps. Every candidate is judged after binarisation, because a relaxed loss
-flatters grey.
+A descent knows no rules but the count. Where the opening that it ends on breaks one, annealing starts from the nearest
+opening found that keeps them all, and the result says so.
 """
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import cast
 
 import numpy as np
 import torch
 
-from maskfab import __version__
-from maskfab.design.descent import Descent, RelaxStep, binarised, descend
-from maskfab.design.losses import Invertibility, cells_across, invertibility
-from maskfab.design.objective import AreaPenalty
-from maskfab.errors import JobError, OpeningError
+from maskfab.design.clock import Clock
+from maskfab.design.constraints import Constraints
+from maskfab.design.descent import Descent, Found, Outcome, RelaxStep, descend, iterations_within
+from maskfab.design.discrete import Mask, anneal
+from maskfab.design.expected_error import boundary_leak, expected_error
+from maskfab.design.job import Designed, Facts, appraised, constraints_of, origin
+from maskfab.design.mtf_auc import mtf_auc
+from maskfab.design.nearest import nearest
+from maskfab.design.objective import AreaPenalty, Objective, Weighted
+from maskfab.design.recipes import PaperLosses, paper
+from maskfab.design.stop_grid import cells_across
+from maskfab.design.surrogate import Surrogate, surrogate
+from maskfab.design.tiled_stop import invertibility_of, tiled_stop
+from maskfab.design.top_residual import top_residual
+from maskfab.imaging.photographs import Scene
 from maskfab.layout.tiling import orientations
-from maskfab.model import Opening, Stop, Tiling
-from maskfab.spec import check_name
-from maskfab.units import parse_wavelength_nm
+from maskfab.model import Camera, Opening, Tiling
+from maskfab.progress import Progress, silent
+from maskfab.spec import RelaxSection
 
-__all__ = ["RelaxSettings", "RelaxStep", "binarised", "descent_of", "loss_of", "optimise"]
+AREA_WEIGHT = 400.0
+"""Holds the relaxed open ratio within 0.006 of its target against the pull of the invertibility loss."""
 
-LEARNING_RATE = 0.2
-START_LOGIT = 1.0  # 0.73 open: "all open" as the paper's authors ran it ...
-START_NOISE = 0.5  # ... but an even start is an exact saddle, where every dot of an orbit has the same gradient
-AREA_WEIGHT = 400.0  # holds the relaxed open ratio within 0.006 of its target against the pull of the loss
-AREA_SETTLED = 0.4  # share of the iterations after which the area's target is the final one
-FINAL_GAIN = 10.0  # nearly binary, and the gradient is still alive
-JUDGED_EVERY = 10
-SWAPS_TRIED = 64  # pairs verified before the polish gives up
-SWAP_ROUNDS = 300
+_PORTION = 25
+_HOT, _COLD = 2e-3, 2e-5
 
 
-@dataclass(frozen=True)
-class RelaxSettings:
-    """What to design, and for which camera.
+@dataclass(frozen=True, eq=False)
+class Schedule:
+    """What is descended, and how.
 
     Attributes:
-        name: of the opening.
-        dots: dots along the cell's side.
-        dot_nm: side of one dot.
-        open_ratio: share of the dots to be clear; the nearest count is met exactly.
-        tiling: how the cells are oriented while the opening is judged.
-        tiling_seed: seed of a random tiling; None if periodic.
-        focal_um: focal length.
-        stop: lens aperture, filled with cells.
-        wavelengths_nm: lines; each counts equally.
-        pixel_um: side of a sensor pixel; frequencies up to half a cycle per pixel count.
-        seed: seed of the start.
-        iterations: gradient steps.
-        epsilon: noise-to-signal ratio of the Wiener filter.
-        worst_fraction: share of the spatial frequencies that counts, the worst ones.
-        command: how a user repeats this run; goes into the provenance.
+        name: of the objectives or the recipe.
+        objective: lower is better.
+        penalty: leads the open ratio; None leaves it alone.
+        descent: the steps.
     """
 
     name: str
-    dots: int
-    dot_nm: int
-    open_ratio: float
-    tiling: Tiling
-    tiling_seed: int | None
-    focal_um: float
-    stop: Stop
-    wavelengths_nm: tuple[float, ...]
-    pixel_um: float
-    seed: int = 0
-    iterations: int = 300
-    epsilon: float = 0.015
-    worst_fraction: float = 0.3
-    command: str = ""
+    objective: Objective
+    penalty: AreaPenalty | None
+    descent: Descent
 
 
-def optimise(settings: RelaxSettings, progress: Callable[[RelaxStep], None] | None = None) -> Opening:
-    """The best binary opening found; the same settings give the same one on the same machine.
+def relax(
+    section: RelaxSection,
+    camera: Camera,
+    scenes: Sequence[Scene],
+    command: str,
+    progress: Progress = silent,
+    *,
+    budget_s: float | None = None,
+    checkpoint: Path | None = None,
+) -> Designed:
+    """Descend as the section says.
 
-    The provenance holds the loss reached, ``loss``.
+    Args:
+        section: of a job.
+        camera: that looks through the panel.
+        scenes: photographs, for the objectives that look at some and for the expected PSNR.
+        command: for the provenance.
+        progress: told where the work stands.
+        budget_s: seconds for the descent and what follows it. Without a checkpoint the schedule is made so short;
+            with one the whole schedule is begun, and left to be gone on with.
+        checkpoint: file of the descent to go on from, and to keep.
 
     Raises:
-        JobError: MF104 for a number out of its range, MF110 a refused name, MF111 no seed for a random tiling,
-            MF112 to MF115 what the camera cannot be.
-        OpeningError: MF203 for an open ratio of zero, MF204 for one that no count of dots comes near.
-        InternalError: MF901 if the loss is not finite.
+        JobError, OpeningError: MF104 to MF107, MF111, MF112 to MF115, MF121 for what cannot be; MF123, MF203, MF204 for
+            rules that no opening keeps.
+        SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
     """
-    _check(settings)
-    clear_dots = _clear_dots(settings.open_ratio, settings.dots)
-    loss = loss_of(settings)
-    target = clear_dots / settings.dots**2
-    found = descend(loss, AreaPenalty(target, AREA_WEIGHT, AREA_SETTLED), descent_of(settings), progress=progress)
-    cell, reached = _polish(loss, found.unit, found.loss)
-    provenance: dict[str, str | int | float] = {
-        "author": "maskfab",
-        "command": settings.command,
-        "seed": settings.seed,
-        "version": __version__,
-        "tiling": settings.tiling.value,
-        **({} if settings.tiling_seed is None else {"tiling_seed": settings.tiling_seed}),
-        "loss": round(reached, 6),
+    clock = Clock(budget_s)
+    rules = constraints_of(section)
+    rules.require_possible()
+    progress("photographs", 0, 1)
+    estimate = surrogate(scenes, section.dots, dot_nm=rules.dot_nm)
+    progress("photographs", 1, 1)
+    plan = schedule(section, rules, camera, scenes, estimate)
+    found, notes = _descended(plan, clock, checkpoint, progress)
+    mask, loss, more, unfinished = _ruled(found, plan, section, rules, clock, progress)
+    periodic = section.tiling is Tiling.PERIODIC
+    progress("bounds", 0, 1)
+    psnr, known, head_room = appraised(estimate, mask, periodic=periodic)
+    progress("bounds", 1, 1)
+    evaluated = found.iterations + section.anneal
+    facts: Facts = {**origin(section, command), "shape": plan.name, "tiling": section.tiling.value}
+    facts |= {} if section.tiling_seed is None else {"tiling_seed": section.tiling_seed}
+    facts |= {**known, "evaluated": evaluated, "loss": round(loss, 6)}
+    cut = bool(notes) or unfinished
+    opening = Opening(section.name, mask, rules.dot_nm, facts)
+    return Designed(opening, plan.name, psnr, head_room, evaluated, notes=(*found.notes, *notes, *more), cut=cut)
+
+
+def schedule(
+    section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Scene], estimate: Surrogate
+) -> Schedule:
+    """The section's objectives, weighted, or its recipe; arguments and errors as of :func:`relax`."""
+    if section.recipe is not None:
+        made = paper(
+            scenes,
+            losses=cast(PaperLosses, section.recipe.removeprefix("paper-")),
+            tiling=section.tiling,
+            tiling_seed=section.tiling_seed,
+            clear_dots=section.clear_dots,
+            dots=section.dots,
+            dot_nm=rules.dot_nm,
+            camera=camera,
+            epochs=section.epochs,
+            seed=section.seed,
+        )
+        return Schedule(section.recipe, made.objective, made.penalty, made.descent)
+    target = section.clear_dots / section.dots**2
+    weights = {name: weight for name, weight in section.objectives.items() if name != "area" and weight > 0}
+    makers = _objectives(section, rules, camera, scenes, estimate)
+    terms = tuple((weight, makers[name]()) for name, weight in weights.items())
+    area = section.objectives.get("area", AREA_WEIGHT)
+    descent = Descent(
+        dots=section.dots,
+        clear_dots=section.clear_dots,
+        iterations=section.iterations,
+        seed=section.seed,
+        starts=section.starts,
+        optimiser=section.optimiser,
+        rate=section.rate,
+        start_logit=section.start_logit,
+        start_noise=section.start_noise,
+        straight_through=section.straight_through,
+        patience=section.patience,
+    )
+    told = " + ".join(name if weight == 1 else f"{weight:g} {name}" for name, weight in weights.items())
+    penalty = AreaPenalty(target, area, descent.settled) if area > 0 else None
+    return Schedule(told, Weighted(terms), penalty, descent)
+
+
+def _objectives(
+    section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Scene], estimate: Surrogate
+) -> dict[str, Callable[[], Objective]]:
+    """How each is made, by its name in the section; those of one stop share its autocorrelation."""
+    across = cells_across(camera.stop, section.dots, rules.dot_nm)
+    seed, where = section.tiling_seed, "design.tiling_seed"
+    stop = tiled_stop(
+        section.dots, rules.dot_nm, orientations(section.tiling, across, across, seed, where=where), camera
+    )
+    cells = estimate.lattice.cells
+    laid = orientations(section.tiling, cells, cells, seed, where=where)
+    target = section.clear_dots / section.dots**2
+    return {
+        "invertibility": lambda: invertibility_of(
+            stop,
+            target,
+            epsilon=section.epsilon,
+            worst_fraction=section.worst_fraction,
+            own_sum=section.normalisation == "own_sum",
+        ),
+        "top_residual": lambda: top_residual(stop, scenes, seed=section.seed),
+        "expected_error": lambda: expected_error(estimate, laid),
+        "boundary_leak": lambda: boundary_leak(estimate, laid),
+        "mtf_auc": lambda: mtf_auc(stop),
     }
-    return Opening(settings.name, cell.numpy() > 0.5, settings.dot_nm, provenance)
 
 
-def descent_of(settings: RelaxSettings) -> Descent:
-    """The schedule that :func:`optimise` follows."""
-    return Descent(
-        dots=settings.dots,
-        clear_dots=_clear_dots(settings.open_ratio, settings.dots),
-        iterations=settings.iterations,
-        seed=settings.seed,
-        rate=LEARNING_RATE,
-        start_logit=START_LOGIT,
-        start_noise=START_NOISE,
-        final_gain=FINAL_GAIN,
-        settled=AREA_SETTLED,
-        judged_every=JUDGED_EVERY,
-    )
+def _descended(
+    plan: Schedule, clock: Clock, checkpoint: Path | None, progress: Progress
+) -> tuple[Found, tuple[str, ...]]:
+    """The descent, within the budget."""
+    how = plan.descent
 
+    def watch(step: RelaxStep) -> None:
+        done, total = step.start * how.iterations + step.iteration + 1, how.starts * how.iterations
+        progress(f"design, best loss {step.best_loss:.4f}", done, total)
 
-def loss_of(settings: RelaxSettings) -> Invertibility:
-    """The loss that :func:`optimise` minimises."""
-    across = cells_across(settings.stop, settings.dots, settings.dot_nm)
-    return invertibility(
-        dots=settings.dots,
-        dot_nm=settings.dot_nm,
-        orientations=orientations(settings.tiling, across, across, settings.tiling_seed, where="design.tiling_seed"),
-        stop=settings.stop,
-        focal_um=settings.focal_um,
-        wavelengths_nm=settings.wavelengths_nm,
-        pixel_um=settings.pixel_um,
-        target=_clear_dots(settings.open_ratio, settings.dots) / settings.dots**2,
-        epsilon=settings.epsilon,
-        worst_fraction=settings.worst_fraction,
-    )
-
-
-def _polish(loss: Invertibility, cell: torch.Tensor, reached: float) -> tuple[torch.Tensor, float]:
-    """Exchange a clear and an opaque dot while that lowers the loss; the gradient says which pairs to try first."""
-    for _ in range(SWAP_ROUNDS):
-        for closed, opened in _promising_swaps(loss, cell):
-            candidate = cell.clone()
-            candidate.view(-1)[closed], candidate.view(-1)[opened] = 0, 1
-            candidate_loss = _judge(loss, candidate)
-            if candidate_loss < reached:
-                cell, reached = candidate, candidate_loss
-                break
-        else:
+    left = clock.left()
+    if left is None:
+        return descend(plan.objective, plan.penalty, how, progress=watch, checkpoint=checkpoint), ()
+    if checkpoint is None:
+        steps = iterations_within(plan.objective, plan.penalty, how, max(left, 1e-3))
+        shorter = replace(how, iterations=min(steps, how.iterations))
+        found = descend(plan.objective, plan.penalty, shorter, progress=watch)
+        told = f"The budget made the descent {steps} steps long instead of {how.iterations}."
+        return found, (told,) if steps < how.iterations else ()
+    while True:
+        found = descend(plan.objective, plan.penalty, how, progress=watch, checkpoint=checkpoint, stop_after=_PORTION)
+        if found.outcome is not Outcome.INTERRUPTED or clock.over:
             break
-    return cell, reached
+    told = f"The budget ended the descent after {found.iterations} steps; the same command goes on from the checkpoint."
+    return found, (told,) if found.outcome is Outcome.INTERRUPTED else ()
 
 
-def _promising_swaps(loss: Invertibility, cell: torch.Tensor) -> list[tuple[int, int]]:
-    """Pairs (dot to close, dot to open), the steepest descent first."""
-    trial = cell.clone().requires_grad_()
-    (gradient,) = torch.autograd.grad(loss(trial), trial)
-    slope, clear = gradient.flatten().numpy(), cell.flatten().numpy() > 0.5
-    width = math.ceil(math.sqrt(SWAPS_TRIED)) * 2
-    to_close = np.flatnonzero(clear)[np.argsort(-slope[clear], kind="stable")[:width]]
-    to_open = np.flatnonzero(~clear)[np.argsort(slope[~clear], kind="stable")[:width]]
-    change = slope[to_open][None, :] - slope[to_close][:, None]
-    order = np.argsort(change, axis=None, kind="stable")[:SWAPS_TRIED]
-    return [(int(to_close[i // len(to_open)]), int(to_open[i % len(to_open)])) for i in order]
+def _ruled(
+    found: Found, plan: Schedule, section: RelaxSection, rules: Constraints, clock: Clock, progress: Progress
+) -> tuple[Mask, float, tuple[str, ...], bool]:
+    """The opening under the rules, annealed if that was asked for, with its loss, and whether time was too short."""
+    judge = plan.objective.at(-1, plan.descent.iterations)
+    like = found.relaxed
 
+    def worth(mask: Mask) -> float:
+        with torch.no_grad():
+            return -float(judge(torch.tensor(mask, dtype=like.dtype)))
 
-def _judge(loss: Invertibility, cell: torch.Tensor) -> float:
-    with torch.no_grad():
-        return float(loss(cell))
-
-
-def _clear_dots(open_ratio: float, dots: int) -> int:
-    total = dots * dots
-    if open_ratio == 0:
-        raise OpeningError(
-            "MF203",
-            f"an open ratio of 0 leaves 0 of {total} dots clear",
-            where="design.open_ratio",
-            cure=f"Set open_ratio to at least {1 / total:.4f}",
+    mask = np.asarray(found.unit.numpy() > 0.5, dtype=np.bool_)
+    broken = sorted(rules.broken(mask))
+    start, notes = mask, []
+    if broken:
+        start = nearest(mask, rules, seed=section.seed)
+        shared = int((start & mask).sum())
+        notes.append(
+            f"The thresholded descent breaks {', '.join(broken)}; what follows begins at the nearest opening found "
+            f"that keeps all rules, which shares {shared} of its {section.clear_dots} clear dots."
         )
-    clear_dots = round(open_ratio * total) if 0 < open_ratio <= 1 else 0
-    if clear_dots == 0:
-        raise OpeningError(
-            "MF204",
-            f"open ratio {open_ratio:g} cannot be reached: {dots} x {dots} dots offer {1 / total:.4f} to 1 in steps of "
-            f"{1 / total:.4f}",
-            where="design.open_ratio",
-            cure=f"The nearest is {1.0 if open_ratio > 1 else 1 / total:.4f}",
-        )
-    return clear_dots
-
-
-def _check(settings: RelaxSettings) -> None:
-    check_name(settings.name, where="design.name")
-    limits: tuple[tuple[str, float, float, float], ...] = (
-        ("dots", settings.dots, 2, 512),
-        ("dot_nm", settings.dot_nm, 1, math.inf),
-        ("iterations", settings.iterations, 1, 100_000),
-        ("epsilon", settings.epsilon, 1e-9, 1e3),
-        ("worst_fraction", settings.worst_fraction, 1e-6, 1),
-        ("seed", settings.seed, 0, 2**63 - 1),
+    if not section.anneal:
+        return start, -worth(start), tuple(notes), False
+    # Losses have scales of their own: what counts is a share of where they stand.
+    scale = max(abs(worth(start)), 1e-6)
+    walked = anneal(
+        start,
+        worth,
+        rules,
+        evaluations=section.anneal,
+        seed=section.seed,
+        temperature=(_HOT * scale, _COLD * scale),
+        budget_s=clock.left(),
+        progress=progress,
     )
-    lengths: tuple[tuple[str, float, float, float], ...] = (
-        ("focal", settings.focal_um, 1e-3, 1e9),
-        ("pixel", settings.pixel_um, 1e-3, 1e9),
-        ("stop.diameter", settings.stop.diameter_um, 1e-3, 1e9),
-    )
-    for section, unit, group in (("design", "", limits), ("camera", " um", lengths)):
-        for key, value, low, high in group:
-            if not low <= value <= high:  # also refuses NaN
-                raise JobError(
-                    "MF104",
-                    f"{key} = {value}{unit} must lie between {low:g}{unit} and {high:g}{unit}",
-                    where=f"{section}.{key}",
-                    cure=f"Choose {key} in that range",
-                )
-    if not settings.wavelengths_nm:
-        raise JobError("MF105", "no wavelength is given", where="camera.wavelengths", cure='Write ["530 nm"]')
-    for wavelength in settings.wavelengths_nm:
-        parse_wavelength_nm(f"{wavelength} nm", where="camera.wavelengths")
+    if not walked.complete:
+        notes.append(f"The annealing ended after {walked.state.evaluations} of {section.anneal} evaluations.")
+    return walked.unit, -walked.value, tuple(notes), not (walked.complete or walked.stuck)

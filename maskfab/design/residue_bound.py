@@ -11,7 +11,7 @@ orientations over its clear dots. So all lags of one residue share one number, a
 * positive semidefinite: every coefficient of the cosine transform of C is at least 0, as it is a squared modulus.
 
 By symmetry under the square's eight elements the best multipliers are symmetric, so a bound by classes of residues is
-one for every C.
+one for every C. Where the lags lack that symmetry, classes hold a residue and its negative alone, as C(-t) = C(t).
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Residues:
     """Classes of lags modulo the cell under the symmetry of the square.
 
     Attributes:
-        of_lag: int64 [m], class of each lag; -1 for short lags of a unit turned at random.
+        of_lag: int64 [m], class of each lag; -1 for short lags of a unit turned at random, of which lag 0 is the first.
         short: [s], lags of the plane that each of these stands for, the first is lag 0; empty if there are none.
         size: [c], residues in each class; sums to dots².
         repeats: [c], short lags of each class; sums to (2 dots - 1)².
@@ -46,10 +46,16 @@ class Residues:
     transform: Floats
 
 
-def residues(inner: Interior, *, periodic: bool) -> Residues:
-    """The classes for a unit repeated, or turned at random."""
+def residues(inner: Interior, *, periodic: bool, mirrored: bool = True) -> Residues:
+    """The classes for a unit repeated, or turned at random.
+
+    Args:
+        inner: whose lags are put into classes.
+        periodic: the unit is repeated.
+        mirrored: the lags have the symmetry of the square; a unit turned at random needs it.
+    """
     n = inner.dots
-    every, size, transform = residue_classes(n)
+    every, size, transform = residue_classes(n, mirrored=mirrored)
     y, x = inner.lags
     of_lag = every[y % n, x % n]
     if not periodic:
@@ -59,20 +65,31 @@ def residues(inner: Interior, *, periodic: bool) -> Residues:
     return Residues(of_lag, inner.count[of_lag < 0], size, repeats, transform)
 
 
-def residue_classes(n: int) -> tuple[NDArray[np.int64], Floats, Floats]:
-    """Class of each residue [n, n], residues in each [c], and the cosine transform between classes [c, c]."""
-    folded = np.minimum(np.arange(n), n - np.arange(n))
-    first, second = np.maximum(folded[:, None], folded), np.minimum(folded[:, None], folded)
-    _, every = np.unique(first * n + second, return_inverse=True)
+def residue_classes(n: int, *, mirrored: bool = True) -> tuple[NDArray[np.int64], Floats, Floats]:
+    """Class of each residue [n, n], residues in each [c], and the cosine transform between classes [c, c].
+
+    Args:
+        n: dots along the unit's side.
+        mirrored: classes under the symmetry of the square; otherwise a residue and its negative.
+    """
+    if mirrored:
+        folded = np.minimum(np.arange(n), n - np.arange(n))
+        key = np.maximum(folded[:, None], folded) * n + np.minimum(folded[:, None], folded)
+    else:
+        back = -np.arange(n) % n
+        key = np.minimum(np.arange(n)[:, None] * n + np.arange(n), back[:, None] * n + back)
+    _, every = np.unique(key, return_inverse=True)
     every = every.reshape(n, n)
     size = np.bincount(every.ravel()).astype(np.float64)
     heads = np.unique(every, return_index=True)[1]
-    cosine = np.cos(2 * np.pi * np.outer(np.arange(n), np.arange(n)) / n)
+    phase = 2 * np.pi * np.outer(np.arange(n), np.arange(n)) / n
+    cosine = np.cos(phase)
     transform = np.empty((len(size), len(size)))
     for row, head in enumerate(heads):
         v, u = divmod(int(head), n)
         # The mean over mirror images of a wave is a product of cosines.
-        transform[row] = np.bincount(every.ravel(), np.outer(cosine[v], cosine[u]).ravel())
+        wave = np.outer(cosine[v], cosine[u]) if mirrored else np.cos(phase[v][:, None] + phase[u])
+        transform[row] = np.bincount(every.ravel(), wave.ravel())
     return every, size, transform
 
 

@@ -1,59 +1,61 @@
-"""From [search] to an opening and a map: scan families, anneal the best, turn the cells, and say what that brought."""
+"""The method "search": scan families, anneal the best, turn the cells, and say what that brought.
+
+A checkpoint holds the scan once it is whole, and the annealing at every so many evaluations; the map is designed again.
+A run that goes on from it ends byte for byte where an uninterrupted one does. A budget of time ends the scan early,
+then the annealing; what it has cut short depends on the clock, and the notes say so.
+"""
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
-from dataclasses import dataclass
-from itertools import chain
+from dataclasses import replace
+from pathlib import Path
 
-from maskfab import __version__
-from maskfab.design.bounds import optimality_gap
+from maskfab.design.auc_bound import rings
+from maskfab.design.auc_search import best_for_auc
+from maskfab.design.checkpoint import Kept
+from maskfab.design.clock import Clock
+from maskfab.design.compact import Best, annealed, scanned
 from maskfab.design.constraints import Constraints
-from maskfab.design.discrete import ExpectedPsnr, Prices, Ranked, anneal, prices, scan
-from maskfab.design.families import FAMILIES, Candidate
-from maskfab.design.orientation_map import DesignedMap, MapMode, design_map
+from maskfab.design.discrete import ExpectedPsnr, Mask, Ranked, anneal, prices
+from maskfab.design.job import (
+    Designed,
+    Facts,
+    appraised,
+    by_level,
+    constraints_of,
+    of_prices,
+    origin,
+    run_key,
+)
+from maskfab.design.joint import require_places
+from maskfab.design.mapped import map_seed, mapped
+from maskfab.design.nearest import nearest
+from maskfab.design.orientation_map import MapMode, require_size
 from maskfab.design.pupil_error import pupil_error
+from maskfab.design.shortlist import shortlisted
 from maskfab.design.surrogate import surrogate
 from maskfab.imaging.photographs import Scene
 from maskfab.imaging.protocol import LEVELS
-from maskfab.layout.maps import CellMap
-from maskfab.layout.openings import dot_of_pitch
-from maskfab.layout.subpixels.rules import EmitterRules
-from maskfab.model import Opening
+from maskfab.imaging.transfer import Lattice, lattice
+from maskfab.model import Opening, Tiling
 from maskfab.progress import Progress, silent
 from maskfab.spec import SearchSection
 
-_PRICED = 200
-"""Best openings of a scan among which the rules are priced."""
+_LONGEST = 20
+_AUC_EVALUATIONS = 4000
+_AUC_TEMPERATURE = (0.001, 0.00001)
 
 
-@dataclass(frozen=True, eq=False)
-class Searched:
-    """What a search has found.
-
-    Attributes:
-        opening: the best that keeps all rules.
-        shape: the family, size and place it came from.
-        psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic).
-        head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior.
-        evaluated: openings that were judged.
-        prices: what the rules cost among them, in dB of the weighted mean.
-        cells: the designed map; None if none was asked for.
-        designed: how that went.
-    """
-
-    opening: Opening
-    shape: str
-    psnr: tuple[float, ...]
-    head_room: tuple[float, ...]
-    evaluated: int
-    prices: Prices
-    cells: CellMap | None
-    designed: DesignedMap | None
-
-
-def search(section: SearchSection, scenes: Sequence[Scene], command: str, progress: Progress = silent) -> Searched:
+def search(
+    section: SearchSection,
+    scenes: Sequence[Scene],
+    command: str,
+    progress: Progress = silent,
+    *,
+    budget_s: float | None = None,
+    checkpoint: Path | None = None,
+) -> Designed:
     """Search as the section says.
 
     Args:
@@ -61,70 +63,112 @@ def search(section: SearchSection, scenes: Sequence[Scene], command: str, progre
         scenes: photographs whose spectrum and edges count.
         command: for the provenance.
         progress: told where the work stands.
+        budget_s: seconds for the search; what every result needs is done beyond them: bounds, and one descent of a map.
+        checkpoint: file to go on from, and to keep.
 
     Raises:
-        JobError, OpeningError: MF104, MF106, MF107 for numbers; MF123, MF203, MF204 for rules that no opening keeps.
+        JobError, OpeningError: MF104, MF106, MF107 for numbers; MF121 for scenes without a spectrum; MF123, MF203,
+            MF204 for rules that no opening keeps, or that cannot be shown to hold at several places in a cell; MF115
+            for a map of too many cells, or of cells of too many dots.
+        SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
     """
-    dot_nm = dot_of_pitch(f"{section.pitch:.15g} um", section.dots, where="search.pitch")
-    rules = _constraints(section, dot_nm)
-    rules.require_possible()
-    periodic = section.tiling == "periodic"
-    progress("photographs", 0, 1)
-    estimate = surrogate(scenes, section.dots)
-    progress("photographs", 1, 1)
-    objective = ExpectedPsnr(estimate, periodic, LEVELS, section.weights)
-    shapes = list(chain.from_iterable(FAMILIES[name](section.dots, section.clear_dots) for name in section.families))
-    plain = Constraints(section.clear_dots, dots=section.dots, dot_nm=dot_nm)
-    workers = os.cpu_count() or 1
-    found = scan(shapes, objective, plain, turned_alike=not periodic, workers=workers, progress=progress)
-    kept = next((each for each in found.ranked if rules.allows(each.unit)), None)
-    best = kept or scan(shapes, objective, rules, turned_alike=not periodic, workers=workers, progress=progress).best
-    looked = list(found.ranked[:_PRICED])
-    evaluated = found.evaluated
-    if section.anneal:
-        walked = anneal(best.unit, objective, rules, evaluations=section.anneal, seed=section.seed, progress=progress)
-        evaluated += section.anneal
-        if walked.value > best.value:
-            best = Ranked(f"{best.name}, annealed", walked.unit, walked.value)
-    if all(each.unit is not best.unit for each in looked):
-        looked.append(best)
-    priced = prices((Candidate(each.name, each.unit) for each in looked), objective, rules)
-    psnr = estimate(best.unit, periodic=periodic)
-    progress("bounds", 0, 1)
-    gap = optimality_gap(estimate, best.unit, periodic=periodic)
-    progress("bounds", 1, 1)
-    facts: dict[str, str | int | float] = {
-        "author": "maskfab",
-        "command": command,
-        "version": __version__,
-        "seed": section.seed,
-    }
-    expected = {f"expected_psnr_{level}": round(value, 3) for level, value in zip(LEVELS, psnr, strict=True)}
-    opening = Opening(section.name, best.unit, dot_nm, {**facts, "shape": best.name, **expected})
-    cells = designed = None
+    clock = Clock(budget_s)
+    rules = constraints_of(section)
+    room = lattice(section.dots, rules.dot_nm)
     if section.map is not None:
-        mode = MapMode(section.map)
-        designed = design_map(best.unit, pupil_error(estimate), mode=mode, seed=section.seed, progress=progress)
-        gains = {f"gain_db_{level}": round(gain, 3) for level, gain in zip(LEVELS, designed.gain_db, strict=True)}
-        cells = CellMap(f"{section.name[:20]}_map", designed.orientations, {**facts, "mode": mode.value, **gains})
-    return Searched(opening, best.name, psnr, gap.head_room, evaluated, priced, cells, designed)
+        require_size(room)
+    if section.positions > 1:
+        require_places(rules)
+    rules.require_possible()
+    progress("photographs", 0, 1)
+    estimate = surrogate(scenes, section.dots, dot_nm=rules.dot_nm)
+    progress("photographs", 1, 1)
+    periodic = section.tiling is Tiling.PERIODIC
+    expected = ExpectedPsnr(estimate, periodic, LEVELS, section.weights)
+    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes))
+    if section.objective == "auc":
+        found = _by_auc(section, rules, room, clock, progress)
+    else:
+        found = scanned(section, rules, expected, clock, kept, progress)
+        found = annealed(found, section, rules, expected, clock, kept, progress)
+    error = None if section.map is None else pupil_error(estimate, weights=section.weights)
+    if section.map is not None and error is not None and section.objective != "auc" and section.density is None:
+        found = shortlisted(
+            found,
+            section.shortlist,
+            error,
+            rules,
+            clock,
+            progress,
+            mode=MapMode(section.map),
+            seed=map_seed(section),
+            positions=section.positions,
+        )
+    facts: Facts = {**origin(section, command), "shape": found.best.name}
 
+    def of_count(clear_dots: int) -> Mask:
+        other = section.model_copy(update={"clear_dots": clear_dots, "anneal": 0})
+        return scanned(other, replace(rules, clear_dots=clear_dots), expected, clock, None, progress).best.unit
 
-def _constraints(section: SearchSection, dot_nm: int) -> Constraints:
-    asked = section.rules
-    return Constraints(
-        section.clear_dots,
-        dots=section.dots,
-        dot_nm=dot_nm,
-        min_feature_dots=asked.min_feature_dots,
-        min_space_dots=asked.min_space_dots,
-        kissing=asked.kissing,
-        rim_dots=asked.rim_dots,
-        orientations=(0,) if section.tiling == "periodic" else tuple(range(8)),
-        symmetry=asked.symmetry,
-        emitters=EmitterRules(0, 8000, 2 * dot_nm),
-        footprint=asked.footprint,
-        wire_flow=asked.wire_flow,
-        ports=asked.ports,
-        centroid_px=asked.centroid_px,
+    laid = mapped(section, found.best.unit, rules, estimate, error, origin(section, command), of_count, clock, progress)
+    priced = prices(found.looked, expected, rules) if found.looked else None
+    psnr, head_room = laid.psnr, None
+    if psnr is None:
+        progress("bounds", 0, 1)
+        psnr, known, head_room = appraised(estimate, laid.unit, periodic=periodic)
+        progress("bounds", 1, 1)
+    else:
+        known = by_level("expected_psnr", psnr)
+    facts |= {**known, "evaluated": found.evaluated}
+    facts |= {} if priced is None else of_prices(priced)
+    return Designed(
+        Opening(section.name, laid.unit, rules.dot_nm, facts),
+        found.best.name,
+        psnr,
+        head_room,
+        found.evaluated,
+        priced,
+        laid.cells,
+        laid.designed,
+        laid.head_room,
+        None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_out", laid.outer, rules.dot_nm, facts),
+        (*found.notes, *laid.notes),
+        found.cut or laid.cut,
     )
+
+
+def _by_auc(section: SearchSection, rules: Constraints, room: Lattice, clock: Clock, progress: Progress) -> Best:
+    """The best blue AUC; where it breaks the rules, annealed from the nearest that keeps them."""
+    periodic = section.tiling is Tiling.PERIODIC
+    unit = best_for_auc(
+        section.dots,
+        section.clear_dots,
+        periodic=periodic,
+        seed=section.seed,
+        steps=section.anneal or None,
+        room=room,
+        progress=progress,
+    )
+    figure, notes, evaluated, cut = rings(section.dots, room=room), [], 1, False
+
+    def area(mask: Mask) -> float:
+        return figure.of_unit(mask, periodic=periodic)
+
+    if broken := sorted(rules.broken(unit)):
+        free = area(unit)
+        walked = anneal(
+            nearest(unit, rules, seed=section.seed),
+            area,
+            rules,
+            evaluations=section.anneal or _AUC_EVALUATIONS,
+            seed=section.seed,
+            temperature=_AUC_TEMPERATURE,
+            budget_s=clock.left(),
+            progress=progress,
+        )
+        unit, evaluated, cut = walked.unit, 2 + walked.state.evaluations, not (walked.complete or walked.stuck)
+        notes.append(
+            f"The best for AUC, {free:.4f}, breaks {', '.join(broken)}; annealed for {walked.state.evaluations} "
+            f"evaluations from the nearest opening found that keeps them, to {walked.value:.4f}."
+        )
+    return Best(Ranked(f"auc {area(unit):.4f}", unit, area(unit)), (), evaluated, tuple(notes), cut)

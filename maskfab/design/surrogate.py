@@ -13,10 +13,14 @@ The autocorrelation is that of the mean over all random layouts, without the cel
 
 S of the open stop, C circular of the unit averaged over the orientations, V linear: mean of the oriented units' minus
 that of their mean. Sampled at whole lags: all short ones, and a fixed random choice of long ones, weighted.
+
+Notes:
+    The stop is protocol F1's, 4 mm, whatever the cell: see :func:`maskfab.imaging.transfer.lattice`.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -24,11 +28,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from maskfab.errors import JobError
+from maskfab.errors import JobError, OpeningError
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.photographs import Scene
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import CELLS, autocorrelation, lags_per_frequency, stop
+from maskfab.imaging.transfer import CELLS, PANEL_UM, Lattice, autocorrelation, lags_per_frequency, lattice, stop
 from maskfab.model import ORIENTATIONS, orient
 
 Floats = NDArray[np.float64]
@@ -38,7 +42,10 @@ _WIDTH = 32
 _WAVELENGTH_NM = 530.0
 _LONG_LAGS = 3000
 _LEAK_EVERY = 7
-_LEAK_SCENES = 2
+_NEAR_UM = PANEL_UM / CELLS
+"""Just beyond the lag of the highest low frequency, 165.6 um."""
+LEAST_CONTRAST = 1e-4
+"""A tenth of what the smallest step of eight bits is, evenly spread."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -46,21 +53,21 @@ class Surrogate:
     """Everything that no opening changes; call it with an opening.
 
     Attributes:
-        dots: along the unit's side.
+        lattice: of the cells behind the stop.
         lags: int64 [2, m], y and x of the sampled lags.
         clear: [m], S times the pixel's sinc at them.
         folded: [m], what sampling folds back at them from a uniform grey panel.
         weight: [m], share of the square of frequencies; sums to 1.
         signal: [m], weight times P, 0 where the low-passed scene takes over.
         inverse_prior: [m], (f / 0.1)².
-        near: S at lags -dots to dots, [2 dots + 1] twice.
+        near: S at the lags -k to k that reach 168 um, [2 k + 1] twice; k is ``dots`` where cells are so wide.
         along: matrices from these lags to the low frequencies of y and x, the pixel's sinc in them.
         low: complex64 [scenes, 128, 97], low-passed scenes; their own part on the sensor is ``low_truth``.
         low_prior: (f / 0.1)² at their frequencies.
         light: mean of the scenes, white is 1.
     """
 
-    dots: int
+    lattice: Lattice
     lags: NDArray[np.int64]
     clear: Floats
     folded: Floats
@@ -74,6 +81,11 @@ class Surrogate:
     low_prior: NDArray[np.float32]
     light: float
 
+    @property
+    def dots(self) -> int:
+        """Along the unit's side."""
+        return self.lattice.dots
+
     def __call__(
         self, unit: NDArray[np.bool_], *, periodic: bool = False, levels: Sequence[int] = LEVELS
     ) -> tuple[float, ...]:
@@ -83,7 +95,12 @@ class Surrogate:
             unit: bool [dots, dots], some of it clear.
             periodic: every cell has the unit as it is; otherwise each is turned at random.
             levels: keys of :data:`maskfab.imaging.capture.ELECTRONS`.
+
+        Raises:
+            JobError: MF105 for a unit of other dots; MF104 for a level that is not known.
+            OpeningError: MF203 if it is closed.
         """
+        self._require(unit, levels)
         circular, linear = self._correlations(np.asarray(unit, dtype=np.float64), periodic)
         y, x = self.lags
         transfer = self.clear * circular[y % self.dots, x % self.dots] + self.folded * unit.mean()
@@ -102,6 +119,26 @@ class Surrogate:
             found.append(float(-10 * np.log10((variance * noise + bias + leak).min())))
         return tuple(found)
 
+    def _require(self, unit: NDArray[np.bool_], levels: Sequence[int]) -> None:
+        if unit.shape != (self.dots, self.dots):
+            raise JobError(
+                "MF105",
+                f"the opening is {unit.shape}, the cell {self.dots} x {self.dots} dots",
+                where="design.dots",
+                cure="Give one value per dot",
+            )
+        if not unit.any():
+            raise OpeningError(
+                "MF203", "0 dots of the opening are clear", where="design.clear_dots", cure="Open at least 1 dot"
+            )
+        if unknown := [level for level in levels if level not in ELECTRONS]:
+            raise JobError(
+                "MF104",
+                f"the level {unknown[0]} dB is not one of {', '.join(map(str, ELECTRONS))}",
+                where="design.levels",
+                cure="Choose among these",
+            )
+
     def _correlations(self, unit: Floats, periodic: bool) -> tuple[Floats, Floats]:
         """C [dots, dots] and V [2 dots, 2 dots], negative lags wrapped round, divided by the clear dots."""
         n, total = self.dots, unit.sum()
@@ -114,8 +151,11 @@ class Surrogate:
 
     def _leak(self, circular: Floats, linear: Floats, epsilons: Floats) -> Floats:
         """Mean squared error of the low-passed scenes at every ε, interpolated between every seventh."""
-        lags = np.arange(-self.dots, self.dots + 1)
-        table = circular[np.ix_(lags % self.dots, lags % self.dots)] + linear[np.ix_(lags, lags)]
+        reach = len(self.near) // 2
+        lags = np.arange(-reach, reach + 1)
+        table = circular[np.ix_(lags % self.dots, lags % self.dots)]
+        within = np.flatnonzero(abs(lags) <= self.dots)
+        table[np.ix_(within, within)] += linear[np.ix_(lags[within], lags[within])]
         transfer = (self.along[0] @ (table * self.near) @ self.along[1].T).astype(np.float32)
         record = scipy.fft.irfft2(self.low * transfer, (_ROWS, _COLUMNS), workers=1)[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH]
         around = [(0, 0), (_WIDTH, _WIDTH), (_WIDTH, _WIDTH)]
@@ -130,18 +170,27 @@ class Surrogate:
         return np.asarray(np.exp(np.interp(np.log(epsilons), np.log(known), np.log(np.maximum(errors, 1e-12)))))
 
 
-def surrogate(scenes: Sequence[Scene], dots: int = 21) -> Surrogate:
+def surrogate(scenes: Sequence[Scene], dots: int = 21, *, dot_nm: int | None = None, leak_scenes: int = 2) -> Surrogate:
     """Prepare the surrogate for units of ``dots`` x ``dots``, from scenes of 1024 x 1536 pixels (others are left out).
 
     The spectrum P is c f^-p, fitted to the scenes' rings from 0.02 to 0.4 cycles per pixel; the scenes' own low
     frequencies are used as they are.
 
+    Args:
+        scenes: photographs, or drawn ones.
+        dots: along the unit's side.
+        dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
+        leak_scenes: pictures that the leak is computed on; what is designed on few fits them and not others.
+
     Raises:
-        JobError: MF121 if no scene has that size.
+        JobError: MF121 if no scene has that size, or one is the same grey everywhere; MF104, MF115 for dots as
+            :func:`maskfab.imaging.transfer.lattice`.
     """
-    side = CELLS * dots
-    per_cycle = lags_per_frequency(side, _WAVELENGTH_NM)
-    table = autocorrelation(stop(side).astype(np.float64))
+    room = lattice(dots, dot_nm)
+    kept = _of_use(scenes)
+    side = room.side
+    per_cycle = lags_per_frequency(side, _WAVELENGTH_NM, room.dot_um)
+    table = autocorrelation(stop(side, room.dot_um).astype(np.float64))
     table /= table[side - 1, side - 1]
     lags, count = _choose_lags(dots, int(per_cycle / 2))
     nu = lags / per_cycle
@@ -155,9 +204,6 @@ def surrogate(scenes: Sequence[Scene], dots: int = 21) -> Surrogate:
 
     orders = [(k, j) for k in range(-2, 3) for j in range(-2, 3) if (k, j) != (0, 0)]
     folded = np.sum([open_stop(nu[0] + k, nu[1] + j) for k, j in orders], axis=0)
-    kept = [s for s in scenes if s.values.shape[1:] == (_ROWS * _FACTOR, _COLUMNS * _FACTOR)]
-    if not kept:
-        raise JobError("MF121", "no scene has 1536 x 1024 pixels", where="scenes", cure="Give larger photographs")
     light = float(np.mean([s.values.mean() for s in kept]))
     kept = _equalised(kept)
     factor, power = _spectrum(kept)
@@ -165,7 +211,7 @@ def surrogate(scenes: Sequence[Scene], dots: int = 21) -> Surrogate:
     edge = 0.5 / _FACTOR
     low = (abs(nu[0]) < edge) & (abs(nu[1]) < edge)
     density = factor * np.maximum(distance, 1e-3) ** -power
-    spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept)])
+    spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept, leak_scenes)])
     rows = np.r_[0 : _ROWS // 2, -_ROWS // 2 : 0]
     cut = spectra[:, rows, : _COLUMNS // 2 + 1] / _FACTOR**2
     # The highest frequencies of an even grid stand for both signs; without them nothing is ambiguous.
@@ -173,9 +219,11 @@ def surrogate(scenes: Sequence[Scene], dots: int = 21) -> Surrogate:
     cut[:, :, -1] = 0
     small = scipy.fft.irfft2(cut, (_ROWS, _COLUMNS)).astype(np.float32)
     axes = scipy.fft.fftfreq(_ROWS) / _FACTOR, scipy.fft.rfftfreq(_COLUMNS) / _FACTOR
-    middle = slice(side - 1 - dots, side + dots)
+    # Rounding must not add a dot where 168 um are a whole number of them.
+    reach = math.ceil(_NEAR_UM / room.dot_um - 1e-9)
+    middle = slice(side - 1 - reach, side + reach)
     return Surrogate(
-        dots,
+        room,
         lags,
         open_stop(nu[0], nu[1]),
         folded,
@@ -183,12 +231,29 @@ def surrogate(scenes: Sequence[Scene], dots: int = 21) -> Surrogate:
         np.where(low, 0, weight * density),
         (distance / 0.1) ** 2 + 1e-12,
         table[middle, middle],
-        (_interpolation(axes[0], per_cycle, dots), _interpolation(axes[1], per_cycle, dots)),
+        (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
         cut.astype(np.complex64),
         small[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH],
         ((axes[0][:, None] ** 2 + axes[1] ** 2) / 0.1**2).astype(np.float32),
         light,
     )
+
+
+def _of_use(scenes: Sequence[Scene]) -> list[Scene]:
+    kept = [s for s in scenes if s.values.shape[1:] == (_ROWS * _FACTOR, _COLUMNS * _FACTOR)]
+    if not kept:
+        raise JobError("MF121", "no scene has 1536 x 1024 pixels", where="scenes", cure="Give larger photographs")
+    for scene in kept:
+        contrast = float(scene.values[1].std(dtype=np.float64))
+        if not contrast >= LEAST_CONTRAST:
+            raise JobError(
+                "MF121",
+                f"the picture {scene.name} is the same grey everywhere: its green values deviate by {contrast:.2g} of "
+                f"white, least {LEAST_CONTRAST:g}; it has no spectrum to design for",
+                where=f"scenes.{scene.name}",
+                cure="Take it away, or give a photograph",
+            )
+    return kept
 
 
 def _choose_lags(dots: int, longest: int) -> tuple[NDArray[np.int64], Floats]:
@@ -205,9 +270,9 @@ def _choose_lags(dots: int, longest: int) -> tuple[NDArray[np.int64], Floats]:
     return np.stack([y[index], x[index]]), np.concatenate([np.ones(int(short.sum())), 1 / chance[drawn]])
 
 
-def _interpolation(frequency: Floats, per_cycle: float, dots: int) -> Floats:
-    """[frequencies, 2 dots + 1]: bilinear weights at lags -dots to dots, times the pixel's sinc."""
-    lags = np.arange(-dots, dots + 1)
+def _interpolation(frequency: Floats, per_cycle: float, reach: int) -> Floats:
+    """[frequencies, 2 reach + 1]: bilinear weights at lags -reach to reach, times the pixel's sinc."""
+    lags = np.arange(-reach, reach + 1)
     hat = np.maximum(0, 1 - abs(frequency[:, None] * per_cycle - lags))
     return np.asarray(hat * np.sinc(frequency)[:, None])
 
@@ -219,15 +284,15 @@ def _equalised(scenes: Sequence[Scene]) -> list[Scene]:
     return [Scene(s.name, s.number, s.values * np.float32(k)) for s, k in zip(scenes, scale, strict=True)]
 
 
-def _mixed(scenes: Sequence[Scene]) -> list[Floats]:
-    """At most two pictures that leak as much as all: sums with random signs, over the root of their number.
+def _mixed(scenes: Sequence[Scene], most: int) -> list[Floats]:
+    """At most so many pictures that leak as much as all: sums with random signs, over the root of their number.
 
     The leak is a square of something linear in the picture, so products of different scenes cancel on average.
     """
     green = np.stack([s.values[1] for s in scenes]).astype(np.float64)
-    if len(scenes) <= _LEAK_SCENES:
+    if len(scenes) <= most:
         return list(green)
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(_LEAK_SCENES, len(scenes))) / np.sqrt(len(scenes))
+    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(most, len(scenes))) / np.sqrt(len(scenes))
     return list(np.tensordot(signs, green, axes=1))
 
 

@@ -16,15 +16,18 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.design.autocorrelation import Autocorrelation, autocorrelation
-from maskfab.design.losses import MAX_SIDE, Invertibility, lags_within, stop_dots
+from maskfab.design.invertibility import Invertibility
+from maskfab.design.stop_grid import MAX_SIDE, cells_across, lags_within, stop_dots
 from maskfab.errors import JobError
-from maskfab.model import Camera
+from maskfab.model import ORIENTATIONS, Camera
 from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
 Precision = Literal["float32", "float64"]
 TINY = 1e-30
 """In place of an epsilon of 0, so that a frequency which is nil has a value and a slope."""
+FEWEST_DOTS = 2
+"""Inside a stop: one dot has no lag but 0."""
 DTYPES: dict[str, torch.dtype] = {"float32": torch.float32, "float64": torch.float64}
 
 
@@ -136,20 +139,22 @@ def tiled_stop(
     Args:
         dots: dots along the unit's side.
         dot_nm: side of one dot.
-        orientations: int8 [rows, columns], elements of D4; the square of cells is centred on the stop and covers it.
+        orientations: int8 [cells, cells], elements of D4; the square of cells is centred on the stop and covers it.
         camera: lens, wavelengths, sensor.
         precision: of the computation.
         device: "cpu", "cuda", or "auto" for CUDA where there is any.
 
     Raises:
-        JobError: MF104 if half a cycle per pixel is less than a lag of one dot, MF105 for a device that is not there,
-            MF115 if the stop is too many dots.
+        JobError: MF104 if half a cycle per pixel is less than a lag of one dot, or the stop holds no two dots; MF105
+            for a device that is not there; MF114 if the cells do not cover the stop; MF115 if they are too many dots;
+            MF122 for orientations that are no square of elements of D4.
     """
     chosen = ("cuda" if torch.cuda.is_available() else "cpu") if device == "auto" else device
     if chosen not in ("cpu", "cuda") or (chosen == "cuda" and not torch.cuda.is_available()):
         raise JobError("MF105", f"there is no device {device!r} here", where="design.device", cure='Use "cpu"')
-    rows, columns = orientations.shape
-    side = max(rows, columns) * dots
+    _require_square(orientations)
+    cells = len(orientations)
+    side = cells * dots
     if side > MAX_SIDE:
         raise JobError(
             "MF115",
@@ -158,7 +163,23 @@ def tiled_stop(
             where="camera.stop",
             cure="Design with a smaller stop, or with fewer dots per pitch",
         )
-    inside = stop_dots(camera.stop, side, dot_nm)[: rows * dots, : columns * dots]
+    if side * dot_nm < camera.stop.diameter_um * NM_PER_UM - 1:
+        raise JobError(
+            "MF114",
+            f"{cells} x {cells} cells of {dots * dot_nm / NM_PER_UM:g} um do not cover a stop of "
+            f"{camera.stop.diameter_um:g} um",
+            where="camera.stop",
+            cure=f"Give {cells_across(camera.stop, dots, dot_nm)} x {cells_across(camera.stop, dots, dot_nm)} cells",
+        )
+    inside = stop_dots(camera.stop, side, dot_nm)
+    if inside.sum() < FEWEST_DOTS:
+        raise JobError(
+            "MF104",
+            f"the stop of {camera.stop.diameter_um:g} um holds the middles of {int(inside.sum())} dots of "
+            f"{dot_nm / NM_PER_UM:g} um; a transfer needs at least {FEWEST_DOTS}",
+            where="camera.stop",
+            cure="Use smaller dots, or a larger stop",
+        )
     nyquist = max(camera.wavelengths_nm) * camera.focal_um / (2 * camera.pixel_um) / dot_nm
     if nyquist < 1:
         raise JobError(
@@ -170,6 +191,19 @@ def tiled_stop(
     made = autocorrelation(dots, orientations, inside, min(math.floor(nyquist) + 1, min(inside.shape) - 1))
     moved = replace(made, index=made.index.to(chosen))
     return TiledStop(moved, camera, dot_nm, int(inside.sum()), DTYPES[precision])
+
+
+def _require_square(orientations: NDArray[np.int8]) -> None:
+    shape = orientations.shape
+    if len(shape) == 2 and shape[0] == shape[1] > 0 and 0 <= orientations.min() <= orientations.max() < ORIENTATIONS:
+        return
+    within = f", {orientations.min()} to {orientations.max()}" if orientations.size else ""
+    raise JobError(
+        "MF122",
+        f"the orientations have the shape {shape}{within}; a square of elements 0 to {ORIENTATIONS - 1} is needed",
+        where="design.orientations",
+        cure="Give as many rows as columns",
+    )
 
 
 def invertibility_of(

@@ -27,6 +27,7 @@ import torch
 
 from maskfab.design.autocorrelation import Autocorrelation
 from maskfab.design.objective import Objective
+from maskfab.design.surrogate import LEAST_CONTRAST
 from maskfab.design.tiled_stop import GridTransfer, TiledStop
 from maskfab.errors import JobError
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
@@ -131,14 +132,14 @@ def top_residual(
         crops: how many, at random places, taken from the scenes in turn.
         batch: crops of one step.
         beyond: what lies outside the sensor.
-        nsr: noise-to-signal ratio of the filter.
+        nsr: noise-to-signal ratio of the filter, above 0: nothing restores a frequency that is nil.
         level: dB of noise; None is none.
         share: of the residuals that counts.
         seed: of the places, the noise and the order.
 
     Raises:
         JobError: MF105 without scenes or with other than three wavelengths; MF104 for numbers out of range, or
-            scenes smaller than a crop.
+            scenes smaller than a crop; MF121 for crops that are all the same grey everywhere.
     """
     if not scenes or len(stop.camera.wavelengths_nm) != COLOURS:
         raise JobError(
@@ -149,12 +150,13 @@ def top_residual(
         )
     whole = side + 2 * margin
     smallest = min(min(scene.values.shape[1:]) for scene in scenes)
-    fine = 0 < margin < side and whole <= smallest and nsr >= 0 and 0 < share <= 1 and crops >= batch >= 1
+    fine = 0 < margin < side and whole <= smallest and 0 < nsr < math.inf and 0 < share <= 1 and crops >= batch >= 1
     if not (fine and (level is None or level in ELECTRONS)):
         raise JobError(
             "MF104",
             f"side {side}, margin {margin}, nsr {nsr:g}, share {share:g}, {batch} of {crops} crops, level {level}: a "
-            f"crop with margins may have {smallest} pixels, margins are smaller than the side, shares within 0 to 1",
+            f"crop with margins may have {smallest} pixels, margins are smaller than the side, nsr is above 0, shares "
+            "within 0 to 1",
             where="design.top_residual",
             cure="Take the defaults: 256, 128, 0.0037, 0.1, 4 of 12, none",
         )
@@ -165,6 +167,14 @@ def top_residual(
         top, left = (int(draw.integers(0, extent - whole + 1)) for extent in values.shape[1:])
         cut.append(values[:, top : top + whole, left : left + whole])
     pictures = np.stack(cut).astype(np.float64)
+    if pictures.std(axis=(2, 3)).max() < LEAST_CONTRAST:
+        raise JobError(
+            "MF121",
+            f"all {crops} crops are the same grey everywhere, within {LEAST_CONTRAST:g} of white; nothing in them can "
+            "be restored better or worse",
+            where="design.scenes",
+            cure="Give photographs",
+        )
     if beyond == "dark":
         inner = np.zeros((whole, whole), dtype=np.bool_)
         inner[margin:-margin, margin:-margin] = True

@@ -13,7 +13,7 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -89,7 +89,12 @@ class Table:
 
 
 def evaluate(
-    designs: Sequence[Laid], test: Sequence[Scene], tuning: Sequence[Scene], levels: Sequence[int] = LEVELS
+    designs: Sequence[Laid],
+    test: Sequence[Scene],
+    tuning: Sequence[Scene],
+    levels: Sequence[int] = LEVELS,
+    *,
+    show: Callable[[Score, NDArray[np.float32]], None] | None = None,
 ) -> Table:
     """Score every design on every test scene at every level.
 
@@ -98,6 +103,7 @@ def evaluate(
         test: scenes to score on.
         tuning: scenes to choose ε on; they may be test scenes, though that flatters by a few hundredths of a decibel.
         levels: signal-to-noise ratios of the published camera, dB; keys of :data:`maskfab.imaging.capture.ELECTRONS`.
+        show: given every score with its restored picture, float32 [3, rows, columns] of the sensor, row 0 on top.
 
     Raises:
         JobError: MF105 without designs, levels or scenes, or for two of one name; MF104 for other levels, or a closed
@@ -114,6 +120,8 @@ def evaluate(
             raise JobError("MF105", f"{what}: {problem}", where=what, cure="Give each once, with a name of its own")
     for level in levels:
         gain(level, 1.0)
+    for design in designs:
+        _require_light(design)
     prepared = {id(s): _prepare(s) for s in (*tuning, *test)}
     scores: list[Score] = []
     for design in designs:
@@ -125,7 +133,10 @@ def evaluate(
             for s in test:
                 known = prepared[id(s)]
                 record = records[id(s)] if id(s) in records else seen.record(known, level)
-                scores.append(_score(seen, known, record, level, EPSILONS[chosen]))
+                restored = seen.restored(known, record, EPSILONS[chosen])
+                scores.append(_score(seen.laid.name, known, restored, level, EPSILONS[chosen]))
+                if show is not None:
+                    show(scores[-1], restored)
     return Table(tuple(scores))
 
 
@@ -146,12 +157,23 @@ def _prepare(scene: Scene) -> _Prepared:
     return _Prepared(scene, margin, spectrum, truth(margin.sensor(scene.values)))
 
 
+def _require_light(design: Laid) -> None:
+    """Refuse what passes nothing, before any photograph is looked at."""
+    if not 0 < design.open_share <= 1:
+        raise JobError(
+            "MF104",
+            f"the design passes {design.open_share:g} of the stop's light; it must be above 0 and at most 1",
+            where=design.name,
+            cure="Open some dots inside the stop",
+        )
+
+
 class _Design:
     """A design with its H for every size of scene."""
 
     def __init__(self, laid: Laid, shapes: set[tuple[int, int]]) -> None:
         self.laid = laid
-        self.transfer = {shape: transfer_grid(shape, len(laid.pupil))(laid.pupil) for shape in shapes}
+        self.transfer = {shape: transfer_grid(shape, len(laid.pupil), laid.dot_um)(laid.pupil) for shape in shapes}
         self.prior = {shape: prior(shape) for shape in shapes}
 
     def record(self, known: _Prepared, level: int) -> NDArray[np.complex64]:
@@ -184,12 +206,11 @@ def _climb(seen: _Design, records: list[tuple[_Prepared, NDArray[np.complex64]]]
         best = following
 
 
-def _score(seen: _Design, known: _Prepared, record: NDArray[np.complex64], level: int, epsilon: float) -> Score:
-    restored = seen.restored(known, record, epsilon)
+def _score(name: str, known: _Prepared, restored: NDArray[np.float32], level: int, epsilon: float) -> Score:
     true = known.true
     likeness = true.ssim(restored)
     return Score(
-        seen.laid.name,
+        name,
         level,
         known.scene.name,
         epsilon,

@@ -2,17 +2,25 @@ r"""Scenes for those who have no photographs: dead leaves, whose spectrum falls 
 
 Discs of random colours fall on each other; a radius r is drawn with density r^-3 between two limits, which makes the
 picture look the same at every scale (Lee, Mumford, Huang, Int. J. Comput. Vision 41, 35, 2001). Every scene follows
-from its seed. From 0.02 to 0.4 cycles per pixel its power falls as f^-2.9; that of three soft photographs as f^-3.0.
+from its seed. From 0.02 to 0.4 cycles per pixel its power falls as f^-2.9, as that of a sharp photograph in daylight.
+
+Photographs taken indoors are dimmer and softer, and what restores them best differs: of three at hand, one has a mean
+of 0.40 of white and a power of f^-2.7, the others 0.10 and 0.11, and f^-3.5 and f^-3.7. So every second scene is dim
+and soft too: 0.10 and f^-3.5.
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+import scipy.fft
 
 from maskfab.imaging.photographs import LONG, SHORT, Scene
 
 _SMALLEST, _LARGEST = 3.0, 300.0
 _DISCS = 6000
+_DIM, _SOFTER, _SOFT_FROM = 0.3, 0.3, 0.01
 
 
 def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Scene:
@@ -36,6 +44,16 @@ def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Scene:
     return Scene(f"leaves{seed}", seed, np.clip(values, 0, 1))
 
 
+def indoors(scene: Scene) -> Scene:
+    """The scene at 0.3 of its light, softened: amplitudes fall by another f^-0.3 beyond 0.01 cycles per pixel."""
+    rows, columns = scene.values.shape[1:]
+    frequency = np.hypot(np.arange(rows)[:, None] / (2 * rows), np.arange(columns) / (2 * columns))
+    softened = (1 + (frequency / _SOFT_FROM) ** 2) ** (-_SOFTER / 2)
+    values = scipy.fft.idctn(scipy.fft.dctn(scene.values, axes=(1, 2)) * softened, axes=(1, 2))
+    return replace(scene, name=f"{scene.name}_dim", values=np.clip(_DIM * values, 0, 1).astype(np.float32))
+
+
 def bundled(count: int = 4) -> tuple[Scene, ...]:
-    """The scenes used where no photographs are given: dead leaves of seeds 1 to ``count``."""
-    return tuple(dead_leaves(seed) for seed in range(1, count + 1))
+    """The scenes used where no photographs are given: dead leaves of seeds 1 to ``count``, every second one indoors."""
+    leaves = (dead_leaves(seed) for seed in range(1, count + 1))
+    return tuple(scene if scene.number % 2 else indoors(scene) for scene in leaves)

@@ -1,4 +1,4 @@
-r"""What the lens and the pixels pass of a scene, behind a panel of 24 x 24 cells: the camera of protocol F1.
+r"""What the lens and the pixels pass of a scene, behind a panel that fills a stop of 4 mm: the camera of protocol F1.
 
 The stop's open dots make the pupil p. With A its autocorrelation divided by A(0) (all transmitted energy counts, no
 window is laid on the PSF), the transfer from scene samples to pixels is
@@ -10,11 +10,13 @@ Between whole dots A is bilinear, exactly so for square dots. Every factor is se
 two real products with matrices of a dozen entries per row.
 
 Notes:
-    The stop is the dots whose middle lies within 250/504 of the panel's side from the axis; no dot is cut.
+    The stop is the dots whose middle lies within 2 mm of the axis; no dot is cut. The axis is where four cells meet, so
+    the panel has an even number of cells along a side, the least that covers the stop: 24 of 168 um, 48 of 84 um.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -28,54 +30,130 @@ from maskfab.model import ORIENTATIONS, orient
 Floats = NDArray[np.float64]
 
 CELLS = 24
-"""Cells along the panel's side."""
+"""Cells of 168 um along the panel's side."""
 PANEL_UM = 4032.0
+"""Side of a panel of such cells, which is what is meant where no dot is given."""
+STOP_UM = 4000.0
+"""Diameter of the stop."""
+MOST_DOTS = 2048
+"""Along the panel's side; its autocorrelation then takes half a gigabyte."""
 FOCAL_UM = 10_000.0
 PIXEL_UM = 2.0
 WAVELENGTHS_NM = (610.0, 530.0, 470.0)
 """Of red, green and blue."""
 
 _ORDERS = 3
-_STOP_SHARE = 250 / 504
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Cells of dots that cover the stop.
+
+    Attributes:
+        dots: along a cell's side.
+        cells: along the panel's side; even.
+        dot_um: side of a dot.
+    """
+
+    dots: int
+    cells: int
+    dot_um: float
+
+    @property
+    def side(self) -> int:
+        """Dots along the panel's side."""
+        return self.cells * self.dots
+
+
+def lattice(dots: int, dot_nm: int | None = None, *, where: str = "design.dots") -> Lattice:
+    """The fewest cells of ``dots`` dots a side that cover the stop.
+
+    Args:
+        dots: along a cell's side.
+        dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
+        where: named in errors.
+
+    Raises:
+        JobError: MF104 for a number below 1, or dots so large that half a cycle per pixel is a lag of less than one;
+            MF115 for more than 2048 dots along the panel's side.
+    """
+    if dots < 1 or (dot_nm is not None and dot_nm < 1):
+        raise JobError(
+            "MF104", f"{dots} dots of {dot_nm} nm make no cell", where=where, cure="Give at least 1 dot of 1 nm"
+        )
+    if dot_nm is None:
+        made = Lattice(dots, CELLS, PANEL_UM / (CELLS * dots))
+    else:
+        made = Lattice(dots, 2 * math.ceil(STOP_UM * 1000 / (2 * dots * dot_nm)), dot_nm / 1000)
+    coarsest = min(WAVELENGTHS_NM) / 1000 * FOCAL_UM / (2 * PIXEL_UM)
+    if made.dot_um > coarsest:
+        raise JobError(
+            "MF104",
+            f"a dot of {made.dot_um:g} um is wider than {coarsest:g} um, the lag of half a cycle per pixel",
+            where=where,
+            cure="Use smaller dots",
+        )
+    if made.side > MOST_DOTS:
+        raise JobError(
+            "MF115",
+            f"the stop of {STOP_UM:g} um takes {made.cells} cells of {dots} dots of {made.dot_um:g} um, {made.side} "
+            f"dots along a side; the limit is {MOST_DOTS}",
+            where=where,
+            cure=f"Draw the opening with dots of {STOP_UM / MOST_DOTS:.3g} um or more",
+        )
+    return made
 
 
 @dataclass(frozen=True, eq=False)
 class Laid:
-    """A panel of 24 x 24 cells, as light sees it inside the stop.
+    """A panel of cells, as light sees it inside the stop.
 
     Attributes:
         name: of the design.
-        pupil: float64 [n, n], amplitude of every dot, 0 outside the stop; a dot is 4032 / n micrometres wide.
+        pupil: float64 [n, n], amplitude of every dot, 0 outside the stop.
+        dot_um: side of a dot; None is 4032 / n.
     """
 
     name: str
     pupil: Floats
+    dot_um: float | None = None
 
     @property
     def open_share(self) -> float:
         """Share of the stop's area that is clear; of its light, for a grey pupil."""
-        return float((self.pupil**2).sum() / stop(len(self.pupil)).sum())
+        return float((self.pupil**2).sum() / stop(len(self.pupil), self.dot_um).sum())
 
 
-def stop(dots: int) -> NDArray[np.bool_]:
-    """The stop on a panel of ``dots`` x ``dots``."""
+def stop(dots: int, dot_um: float | None = None) -> NDArray[np.bool_]:
+    """The stop on a panel of ``dots`` x ``dots``; without the side of a dot the panel is one of 4032 um."""
     distance = (np.arange(dots) - (dots - 1) / 2) ** 2
-    return np.asarray(distance[:, None] + distance <= (_STOP_SHARE * dots) ** 2)
+    radius = STOP_UM / 2 / (PANEL_UM / dots if dot_um is None else dot_um)
+    return np.asarray(distance[:, None] + distance <= radius**2)
 
 
-def lay(name: str, units: NDArray[np.bool_], orientations: NDArray[np.int8] | None = None, seed: int = 0) -> Laid:
+def lay(
+    name: str,
+    units: NDArray[np.bool_],
+    orientations: NDArray[np.int8] | None = None,
+    seed: int = 0,
+    *,
+    dot_nm: int | None = None,
+) -> Laid:
     """Lay one opening, or several, over the panel.
 
     Args:
         name: of the design.
         units: bool [dots, dots] or [units, dots, dots], True is clear, row 0 the lowest.
-        orientations: integers [24, 24], 8 u + k for unit u under element k of D4 as in :func:`maskfab.model.orient`;
-            None draws them as protocol F1 does, ``default_rng(seed).integers(8 · units)``.
+        orientations: integers [cells, cells], 24 x 24 of 168 um, 8 u + k for unit u under element k of D4 as in
+            :func:`maskfab.model.orient`; None draws them as protocol F1 does, with
+            ``default_rng(seed).integers(8 · units)``.
         seed: of that draw.
+        dot_nm: side of a dot; None for cells of 168 um.
 
     Raises:
         OpeningError: MF201 if the openings are not square; MF202 if they are neither clear nor opaque; MF203 if closed.
-        JobError: MF122 for orientations of another shape, or of units that are not there.
+        JobError: MF122 for orientations of another shape, or of units that are not there; MF104, MF115 as
+            :func:`lattice`.
     """
     stack = np.asarray(units)
     stack = stack[None] if stack.ndim == 2 else stack
@@ -86,19 +164,22 @@ def lay(name: str, units: NDArray[np.bool_], orientations: NDArray[np.int8] | No
     if not stack.any():
         raise OpeningError("MF203", "no dot of the opening is clear", where=name, cure="Open some dots")
     kinds = ORIENTATIONS * len(stack)
+    room = lattice(stack.shape[1], dot_nm, where=name)
+    size = room.cells, room.cells
     if orientations is None:
-        orientations = np.random.default_rng(seed).integers(kinds, size=(CELLS, CELLS)).astype(np.int8)
+        orientations = np.random.default_rng(seed).integers(kinds, size=size).astype(np.int8)
     turned = np.asarray(orientations)
-    if turned.shape != (CELLS, CELLS) or turned.min() < 0 or turned.max() >= kinds:
+    if turned.shape != size or turned.min() < 0 or turned.max() >= kinds:
+        told = f" and reach from {turned.min()} to {turned.max()}" if turned.size else ""
         raise JobError(
             "MF122",
-            f"the orientations have the shape {turned.shape} and reach from {turned.min()} to {turned.max()}",
+            f"the orientations have the shape {turned.shape}{told}",
             where=name,
-            cure=f"Give {CELLS} x {CELLS} integers from 0 to {kinds - 1}",
+            cure=f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}",
         )
     cells = np.stack([orient(unit, k) for unit in stack for k in range(ORIENTATIONS)]).astype(np.float64)
-    side = CELLS * stack.shape[1]
-    return Laid(name, cells[turned].transpose(0, 2, 1, 3).reshape(side, side) * stop(side))
+    whole = cells[turned].transpose(0, 2, 1, 3).reshape(room.side, room.side)
+    return Laid(name, whole * stop(room.side, room.dot_um), room.dot_um)
 
 
 def autocorrelation(pupil: NDArray[np.float64]) -> Floats:
@@ -136,23 +217,24 @@ class TransferGrid:
         return found
 
 
-def transfer_grid(shape: tuple[int, int], dots: int) -> TransferGrid:
-    """Prepare H for pictures of ``shape`` behind panels of ``dots`` x ``dots``."""
+def transfer_grid(shape: tuple[int, int], dots: int, dot_um: float | None = None) -> TransferGrid:
+    """Prepare H for pictures of ``shape`` behind panels of ``dots`` x ``dots``, 4032 um wide unless a dot's side is
+    given."""
     frequency_y, frequency_x = scipy.fft.fftfreq(shape[0]), scipy.fft.rfftfreq(shape[1])
-    lines = tuple((_line(frequency_y, dots, nm), _line(frequency_x, dots, nm)) for nm in WAVELENGTHS_NM)
+    lines = tuple((_line(frequency_y, dots, nm, dot_um), _line(frequency_x, dots, nm, dot_um)) for nm in WAVELENGTHS_NM)
     return TransferGrid(shape, dots, lines)
 
 
-def lags_per_frequency(dots: int, wavelength_nm: float) -> float:
-    """Lag in dots that belongs to one cycle per pixel."""
-    return wavelength_nm / 1e3 * FOCAL_UM / (PIXEL_UM * PANEL_UM / dots)
+def lags_per_frequency(dots: int, wavelength_nm: float, dot_um: float | None = None) -> float:
+    """Lag in dots that belongs to one cycle per pixel; ``dots`` are those of 4032 um unless a dot's side is given."""
+    return wavelength_nm / 1e3 * FOCAL_UM / (PIXEL_UM * PANEL_UM / dots if dot_um is None else PIXEL_UM * dot_um)
 
 
-def _line(frequency: Floats, dots: int, wavelength_nm: float) -> sparse.csr_array:
+def _line(frequency: Floats, dots: int, wavelength_nm: float, dot_um: float | None) -> sparse.csr_array:
     """[frequencies, 2 dots - 1]: bilinear weights times the pixel's sinc, summed over the orders."""
     orders = np.arange(-_ORDERS, _ORDERS + 1)
     nu = frequency[:, None] + orders
-    lag = nu * lags_per_frequency(dots, wavelength_nm)
+    lag = nu * lags_per_frequency(dots, wavelength_nm, dot_um)
     below = np.floor(lag).astype(np.int64)
     beyond = lag - below
     pixel = np.sinc(nu)

@@ -26,7 +26,8 @@ class Job:
 
     Attributes:
         spec: validated; its dies name openings that ``spec.openings`` holds as text.
-        openings: the openings of every die, by the die's name; most have one.
+        openings: the openings of every die, by the die's name; most have one. A map that moves an opening makes
+            several of the one that the spec holds.
         digest: SHA-256 of the resolved spec.
         where: the file it came from.
     """
@@ -93,7 +94,7 @@ def load(path: str | Path) -> Job:
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
     named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
     resolved = _with_curves(named, path)
-    job = Job(resolved, found, provenance.job_hash(resolved.dump()), str(path))
+    job = Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.dump()), str(path))
     _check_bands(job)
     return job
 
@@ -117,6 +118,18 @@ def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
         _keep(texts, cells.name, maps.dumps(cells), "maps", f"{path}: die[{i}].map")
         dies.append(die.model_copy(update={"map": cells.name}))
     return stated.model_copy(update={"die": tuple(dies), "maps": texts})
+
+
+def _moved(resolved: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Path) -> dict[str, tuple[Opening, ...]]:
+    """The openings of every die with those that its map makes by moving one."""
+    held = dict(found)
+    for i, die in enumerate(resolved.die):
+        if die.map is not None:
+            where = f"{path}: die[{i}].map"
+            held[die.name] = maps.shifted_openings(
+                maps.parse(resolved.maps[die.map], where), held[die.name], where=where
+            )
+    return held
 
 
 def _with_curves(stated: JobSpec, path: Path) -> JobSpec:

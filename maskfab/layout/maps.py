@@ -11,6 +11,7 @@ TOML, a drawing with its facts beside it::
     0010
     0000
     '''                        # optional: which of a die's openings each cell holds, 0 to 9 and a to e
+    shifts = [[0, 0], [2, 0]]  # optional: those openings are the die's one, moved right and up by so many dots
     [provenance]
     author = "..."             # any keys; text and numbers
 
@@ -24,7 +25,7 @@ import json
 import re
 import tomllib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from types import MappingProxyType
 from typing import Any
@@ -34,14 +35,18 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.layout.tiling import MOST_OPENINGS, orientations
-from maskfab.model import ORIENTATIONS, Tiling, frozen
+from maskfab.model import ORIENTATIONS, Opening, Scalar, Tiling, frozen
 from maskfab.spec import check_name
 
-_KEYS = ("name", "map", "openings", "provenance")
+_KEYS = ("name", "map", "openings", "shifts", "provenance")
 _ELEMENTS = "01234567"
 _OPENINGS = "0123456789abcde"[:MOST_OPENINGS]
 _MOST_CELLS = 1000
+_LONGEST_NAME = 24
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+Shift = tuple[int, int]
+"""Right and up, in whole dots."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,11 +57,14 @@ class CellMap:
         name: identifier.
         cells: int8 [rows, columns], 8 u + k for a die's opening u under element k of D4, row 0 the lowest.
         provenance: who made it, with which command, seed and version.
+        shifts: (right, up) in dots for every opening of the map, which is the die's one opening moved by that; empty
+            where the openings are the die's own.
     """
 
     name: str
     cells: NDArray[np.int8]
     provenance: Mapping[str, str | int | float] = field(default_factory=dict)
+    shifts: tuple[Shift, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "cells", frozen(np.asarray(self.cells, dtype=np.int8)))
@@ -116,7 +124,16 @@ def parse(text: str, where: str = "") -> CellMap:
                 cure="Give every cell one",
             )
         cells = cells + ORIENTATIONS * held
-    return CellMap(name, cells, MappingProxyType(_provenance(facts.get("provenance", {}), where)))
+    shifts = _shifts(facts.get("shifts", []), _at(where, "shifts"))
+    most = int(cells.max()) // ORIENTATIONS
+    if shifts and most >= len(shifts):
+        raise JobError(
+            "MF122",
+            f"the map asks for opening {most}, counted from 0, and there are {len(shifts)} shifts",
+            where=_at(where, "shifts"),
+            cure="Give one for each opening, [0, 0] for one that stays",
+        )
+    return CellMap(name, cells, MappingProxyType(_provenance(facts.get("provenance", {}), where)), shifts)
 
 
 def dumps(cells: CellMap) -> str:
@@ -125,6 +142,8 @@ def dumps(cells: CellMap) -> str:
     lines = [f"name = {_quoted(cells.name)}", 'map = """', *_drawing(turned, _ELEMENTS), '"""']
     if held.any():
         lines += ['openings = """', *_drawing(held, _OPENINGS), '"""']
+    if cells.shifts:
+        lines.append(f"shifts = {[list(shift) for shift in cells.shifts]}")
     if cells.provenance:
         lines += ["", "[provenance]"]
         for key, value in cells.provenance.items():
@@ -137,6 +156,69 @@ def panel_shape(cells: CellMap, rows: int, columns: int) -> tuple[int, int]:
     """Rows and columns of a panel about this map: those that there is room for, or one less."""
     have = cells.cells.shape
     return rows - (rows - have[0]) % 2, columns - (columns - have[1]) % 2
+
+
+def shifted(pattern: NDArray[Scalar], shift: Shift) -> NDArray[Scalar]:
+    """The pattern [dots, dots] moved right and up; what leaves the cell is lost, and what comes in is 0."""
+    right, up = shift
+    rows, columns = pattern.shape
+    moved = np.zeros_like(pattern)
+    (low, low_from), (left, left_from) = ((max(0, step), max(0, -step)) for step in (up, right))
+    high, wide = max(0, rows - abs(up)), max(0, columns - abs(right))
+    moved[low : low + high, left : left + wide] = pattern[low_from : low_from + high, left_from : left_from + wide]
+    return moved
+
+
+def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -> tuple[Opening, ...]:
+    """The openings that a map chooses among: those of its die, or the die's one moved by each of the map's shifts.
+
+    A moved one has the name of the first with its number behind it.
+
+    Args:
+        cells: the map.
+        held: the openings of the die.
+        where: the die, for errors.
+
+    Raises:
+        JobError: MF122 if a map with shifts belongs to a die of several openings, or moves a clear dot out of its cell;
+            MF119 if it moves an opening with drawn emitters.
+    """
+    if not cells.shifts:
+        return held
+    opening, *others = held
+    if others:
+        raise JobError(
+            "MF122",
+            f"the map {cells.name!r} moves one opening, and the die has {len(held)}",
+            where=where,
+            cure="Remove the die's key others, or the map's shifts",
+        )
+    if opening.emitters is not None and any(shift != (0, 0) for shift in cells.shifts):
+        raise JobError(
+            "MF119",
+            f"the map {cells.name!r} moves the opening {opening.name!r}, whose emitters are drawn where it stands",
+            where=where,
+            cure="Use an opening without emitters, or a map without shifts",
+        )
+    found = []
+    for number, shift in enumerate(cells.shifts):
+        if shift == (0, 0):
+            found.append(opening)
+            continue
+        mask = shifted(opening.mask, shift)
+        if mask.sum() < opening.clear_dots:
+            right, up = shift
+            raise JobError(
+                "MF122",
+                f"the map {cells.name!r} moves {opening.clear_dots - int(mask.sum())} clear dots of {opening.name!r} "
+                f"out of the cell: {right} right, {up} up",
+                where=where,
+                cure="Use the opening that the map was made for",
+            )
+        suffix = f"_{number}"
+        name = opening.name[: _LONGEST_NAME - len(suffix)] + suffix
+        found.append(replace(opening, name=name, mask=mask))
+    return tuple(found)
 
 
 def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> NDArray[np.int8]:
@@ -225,6 +307,21 @@ def _text(facts: Mapping[str, Any], key: str, where: str) -> str:
         what = f"{key} = {value!r} is not text" if key in facts else f"the key {key!r} is missing"
         raise JobError("MF105", what, where=_at(where, key), cure=f"A map has: {', '.join(_KEYS)}")
     return value
+
+
+def _shifts(stated: object, where: str) -> tuple[Shift, ...]:
+    def whole(value: object) -> bool:
+        return isinstance(value, int) and not isinstance(value, bool)
+
+    if not isinstance(stated, list) or any(
+        not isinstance(pair, list) or len(pair) != 2 or not all(map(whole, pair)) for pair in stated
+    ):
+        raise JobError(
+            "MF105", "shifts is no list of pairs of whole numbers", where=where, cure="Write [[0, 0], [2, 0]]"
+        )
+    if len(stated) > MOST_OPENINGS:
+        raise JobError("MF122", f"{len(stated)} shifts are more than {MOST_OPENINGS}", where=where, cure="Use fewer")
+    return tuple((right, up) for right, up in stated)
 
 
 def _provenance(stated: object, where: str) -> dict[str, str | int | float]:

@@ -15,6 +15,7 @@ from maskfab.errors import InternalError
 from maskfab.layout.feasibility import Feasibility
 from maskfab.model import Camera, Die, Plate, Quantity, Report, Tiling, WrittenFile
 from maskfab.optics.plan import document as plan_document
+from maskfab.report.design_data import design_schema
 from maskfab.report.display_data import display_document, display_schema
 from maskfab.units import NM_PER_UM, dpi
 from maskfab.validate.views import SceneOptics, View
@@ -24,6 +25,7 @@ SCHEMA_VERSION = 1
 Document = dict[str, Any]
 
 NO_DISPLAYS: Mapping[str, Feasibility] = MappingProxyType({})
+NO_DESIGNS: Mapping[str, Document] = MappingProxyType({})
 
 
 def to_document(
@@ -32,8 +34,12 @@ def to_document(
     camera: Camera,
     scenes: Sequence[SceneOptics] = (),
     displays: Mapping[str, Feasibility] = NO_DISPLAYS,
+    designs: Mapping[str, Document] = NO_DESIGNS,
 ) -> Document:
-    """The report.json of one run, of plain Python types throughout; ``scenes`` and ``displays`` of dies that have one.
+    """The report.json of one run, of plain Python types throughout.
+
+    ``scenes``, ``displays`` and ``designs`` are those of dies that have one; a design is a document of
+    :func:`maskfab.report.design_data.design_document`.
 
     Only ``"time"`` may differ between two runs of one job.
 
@@ -52,7 +58,10 @@ def to_document(
         "verdict": "pass" if report.passed else "fail",
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
-        "dies": [_die(die, report.dies[die.name], of_die.get(die.name), displays.get(die.name)) for die in plate.dies],
+        "dies": [
+            _die(die, report.dies[die.name], of_die.get(die.name), displays.get(die.name), designs.get(die.name))
+            for die in plate.dies
+        ],
         "plate": [quantity_document(quantity) for quantity in report.plate],
         "checks": [quantity_document(quantity) for quantity in report.checks],
         "files": [_file(file) for file in report.files],
@@ -88,9 +97,10 @@ def schema() -> Document:
             "limit": scalar | {"description": "what `passed` was judged against; null if nothing is required"},
             "passed": {"type": ["boolean", "null"]},
             "wavelength_nm": number,
+            "level_db": integer | {"description": "signal-to-noise ratio of white behind the published display"},
             "die": text,
         },
-        optional=("wavelength_nm", "die"),
+        optional=("wavelength_nm", "level_db", "die"),
     )
     die = _object(
         {
@@ -109,8 +119,9 @@ def schema() -> Document:
             | {"description": "of the plate's own standard: on the axis, in focus at infinity, without a gap"},
             "scene": _scene_schema(quantities),
             "display": display_schema(),
+            "design": design_schema(),
         },
-        optional=("scene", "display"),
+        optional=("scene", "display", "design"),
     )
     camera = _object(
         {
@@ -217,13 +228,21 @@ def _camera(camera: Camera) -> Document:
     }
 
 
-def _die(die: Die, quantities: Sequence[Quantity], scene: SceneOptics | None, display: Feasibility | None) -> Document:
+def _die(
+    die: Die,
+    quantities: Sequence[Quantity],
+    scene: SceneOptics | None,
+    display: Feasibility | None,
+    design: Document | None,
+) -> Document:
     panel = die.panel
     rows, columns = panel.orientations.shape
     pitch_um = panel.pitch_nm / NM_PER_UM
     extra = {} if scene is None else {"scene": _scene(scene)}
     if display is not None:
         extra["display"] = display_document(display)
+    if design is not None:
+        extra["design"] = design
     return {
         "name": die.name,
         "label": die.label,
@@ -292,6 +311,8 @@ def quantity_document(quantity: Quantity) -> Document:
     }
     if quantity.wavelength_nm is not None:
         row["wavelength_nm"] = quantity.wavelength_nm
+    if quantity.level_db is not None:
+        row["level_db"] = quantity.level_db
     if quantity.die is not None:
         row["die"] = quantity.die
     return row

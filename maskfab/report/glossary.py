@@ -160,6 +160,13 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "can be seen.",
             "Choose a random tiling: orders of different colours lie apart, haze overlaps.",
         ),
+        "restored_psnr": Term(
+            "Restored PSNR",
+            "Peak signal-to-noise ratio that restored photographs behind this die are expected to have, at a level of "
+            "light: protocol F1, its camera of 10 mm at f/2.5 and 2 µm pixels, no denoiser. The level is the "
+            "signal-to-noise ratio of white behind the published display.",
+            "Choose one compact opening and a designed map of its orientations, or open more of the cell.",
+        ),
         "psf_energy_in_window": Term(
             "PSF energy in window",
             "Share of all light through the panel that lands inside the window in which the PSF is shown; "
@@ -308,6 +315,12 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "scene": "What the camera looks at: distances, field, the gap between panel and lens, aberrations, light.",
         "plan": "The cheapest model of a scene whose error, what it leaves out included, is within the accuracy.",
         "accuracy": "The admissible relative L2 error of the scene's PSF over its window.",
+        "design": "How an opening was found, as its file states it. Not part of what is checked.",
+        "head room": "What no other opening with as many clear dots can gain over this one, by proof.",
+        "protocol F1": "Photographs of fixed scenes, with the noise of real light, restored by a Wiener filter "
+        "whose one constant suits the design best; compared with the truth over the whole frame and over the inner "
+        "one, without 64 pixels at every edge.",
+        "surrogate": "A model that predicts what protocol F1 will find, in two milliseconds.",
         "relative L2": "Root of the sum of squared differences over that of the squared values.",
         "Wiener filter": "The linear restoration with the least mean squared error at a given noise-to-signal ratio.",
         "XOR": "The area in which two layouts differ.",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 from typing import Any, Literal
 
@@ -47,6 +47,7 @@ class Column:
         lines: ``each`` wavelength has its own column, or the ``worst`` (largest) of them, or the ``middle`` one, stands
             for all.
         best: whether a larger value is better, so that the best is marked.
+        level_db: of light, for a quantity that has a value for several.
     """
 
     name: str
@@ -54,6 +55,7 @@ class Column:
     lines: Literal["each", "middle", "worst"]
     best: bool = False
     wavelength_nm: float | None = None
+    level_db: int | None = None
 
 
 @dataclass(frozen=True)
@@ -91,6 +93,7 @@ _COLUMNS = (
     Column("auc_radial_min", "AUC radial min", "each", best=True),
     Column("mtf50", "MTF50", "middle", best=True),
     Column("wiener_worst30", "Restored, worst 30 %", "middle", best=True),
+    Column("restored_psnr", "Restored PSNR", "worst", best=True, level_db=32),
     Column("psf_energy_in_window", "Energy in window", "middle"),
     Column("readback_psf_difference", "Read-back difference", "worst"),
     Column("corner_touches", "Corner touches", "worst"),
@@ -187,9 +190,10 @@ def verdict(row: Row) -> str:
 
 
 def where(row: Row) -> str:
-    """Die and wavelength of a row, as far as it has them."""
+    """Die, wavelength and level of light of a row, as far as it has them."""
     places = [row["die"]] if "die" in row else []
-    return ", ".join(places + ([f"{row['wavelength_nm']:g} nm"] if "wavelength_nm" in row else []))
+    places += [f"{row['wavelength_nm']:g} nm"] if "wavelength_nm" in row else []
+    return ", ".join(places + ([f"{row['level_db']} dB"] if "level_db" in row else []))
 
 
 def _headlines(document: Mapping[str, Any]) -> Iterable[tuple[str, Row]]:
@@ -218,7 +222,7 @@ def _columns(document: Mapping[str, Any]) -> list[Column]:
     for column in _COLUMNS:
         if column.name in present:
             chosen = {"each": lines, "middle": [lines[len(lines) // 2]], "worst": [None]}[column.lines]
-            columns += [Column(column.name, column.title, column.lines, column.best, line) for line in chosen]
+            columns += [replace(column, wavelength_nm=line) for line in chosen]
     return columns
 
 
@@ -227,6 +231,8 @@ def _cell(die: Mapping[str, Any], column: Column) -> Row | None:
     rows = [row for row in die["quantities"] if row["name"] == column.name]
     if column.wavelength_nm is not None:
         rows = [row for row in rows if row.get("wavelength_nm", column.wavelength_nm) == column.wavelength_nm]
+    if column.level_db is not None:
+        rows = [row for row in rows if row.get("level_db") == column.level_db]
     return max(rows, key=lambda row: (row["passed"] is False, _value(row)), default=None)
 
 

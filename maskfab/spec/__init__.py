@@ -8,6 +8,7 @@ from maskfab.spec.checks import check_optics, even_nm
 from maskfab.spec.read import parse_section, read, validate
 from maskfab.spec.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
 from maskfab.spec.sections import (
+    AnyDesign,
     CameraSection,
     DesignSection,
     DieSection,
@@ -16,7 +17,10 @@ from maskfab.spec.sections import (
     JobSpec,
     LightSection,
     LimitsSection,
+    ParetoSection,
     PlateSection,
+    RelaxSection,
+    RulesSection,
     SceneSection,
     SearchSection,
     StopSection,
@@ -28,6 +32,7 @@ __all__ = [
     "ACCURACIES",
     "COLDEST_K",
     "HOTTEST_K",
+    "AnyDesign",
     "CameraSection",
     "DesignSection",
     "DieSection",
@@ -36,7 +41,10 @@ __all__ = [
     "JobSpec",
     "LightSection",
     "LimitsSection",
+    "ParetoSection",
     "PlateSection",
+    "RelaxSection",
+    "RulesSection",
     "SceneSection",
     "SearchSection",
     "StopSection",

@@ -8,7 +8,8 @@ from collections import Counter
 from maskfab import units
 from maskfab.errors import JobError
 from maskfab.model import Camera, Tiling
-from maskfab.spec.sections import JobSpec
+from maskfab.spec.design_values import METHODS
+from maskfab.spec.sections import DesignSection, JobSpec, RelaxSection, SearchSection
 
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
@@ -71,6 +72,123 @@ def check_display(spec: JobSpec, where: str) -> None:
                 where=f"{where}: {name}",
                 cure='Add [emitters] with colour_gap = "8 um" and min_width = "8 um"',
             )
+
+
+def check_method(document: object, where: str) -> None:
+    """Keys of [design] that belong to the other method, told as such before they are found to be unknown.
+
+    Raises:
+        JobError: MF102; MF105 for a method that there is not.
+    """
+    design = document.get("design") if isinstance(document, dict) else None
+    if not isinstance(design, dict):
+        return
+    method = design.get("method", "search")
+    if method not in METHODS:
+        raise JobError(
+            "MF105",
+            f"design.method = {method!r} is no method of design",
+            where=f"{where}: design.method",
+            cure=f"Use {' or '.join(map(repr, METHODS))}",
+        )
+    own, other = (SearchSection, RelaxSection) if method == "search" else (RelaxSection, SearchSection)
+    for key in design:
+        if key in other.model_fields and key not in own.model_fields:
+            another = "relax" if method == "search" else "search"
+            raise JobError(
+                "MF102",
+                f'the key {key!r} belongs to method = "{another}", and the method is "{method}"',
+                where=f"{where}: design.{key}",
+                cure=f'Remove it, or set method = "{another}"',
+            )
+
+
+def check_design(spec: JobSpec, where: str) -> None:
+    """Keys of [design] that need another, or leave it nothing to do; a tiling that its method can judge.
+
+    Raises:
+        JobError: MF105, MF111 or MF122.
+    """
+    design = spec.design
+    if isinstance(design, SearchSection):
+        _check_search(design, f"{where}: design")
+    elif isinstance(design, RelaxSection):
+        _check_relax(design, f"{where}: design")
+
+
+def _check_search(design: SearchSection, where: str) -> None:
+    if design.tiling not in {Tiling.RANDOM, Tiling.PERIODIC}:
+        raise JobError(
+            "MF122",
+            f"a search judges openings for random and periodic tilings, not for {design.tiling}",
+            where=f"{where}.tiling",
+            cure='Use tiling = "random", or method = "relax"',
+        )
+    stated = _asked(design)
+    needs = (
+        ("map_output", design.map is not None, "a map to write", 'Add map = "equal_light"'),
+        ("positions", design.map is not None or design.positions == 1, "a map", 'Add map = "equal_light"'),
+        ("joint", design.map is not None or not design.joint, "a map", 'Add map = "equal_light"'),
+        ("shortlist", design.map is not None or design.shortlist == 1, "a map", 'Add map = "equal_light"'),
+        ("density", design.map is not None, "a map", 'Add map = "equal_light"'),
+        ("map", design.tiling is Tiling.RANDOM, 'tiling = "random"', "Remove it: periodic cells are laid alike"),
+    )
+    for key, met, needed, cure in needs:
+        if key in stated and getattr(design, key) is not None and not met:
+            raise JobError("MF105", f"{key} needs {needed}", where=f"{where}.{key}", cure=cure)
+    pairs = [("objective", "families"), ("objective", "weights"), ("density", "positions"), ("density", "joint")]
+    if design.shortlist > 1:
+        pairs += [("objective", "shortlist"), ("density", "shortlist")]
+    idle = {"objective": design.objective == "auc", "density": design.density is not None}
+    for key, each in pairs:
+        if idle[key] and each in stated:
+            raise JobError(
+                "MF105",
+                f"{key} = {getattr(design, key)!r} leaves {each} nothing to do",
+                where=f"{where}.{each}",
+                cure=f"Remove {each}, or {key}",
+            )
+
+
+def _asked(design: DesignSection) -> set[str]:
+    """Keys with other values than their defaults; a job that was written out states those too."""
+    return {name for name, field in type(design).model_fields.items() if getattr(design, name) != field.default}
+
+
+def _check_relax(design: RelaxSection, where: str) -> None:
+    # Hexagonal sheets are no cells on a square lattice, which every loss is built on; a map is made for an opening
+    # that is there.
+    if design.tiling in {Tiling.HEXAGONAL, Tiling.MAP}:
+        raise JobError(
+            "MF122",
+            f"no opening can be designed for the {design.tiling} tiling",
+            where=f"{where}.tiling",
+            cure=f"Use {', '.join(each for each in Tiling if each not in {Tiling.HEXAGONAL, Tiling.MAP})}",
+        )
+    if design.tiling.seeded and design.tiling_seed is None:
+        raise JobError(
+            "MF111",
+            f"the {design.tiling} tiling has no seed",
+            where=f"{where}.tiling_seed",
+            cure="Add tiling_seed = 1",
+        )
+    own = set(RelaxSection.model_fields) - set(DesignSection.model_fields) - {"recipe", "epochs"}
+    stated = _asked(design)
+    needless = own & stated if design.recipe is not None else {"epochs"} & stated
+    for key in sorted(needless):
+        raise JobError(
+            "MF105",
+            f"the recipe {design.recipe!r} has its own {key}" if design.recipe else f"{key} counts for recipes alone",
+            where=f"{where}.{key}",
+            cure=f"Remove {key}, or the recipe" if design.recipe else "Use iterations",
+        )
+    if not any(weight > 0 for name, weight in design.objectives.items() if name != "area"):
+        raise JobError(
+            "MF105",
+            f"the objectives {', '.join(design.objectives)} leave nothing to minimise",
+            where=f"{where}.objectives",
+            cure="Add invertibility = 1.0",
+        )
 
 
 def check_scene(spec: JobSpec, where: str) -> None:

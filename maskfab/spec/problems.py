@@ -22,12 +22,19 @@ def refusing(parse: Any, value: object, **options: object) -> Any:
         raise PydanticCustomError(error.code, error.what + _PART + error.cure) from error
 
 
+def _written(loc: tuple[int | str, ...]) -> tuple[int | str, ...]:
+    """A place without the name of the method that [design] was read as, which pydantic puts into it."""
+    return loc[:1] + loc[2:] if loc[:1] == ("design",) and loc[1:2] in {("search",), ("relax",)} else loc
+
+
 def first_problem(error: ValidationError, where: str) -> JobError:
     """The first problem pydantic found, as an error of ours that names the key; the number of others is told.
 
     An unknown key comes first of all: a misspelt one is also missing under its true name.
     """
     problems = sorted(error.errors(include_url=False), key=lambda p: p["type"] != "extra_forbidden")
+    for each in problems:
+        each["loc"] = _written(each["loc"])
     problem = problems[0]
     # A list of which one item is wrong may also count as too short; that is no problem of its own.
     more = sum(p["loc"] != problem["loc"][: len(p["loc"])] for p in problems)

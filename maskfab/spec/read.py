@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from maskfab.errors import JobError, SourceError
-from maskfab.spec.checks import check_dies, check_display, check_scene
+from maskfab.spec.checks import check_design, check_dies, check_display, check_method, check_scene
 from maskfab.spec.problems import first_problem
 from maskfab.spec.sections import JobSpec, Section
 
@@ -48,7 +48,9 @@ def read(path: Path) -> JobSpec:
 
 def validate(document: object, *, where: str) -> JobSpec:
     """A spec from parsed data; ``where`` names the file in errors."""
+    check_method(document, where)
     spec = parse_section(JobSpec, document, where=where)
+    check_design(spec, where)
     check_dies(spec, where)
     check_display(spec, where)
     check_scene(spec, where)

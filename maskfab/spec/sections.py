@@ -5,10 +5,12 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
 from maskfab.model import Camera, Stop, Tiling
+from maskfab.spec.design_values import Method, ObjectiveName, Weight
 from maskfab.spec.display_values import Area, ThreeColours
+from maskfab.spec.pareto_values import Counts
 from maskfab.spec.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, Spectrum
 from maskfab.spec.values import DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Wavelength
 
@@ -49,10 +51,15 @@ class CameraSection(Section):
 
 
 class PlateSection(Section):
-    """[plate]: the blank and how dies are arranged on it."""
+    """[plate]: the blank and how dies are arranged on it.
 
-    blank: PlateLength
-    writable: PlateLength
+    ``template`` names a file of export_templates/plates/ that says the blank, its writable area and the marks on it;
+    ``blank`` and ``writable`` may then be left out. Without one they are needed.
+    """
+
+    template: str | None = None
+    blank: PlateLength | None = None
+    writable: PlateLength | None = None
     die_size: PlateLength
     die_pitch: PlateLength
     columns: int = Field(ge=1, le=100)
@@ -88,24 +95,15 @@ class DieSection(Section):
     seed: int | None = Field(default=None, ge=0)
 
 
-class DesignSection(Section):
-    """[design]: an opening to be found."""
-
-    name: Name
-    dots: int = Field(ge=1, le=128)
-    pitch: Pitch
-    open_ratio: float = Field(gt=0, le=1, allow_inf_nan=False)
-    tiling: Annotated[Tiling, Field(strict=False)]
-    tiling_seed: int | None = Field(default=None, ge=0)
-    seed: int = Field(ge=0)
-    iterations: int = Field(default=300, ge=1, le=100_000)
-    epsilon: float = Field(default=0.015, gt=0, le=1, allow_inf_nan=False)
-    worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
-    output: str | None = None
-
-
 class RulesSection(Section):
-    """search.rules: what the opening must keep; see :class:`maskfab.design.constraints.Constraints` for each."""
+    """design.rules: what the opening must keep; see :class:`maskfab.design.constraints.Constraints` for each.
+
+    ``rim_dots`` is the gutter, half of it on each side: cells meet with twice as many closed dots between them.
+    ``footprint`` is the least share of the pixel that each colour's emitter covers; ``gap_to_opening``, ``colour_gap``
+    and ``min_width`` are the rules of these emitters, the last by default two dots. ``circuit`` is the area of one
+    drive circuit, of which the pixel's closed area at least ``min_width`` wide must hold three. Both are as in
+    [emitters].
+    """
 
     min_feature_dots: int = Field(default=1, ge=1)
     min_space_dots: int = Field(default=1, ge=1)
@@ -113,34 +111,107 @@ class RulesSection(Section):
     rim_dots: int = Field(default=0, ge=0)
     symmetry: Literal["d4", "mirror", "rot180"] | None = None
     footprint: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    gap_to_opening: LengthOrZero = 0.0
+    colour_gap: LengthOrZero = 8.0
+    min_width: Length | None = None
+    circuit: Area | None = None
     wire_flow: int | None = Field(default=None, ge=1)
     ports: int | None = Field(default=None, ge=1)
     centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
 
 
-class SearchSection(Section):
-    """[search]: an opening to be found among compact shapes, by the photographs that could be restored behind it.
+class DesignSection(Section):
+    """[design]: an opening to be found, by either method.
 
-    Every shape of the ``families`` is judged by the expected restored PSNR, the best is changed dot by dot for
-    ``anneal`` evaluations, and with ``map`` the orientations of the 24 x 24 cells round the axis are designed too:
-    with the light of a random map, or with cut cells turned inward.
+    ``clear_dots`` are met exactly and ``rules`` are kept, whatever the method. ``output`` is a path relative to the job
+    file.
     """
 
     name: Name
-    dots: int = Field(ge=2, le=64)
+    method: Method = "search"
+    dots: int = Field(ge=1, le=128)
     pitch: Pitch
     clear_dots: int = Field(ge=1)
-    tiling: Literal["periodic", "random"] = "random"
+    tiling: Annotated[Tiling, Field(strict=False)] = Tiling.RANDOM
+    tiling_seed: int | None = Field(default=None, ge=0)
+    seed: int = Field(default=0, ge=0)
+    anneal: int = Field(default=0, ge=0, le=10_000_000)
+    rules: RulesSection = RulesSection()
+    output: str | None = None
+
+
+class SearchSection(DesignSection):
+    """[design] with method "search": compact shapes, by the photographs that could be restored behind them.
+
+    Every shape of the ``families`` is judged by the expected restored PSNR, levels of light by their ``weights``, and
+    the best is changed dot by dot for ``anneal`` evaluations. With the ``objective`` "auc" it is the area under the
+    radial minimum of the blue MTF instead, and no families are looked at. With ``map`` the orientations of the cells
+    round the axis are designed too: with the light of a random map, drawn by ``tiling_seed``, or with cut cells turned
+    inward; of the best shapes that differ in family or size, so many as the ``shortlist`` has are tried under a quick
+    map, and the best goes on. The opening may then lie at one of so many ``positions`` in its cell, and opening and map
+    are bettered in turns for ``joint`` rounds. ``density`` is the share of the dots that are clear in the central half
+    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist.
+    """
+
     families: Annotated[
         tuple[Literal["bars", "discs", "l_shapes", "crosses", "blobs"], ...], Field(min_length=1, strict=False)
     ] = ("bars",)
-    anneal: int = Field(default=0, ge=0, le=10_000_000)
-    seed: int = Field(default=0, ge=0)
+    objective: Literal["restored", "auc"] = "restored"
     weights: Annotated[tuple[float, float, float], Field(strict=False)] = (1.0, 1.0, 1.0)
-    rules: RulesSection = RulesSection()
     map: Literal["equal_light", "edge_packing"] | None = None
-    output: str | None = None
     map_output: str | None = None
+    shortlist: int = Field(default=4, ge=1, le=100)
+    positions: int = Field(default=1, ge=1, le=15)
+    joint: int = Field(default=0, ge=0, le=100)
+    density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
+
+
+class RelaxSection(DesignSection):
+    """[design] with method "relax": gradient descent on relaxed dots, see :class:`maskfab.design.descent.Descent`.
+
+    The weighted sum of ``objectives`` is minimised, ``area`` being the pull on the open ratio; or a published
+    ``recipe`` is followed, which has its own objectives and schedule. Then ``anneal`` exchanges of dots are tried.
+    """
+
+    recipe: Literal["paper-l2", "paper-l2+inv"] | None = None
+    epochs: int = Field(default=150, ge=1, le=10_000)
+    objectives: Annotated[dict[ObjectiveName, Weight], Field(min_length=1)] = {"invertibility": 1.0}
+    epsilon: float = Field(default=0.015, ge=0, le=1, allow_inf_nan=False)
+    worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
+    normalisation: Literal["light", "own_sum"] = "light"
+    iterations: int = Field(default=300, ge=1, le=100_000)
+    starts: int = Field(default=1, ge=1, le=1000)
+    optimiser: Literal["adam", "sgd"] = "adam"
+    rate: float = Field(default=0.2, gt=0, le=1e6, allow_inf_nan=False)
+    start_logit: float = Field(default=1.0, ge=-100, le=100, allow_inf_nan=False)
+    start_noise: float = Field(default=0.5, ge=0, le=100, allow_inf_nan=False)
+    straight_through: bool = False
+    patience: int = Field(default=0, ge=0)
+
+
+def _method(values: object) -> str:
+    """Which of the two a [design] is read as; what is no method is refused by either."""
+    stated = values.get("method") if isinstance(values, dict) else getattr(values, "method", None)
+    return "relax" if stated == "relax" else "search"
+
+
+AnyDesign = Annotated[
+    Annotated[SearchSection, Tag("search")] | Annotated[RelaxSection, Tag("relax")], Discriminator(_method)
+]
+
+
+class ParetoSection(Section):
+    """[pareto]: restored photographs against emitters, for several sizes of openings, among the shapes of [design].
+
+    ``clear_dots`` are listed or given as a range; each is a curve. ``compare`` names files of openings, relative to the
+    job file, that are judged beside them. With ``anneal``, the opening at each of so many ``points`` of a curve is
+    changed dot by dot, for so many evaluations, its footprint kept.
+    """
+
+    clear_dots: Counts
+    compare: Annotated[tuple[str, ...], Field(max_length=100, strict=False)] = ()
+    anneal: int = Field(default=0, ge=0, le=1_000_000)
+    points: int = Field(default=4, ge=1, le=100)
 
 
 class EmittersSection(Section):
@@ -221,8 +292,8 @@ class JobSpec(Section):
     plate: PlateSection | None = None
     limits: LimitsSection = LimitsSection()
     die: Annotated[tuple[DieSection, ...], Field(strict=False)] = ()
-    design: DesignSection | None = None
-    search: SearchSection | None = None
+    design: AnyDesign | None = None
+    pareto: ParetoSection | None = None
     scene: SceneSection | None = None
     emitters: EmittersSection | None = None
     wires: WiresSection | None = None

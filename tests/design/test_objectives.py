@@ -271,18 +271,8 @@ def test_the_largest_tenth_is_above_the_mean() -> None:
     assert float(small_residual(share=0.1)(unit)) > 2 * float(small_residual(share=1.0)(unit))
 
 
-def test_constant_pictures_are_no_trouble() -> None:
-    scene = Scene("grey", 1, np.full((3, 96, 96), 0.5, dtype=np.float32))
-    objective = top_residual(small_stop(), [scene], side=32, margin=16, crops=2, batch=2, nsr=0.0)
-    leaf = unit_of(14).requires_grad_()
-    value = objective(leaf)
-    (gradient,) = torch.autograd.grad(value, leaf)
-    assert value.item() == pytest.approx(0, abs=1e-12)
-    assert bool(torch.isfinite(gradient).all())
-
-
 @pytest.mark.parametrize(
-    "change", [{"side": 96}, {"margin": 0}, {"margin": 40}, {"nsr": -1.0}, {"share": 0.0}, {"batch": 4}, {"level": 33}]
+    "change", [{"side": 96}, {"margin": 0}, {"margin": 40}, {"nsr": 0.0}, {"share": 0.0}, {"batch": 4}, {"level": 33}]
 )
 def test_residual_refuses(change: dict[str, object]) -> None:
     with pytest.raises(InputError) as caught:

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import scipy.signal
 import torch
 
-from maskfab.design.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map
+from maskfab.design.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
 from maskfab.design.pupil_error import pupil_error
 from maskfab.design.surrogate import surrogate
 from maskfab.errors import JobError, OpeningError
 from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import CELLS, autocorrelation, lay
+from maskfab.imaging.transfer import CELLS, autocorrelation, lattice, lay, stop
 from maskfab.model import ORIENTATIONS, orient
 
 DOTS = 7
@@ -41,7 +42,8 @@ def designed(error):
 def searched(error, units, seed=0, mode=MapMode.EDGE_PACKING):
     kinds = ORIENTATIONS * len(units)
     drawn = np.random.default_rng(seed).integers(kinds, size=(CELLS, CELLS)).astype(np.int8)
-    return _Search(np.stack(units), error, mode, drawn), drawn.ravel().astype(np.int64)
+    light = float(lay("start", np.stack(units), drawn).pupil.sum())
+    return _Search(np.stack(units), error, mode, light), drawn.ravel().astype(np.int64)
 
 
 def test_the_transforms_agree_with_the_autocorrelation(error):
@@ -103,7 +105,7 @@ def test_half_a_turn_of_the_whole_panel_changes_nothing(error):
 def test_the_turns_are_those_of_every_single_cell(error, units):
     """The one field prices whole and cut cells as exact evaluation does, to the curvature left out."""
     search, chosen = searched(error, units)
-    state = search._fresh(chosen)
+    state = search.fresh(chosen)
     draw = np.random.default_rng(1)
     cells = np.concatenate([draw.choice(search.cut, 8), draw.choice(np.setdiff1d(search.live, search.cut), 12)])
     kinds = draw.integers(len(search.flat), size=len(cells))
@@ -122,7 +124,7 @@ def test_cells_behind_the_stop_are_left_alone(error):
     search, chosen = searched(error, [bar()])
     dark = np.setdiff1d(np.arange(CELLS**2), search.live)
     assert len(dark)
-    assert not search._fresh(chosen).turns[dark].any()
+    assert not search.fresh(chosen).turns[dark].any()
 
 
 def test_light_is_kept_where_it_should_be(designed):
@@ -141,8 +143,8 @@ def test_a_designed_map_restores_better_at_every_level(designed):
 
 def test_no_single_turn_of_a_finished_map_helps_much(error, designed):
     search, _ = searched(error, [bar()])
-    state = search._fresh(designed[MapMode.EDGE_PACKING].orientations.ravel().astype(np.int64))
-    start = search._fresh(search.packed(np.zeros((CELLS, CELLS), dtype=np.int8)).astype(np.int64))
+    state = search.fresh(designed[MapMode.EDGE_PACKING].orientations.ravel().astype(np.int64))
+    start = search.fresh(search.packed(np.zeros((CELLS, CELLS), dtype=np.int8)).astype(np.int64))
     assert state.turns.min(axis=1).sum() > 0.05 * start.turns.min(axis=1).sum()
 
 
@@ -200,3 +202,81 @@ def test_a_unit_without_orientations_has_nothing_to_design(error, arm):
 def test_units_that_cannot_be_laid_are_told(error, units, kind, code):
     with pytest.raises(kind, match=code):
         design_map(units, error)
+
+
+SMALL_NM = 14_000
+"""Of six to a cell of 84 um, and twelve to one of 168 um."""
+
+
+def corner(dots):
+    mask = np.zeros((dots, dots), dtype=np.bool_)
+    mask[:3, :2] = True
+    return mask
+
+
+@pytest.fixture(scope="module")
+def small():
+    return pupil_error(surrogate([dead_leaves(1)], 6, dot_nm=SMALL_NM), (24, 40))
+
+
+def test_four_cells_are_one_of_twice_the_pitch(small):
+    """A panel of 48 x 48 cells of 84 um, repeated, is one of 24 x 24 cells that hold two by two of them."""
+    twice = pupil_error(surrogate([dead_leaves(1)], 12), (24, 40))
+    assert (small.cells, twice.cells) == (48, 24)
+    fine = small.laid(corner(6), np.zeros((48, 48), dtype=np.int8))
+    coarse = twice.laid(np.tile(corner(6), (2, 2)), np.zeros((24, 24), dtype=np.int8))
+    assert np.array_equal(fine, coarse)
+    assert small.psnr(fine) == pytest.approx(twice.psnr(coarse), abs=1e-4)
+
+
+def test_cells_of_168_um_are_the_same_however_they_are_told(estimate, error):
+    told = pupil_error(surrogate([dead_leaves(1)], DOTS, dot_nm=24_000), (24, 40))
+    assert np.array_equal(told.laid(bar()), lay("bar", bar()).pupil)
+    assert told.psnr(told.laid(bar())) == error.psnr(error.laid(bar()))
+
+
+def test_what_a_realised_panel_of_168_um_is_worth_stays(error):
+    """Designs of former versions are compared with those of this one."""
+    assert error.psnr(error.laid(bar())) == pytest.approx((21.989117338694303, 28.47865498294151), abs=1e-9)
+
+
+def test_a_map_of_other_cells_restores_better(small):
+    found = design_map(corner(6), small, kicks=0)
+    assert found.orientations.shape == (48, 48)
+    assert min(found.gain_db) > 0.03
+    assert abs(found.clear_dots / found.start_clear_dots - 1) <= LIGHT_TOLERANCE
+    assert small.psnr(small.laid(corner(6), found.orientations)) == found.psnr
+
+
+@pytest.mark.parametrize(("dots", "dot_nm"), [(1, 1_175_000), (3, 1_000_000), (9, 500_000), (5, 333_333), (2, 20_000)])
+def test_the_slope_is_exact_for_cells_of_any_size(dots, dot_nm):
+    """Cells wider than the stop, cells of one dot, dots of a third of a millimetre: the field is the slope."""
+    error = pupil_error(surrogate([dead_leaves(1)], dots, dot_nm=dot_nm), (24, 40))
+    pupil = stop(error.lattice.side, error.lattice.dot_um).astype(np.float64)
+    pupil[::2, 1::3] = 0
+    epsilons = error.epsilons(pupil)
+    judged = error.judge(pupil, epsilons)
+    slope = judged.slope()
+    assert slope.near.shape == (2 * dots - 1, 2 * dots - 1)
+    assert slope.field.shape == pupil.shape
+    place = np.unravel_index(np.argmax(abs(slope.field)), pupil.shape)
+    one = np.zeros_like(pupil)
+    one[place] = 1
+    # The autocorrelation's own slope by that dot: the pupil seen from it, both ways.
+    moves = scipy.signal.correlate(pupil, one) + scipy.signal.correlate(one, pupil)
+    middle, reach = len(pupil) - 1, len(error.pixel) // 2
+    moves = np.pad(moves, max(0, reach - middle))
+    centre = len(moves) // 2
+    half = moves[centre : centre + reach + 1, centre - reach : centre + reach + 1].astype(np.float32)
+    table = error._table(pupil)[1]
+    # Small beside the light, and yet more than single precision loses of it.
+    step = 1e-4 * float(table.max())
+    ends = [float(error._loss(torch.from_numpy(table + sign * step * half), epsilons)) for sign in (1, -1)]
+    assert (ends[0] - ends[1]) / (2 * step) == pytest.approx(float(slope.field[place]), rel=0.02, abs=1e-5)
+
+
+def test_cells_too_fine_for_a_map_are_told():
+    with pytest.raises(JobError, match=r"MF115.*86 dots"):
+        require_size(lattice(86, 4_000))
+    with pytest.raises(JobError, match=r"MF115.*1002 cells"):
+        require_size(lattice(1, 3_995))

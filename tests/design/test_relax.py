@@ -1,144 +1,191 @@
-"""The optimiser: exact counts, the same opening from the same seed, and better than chance."""
+"""The method relax: every objective, the recipes, rules after the threshold, budget and checkpoint."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import torch
 
-from maskfab.design import relax
-from maskfab.design.relax import RelaxSettings, RelaxStep, binarised, loss_of, optimise
-from maskfab.errors import InputError, InternalError
-from maskfab.layout.openings import load
-from maskfab.model import Stop, Tiling
+from maskfab.design.job import Designed, constraints_of
+from maskfab.design.nearest import nearest
+from maskfab.design.relax import relax, schedule
+from maskfab.design.surrogate import Surrogate, surrogate
+from maskfab.errors import MaskfabError
+from maskfab.imaging.photographs import Scene
+from maskfab.imaging.scenes import dead_leaves
+from maskfab.layout.openings import dumps, parse
+from maskfab.model import Camera, Stop
+from maskfab.spec import RelaxSection, parse_section
 
-OPENINGS = Path(__file__).parents[2] / "layouts" / "openings"
-
-QUICK = RelaxSettings(
-    name="quick",
-    dots=9,
-    dot_nm=8000,
-    open_ratio=0.2,
-    tiling=Tiling.PERIODIC,
-    tiling_seed=None,
-    focal_um=1000.0,
-    stop=Stop("circle", 400.0),
-    wavelengths_nm=(530.0,),
-    pixel_um=2.0,
-    seed=1,
-    iterations=60,
-    command="maskfab design quick.toml",
-)
-RANDOM = replace(QUICK, tiling=Tiling.RANDOM, tiling_seed=2)
+PLAIN = {
+    "name": "found",
+    "method": "relax",
+    "dots": 7,
+    "pitch": "56 um",
+    "clear_dots": 14,
+    "tiling": "periodic",
+    "iterations": 30,
+    "seed": 1,
+}
+LENS = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
 
 
-def judged(settings: RelaxSettings, mask: np.ndarray) -> float:
-    return float(loss_of(settings)(torch.from_numpy(mask.astype(np.float32))))
+@pytest.fixture(scope="module")
+def scenes() -> tuple[Scene, ...]:
+    return (dead_leaves(1),)
 
 
-@pytest.mark.parametrize("settings", [QUICK, RANDOM])
-def test_beats_every_random_mask_of_its_count(settings: RelaxSettings) -> None:
-    opening = optimise(settings)
-    assert opening.clear_dots == round(0.2 * 81) == 16
-    assert (opening.name, opening.dots, opening.dot_nm) == ("quick", 9, 8000)
-    reached = judged(settings, opening.mask)
-    assert opening.provenance["loss"] == pytest.approx(reached, abs=1e-6)
-    assert opening.provenance["command"] == "maskfab design quick.toml"
-    assert opening.provenance.get("tiling_seed") == settings.tiling_seed
+@pytest.fixture(scope="module")
+def estimate(scenes: tuple[Scene, ...]) -> Surrogate:
+    return surrogate(scenes, 7, dot_nm=8000)
+
+
+def section(**changed: object) -> RelaxSection:
+    return parse_section(RelaxSection, {**PLAIN, **changed}, where="test")
+
+
+def found(scenes: tuple[Scene, ...], **changed: object) -> Designed:
+    return relax(section(**changed), LENS, scenes, "maskfab design x.toml")
+
+
+def judged(wanted: RelaxSection, scenes: tuple[Scene, ...], estimate: Surrogate, mask: np.ndarray) -> float:
+    plan = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate)
+    return float(plan.objective.at(-1, plan.descent.iterations)(torch.from_numpy(mask.astype(np.float32))))
+
+
+@pytest.mark.parametrize("tiling", [{"tiling": "periodic"}, {"tiling": "random", "tiling_seed": 2}])
+def test_beats_every_random_mask_of_its_count(scenes: tuple[Scene, ...], estimate: Surrogate, tiling: dict) -> None:  # type: ignore[type-arg]
+    wanted = section(**tiling, iterations=60, anneal=200)
+    opening = relax(wanted, LENS, scenes, "maskfab design x.toml").opening
+    assert opening.clear_dots == 14
+    reached = judged(wanted, scenes, estimate, opening.mask)
+    facts = parse(dumps(opening)).provenance
+    assert facts["loss"] == pytest.approx(reached, abs=1e-6)
+    assert facts["command"] == "maskfab design x.toml"
+    assert facts.get("tiling_seed") == tiling.get("tiling_seed")
     draw = np.random.default_rng(0)
     chance = []
     for _ in range(50):
-        mask = np.zeros(81, dtype=bool)
-        mask[draw.permutation(81)[:16]] = True
-        chance.append(judged(settings, mask.reshape(9, 9)))
+        mask = np.zeros(49, dtype=bool)
+        mask[draw.permutation(49)[:14]] = True
+        chance.append(judged(wanted, scenes, estimate, mask.reshape(7, 7)))
     assert reached < min(chance)
 
 
-def test_same_seed_same_opening() -> None:
-    first, again, other = optimise(RANDOM), optimise(RANDOM), optimise(replace(RANDOM, seed=7))
-    np.testing.assert_array_equal(first.mask, again.mask)
-    assert first.provenance == again.provenance
-    assert not np.array_equal(first.mask, other.mask)
+@pytest.mark.parametrize("name", ["invertibility", "top_residual", "expected_error", "boundary_leak", "mtf_auc"])
+def test_every_objective_gives_the_same_opening_twice(scenes: tuple[Scene, ...], name: str) -> None:
+    wanted = {"objectives": {name: 2.0}, "iterations": 2, "tiling": "random", "tiling_seed": 1}
+    one, two = (found(scenes, **wanted) for _ in range(2))
+    assert one.opening.clear_dots == 14
+    assert dumps(one.opening) == dumps(two.opening)
+    assert one.shape == f"2 {name}"
+    assert np.isfinite(one.psnr).all()
 
 
-def test_progress_reports_every_step() -> None:
-    steps: list[RelaxStep] = []
-    opening = optimise(replace(QUICK, iterations=200), steps.append)
-    assert [step.iteration for step in steps] == list(range(200))
-    assert steps[0].gain == 1.0
-    assert steps[-1].gain == pytest.approx(relax.FINAL_GAIN)
-    assert steps[-1].open_ratio == pytest.approx(16 / 81, abs=0.03)
-    assert math.isinf(steps[0].best_loss)
-    assert opening.provenance["loss"] <= steps[-1].best_loss
+def test_weights_scale_and_add(scenes: tuple[Scene, ...], estimate: Surrogate) -> None:
+    unit = np.random.default_rng(0).random((7, 7))
+    one, other = (
+        judged(section(objectives={name: 1.0}), scenes, estimate, unit) for name in ("invertibility", "mtf_auc")
+    )
+    both = judged(section(objectives={"invertibility": 3.0, "mtf_auc": 0.5, "area": 9.0}), scenes, estimate, unit)
+    assert both == pytest.approx(3 * one + 0.5 * other, rel=1e-5)
 
 
-def test_global_state_is_left_alone() -> None:
-    threads, state = torch.get_num_threads(), torch.random.get_rng_state()
-    optimise(replace(QUICK, iterations=2))
-    assert torch.get_num_threads() == threads
-    assert torch.equal(torch.random.get_rng_state(), state)
+def test_the_area_is_led_with_its_own_weight_or_not_at_all(scenes: tuple[Scene, ...], estimate: Surrogate) -> None:
+    cases: tuple[tuple[float | None, float | None], ...] = ((None, 400.0), (7.0, 7.0), (0.0, None))
+    for weight, expected in cases:
+        objectives = {"invertibility": 1.0} | ({} if weight is None else {"area": weight})
+        wanted = section(objectives=objectives)
+        penalty = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate).penalty
+        assert (None if penalty is None else penalty.weight) == expected
 
 
-def test_binarised_has_exactly_the_largest() -> None:
-    values = torch.tensor([[0.5, 0.5], [0.5, 0.9]])
-    assert binarised(values, 2).tolist() == [[1.0, 0.0], [0.0, 1.0]]
-    assert binarised(values, 4).tolist() == [[1.0, 1.0], [1.0, 1.0]]
+def test_options_reach_the_descent(scenes: tuple[Scene, ...], estimate: Surrogate) -> None:
+    wanted = section(optimiser="sgd", rate=0.7, starts=3, straight_through=True, start_noise=0.1, patience=4)
+    how = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate).descent
+    assert (how.optimiser, how.rate, how.starts, how.straight_through) == ("sgd", 0.7, 3, True)
+    assert (how.start_noise, how.patience, how.iterations, how.seed) == (0.1, 4, 30, 1)
+    result = relax(wanted, LENS, scenes, "x")
+    assert result.opening.clear_dots == 14
 
 
-def test_all_clear_is_a_legitimate_wish() -> None:
-    assert optimise(replace(QUICK, open_ratio=1.0, iterations=2)).open_ratio == 1.0
+@pytest.mark.parametrize("recipe", ["paper-l2", "paper-l2+inv"])
+def test_recipes_run_from_the_section_and_own_up_to_their_saddle(scenes: tuple[Scene, ...], recipe: str) -> None:
+    values = {key: value for key, value in PLAIN.items() if key != "iterations"}
+    wanted = parse_section(
+        RelaxSection, {**values, "recipe": recipe, "epochs": 1, "tiling": "paper4", "tiling_seed": 10}, where="test"
+    )
+    result = relax(wanted, LENS, scenes, "x")
+    assert result.opening.clear_dots == 14
+    assert result.shape == recipe
+    assert any("saddle" in note for note in result.notes)
 
 
-@pytest.mark.parametrize("tiling", list(Tiling)[:2])
-def test_the_shipped_openings_are_as_good_as_they_say(tiling: Tiling) -> None:
-    opening = load(OPENINGS / f"inv_{tiling}.toml")
-    tiling_seed = opening.provenance.get("tiling_seed")
-    camera = {"focal_um": 1e4, "stop": Stop("circle", 4000.0), "wavelengths_nm": (530.0,), "pixel_um": 2.0}
-    settings = RelaxSettings(opening.name, 21, 8000, 0.1995, tiling, tiling_seed, **camera)  # type: ignore[arg-type]
-    assert opening.clear_dots == 88
-    assert judged(settings, opening.mask) == pytest.approx(opening.provenance["loss"], abs=1e-5)
+def test_rules_hold_after_the_threshold_and_the_way_there_is_told(scenes: tuple[Scene, ...]) -> None:
+    rules = {"kissing": "neighbours", "min_feature_dots": 2, "rim_dots": 1}
+    free, ruled, better = (found(scenes, **wanted) for wanted in ({}, {"rules": rules}, {"rules": rules, "anneal": 60}))
+    kept = constraints_of(section(rules=rules))
+    assert not kept.allows(free.opening.mask)
+    for result in (ruled, better):
+        assert kept.allows(result.opening.mask)
+        assert any("nearest" in note for note in result.notes)
+    losses = [float(result.opening.provenance["loss"]) for result in (free, better, ruled)]
+    assert losses[0] <= losses[1] <= losses[2]
+
+
+def test_the_nearest_opening_shares_more_than_any_shape_drawn_by_chance() -> None:
+    rules = constraints_of(section(rules={"rim_dots": 1, "min_feature_dots": 2}))
+    draw = np.random.default_rng(3)
+    mask = np.zeros(49, dtype=np.bool_)
+    mask[draw.permutation(49)[:14]] = True
+    near = nearest(mask.reshape(7, 7), rules)
+    assert rules.allows(near)
+    assert nearest(near, rules) is near
+    # Within the rim, 14 of 25 dots; a compact one shares the expected 14 x 14 / 49 = 4 at least.
+    assert np.count_nonzero(near & mask.reshape(7, 7)) > 4
+
+
+def test_a_budget_shortens_the_schedule_and_says_so(scenes: tuple[Scene, ...]) -> None:
+    wanted = section(iterations=100_000)
+    result = relax(wanted, LENS, scenes, "x", budget_s=1.2)
+    assert len(result.notes) == 1
+    assert "instead of 100000" in result.notes[0]
+    assert result.cut
+
+
+def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Scene, ...]) -> None:
+    plain, bounded = (relax(section(), LENS, scenes, "x", budget_s=budget) for budget in (None, 600.0))
+    assert dumps(plain.opening) == dumps(bounded.opening)
+    assert bounded.notes == ()
+    assert not bounded.cut
+
+
+def test_interrupted_and_resumed_ends_where_uninterrupted_does(scenes: tuple[Scene, ...], tmp_path: Path) -> None:
+    wanted, path = section(iterations=40, starts=2), tmp_path / "state.npz"
+    whole = relax(wanted, LENS, scenes, "x")
+    cut = relax(wanted, LENS, scenes, "x", budget_s=0.01, checkpoint=path)
+    assert "goes on from the checkpoint" in cut.notes[0]
+    assert cut.evaluated < whole.evaluated
+    resumed = relax(wanted, LENS, scenes, "x", checkpoint=path)
+    assert resumed.notes == ()
+    assert dumps(resumed.opening) == dumps(whole.opening)
+    with pytest.raises(MaskfabError, match="MF304"):
+        relax(section(iterations=41, starts=2), LENS, scenes, "x", checkpoint=path)
 
 
 @pytest.mark.parametrize(
     ("code", "change"),
     [
-        ("MF203", {"open_ratio": 0.0}),
-        ("MF204", {"open_ratio": 1.01}),
-        ("MF204", {"open_ratio": -0.1}),
-        ("MF204", {"open_ratio": float("nan")}),
-        ("MF204", {"open_ratio": 0.001}),
-        ("MF104", {"dots": 1}),
-        ("MF104", {"dot_nm": 0}),
-        ("MF104", {"iterations": 0}),
-        ("MF104", {"epsilon": float("nan")}),
-        ("MF104", {"epsilon": 0.0}),
-        ("MF104", {"worst_fraction": 1.5}),
-        ("MF104", {"seed": -1}),
-        ("MF104", {"focal_um": float("nan")}),
-        ("MF104", {"focal_um": 1.0}),
-        ("MF104", {"pixel_um": 0.0}),
-        ("MF104", {"stop": Stop("circle", float("inf"))}),
-        ("MF105", {"wavelengths_nm": ()}),
-        ("MF112", {"wavelengths_nm": (530.0, 20.0)}),
-        ("MF110", {"name": "domain"}),
-        ("MF111", {"tiling": Tiling.RANDOM}),
-        ("MF115", {"stop": Stop("circle", 40_000.0)}),
+        ("MF204", {"clear_dots": 50}),
+        ("MF106", {"pitch": "56.001 um"}),
+        ("MF123", {"rules": {"footprint": 0.9}}),
+        ("MF104", {"start_noise": 0.0, "start_logit": 100.0}),
     ],
 )
-def test_refused(code: str, change: dict[str, object]) -> None:
-    with pytest.raises(InputError) as caught:
-        optimise(replace(QUICK, **change))  # type: ignore[arg-type]
-    assert caught.value.code == code, str(caught.value)
+def test_refused(scenes: tuple[Scene, ...], code: str, change: dict[str, object]) -> None:
+    with pytest.raises(MaskfabError, match=code) as caught:
+        found(scenes, **change)
     assert caught.value.where
     assert caught.value.cure
-
-
-def test_a_loss_that_is_not_a_number_is_our_fault(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(relax, "AREA_WEIGHT", float("nan"))
-    with pytest.raises(InternalError) as caught:
-        optimise(QUICK)
-    assert caught.value.code == "MF901"

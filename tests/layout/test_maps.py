@@ -9,14 +9,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import array_shapes, arrays
-from small_job import JOB, OPENING, command
+from small_job import JOB, MASK, OPENING, command
 
 from maskfab.errors import InputError, JobError
 from maskfab.layout import maps
 from maskfab.layout.job import load
-from maskfab.layout.maps import CellMap, panel_shape, placed
+from maskfab.layout.maps import CellMap, panel_shape, placed, shifted, shifted_openings
 from maskfab.layout.tiling import orientations
-from maskfab.model import Tiling
+from maskfab.model import Opening, Tiling
 
 TEXT = 'name = "four"\nmap = """\n0123\n4567\n"""\n'
 EVEN = CellMap("even", np.arange(24).reshape(4, 6) % 8)
@@ -25,10 +25,12 @@ EVEN = CellMap("even", np.arange(24).reshape(4, 6) % 8)
 @given(
     cells=arrays(np.int8, array_shapes(min_dims=2, max_dims=2, max_side=9), elements=st.integers(0, 119)),
     author=st.text(max_size=20),
+    moved=st.lists(st.tuples(st.integers(-20, 20), st.integers(-20, 20)), min_size=15, max_size=15) | st.just([]),
 )
-def test_what_is_written_reads_back(cells, author):
-    written = CellMap("any", cells, {"author": author, "seed": 3, "share of light": 0.25})
+def test_what_is_written_reads_back(cells, author, moved):
+    written = CellMap("any", cells, {"author": author, "seed": 3, "share of light": 0.25}, tuple(moved))
     read = maps.parse(maps.dumps(written))
+    assert read.shifts == written.shifts
     assert np.array_equal(read.cells, cells)
     assert (read.name, dict(read.provenance)) == (written.name, dict(written.provenance))
 
@@ -57,6 +59,12 @@ def test_the_second_drawing_says_which_opening():
         (TEXT + 'openings = "0000"', "MF122", "1 rows of 4 openings"),
         (TEXT + 'openings = """\n000f\n0000"""', "MF122", "line 1, column 4"),
         (f'name = "wide"\nmap = "{"0" * 1001}"', "MF115", "1001"),
+        (TEXT + "shifts = 3", "MF105", "shifts"),
+        (TEXT + "shifts = [[0, 0, 0]]", "MF105", "shifts"),
+        (TEXT + "shifts = [[0, 0.5]]", "MF105", "shifts"),
+        (TEXT + "shifts = [[0, true]]", "MF105", "shifts"),
+        (TEXT + f"shifts = {[[0, 0]] * 16}", "MF122", "16 shifts"),
+        (TEXT + 'openings = """\n0002\n0000"""\nshifts = [[0, 0], [1, 0]]', "MF122", "opening 2"),
         (TEXT + "provenance = 3", "MF105", "provenance"),
         (TEXT + "[provenance]\nmade = true", "MF105", "provenance.made"),
     ],
@@ -192,3 +200,72 @@ def test_a_plate_with_a_map_runs_and_verifies(tmp_path, capsys):
     out = tmp_path / "out"
     assert command(capsys, "run", mapped(tmp_path), "--out", out, "--quiet").code == 0
     assert command(capsys, "verify", out, "--quiet").code == 0
+
+
+MOVED = TEXT + 'openings = """\n0120\n0000\n"""\nshifts = [[0, 0], [1, 0], [-1, 1]]\n'
+
+
+def test_the_ring_s_place_moves_right_and_up():
+    assert np.array_equal(shifted(MASK, (1, 0)), np.roll(MASK, 1, axis=1))
+    assert np.array_equal(shifted(MASK, (-1, 1)), np.roll(MASK, (1, -1), axis=(0, 1)))
+
+
+@given(right=st.integers(-9, 9), up=st.integers(-9, 9))
+def test_what_is_moved_out_does_not_come_in_again(right, up):
+    full = np.ones((7, 7), dtype=np.bool_)
+    assert shifted(full, (right, up)).sum() == max(0, 7 - abs(right)) * max(0, 7 - abs(up))
+    back = shifted(shifted(MASK, (right, up)), (-right, -up))
+    assert not (back & ~MASK).any()
+
+
+def test_a_die_has_the_openings_that_its_map_moves(tmp_path):
+    job = load(mapped(tmp_path, MOVED))
+    panel = job.plate().dies[1].panel
+    assert [opening.name for opening in panel.openings] == ["ring", "ring_1", "ring_2"]
+    assert np.array_equal(panel.pattern(8), np.roll(MASK, 1, axis=1))
+    assert panel.orientations[4:6, 3:7].tolist() == [[4, 5, 6, 7], [0, 9, 18, 3]]
+    assert [opening.clear_dots for opening in panel.openings] == [MASK.sum()] * 3
+    assert list(job.spec.openings) == ["ring"]
+    copy = tmp_path / "copy.json"
+    copy.write_text(json.dumps(job.spec.dump()), encoding="utf-8")
+    again = load(copy)
+    assert again.digest == job.digest
+    assert np.array_equal(again.plate().dies[1].panel.patterns, panel.patterns)
+
+
+def test_a_plate_with_moved_openings_runs_and_verifies(tmp_path, capsys):
+    out = tmp_path / "out"
+    assert command(capsys, "run", mapped(tmp_path, MOVED), "--out", out, "--quiet").code == 0
+    assert command(capsys, "verify", out, "--quiet").code == 0
+
+
+def test_a_shift_is_part_of_the_job_s_hash(tmp_path):
+    one = load(mapped(tmp_path, MOVED))
+    (tmp_path / "maps" / "four.toml").write_text(MOVED.replace("[-1, 1]", "[-1, 0]"), encoding="utf-8")
+    assert load(tmp_path / "job.toml").digest != one.digest
+
+
+@pytest.mark.parametrize(
+    ("shifts", "held", "code", "said"),
+    [
+        (((0, 0), (2, 0)), (Opening("ring", MASK, 8000),), "MF122", "clear dots of 'ring' out of the cell"),
+        (((0, 0), (1, 0)), (Opening("ring", MASK, 8000),) * 2, "MF122", "others"),
+        (((1, 0),), (Opening("ring", MASK, 8000, emitters=np.zeros((7, 7))),), "MF119", "emitters"),
+    ],
+)
+def test_openings_that_cannot_be_moved_are_told(shifts, held, code, said):
+    cells = CellMap("four", np.zeros((2, 2)), shifts=shifts)
+    with pytest.raises(JobError, match=code) as told:
+        shifted_openings(cells, held, where="die")
+    assert said in str(told.value)
+
+
+def test_a_long_name_stays_short_enough_for_its_file():
+    cells = CellMap("four", np.zeros((2, 2)), shifts=((0, 0), (1, 0)))
+    _, other = shifted_openings(cells, (Opening("r" * 24, MASK, 8000),), where="die")
+    assert other.name == "r" * 22 + "_1"
+
+
+def test_emitters_that_do_not_move_may_stay():
+    drawn = Opening("ring", MASK, 8000, emitters=np.zeros((7, 7)))
+    assert shifted_openings(CellMap("four", np.zeros((2, 2)), shifts=((0, 0),)), (drawn,), where="die") == (drawn,)

@@ -8,10 +8,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.design.losses import Invertibility, cells_across, invertibility, stop_dots
+from maskfab.design.invertibility import Invertibility
+from maskfab.design.stop_grid import cells_across, stop_dots
+from maskfab.design.tiled_stop import invertibility_of, tiled_stop
 from maskfab.errors import JobError
 from maskfab.layout.tiling import orientations
-from maskfab.model import Stop, Tiling, orient
+from maskfab.model import Camera, Stop, Tiling, orient
 
 DOTS = 7
 STOP = Stop("circle", 400.0)
@@ -21,18 +23,9 @@ def small_loss(
     tiling: Tiling = Tiling.RANDOM, *, pixel_um: float = 2.0, stop: Stop = STOP, target: float = 0.2
 ) -> Invertibility:
     across = cells_across(stop, DOTS, 8000)
-    return invertibility(
-        dots=DOTS,
-        dot_nm=8000,
-        orientations=orientations(tiling, across, across, 3),
-        stop=stop,
-        focal_um=1000.0,
-        wavelengths_nm=(530.0, 610.0),
-        pixel_um=pixel_um,
-        target=target,
-        epsilon=0.015,
-        worst_fraction=0.3,
-    )
+    turned = orientations(tiling, across, across, 3)
+    lens = Camera(1000.0, stop, (530.0, 610.0), pixel_um, 256.0)
+    return invertibility_of(tiled_stop(DOTS, 8000, turned, lens, precision="float64"), target)
 
 
 def cell_of(seed: int) -> np.ndarray:
@@ -53,27 +46,27 @@ def test_pupil_holds_cells_oriented_as_the_model_says() -> None:
     cell = cell_of(0)
     expected = np.block([[orient(cell, int(element)) for element in row] for row in elements])
     expected = expected * stop_dots(STOP, across * DOTS, 8000)
-    np.testing.assert_array_equal(small_loss().pupil(torch.from_numpy(cell)).numpy(), expected)
+    np.testing.assert_array_equal(small_loss().correlation.pupil(torch.from_numpy(cell)).numpy(), expected)
 
 
 def test_autocorrelation_is_the_sum_over_shifted_pupils() -> None:
     loss = small_loss()
     cell = torch.from_numpy(cell_of(1))
-    pupil = loss.pupil(cell).numpy()
-    table = loss.autocorrelation(cell).numpy()
+    pupil = loss.correlation.pupil(cell).numpy()
+    table = loss.correlation(cell).numpy()
     for y, x in ((0, 0), (3, 5), (12, -9), (0, 16)):
         rows = pupil.shape[0] - y
         left, right = max(0, -x), min(pupil.shape[1], pupil.shape[1] - x)
         direct = (pupil[:rows, left:right] * pupil[y:, left + x : right + x]).sum()
-        assert table[y, x % loss.table] == pytest.approx(direct, rel=1e-12)
+        assert table[y, x % loss.correlation.size] == pytest.approx(direct, rel=1e-12)
 
 
 def test_lags_fill_the_half_plane_once() -> None:
     loss = small_loss()
     for wavelength, lags in zip((530.0, 610.0), loss.lags, strict=True):
         reach = wavelength * 1000.0 / (2 * 2.0) / 8000
-        y, x = np.divmod(lags.numpy(), loss.table)
-        x = np.where(x > loss.table // 2, x - loss.table, x)
+        y, x = np.divmod(lags.numpy(), loss.correlation.size)
+        x = np.where(x > loss.correlation.size // 2, x - loss.correlation.size, x)
         found = set(zip(y.tolist(), x.tolist(), strict=True))
         whole = {(j, i) for j in range(-40, 41) for i in range(-40, 41) if 0 < i * i + j * j <= reach**2}
         assert len(found) == lags.numel()
@@ -84,7 +77,7 @@ def test_lags_fill_the_half_plane_once() -> None:
 def test_loss_equals_a_direct_computation() -> None:
     loss = small_loss()
     cell = torch.from_numpy(cell_of(2))
-    table = loss.autocorrelation(cell).numpy().ravel()
+    table = loss.correlation(cell).numpy().ravel()
     light = stop_dots(STOP, cells_across(STOP, DOTS, 8000) * DOTS, 8000).sum() * 0.2
     means = []
     for lags in loss.lags:
@@ -121,9 +114,9 @@ def test_grey_pays_for_its_photons() -> None:
     any share would have the bare stop's."""
     loss = small_loss()
     bare = torch.ones((DOTS, DOTS), dtype=torch.float64)
-    stop_only = loss.autocorrelation(bare)
+    stop_only = loss.correlation(bare)
     for share in (0.2, 0.1):
-        table = loss.autocorrelation(share * bare)
+        table = loss.correlation(share * bare)
         otf, otf_bare = (t.flatten()[loss.lags[0]] for t in (table / loss.light, stop_only / stop_only[0, 0]))
         np.testing.assert_allclose(otf, share**2 / 0.2 * otf_bare, rtol=1e-9)
         np.testing.assert_allclose(table / table[0, 0], stop_only / stop_only[0, 0], atol=1e-12)

@@ -1,0 +1,92 @@
+"""What ``maskfab design`` tells of what it has found: lines for people, one document for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from maskfab.design.discrete import Prices
+    from maskfab.design.job import Designed
+    from maskfab.design.orientation_map import DesignedMap
+
+
+def lines(found: Designed, notes: Sequence[str]) -> list[str]:
+    """The opening, its bound, what the rules cost, the map, and the notes."""
+    told = [f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found.psnr)}"]
+    if found.head_room is not None:
+        told.append(
+            f"no opening of as many dots gains more, in the picture's interior, than {_levels(found.head_room)}"
+        )
+    if found.prices is not None and found.prices.each:
+        told.append(f"rules together cost {_db(found.prices.together)}, of {found.evaluated} openings")
+        told += [f"  {price.rule}: alone {_db(price.alone)}, last {_db(price.last)}" for price in found.prices.each]
+    else:
+        told.append(f"{found.evaluated} openings were judged")
+    if found.designed is not None:
+        gains = _levels(found.designed.gain_db, "+")
+        told.append(f"designed map, against a random one: {gains}; light {_light(found.designed):+.2%}")
+    if found.map_head_room is not None:
+        told.append(f"no layout of as many dots and as much light gains more than {_levels(found.map_head_room)}")
+    return [*told, *(f"note: {note}" for note in notes)]
+
+
+def document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -> dict[str, object]:
+    """The same as plain data; what is infinite is null."""
+    designed = found.designed
+    return {
+        "name": found.opening.name,
+        "path": str(paths["opening"]),
+        "shape": found.shape,
+        "clear_dots": found.opening.clear_dots,
+        "open_ratio": found.opening.open_ratio,
+        "expected_psnr_db": _by_level(found.psnr),
+        "head_room_db": None if found.head_room is None else _by_level(found.head_room),
+        "evaluated": found.evaluated,
+        **_prices(found.prices),
+        "map": None
+        if designed is None
+        else {
+            "path": str(paths["map"]),
+            "gain_db": _by_level(designed.gain_db),
+            "expected_psnr_db": _by_level(designed.psnr),
+            "head_room_db": None if found.map_head_room is None else _by_level(found.map_head_room),
+            "clear_dots": designed.clear_dots,
+            "random_clear_dots": designed.start_clear_dots,
+            "positions": max(1, len(designed.shifts)),
+        },
+        "outer": None if found.outer is None else str(paths["outer"]),
+        "notes": list(notes),
+        "provenance": dict(found.opening.provenance),
+    }
+
+
+def _prices(prices: Prices | None) -> dict[str, object]:
+    if prices is None:
+        return {"rules_cost_db": None, "prices_db": {}}
+    each = {one.rule: {"alone": _finite(one.alone), "last": _finite(one.last)} for one in prices.each}
+    return {"rules_cost_db": _finite(prices.together), "prices_db": each}
+
+
+def _light(designed: DesignedMap) -> float:
+    return designed.clear_dots / designed.start_clear_dots - 1
+
+
+def _by_level(values: Sequence[float]) -> dict[str, float]:
+    from maskfab.imaging.protocol import LEVELS
+
+    return {str(level): value for level, value in zip(LEVELS, values, strict=True)}
+
+
+def _levels(values: Sequence[float], sign: str = "") -> str:
+    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in _by_level(values).items())
+
+
+def _db(value: float) -> str:
+    return f"{value:.3f} dB" if math.isfinite(value) else "everything: nothing seen keeps it"
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

@@ -1,0 +1,168 @@
+"""What report.json says of how a die's opening was designed: as its provenance states it, beside what was found here.
+
+Provenance is somebody else's text. What is missing or is no number is told as missing; numbers are never recomputed
+from it, and nothing that is measured here depends on it.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from maskfab.imaging.protocol import LEVELS
+from maskfab.layout import maps
+from maskfab.layout.job import Job
+from maskfab.model import Opening
+from maskfab.validate.restored import Restored
+
+Document = dict[str, Any]
+Facts = Mapping[str, object]
+
+_NAMES = frozenset({"shape", "rules_cost_db", "evaluated"})
+_STARTS = ("expected_psnr_", "head_room_", "price_", "gain_db_")
+_MOST_CHARACTERS = 300
+_MOST_PRICES = 40
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What the files of one die say of their design.
+
+    Attributes:
+        opening: provenance of the die's first opening.
+        dot_um: side of a dot that it was designed for.
+        cells: provenance of the die's map; None if it has none.
+        cells_name: of that map.
+    """
+
+    opening: Facts
+    dot_um: float
+    cells: Facts | None = None
+    cells_name: str | None = None
+
+
+def stated(job: Job) -> dict[str, Stated]:
+    """By die, what its files say, of dies whose opening or map says that it was designed."""
+    found = {}
+    for die in job.spec.die:
+        opening: Opening = job.openings[die.name][0]
+        cells = None if die.map is None else maps.parse(job.spec.maps[die.map])
+        facts = None if cells is None else cells.provenance
+        if _designed(opening.provenance) or (facts is not None and _designed(facts)):
+            found[die.name] = Stated(opening.provenance, opening.dot_nm / 1e3, facts, die.map)
+    return found
+
+
+def design_document(said: Stated, restored: Restored | None = None) -> Document:
+    """One die's design; all PSNRs and their differences in dB.
+
+    Args:
+        said: by its files.
+        restored: what protocol F1 makes of the die; None if it cannot judge it.
+    """
+    opening, cells = said.opening, said.cells or {}
+    shots = {} if restored is None else {shot.score.level_db: shot.score for shot in restored.shots}
+    predicted = {} if restored is None else {row.level_db: row.value for row in restored.quantities}
+    levels = []
+    for level in LEVELS:
+        score = shots.get(level)
+        levels.append(
+            {
+                "level_db": level,
+                "stated_psnr": _number(opening, f"expected_psnr_{level}"),
+                "head_room": _number(opening, f"head_room_{level}"),
+                "head_room_frame": _number(opening, f"head_room_frame_{level}"),
+                "map_gain": _number(cells, f"gain_db_{level}"),
+                "predicted_psnr": predicted.get(level),
+                "photograph": None
+                if score is None
+                else {"psnr": score.psnr, "psnr_inner": score.psnr_inner, "epsilon": score.epsilon},
+            }
+        )
+    return {
+        "shape": _text(opening, "shape"),
+        "command": _text(opening, "command"),
+        "version": _text(opening, "version"),
+        "seed": _text(opening, "seed"),
+        "evaluated": _number(opening, "evaluated"),
+        "dot_um": said.dot_um,
+        "rules_cost": _number(opening, "rules_cost_db"),
+        "prices": _prices(opening),
+        "map": None
+        if said.cells is None
+        else {
+            "name": said.cells_name,
+            **{key: _text(cells, key) for key in ("mode", "command", "version", "seed")},
+            "light": _number(cells, "light"),
+        },
+        "levels": levels,
+        "scene": None if restored is None else restored.scene,
+    }
+
+
+def design_schema() -> Document:
+    """JSON Schema of :func:`design_document`."""
+    text = {"type": ["string", "null"]}
+    number = {"type": ["number", "null"]}
+    photograph = _object({key: {"type": "number"} for key in ("psnr", "psnr_inner", "epsilon")})
+    level = {
+        "level_db": {"type": "integer"},
+        **dict.fromkeys(("stated_psnr", "head_room", "head_room_frame", "map_gain", "predicted_psnr"), number),
+        "photograph": _or_null(photograph),
+    }
+    cells = {"name": text, **dict.fromkeys(("mode", "command", "version", "seed"), text), "light": number}
+    return _object(
+        {
+            **dict.fromkeys(("shape", "command", "version", "seed"), text),
+            "evaluated": number,
+            "dot_um": {"type": "number"},
+            "rules_cost": number,
+            "prices": {"type": "array", "items": _object({"rule": {"type": "string"}, "price": {"type": "number"}})},
+            "map": _or_null(_object(cells)),
+            "levels": {"type": "array", "items": _object(level)},
+            "scene": text,
+        }
+    )
+
+
+def _designed(facts: Facts) -> bool:
+    return any(str(key) in _NAMES or str(key).startswith(_STARTS) for key in facts)
+
+
+def _prices(facts: Facts) -> list[Document]:
+    """What each rule costs, in the order in which they are stated."""
+    names = [key for key in map(str, facts) if key.startswith("price_") and key.endswith("_db")]
+    told = []
+    for name in names[:_MOST_PRICES]:
+        price = _number(facts, name)
+        if price is not None:
+            told.append({"rule": _plain(name[len("price_") : -len("_db")].replace("_", " ")), "price": price})
+    return told
+
+
+def _number(facts: Facts, key: str) -> float | int | None:
+    value = facts.get(key)
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        return None
+    return value
+
+
+def _text(facts: Facts, key: str) -> str | None:
+    value = facts.get(key)
+    return None if value is None or isinstance(value, bool) else _plain(str(value)) or None
+
+
+def _plain(text: str) -> str:
+    """One short line that can be printed."""
+    line = " ".join("".join(c if c.isprintable() else " " for c in text[: 2 * _MOST_CHARACTERS]).split())
+    return line if len(line) <= _MOST_CHARACTERS else line[: _MOST_CHARACTERS - 1] + "…"
+
+
+def _object(properties: Document) -> Document:
+    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
+
+
+def _or_null(schema: Document) -> Document:
+    return {**schema, "type": ["object", "null"]}

@@ -1,0 +1,163 @@
+"""How an opening was designed: foreign text as text, numbers as far as they are numbers, and photographs."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from matplotlib.image import imread
+from report.test_report_data import check
+from report.test_report_html import read
+
+from maskfab.imaging.protocol import Score
+from maskfab.imaging.shots import Shot
+from maskfab.layout.job import load
+from maskfab.model import Quantity
+from maskfab.report import design_figures, html
+from maskfab.report.data import dumps, schema, to_document
+from maskfab.report.design_data import Stated, design_document, stated
+from maskfab.validate.restored import Restored
+
+MARKUP = "<script>alert('x')</script>\"&"
+FULL = {
+    "author": "maskfab",
+    "command": "maskfab design layouts/design_bar.toml",
+    "version": "0.1.0",
+    "seed": 5,
+    "shape": "bar 6x17 at (0, 0)",
+    "evaluated": 1146,
+    **{f"expected_psnr_{level}": 20.5 + level / 10 for level in (24, 32, 40)},
+    **{f"head_room_{level}": level / 100 for level in (24, 32, 40)},
+    "rules_cost_db": 0.125,
+    "price_min_feature_db": 0.05,
+    "price_wire_flow_db": 0,
+}
+CELLS = {"mode": "equal_light", "gain_db_24": 0.25, "gain_db_32": 0.5, "gain_db_40": 1.5, "seed": 5}
+LAYOUTS = Path(__file__).parents[2] / "layouts"
+
+
+def restored(scene="leaves1"):
+    ramp = np.linspace(0, 1, 3 * 8 * 12, dtype=np.float32).reshape(3, 8, 12)
+    taken = [
+        Shot(Score("TURNED", level, scene, 0.02, level - 4.0, 0.5, level - 3.0, 0.5), ramp**power)
+        for level, power in ((24, 2), (40, 3))
+    ]
+    rows = [
+        Quantity("restored_psnr", "PSNR", float(level), "dB", "expected", 0.5, level_db=level) for level in (24, 32, 40)
+    ]
+    return Restored(tuple(rows), scene, ramp, tuple(taken))
+
+
+def page_of(run, said, seen=None):
+    document = to_document(run.report, run.plate, run.camera, designs={"TURNED": design_document(said, seen)})
+    check(json.loads(dumps(document)), schema(), schema()["$defs"], "report")
+    pictures = {"TURNED": {} if seen is None else design_figures.pictures(seen)}
+    return html.render(document, pictures)
+
+
+def words_of(page):
+    return " ".join(" ".join(read(page).text).split())
+
+
+def test_everything_that_is_stated_is_told(run):
+    words = words_of(page_of(run, Stated(FULL, 8.0, CELLS, "bar_map"), restored()))
+    for said in (
+        "bar 6x17 at (0, 0) , the best of 1 146 that were judged",
+        "maskfab design layouts/design_bar.toml",
+        "version 0.1.0 , seed 5",
+        "bar_map , equal light , seed 5",
+        "No opening of as many dots can gain more than 0.240 dB in the picture's interior at 24 dB of light, 0.320 dB "
+        "at 32 dB of light, 0.400 dB at 40 dB of light.",
+        "All rules together cost 0.125 dB.",
+        "Dropping one rule alone gains: min feature 0.0500 dB , wire flow 0 dB .",
+        "Through this die at 24 dB, restored: 20 dB, inner frame 21 dB",
+        "The truth: leaves1",
+    ):
+        assert said.replace(" ,", ",").replace(" .", ".") in words.replace(" ,", ",").replace(" .", "."), said
+
+
+def test_other_dies_and_reports_say_nothing_of_a_design(run):
+    document = to_document(run.report, run.plate, run.camera)
+    assert all("design" not in die for die in document["dies"])
+    assert "<h3>Design</h3>" not in html.render(document, {})
+    assert page_of(run, Stated(FULL, 8.0)).count("<h3>Design</h3>") == 1
+
+
+def test_markup_in_provenance_stays_text(run):
+    facts = dict.fromkeys(FULL, MARKUP) | {f"price_{MARKUP}_db": 0.1}
+    page = page_of(run, Stated(facts, 8.0, dict.fromkeys(CELLS, MARKUP), MARKUP), restored(MARKUP))
+    assert "<script" not in page
+    assert {"script", "iframe"}.isdisjoint(read(page).tags)
+    assert MARKUP in words_of(page)
+
+
+def test_a_design_for_other_dots_is_said_to_be_one(run):
+    assert "Designed for" in words_of(page_of(run, Stated(FULL, 4.0)))
+    assert "Designed for" not in words_of(page_of(run, Stated(FULL, 8.0)))
+
+
+def test_numbers_that_are_none_are_missing():
+    for bad in (True, "0.3", math.nan, math.inf, None, [1], {"a": 1}):
+        facts = dict.fromkeys(FULL, bad) | {"price_x_db": bad}
+        document = design_document(Stated(facts, 8.0, dict.fromkeys(CELLS, bad), "m"))
+        assert document["rules_cost"] is None
+        assert document["evaluated"] is None
+        assert document["prices"] == []
+        assert all(row["head_room"] is row["stated_psnr"] is row["map_gain"] is None for row in document["levels"])
+
+
+def test_long_and_unprintable_text_becomes_one_short_line():
+    said = design_document(Stated({"shape": "a\nb\x00c\u202e" + "x" * 10_000, "command": "\n\t", "seed": False}, 8.0))
+    assert said["shape"].startswith("a b c xxx")
+    assert len(said["shape"]) == 300
+    assert said["command"] is None
+    assert said["seed"] is None
+
+
+rubbish = st.dictionaries(
+    st.sampled_from([*FULL, *CELLS, "price__db", "price_db", "light"]) | st.text(max_size=12),
+    st.none()
+    | st.booleans()
+    | st.integers()
+    | st.floats()
+    | st.text(max_size=20)
+    | st.lists(st.integers(), max_size=2),
+)
+
+
+@settings(max_examples=60, deadline=None)
+@given(rubbish, rubbish)
+def test_any_provenance_is_told_as_the_schema_says(opening, cells):
+    document = json.loads(json.dumps(design_document(Stated(opening, 8.0, cells, "m")), allow_nan=False))
+    rules = schema()["properties"]["dies"]["items"]["properties"]["design"]
+    check(document, rules, {}, "design")
+
+
+def test_dies_of_a_job_with_a_designed_opening_or_map_have_one():
+    found = stated(load(LAYOUTS / "toled_against_ours.toml"))
+    assert list(found) == ["OURS"]
+    assert found["OURS"].dot_um == 8.0
+    assert found["OURS"].cells is not None
+    assert stated(load(LAYOUTS / "displays.toml")) == {}
+
+
+def test_photographs_are_png_of_the_codes_themselves():
+    drawn = design_figures.pictures(restored())
+    assert list(drawn) == ["design_truth", "design_24", "design_40"]
+    assert drawn == design_figures.pictures(restored())
+    assert design_figures.pictures(Restored(())) == {}
+
+
+def test_the_sheet_is_one_png_with_equal_bytes_and_a_column_for_each_die():
+    seen = restored()
+    one = design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots})
+    two = design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots, "$B": seen.shots})
+    assert two == design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots, "$B": seen.shots})
+    widths = [imread(io.BytesIO(picture), format="png").shape[1] for picture in (one, two)]
+    assert widths[1] - widths[0] == pytest.approx(415, abs=2)
