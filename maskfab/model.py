@@ -285,13 +285,14 @@ class Furniture:
 
     Attributes:
         name: identifier, also its cell's name.
-        kind: title, label, fiducial, parity, cd or outline.
+        kind: title, label, fiducial, alignment (cross), parity, cd (bars), resolution (test figures), map (of dies),
+            code (data matrix) or outline.
         layer: where it is drawn.
         polygons: simple, hole-free outlines in plate coordinates, nanometres.
     """
 
     name: str
-    kind: Literal["title", "label", "fiducial", "parity", "cd", "outline"]
+    kind: Literal["title", "label", "fiducial", "alignment", "parity", "cd", "resolution", "map", "code", "outline"]
     layer: Layer
     polygons: tuple[Polygon, ...]
 
@@ -369,6 +370,19 @@ class Camera:
     window_um: float
 
 
+@dataclass(frozen=True)
+class Process:
+    """What a mask writer does to drawn shapes.
+
+    Attributes:
+        corner_radius_um: radius by which the corners of clear shapes are rounded, inner and outer ones.
+        cd_bias_um: by how much clear features become wider than drawn, half of it on each side; negative narrows them.
+    """
+
+    corner_radius_um: float
+    cd_bias_um: float = 0.0
+
+
 @dataclass(frozen=True, eq=False)
 class Psf:
     """Intensity per square micrometre of sensor, so that the whole plane holds 1.
@@ -419,6 +433,7 @@ class Quantity:
     Attributes:
         uncertainty: half width of the error bar, in ``unit``; None where the value is exact.
         limit: what ``passed`` was judged against; None where nothing is required.
+        level_db: light that it holds for, as the signal-to-noise ratio of white behind the published display.
     """
 
     name: str
@@ -431,6 +446,7 @@ class Quantity:
     passed: bool | None = None
     die: str | None = None
     wavelength_nm: float | None = None
+    level_db: int | None = None
 
 
 @dataclass(frozen=True, eq=False)

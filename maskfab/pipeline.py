@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -17,10 +17,11 @@ from klayout import db
 from threadpoolctl import threadpool_limits
 
 from maskfab import __version__, provenance, resources
-from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.export.markers import write_markers
+from maskfab.export.shops import load_shop
 from maskfab.export.staging import RESULT_MARK, check_target, staged
-from maskfab.geometry.region import clear_shapes, plate_layout
+from maskfab.geometry.drc import RuleResult, check_plate
+from maskfab.geometry.region import clear_shapes, plate_names
 from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import Job, load
 from maskfab.layout.populate import Populated
@@ -28,13 +29,25 @@ from maskfab.model import Camera, Die, DieOptics, Plate, Quantity, Report, Writt
 from maskfab.optics.mtf import area_under_radial_min
 from maskfab.optics.plan import Plan
 from maskfab.progress import Progress, silent
-from maskfab.report import data, display_figures, figures, html, scene_figures
+from maskfab.report import (
+    data,
+    design_data,
+    design_figures,
+    display_figures,
+    figures,
+    html,
+    scene_figures,
+    written_figures,
+)
 from maskfab.validate.display import display_quantities
-from maskfab.validate.features import judged, smallest_features
+from maskfab.validate.features import judged, limits_as_rules, smallest_features
+from maskfab.validate.files import Drawn, drawn, read_back
 from maskfab.validate.optics import axis_nm, measure, reach_box, read_openings
-from maskfab.validate.roundtrip import RoundTrip, roundtrip
+from maskfab.validate.restored import Restored, photographer
 from maskfab.validate.scene import measure_scene, peak_bytes, reach_um, scene_plan
+from maskfab.validate.shop import check_shop
 from maskfab.validate.views import SceneOptics
+from maskfab.validate.written import Written, measure_written
 
 MANIFEST_VERSION = 1
 JOB_COPY = "job.json"
@@ -75,75 +88,75 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     with clock.stage("layout"):
         built = job.displays(progress, largest=True)
         plate = built.plate
-        design = plate_layout(plate)
+    with clock.stage("draw"):
+        made = draw_files(job, plate)
     with clock.stage("plan"):
         plans = plan_scenes(job, plate, progress)
     with staged(target, force=force) as folder:
         with clock.stage("write"):
-            files = write_files(job, plate, design, folder, progress)
+            files = write_files(job, made, folder, progress)
         with clock.stage("read back"):
-            trips = read_back(plate, design, [folder / name for name in mask_names(plate)], progress)
+            back = read_back(made, folder, progress)
         with clock.stage("optics"):
-            optics = measure_dies(plate, job.camera, trips[0].layout, progress, clock.seconds)
+            optics = measure_dies(plate, job.camera, back.trips[0].layout, progress, clock.seconds)
         with clock.stage("scene"):
-            scenes = measure_scenes(job, plate, plans, trips[0].layout, progress, clock.seconds)
-        report = assemble(job, built, trips, optics, scenes, files, clock.seconds)
+            scenes = measure_scenes(job, plate, plans, back.trips[0].layout, progress, clock.seconds)
+        with clock.stage("process"):
+            written = measure_process(job, plate, progress, clock.seconds)
+        checked = (*back.quantities, *made.account(), *shop_quantities(job, plate))
+        stated = design_data.stated(job)
+        with clock.stage("photographs"):
+            restored = restore_photographs(plate, stated, progress, clock.seconds)
+        report = assemble(job, built, checked, optics, scenes, restored, written, files, clock.seconds)
+        designs = {name: design_data.design_document(said, restored.get(name)) for name, said in stated.items()}
         with clock.stage("figures"):
             progress("figures", 0, 1)
-            document = data.to_document(report, plate, job.camera, scenes, built.found)
+            document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
             pictures = figures.pictures(plate, optics, document)
             for scene in scenes:
                 pictures[scene.die.name] |= scene_figures.pictures(scene)
             for die in plate.dies:
                 if die.name in built.found:
                     pictures[die.name] |= display_figures.pictures(die.panel, built.found[die.name])
+                if die.name in restored:
+                    pictures[die.name] |= design_figures.pictures(restored[die.name])
+                if die.name in written:
+                    pictures[die.name] |= written_figures.pictures(written[die.name])
             (folder / OVERVIEW).write_bytes(figures.overview(plate, document, _most_invertible(optics)))
             progress("figures", 1, 1)
-        document = data.to_document(report, plate, job.camera, scenes, built.found)
+        document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
         (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
         (folder / PAGE).write_text(html.render(document, pictures), encoding="utf-8")
         _write_manifest(job, files, folder)
     return Result(target, report)
 
 
-def mask_names(plate: Plate) -> dict[str, str]:
-    """The mask files of a plate, and the format of each; the optics come from the first."""
-    return {
-        f"{plate.name}.gds": "GDSII",
-        f"{plate.name}.oas": "OASIS",
-        f"{plate.name}_R12.dxf": "DXF R12",
-        f"{plate.name}_R2010.dxf": "DXF R2010",
+def draw_files(job: Job, plate: Plate) -> Drawn:
+    """The files that a job's plate becomes; the optics come from the first."""
+    return drawn(plate, job.spec, [job.signature, plate.title])
+
+
+def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
+    """Write the files of a plate, markers of its rules, the layer colours for KLayout, and the resolved job."""
+    plate = made.plate
+    markers, colours = f"{plate.name}.lyrdb", "layers.lyp"
+    steps: dict[str, tuple[str, Callable[[Path], object]]] = {
+        **{product.name: (product.title, product.write) for product in made.products},
+        markers: ("KLayout markers", lambda path: write_markers(check_rules(job, plate), plate_names(plate).top, path)),
+        colours: (
+            "KLayout layer properties",
+            lambda path: shutil.copyfile(resources.path("export_templates/layers.lyp"), path),
+        ),
+        JOB_COPY: (
+            "resolved job",
+            lambda path: path.write_text(json.dumps(job.spec.dump(), indent=1) + "\n", encoding="utf-8"),
+        ),
     }
-
-
-def write_files(job: Job, plate: Plate, design: db.Layout, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
-    """Write the mask files, the layer colours for KLayout, and the resolved job."""
-    gds, oasis, r12, r2010 = (folder / name for name in mask_names(plate))
-    comments = [job.signature, plate.title]
-    steps: tuple[Callable[[], object], ...] = (
-        lambda: write_gdsii(design, gds),
-        lambda: write_oasis(design, oasis),
-        lambda: write_dxf(plate, r12, "R12", comments),
-        lambda: write_dxf(plate, r2010, "R2010", comments),
-        lambda: shutil.copyfile(resources.path("export_templates/layers.lyp"), folder / "layers.lyp"),
-        lambda: (folder / JOB_COPY).write_text(json.dumps(job.spec.dump(), indent=1) + "\n", encoding="utf-8"),
-    )
-    for done, step in enumerate(steps):
+    for done, (name, (_, write)) in enumerate(steps.items()):
         progress("write files", done, len(steps))
-        step()
+        write(folder / name)
     progress("write files", len(steps), len(steps))
-    kinds = mask_names(plate) | {"layers.lyp": "KLayout layer properties", JOB_COPY: "resolved job"}
-    return tuple(provenance.written(folder, folder / name, kind) for name, kind in kinds.items())
-
-
-def read_back(plate: Plate, design: db.Layout, paths: Sequence[Path], progress: Progress) -> list[RoundTrip]:
-    """Read files through independent readers and compare each with the plate, the first one dot by dot."""
-    trips = []
-    for done, path in enumerate(paths):
-        progress("read back", done, len(paths))
-        trips.append(roundtrip(plate, design, path, dots=done == 0))
-    progress("read back", len(paths), len(paths))
-    return trips
+    return tuple(provenance.written(folder, folder / name, kind) for name, (kind, _) in steps.items())
 
 
 def measure_dies(
@@ -202,6 +215,61 @@ def measure_scenes(
     return _each(plate.dies, one, "scene", progress, seconds, workers)
 
 
+def check_rules(job: Job, plate: Plate) -> tuple[RuleResult, ...]:
+    """Corners that only touch, and what is narrower than the job's limits, on the whole plate."""
+    return check_plate(plate, limits_as_rules(job.spec.limits))
+
+
+def shop_quantities(job: Job, plate: Plate) -> tuple[Quantity, ...]:
+    """The rules of the mask house that the job names, each a check; none if it names none.
+
+    Raises:
+        JobError: MF420 if there is no such house.
+    """
+    section = job.spec.export
+    if section is None or section.shop is None:
+        return ()
+    return tuple(finding.quantity() for finding in check_shop(plate, load_shop(section.shop)))
+
+
+def measure_process(
+    job: Job, plate: Plate, progress: Progress, seconds: dict[str, float] | None = None
+) -> dict[str, Written]:
+    """What the mask writer makes of every die, by the job's [process]; nothing for a job without one.
+
+    Raises:
+        JobError: MF104, MF127 or MF115 for a process that does not go with a die.
+    """
+    if job.spec.process is None:
+        return {}
+    process = job.spec.process.process()
+
+    def one(die: Die) -> Written:
+        return measure_written(_mask(die), job.camera, process, job.where)
+
+    found = _each(plate.dies, one, "process", progress, seconds, os.cpu_count() or 1)
+    return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
+
+
+def restore_photographs(
+    plate: Plate,
+    designed: Collection[str],
+    progress: Progress,
+    seconds: dict[str, float] | None = None,
+) -> dict[str, Restored]:
+    """Restored photographs behind dies that protocol F1 can judge: expected PSNRs; taken through ``designed`` ones."""
+    take = photographer(plate.dies)
+    if take is None:
+        return {}
+    dies = [die for die in plate.dies if die.name in take.laid]
+
+    def one(die: Die) -> Restored:
+        return take(die, photographs=die.name in designed)
+
+    found = _each(dies, one, "photographs", progress, seconds, os.cpu_count() or 1)
+    return {die.name: restored for die, restored in zip(dies, found, strict=True)}
+
+
 def _mask(die: Die) -> Die:
     """The die as it is on the plate, whose chrome knows no wires."""
     return replace(die, panel=replace(die.panel, tracks=()))
@@ -236,19 +304,24 @@ def _each(
 def assemble(
     job: Job,
     built: Populated,
-    trips: Sequence[RoundTrip],
+    read: Sequence[Quantity],
     optics: Sequence[DieOptics],
     scenes: Sequence[SceneOptics],
+    restored: Mapping[str, Restored],
+    written: Mapping[str, Written],
     files: tuple[WrittenFile, ...],
     seconds: dict[str, float],
 ) -> Report:
     """Gather what was measured; every judged quantity is also a check."""
-    read = [quantity for trip in trips for quantity in trip.quantities()]
     of_dies = {item.die.name: die_quantities(item, read, job) for item in optics}
     of_plate = tuple(quantity for quantity in read if quantity.die is None)
     for die in built.plate.dies:
         if die.name in built.found and die.name in of_dies:
             of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)
+    for name, photographs in restored.items():
+        of_dies[name] += photographs.quantities
+    for name, process in written.items():
+        of_dies[name] += process.quantities
     everything = [*of_plate]
     of_scenes = {scene.die.name: scene.quantities for scene in scenes}
     for name, quantities in of_dies.items():

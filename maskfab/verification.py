@@ -13,7 +13,7 @@ from klayout import db
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
 from maskfab.export.staging import RESULT_MARK
-from maskfab.geometry.region import clear_shapes, plate_layout
+from maskfab.geometry.region import clear_shapes
 from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import load
 from maskfab.layout.plate import compose
@@ -23,15 +23,19 @@ from maskfab.pipeline import (
     REPORT,
     assemble,
     die_quantities,
-    mask_names,
+    draw_files,
     measure_dies,
+    measure_process,
     measure_scenes,
     plan_scenes,
+    restore_photographs,
+    shop_quantities,
 )
 from maskfab.progress import Progress, silent
-from maskfab.report import data
+from maskfab.report import data, design_data
+from maskfab.validate.files import read_back
 from maskfab.validate.optics import axis_nm
-from maskfab.validate.roundtrip import RoundTrip, roundtrip
+from maskfab.validate.roundtrip import RoundTrip
 
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
@@ -58,17 +62,10 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
-    design = plate_layout(plate)
-    trips: list[RoundTrip] = []
-    names = list(mask_names(plate))
-    for done, name in enumerate(names):
-        progress("read back", done, len(names))
-        try:
-            trips.append(roundtrip(plate, design, folder / name, dots=not trips))
-        except InputError as error:
-            checks.append(_failed("readable", f"{name}: {error}"))
-    progress("read back", len(names), len(names))
-    read = [quantity for trip in trips for quantity in trip.quantities()]
+    made, refused = draw_files(job, plate), list[tuple[str, InputError]]()
+    back = read_back(made, folder, progress, refused)
+    checks += [_failed("readable", f"{name}: {error}") for name, error in refused]
+    trips, read = back.trips, [*back.quantities, *made.account(), *shop_quantities(job, plate)]
     checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
     if not trips:
         return tuple(checks)
@@ -84,14 +81,18 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     blind = [die.name for die in plate.dies if die not in seen]
     checks += [quantity for quantity in read if quantity.passed is not None and quantity.die in blind]
     checks += [_failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind]
-    if not blind and len(trips) == len(names) and all(trip.xor_area_um2 == 0 for trip in trips):
+    if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
         # Of files that differ from the design the numbers differ as well; what differs is told above.
+        restored = restore_photographs(plate, (), progress)
+        written = measure_process(job, plate, progress)
+        stated = design_data.stated(job)
         now = data.to_document(
-            assemble(job, built, trips, optics, scenes, _listed(manifest), {}),
+            assemble(job, built, read, optics, scenes, restored, written, _listed(manifest), {}),
             plate,
             job.camera,
             scenes,
             built.found,
+            {name: design_data.design_document(said, restored.get(name)) for name, said in stated.items()},
         )
         checks += _reported(folder, {**now, "maskfab_version": manifest["maskfab_version"]})
     return tuple(checks)
@@ -137,13 +138,23 @@ def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         differences = [
             _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
-            for place, new, old in _differences({**now, "time": None}, {**then, "time": None}, ())
+            for place, new, old in _differences(_lasting(now), _lasting(then), ())
         ]
-    except (OSError, ValueError, TypeError) as error:
+    except (OSError, ValueError, TypeError, KeyError) as error:
         yield _failed("report", f"{REPORT} cannot be read: {error}")
         return
     yield from differences
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
+
+
+def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:
+    """A report without its times and its photographs: a last bit of light may draw another photon."""
+    dies = [dict(die) for die in document["dies"]]
+    for die in dies:
+        if "design" in die:
+            levels = [{**level, "photograph": None} for level in die["design"]["levels"]]
+            die["design"] = {**die["design"], "levels": levels, "scene": None}
+    return {**document, "dies": dies, "time": None}
 
 
 def _differences(now: Any, then: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:
@@ -165,7 +176,9 @@ def _keyed(rows: Any) -> Any:
     keyed: dict[str, Any] = {}
     for number, row in enumerate(rows):
         stated = (
-            [row.get(key) for key in ("die", "name", "path", "wavelength_nm")] if isinstance(row, dict) else [number]
+            [row.get(key) for key in ("die", "name", "path", "wavelength_nm", "level_db")]
+            if isinstance(row, dict)
+            else [number]
         )
         key = ", ".join(
             f"{value:g} nm" if isinstance(value, float) else str(value) for value in stated if value is not None

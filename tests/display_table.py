@@ -41,7 +41,7 @@ from maskfab.resources import path
 Row = tuple[str, float, float, str]
 """What, measured, target (``>=`` where negative), unit."""
 
-NAMES = ("toled", "poled", "inv_periodic", "inv_random", "diamond")
+NAMES = ("toled", "poled", "paper_inv_periodic", "paper_inv_random", "diamond")
 
 
 def rows() -> Iterator[Row]:
@@ -124,7 +124,7 @@ def of_masks() -> Iterator[Row]:
 
 
 def timed() -> Iterator[Row]:
-    mask = load(path("layouts/openings/inv_random.toml")).mask
+    mask = load(path("layouts/openings/paper_inv_random.toml")).mask
     for per_dot, limit in ((2, 0.5), (4, 3.0)):
         gap = 8000 if per_dot == 2 else 6000
         emitters = EmitterRules(4000, gap, 8000, required=0.05)

@@ -286,41 +286,74 @@ def test_a_shape_that_cannot_be_drawn_is_refused(capsys, tmp_path, arguments, co
     assert listing(tmp_path) == {}
 
 
-@pytest.mark.parametrize("ratio", ["0", "0.0", "-0.1", "1.1", "nan", "inf"])
-def test_a_design_of_no_possible_ratio_is_refused(capsys, tmp_path, ratio):
-    job = design_job(tmp_path, ("open_ratio = 0.3", f"open_ratio = {ratio}"))
-    before = listing(tmp_path)
-    error = refused(command(capsys, "design", job, "--out", tmp_path / "o.toml", "--json"), "MF104", "open_ratio")
-    assert error["where"] == f"{job}: design.open_ratio"
-    assert listing(tmp_path) == before
-
-
-def test_a_design_whose_ratio_no_number_of_dots_has_is_refused(capsys, tmp_path):
-    job = design_job(tmp_path, ("open_ratio = 0.3", "open_ratio = 0.001"))
-    answer = command(capsys, "design", job, "--out", tmp_path / "o.toml", "--json", "--quiet")
-    refused(answer, "MF204", "0.001")
-    assert not (tmp_path / "o.toml").exists()
-
-
 @pytest.mark.parametrize(
     ("old", "new", "code", "key"),
     [
+        ("clear_dots = 14", "clear_dots = 0", "MF104", "design.clear_dots"),
+        ("clear_dots = 14", "clear_dots = 14.5", "MF105", "design.clear_dots"),
+        ("clear_dots = 14", "", "MF105", "design.clear_dots"),
+        ("clear_dots = 14", "clear_dots = 14\nopen_ratio = 0.3", "MF102", "design.open_ratio"),
+        ("clear_dots = 14", "clear_dots = 14\nfamilies = ['bars']", "MF102", "design.families"),
+        ('method = "relax"', 'method = "guess"', "MF105", "design.method"),
+        ('method = "relax"', 'method = "search"', "MF102", "design.iterations"),
         ('tiling = "periodic"', 'tiling = "random"', "MF111", "design.tiling_seed"),
+        ('tiling = "periodic"', 'tiling = "hexagonal"', "MF122", "design.tiling"),
         ('pitch = "56 um"', 'pitch = "55 um"', "MF106", "design.pitch"),
         ("dots = 7", "dots = 1000000", "MF104", "design.dots"),
-        ("seed = 1", "", "MF105", "design.seed"),
+        ("iterations = 3", "iterations = 0", "MF104", "design.iterations"),
+        ("iterations = 3", 'iterations = 3\nrecipe = "paper-l2"', "MF105", "design.iterations"),
+        ("iterations = 3", "epochs = 3", "MF105", "design.epochs"),
+        ("iterations = 3", "objectives = { area = 1.0 }", "MF105", "design.objectives"),
+        ("iterations = 3", "objectives = { beauty = 1.0 }", "MF105", "design.objectives.beauty.[key]"),
+        ("iterations = 3", "objectives = { mtf_auc = -1.0 }", "MF104", "design.objectives.mtf_auc"),
+        ("iterations = 3", "rules = { rim_dots = -1 }", "MF104", "design.rules.rim_dots"),
+        ("iterations = 3", "rules = { rim = 1 }", "MF102", "design.rules.rim"),
     ],
 )
 def test_a_design_that_cannot_be_made_is_refused(capsys, tmp_path, old, new, code, key):
     job = design_job(tmp_path, (old, new))
+    before = listing(tmp_path)
     error = refused(command(capsys, "design", job, "--out", tmp_path / "o.toml", "--json"), code)
     assert error["where"] == f"{job}: {key}"
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("added", "code", "key"),
+    [
+        ('tiling = "paper4"', "MF122", "tiling"),
+        ("positions = 4", "MF105", "positions"),
+        ("joint = 2", "MF105", "joint"),
+        ("density = 0.4", "MF105", "density"),
+        ('map_output = "m.toml"', "MF105", "map_output"),
+        ('map = "equal_light"', "MF105", "map_output"),
+        ('map = "equal_light"\ntiling = "periodic"', "MF105", "map"),
+        ('objective = "auc"\nfamilies = ["discs"]', "MF105", "families"),
+        ('objective = "beauty"', "MF105", "objective"),
+        ("families = []", "MF105", "families"),
+        ('recipe = "paper-l2"', "MF102", "recipe"),
+    ],
+)
+def test_a_search_that_cannot_be_made_is_refused(capsys, tmp_path, added, code, key):
+    job = design_job(
+        tmp_path, ('method = "relax"', added), ('tiling = "periodic"\nseed', "seed"), ("iterations = 3", "")
+    )
+    before = listing(tmp_path)
+    error = refused(command(capsys, "design", job, "--out", tmp_path / "o.toml", "--json"), code)
+    assert error["where"] == f"{job}: design.{key}"
+    assert listing(tmp_path) == before
+
+
+def test_rules_that_no_opening_keeps_are_refused(capsys, tmp_path):
+    job = design_job(tmp_path, ("iterations = 3", "iterations = 3\nrules = { rim_dots = 3 }"))
+    refused(command(capsys, "design", job, "--out", tmp_path / "o.toml", "--json", "--quiet"), "MF204", "rim_dots")
     assert not (tmp_path / "o.toml").exists()
 
 
 def design_job(folder: Path, *edits: tuple[str, str]) -> Path:
     text = JOB[JOB.index("[camera]") : JOB.index("[plate]")] + (
-        '[design]\nname = "found"\ndots = 7\npitch = "56 um"\nopen_ratio = 0.3\ntiling = "periodic"\nseed = 1\n'
+        '[design]\nname = "found"\nmethod = "relax"\ndots = 7\npitch = "56 um"\nclear_dots = 14\n'
+        'tiling = "periodic"\nseed = 1\niterations = 3\n'
     )
     for old, new in edits:
         assert old in text

@@ -45,7 +45,7 @@ def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[s
     assert {row["kind"] for row in document["timings"]} >= {"ours", "published"}
 
 
-@pytest.mark.parametrize(("die", "code"), [("INVR_R300_G8", "MF105"), ("NOBODY", "MF105")])
+@pytest.mark.parametrize(("die", "code"), [("BEST_R300_G8", "MF105"), ("NOBODY", "MF105")])
 def test_bench_refuses_what_it_cannot_race(die: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["bench", "layouts/upc12.toml", "--die", die, "--quiet"]) == 2
     assert code in capsys.readouterr().err

@@ -18,6 +18,7 @@ from small_job import JOB, LOOK, MASK, OPENING, command, finished, listing, writ
 import maskfab
 from maskfab import resources
 from maskfab.errors import CATALOGUE
+from maskfab.imaging.scenes import dead_leaves
 from maskfab.layout.job import load as load_job
 from maskfab.layout.openings import load, parse
 from maskfab.units import parse_pitch_um, to_nm
@@ -47,16 +48,28 @@ PER_WAVELENGTH = {
     "readback_psf_difference",
     "strehl_invariant_error",
 }
-DESIGN = """
+RELAX = """
 [design]
 name = "found"
+method = "relax"
 dots = 7
 pitch = "56 um"
-open_ratio = 0.2857  # 14 of 49 dots
+clear_dots = 14
 tiling = "periodic"
 seed = 1
 iterations = 3
 output = "found.toml"
+"""
+SEARCH = """
+[design]
+name = "found"
+dots = 7
+pitch = "168 um"
+clear_dots = 10
+anneal = 20
+map = "equal_light"
+output = "found.toml"
+map_output = "found_map.toml"
 """
 
 
@@ -85,10 +98,10 @@ def test_run_prints_paths_on_stdout_and_progress_on_stderr(capsys, tmp_path):
     printed = [Path(line) for line in answer.stdout.splitlines()]
     assert printed == sorted((tmp_path / "new" / "out").iterdir())
     assert {path.name for path in printed} >= {
-        "SMALL.gds", "SMALL.oas", "SMALL_R12.dxf", "SMALL_R2010.dxf", "job.json", "layers.lyp", "manifest.json",
-        "report.html", "report.json",
+        "SMALL.gds", "SMALL.oas", "SMALL_R12.dxf", "SMALL_R2010.dxf", "SMALL.lyrdb", "job.json", "layers.lyp",
+        "manifest.json", "report.html", "report.json",
     }  # fmt: skip
-    for stage in ("write files: 0/6", "read back: 4/4", "optics: 2/2", "figures: 1/1"):
+    for stage in ("write files: 0/7", "read back: 4/4", "optics: 2/2", "figures: 1/1"):
         assert stage in answer.stderr
     assert answer.stderr.splitlines()[-1].startswith("PASS: ")
 
@@ -211,34 +224,88 @@ def test_verify_prints_its_checks_as_json(capsys, out):
 # --- design and shape ------------------------------------------------------------------------------------------------
 
 
-def design_job(folder: Path) -> Path:
+@pytest.fixture
+def few_scenes(monkeypatch):
+    monkeypatch.setattr("maskfab.imaging.scenes.bundled", lambda count=4: (dead_leaves(1),))
+
+
+def design_job(folder: Path, section: str = RELAX) -> Path:
     job = folder / "design.toml"
-    job.write_text(JOB[JOB.index("[camera]") : JOB.index("[plate]")] + DESIGN)
+    job.write_text(JOB[JOB.index("[camera]") : JOB.index("[plate]")] + section)
     return job
 
 
-def test_design_writes_an_opening_beside_its_job(capsys, tmp_path):
+def test_a_relaxed_design_writes_an_opening_beside_its_job(capsys, tmp_path, few_scenes):
     answer = command(capsys, "design", design_job(tmp_path))
     assert answer.code == 0
-    assert answer.stdout.split() == [str(tmp_path / "found.toml")]
+    assert answer.stdout.splitlines()[-1] == str(tmp_path / "found.toml")
     assert "3/3" in answer.stderr
+    assert "best loss" in answer.stderr
     found = load(tmp_path / "found.toml")
     assert (found.name, found.dots, found.dot_nm, found.clear_dots) == ("found", 7, 8000, 14)
     assert listing(tmp_path).keys() == {"design.toml", "found.toml"}
-    answer = command(capsys, "design", tmp_path / "design.toml", "--out", tmp_path / "again.toml", "--json", "--quiet")
+    again = ("design", tmp_path / "design.toml", "--out", tmp_path / "again.toml", "--json", "--quiet")
+    answer = command(capsys, *again, "--checkpoint", tmp_path / "state.npz", "--budget", "10 min")
     assert (answer.code, answer.stderr) == (0, "")
-    assert answer.document.keys() == {"name", "path", "clear_dots", "open_ratio", "provenance"}
     assert answer.document["clear_dots"] == 14
+    assert answer.document["notes"] == []
+    assert (tmp_path / "again.toml").read_bytes() == (tmp_path / "found.toml").read_bytes()
+    answer = command(capsys, *again, "--checkpoint", tmp_path / "state.npz", "--force")
+    assert answer.code == 0
     assert (tmp_path / "again.toml").read_bytes() == (tmp_path / "found.toml").read_bytes()
 
 
+def test_a_searched_design_writes_its_map_too_and_says_what_it_found(capsys, tmp_path, few_scenes):
+    answer = command(capsys, "design", design_job(tmp_path, SEARCH))
+    assert answer.code == 0
+    assert answer.stdout.splitlines()[-2:] == [str(tmp_path / "found.toml"), str(tmp_path / "found_map.toml")]
+    for said in ("clear dots, expected restored PSNR", "gains more", "designed map, against a random one"):
+        assert said in answer.stdout
+    assert "scan, best" in answer.stderr
+    written = {name: (tmp_path / name).read_bytes() for name in ("found.toml", "found_map.toml")}
+    answer = command(capsys, "design", tmp_path / "design.toml", "--force", "--json", "--quiet")
+    assert (answer.code, answer.stderr) == (0, "")
+    assert {name: (tmp_path / name).read_bytes() for name in written} == written
+    assert answer.document["expected_psnr_db"].keys() == {"24", "32", "40"}
+    assert answer.document["map"]["path"] == str(tmp_path / "found_map.toml")
+    facts = tomllib.loads(written["found.toml"].decode())["provenance"]
+    assert facts["command"] == f"maskfab design {tmp_path / 'design.toml'}"
+    assert facts.keys() >= {
+        "shape",
+        "evaluated",
+        "expected_psnr_24",
+        "head_room_24",
+        "rules_cost_db",
+        "version",
+        "seed",
+    }
+
+
 def test_design_refuses_to_overwrite_before_it_works(capsys, tmp_path):
-    job = design_job(tmp_path)
-    (tmp_path / "found.toml").write_text("mine")
-    answer = command(capsys, "design", job, "--json")
-    assert (answer.code, answer.document["error"]["code"]) == (2, "MF402")
-    assert "design" not in answer.stderr.split("error:")[0]
-    assert (tmp_path / "found.toml").read_text() == "mine"
+    job = design_job(tmp_path, SEARCH)
+    for name in ("found.toml", "found_map.toml"):
+        (tmp_path / name).write_text("mine")
+        answer = command(capsys, "design", job, "--json")
+        assert (answer.code, answer.document["error"]["code"]) == (2, "MF402")
+        assert "photographs" not in answer.stderr
+        assert (tmp_path / name).read_text() == "mine"
+        (tmp_path / name).unlink()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("--budget", "60"), "MF103"),
+        (("--budget", "0 s"), "MF104"),
+        (("--budget", "soon"), "MF103"),
+        (("--checkpoint", "nowhere/state.npz"), "MF401"),
+        (("--images", "nowhere"), "MF301"),
+    ],
+)
+def test_options_of_design_are_refused_before_it_works(capsys, tmp_path, arguments, code):
+    answer = command(capsys, "design", design_job(tmp_path), *arguments, "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, code)
+    assert listing(tmp_path).keys() == {"design.toml"}
 
 
 @pytest.mark.parametrize("path", SHAPES, ids=lambda path: path.stem)
@@ -273,7 +340,7 @@ def test_shipped_openings_load_and_their_facts_hold(path):
 @pytest.mark.parametrize("path", sorted(resources.path("layouts").glob("*.toml")), ids=lambda path: path.stem)
 def test_shipped_jobs_load(path):
     job = load_job(path)
-    assert job.spec.die or job.spec.design or job.spec.search
+    assert job.spec.die or job.spec.design or job.spec.pareto
     for name, held in job.openings.items():
         assert all(opening.mask.any() for opening in held), name
     if job.spec.die:

@@ -17,7 +17,7 @@ import maskfab
 from maskfab import resources
 from maskfab.errors import JobError
 from maskfab.layout.job import load
-from maskfab.pipeline import mask_names
+from maskfab.pipeline import draw_files
 from maskfab.provenance import sha256_of_file
 
 PITCH = 'dot = "8 um"\npitch = "56 um"'
@@ -96,7 +96,7 @@ def test_every_mask_file_is_the_plate(out):
     """All four, read by klayout alone, against the dots themselves, of both dies."""
     job = load(out / "job.json")
     plate = job.plate()
-    assert {path.name for path in out.iterdir()} >= set(mask_names(plate))
+    assert {path.name for path in out.iterdir()} >= {product.name for product in draw_files(job, plate).products}
     for die in plate.dies:
         (x0, y0, _, _), panel = die.box_nm, die.panel
         wanted = db.Region()

@@ -27,11 +27,11 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_random_tiling_beats_the_periodic_one(photographs: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["simulate", str(JOB), "--die", "TOLED_P150", "--die", "INVP_R150", "--images", str(photographs)]
+    arguments = ["simulate", str(JOB), "--die", "TOLED_P150", "--die", "PINV_R150", "--images", str(photographs)]
     assert run_command_line([*arguments, "--json", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["reference"] == "TOLED_P150"
-    assert [score["design"] for score in told["scores"]] == ["TOLED_P150"] * 3 + ["INVP_R150"] * 3
+    assert [score["design"] for score in told["scores"]] == ["TOLED_P150"] * 3 + ["PINV_R150"] * 3
     assert all(gain["psnr"] > 0.5 and gain["psnr_error"] is None for gain in told["gains"])
 
 

@@ -16,11 +16,14 @@ from maskfab.cli.bench import bench
 from maskfab.cli.check import check
 from maskfab.cli.design import design
 from maskfab.cli.explain import explain
+from maskfab.cli.package import package
+from maskfab.cli.pareto import pareto
 from maskfab.cli.plan import plan
 from maskfab.cli.printing import print_json
 from maskfab.cli.render import render
 from maskfab.cli.run import run
 from maskfab.cli.shape import shape
+from maskfab.cli.shops import shops
 from maskfab.cli.simulate import simulate
 from maskfab.cli.verify import verify
 from maskfab.errors import InternalError, JobError, MaskfabError
@@ -31,9 +34,10 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
     (run, "Example: maskfab run layouts/upc12.toml --out build/upc12"),
     (
         design,
-        "Examples: maskfab design layouts/design_inv_random.toml --out opening.toml | "
-        "maskfab design layouts/search_bar.toml --out bar.toml",
+        "Examples: maskfab design layouts/design_bar.toml --out bar.toml --force | "
+        "maskfab design job.toml --budget '60 s' --checkpoint state.npz",
     ),
+    (pareto, "Example: maskfab pareto layouts/pareto.toml --out build/pareto"),
     (
         analyse,
         "Examples: maskfab analyse layouts/openings/toled.toml --tiling random --seed 1 | "
@@ -52,14 +56,20 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "maskfab bench --hard",
     ),
     (plan, "Examples: maskfab plan layouts/upc12.toml | maskfab plan job.toml --die TOLED_R150 --json"),
-    (check, "Examples: maskfab check job.toml | maskfab check job.toml --die TOLED_R150 --largest --json"),
+    (
+        check,
+        "Examples: maskfab check job.toml | maskfab check job.toml --die TOLED_R150 --largest --json | "
+        "maskfab check job.toml --shop generic-chrome",
+    ),
+    (shops, "Examples: maskfab shops | maskfab shops generic-chrome --json"),
+    (package, "Example: maskfab package layouts/upc12.toml --shop generic-chrome --out upc12.zip"),
     (
         render,
         "Examples: maskfab render job.toml --out seen | maskfab render job.toml photo.jpg --die TOLED_R300 --json",
     ),
     (
         simulate,
-        "Examples: maskfab simulate layouts/upc12.toml --die TOLED_P150 --die INVP_R150 | "
+        "Examples: maskfab simulate layouts/upc12.toml --die TOLED_P150 --die PINV_R150 | "
         "maskfab simulate job.toml --images photographs --reference TOLED_P150 --json",
     ),
     (explain, "Example: maskfab explain MF106"),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -31,6 +33,12 @@ def check(
     largest: Annotated[
         bool, typer.Option("--largest", help="Search on for the largest emitters, whatever is required.")
     ] = False,
+    shop: Annotated[
+        str | None, typer.Option(help="Instead: would this mask house take the plate? maskfab shops lists them.")
+    ] = None,
+    format_: Annotated[
+        list[str] | None, typer.Option("--format", help="With --shop: what is sent, repeatable; default: its first.")
+    ] = None,
     widest: Annotated[bool, typer.Option("--largest-gap", help="Find the widest gap between colours too.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -40,6 +48,9 @@ def check(
     from maskfab.layout.job import load
     from maskfab.layout.populate import widest_gaps
 
+    if shop is not None:
+        _check_shop(job, shop, format_ or (), as_json=as_json, quiet=quiet)
+        return
     loaded = load(job)
     rules = loaded.display_rules
     if rules is None:
@@ -57,6 +68,29 @@ def check(
         for each in built.plate.dies:
             for line in display_text.lines(each.name, built.found.get(each.name), gaps.get(each.name)):
                 typer.echo(line)
+    leave(passed)
+
+
+def _check_shop(job: Path, shop: str, formats: Sequence[str], *, as_json: bool, quiet: bool) -> None:
+    """What would a mask house refuse of the plate, and what is the cure? Nothing is written."""
+    from maskfab.cli.shop_verdict import chosen_formats, findings_document, print_findings
+    from maskfab.export.shops import load_shop
+    from maskfab.layout.job import load
+    from maskfab.validate.shop import accepted, check_shop
+
+    profile, sent = load_shop(shop), chosen_formats(formats)
+    loaded = load(job)
+    with watched(quiet) as progress:
+        progress("rules", 0, 1)
+        findings = check_shop(loaded.plate(), profile, sent)
+        progress("rules", 1, 1)
+    passed = accepted(findings)
+    if as_json:
+        verdict = "pass" if passed else "fail"
+        rules = findings_document(findings)
+        print_json({"verdict": verdict, "shop": profile.name, "job_hash": loaded.digest, "rules": rules})
+    else:
+        print_findings(findings, profile.name, passed=passed)
     leave(passed)
 
 

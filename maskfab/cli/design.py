@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from maskfab.progress import Progress
     from maskfab.spec import JobSpec
 
+_SCENES_OF_MAPS = 16
+
 
 def design(
     job: JobFile,
@@ -52,7 +54,8 @@ def design(
     _check_rules(spec, job)
     command = f"maskfab design {job.as_posix()}" + ("" if images is None else f" --images {images.as_posix()}")
     with watched(quiet) as progress:
-        found = _found(spec, _scenes(images), command, progress, limit_s, checkpoint)
+        scenes = _scenes(images, for_map=getattr(spec.design, "map", None) is not None)
+        found = _found(spec, scenes, command, progress, limit_s, checkpoint)
     written = {"opening": dumps(found.opening)}
     if found.outer is not None:
         written["outer"] = dumps(found.outer)
@@ -103,11 +106,14 @@ def _check_rules(spec: JobSpec, job: Path) -> None:
     constraints_of(spec.design, where=f"{job}: design").require_possible()
 
 
-def _scenes(images: Path | None) -> Sequence[Scene]:
+def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Scene]:
+    """Maps fit the very pictures they are designed on, so they get more of them."""
     from maskfab.imaging.photographs import folder
     from maskfab.imaging.scenes import bundled
 
-    return bundled() if images is None else folder(images)
+    if images is not None:
+        return folder(images)
+    return bundled(_SCENES_OF_MAPS) if for_map else bundled()
 
 
 def _found(

@@ -1,27 +1,50 @@
-"""``maskfab verify``: a finished directory read again."""
+"""``maskfab verify``: a finished directory read again, or a mask file from elsewhere held against a job."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from maskfab.cli.options import Json, Quiet
-from maskfab.cli.printing import leave, print_json, summarise
+from maskfab.cli.printing import leave, print_json, print_table, summarise
 from maskfab.cli.watch import watched
+from maskfab.errors import JobError
+
+if TYPE_CHECKING:
+    from maskfab.progress import Progress
+    from maskfab.validate.foreign import Foreign, How
 
 
 def verify(
-    directory: Annotated[Path, typer.Argument(metavar="DIR", help="The --out of a finished run.")],
+    subject: Annotated[Path, typer.Argument(metavar="DIR|FILE", help="The --out of a finished run, or a mask file "
+                                            "(.gds .oas .dxf .gbr .png .tif) of whatever origin.")],
+    against: Annotated[Path | None, typer.Option(metavar="JOB", help="The job (.toml) that a mask file is held "
+                                                 "against.")] = None,
+    die: Annotated[str | None, typer.Option(help="Compare one die of the job alone.")] = None,
+    layer: Annotated[str | None, typer.Option(help="Layer of a mask file that is clear, such as 1/0 or CLEAR.")] = None,
+    cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
+    dots_per_um: Annotated[float | None, typer.Option(min=1e-6, max=1e6, help="Pixels of an image in a micrometre; "
+                                                      "default: what its tags say.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
-) -> None:
-    """Read a finished output directory again and repeat every check."""
+) -> None:  # fmt: skip
+    """Read a finished output directory again and repeat every check, or hold a mask file against a job."""
+    if against is None and subject.is_file():
+        raise JobError(
+            "MF105",
+            f"{subject.name} is a file, and no job is named to hold it against",
+            where="--against",
+            cure="Add --against JOB.toml, or name the --out of a finished run",
+        )
+    if against is not None:
+        _foreign(subject, against, die, layer, cell, dots_per_um, as_json, quiet)
+        return
     from maskfab.verification import verify as verify_directory
 
     with watched(quiet) as progress:
-        checks = verify_directory(directory, progress)
+        checks = verify_directory(subject, progress)
     passed = all(check.passed for check in checks)
     if as_json:
         from maskfab.report.data import quantity_document
@@ -30,3 +53,48 @@ def verify(
     else:
         summarise(checks)
     leave(passed)
+
+
+def _foreign(
+    path: Path,
+    against: Path,
+    die: str | None,
+    layer: str | None,
+    cell: str | None,
+    dots_per_um: float | None,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    from maskfab.validate.foreign import How
+
+    with watched(quiet) as progress:
+        found = _checked(path, against, die, How(layer, cell, dots_per_um), progress)
+    checks = [quantity for quantity in found.quantities if quantity.passed is not None]
+    passed = all(check.passed for check in checks)
+    if as_json:
+        from maskfab.report.data import quantity_document
+
+        print_json(
+            {
+                "verdict": "pass" if passed else "fail",
+                "file": str(path),
+                "against": str(against),
+                "die": die,
+                "quantities": [quantity_document(quantity) for quantity in found.quantities],
+            }
+        )
+    else:
+        print_table(found.quantities)
+        summarise(checks)
+    leave(passed)
+
+
+def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:
+    from maskfab.layout.job import load
+    from maskfab.validate.foreign import check_foreign, only_die
+
+    job = load(against)
+    plate = job.plate()
+    return check_foreign(
+        plate if die is None else only_die(plate, die), job.camera, job.spec.limits, path, how, progress
+    )

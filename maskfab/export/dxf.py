@@ -1,13 +1,15 @@
 """DXF files, R12 and R2010; one drawing unit is one micrometre.
 
-The drawing is made by ezdxf. Only the references inside random dies, tens of thousands that would take it seconds,
-are formatted here and spliced into the blocks that ezdxf left empty.
+The drawing is made by ezdxf. What there are tens of thousands of, which would take it seconds and gigabytes, is
+formatted here and spliced in: the references inside random dies, into blocks that ezdxf left empty, and the polygons of
+a drawing without blocks.
 """
 
 from __future__ import annotations
 
 import io
-from collections.abc import Iterator, Sequence
+import re
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,136 +19,277 @@ import ezdxf
 from ezdxf.document import Drawing
 from ezdxf.layouts import BaseLayout
 
-from maskfab.geometry.region import orientations_in_use, plate_names
-from maskfab.geometry.unit import unit_key, unit_shapes
-from maskfab.model import CLEAR, LAYERS, NOTE, Die, Layer, Note, Plate, Polygon
+from maskfab.errors import OutputError
+from maskfab.export.figures import CUT, DieFigures, Figures, Grid, PolygonOptions, as_figures
+from maskfab.export.partial import check_size, partial
+from maskfab.export.stream import Gap, written
+from maskfab.model import CLEAR, LAYERS, NOTE, Layer, Note, Plate, Point, Polygon
 from maskfab.units import NM_PER_UM
 
 Version: TypeAlias = Literal["R12", "R2010"]
 
+LARGEST_BYTES = 1_000_000_000
+
 _MICRONS = 13
 _METRIC = 1
 _TEXT_HEIGHT_UM = 500.0
-_COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True))
+_COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True)) | {CUT: 7}
 _REFERENCE = {
     "R12": "  0\nINSERT\n  5\n{handle:X}\n  8\n{layer}\n  2\n{name}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n",
     "R2010": "  0\nINSERT\n  5\n{handle:X}\n330\n{owner}\n100\nAcDbEntity\n  8\n{layer}\n"
     "100\nAcDbBlockReference\n  2\n{name}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n",
 }
+# Bytes of a polygon and of a vertex, coordinates of up to nine characters.
+_OUTLINE_BYTES = {"R12": (80, 46), "R2010": (90, 28)}
+_LAYER_NAME = re.compile(r"[A-Za-z0-9_-]{1,8}")
+_RESERVED_LAYERS = frozenset({"0", "DEFPOINTS"})
 
 
-def write_dxf(plate: Plate, path: Path, version: Version, comments: Sequence[str] = ()) -> None:
+def write_dxf(
+    source: Plate | Figures,
+    path: Path,
+    version: Version,
+    comments: Sequence[str] = (),
+    *,
+    layer_names: Mapping[str, str] | None = None,
+    limit_bytes: int = LARGEST_BYTES,
+) -> None:
     """Write a plate as DXF, byte-identical between runs.
 
     Unit cells and dies are blocks under the names of :func:`maskfab.geometry.region.plate_names`; no reference is
     mirrored, turned or scaled. A periodic die is one INSERT with rows and columns. Outlines are closed polylines
-    without width, marks stand in model space, notes are TEXT.
+    without width, marks stand in model space, notes are TEXT. Figures that are flat or merged have no block at all.
 
     Args:
-        plate: what to draw.
+        source: what to draw, or how it was drawn.
         path: the file to write.
         version: R12 carries no unit, so a comment and a note name it; R2010 also says $INSUNITS = 13, microns.
-        comments: lines put at the top of the file (group code 999).
+        comments: lines put at the top of the file (group code 999), before what the figures' account has to say.
+        layer_names: names in the file by names of the model; layers without one are left out. All by default.
+        limit_bytes: size beyond which a drawing without blocks is refused.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written, MF414 if a layer's name is 0, longer than 8 characters, not of
+            A-Z, 0-9, _ and -, shared, or that of a block; MF415 if the file would be too large.
     """
+    figures = as_figures(source)
+    names = _checked_names(figures, layer_names)
+    flat = figures.options.hierarchy != "cells"
+    if flat:
+        check_size(flat_bytes(figures, version), limit_bytes, path, 'Choose hierarchy = "cells", or GDSII or OASIS')
     with _fixed_dates():
-        drawing = _blank_drawing(version)
-        random_dies = list(_draw(plate, drawing))
-        reserved = _reserve_handles(drawing, sum(each.die.panel.orientations.size for each in random_dies))
+        drawing = _blank_drawing(version, names)
+        splices = list(_draw(figures, drawing, names))
+        reserved = _reserve_handles(drawing, sum(each.handles for each in splices))
+        # ezdxf would add these in the order of a set, which changes from one process to the next.
+        kinds = {*drawing.entitydb.dxf_types_in_use(), *(["LWPOLYLINE"] if flat and version != "R12" else [])}
+        for kind in sorted(kinds):
+            drawing.classes.add_class(kind)
         stream = io.StringIO()
         drawing.write(stream)
     text = stream.getvalue()
-    head = "".join(f"999\n{_one_line(line)}\n" for line in ("Units: 1 drawing unit = 1 micrometre", *comments))
-    with path.open("w", encoding=drawing.output_encoding, errors="dxfreplace", newline="\n") as file:
+    said = figures.account.lines() if figures.options != PolygonOptions() else ()
+    lines = ("Units: 1 drawing unit = 1 micrometre", *comments, *said)
+    head = "".join(f"999\n{_one_line(line)}\n" for line in lines)
+    with (
+        partial(path) as aside,
+        aside.open("w", encoding=drawing.output_encoding, errors="dxfreplace", newline="\n") as file,
+    ):
         file.write(head)
         done = 0
-        for random_die in random_dies:
-            start = text.index(f"\n  2\n{random_die.block}\n", text.index("\nBLOCKS\n"))
-            end = text.index("  0\nENDBLK\n", start)
+        for each in splices:
+            end = each.place(text)
             file.write(text[done:end])
-            file.writelines(random_die.references(version, reserved))
+            file.writelines(each.records(version, reserved))
             done = end
         file.write(text[done:])
 
 
+def flat_bytes(figures: Figures, version: Version) -> int:
+    """About how large a drawing without blocks becomes, from above; from the numbers of its written polygons."""
+    outline, vertex = _OUTLINE_BYTES[version]
+    return figures.account.polygons * outline + figures.account.vertices * vertex
+
+
 @dataclass(frozen=True)
-class _RandomDie:
-    """A die whose block is still empty.
+class _References:
+    """A grid of references that is missing in its die's block.
 
     Attributes:
         block: name of the die's block.
         owner: handle of its block record.
-        units: name of the block of each orientation.
+        layer: name of the layer that references stand on.
     """
 
-    die: Die
+    grid: Grid
     block: str
     owner: str
-    units: dict[int, str]
+    layer: str
 
-    def references(self, version: Version, handles: Iterator[int]) -> Iterator[str]:
+    @property
+    def handles(self) -> int:
+        return int(self.grid.index.size)
+
+    def place(self, text: str) -> int:
+        start = text.index(f"\n  2\n{self.block}\n", text.index("\nBLOCKS\n"))
+        return text.index("  0\nENDBLK\n", start)
+
+    def records(self, version: Version, handles: Iterator[int]) -> Iterator[str]:
         """One INSERT record for each cell."""
-        form, pitch = _REFERENCE[version], self.die.panel.pitch_nm
-        for row, orientations in enumerate(self.die.panel.orientations.tolist()):
-            for column, orientation in enumerate(orientations):
+        form, (dx, dy), (x0, y0) = _REFERENCE[version], self.grid.step_nm, self.grid.origin_nm
+        for row, kinds in enumerate(self.grid.index.tolist()):
+            for column, kind in enumerate(kinds):
                 yield form.format(
                     handle=next(handles),
                     owner=self.owner,
-                    layer=CLEAR.name,
-                    name=self.units[orientation],
-                    x=column * pitch / NM_PER_UM,
-                    y=row * pitch / NM_PER_UM,
+                    layer=self.layer,
+                    name=self.grid.cells[kind],
+                    x=(x0 + column * dx) / NM_PER_UM,
+                    y=(y0 + row * dy) / NM_PER_UM,
                 )
 
 
-def _blank_drawing(version: Version) -> Drawing:
+@dataclass(frozen=True)
+class _Polygons:
+    """Everything on the layers of a drawing without blocks.
+
+    Attributes:
+        owner: handle of model space.
+        names: of the layers that are drawn.
+    """
+
+    figures: Figures
+    owner: str
+    names: Mapping[Layer, str]
+
+    @property
+    def handles(self) -> int:
+        """As many as there are polygons."""
+        figures, total = self.figures, 0
+        for grid in (grid for die in figures.dies for grid in die.grids):
+            sizes = [sum(len(shapes) for shapes in figures.cells[name].values()) for name in grid.cells]
+            total += sum(sizes[kind] for kind in grid.index.ravel().tolist())
+        total += sum(len(shapes) for mark in figures.marks for shapes in mark.shapes.values())
+        return total + int(sum(region.count() for region in figures.merged.values()))
+
+    def place(self, text: str) -> int:
+        return text.index("  0\nENDSEC\n", text.index("\nENTITIES\n"))
+
+    def records(self, version: Version, handles: Iterator[int]) -> Iterator[str]:
+        """One closed polyline for each polygon."""
+        for layer in self.figures.layers:
+            if layer in self.names:
+                yield from written(self.figures, layer, _Pen(version, self.names[layer], self.owner, handles))
+
+
+@dataclass(frozen=True)
+class _Pen:
+    """Writes closed polylines without width; only R12 lacks the light-weight ones, and needs no handles."""
+
+    version: Version
+    layer: str
+    owner: str
+    handles: Iterator[int]
+
+    def outline(self, polygon: Polygon) -> tuple[str, list[Gap]]:
+        gaps = [gap for x, y in polygon for gap in (Gap("x", x), Gap("y", y))]
+        if self.version == "R12":
+            vertex = f"0\nVERTEX\n8\n{self.layer}\n10\n%s\n20\n%s\n"
+            head = f"0\nPOLYLINE\n8\n{self.layer}\n66\n1\n10\n0.0\n20\n0.0\n30\n0.0\n70\n1\n"
+            return f"{head}{vertex * len(polygon)}0\nSEQEND\n8\n{self.layer}\n", gaps
+        head = f"0\nLWPOLYLINE\n5\n%s\n330\n{self.owner}\n100\nAcDbEntity\n8\n{self.layer}\n100\nAcDbPolyline\n"
+        vertices = "10\n%s\n20\n%s\n" * len(polygon)
+        return f"{head}90\n{len(polygon)}\n70\n1\n{vertices}", [Gap("serial", 0), *gaps]
+
+    def number(self, nm: int) -> str:
+        return repr(nm / NM_PER_UM)
+
+    def serial(self) -> str:
+        return f"{next(self.handles):X}"
+
+
+def _checked_names(figures: Figures, wanted: Mapping[str, str] | None) -> dict[Layer, str]:
+    """Names of the layers that are drawn."""
+    layers = (*LAYERS, CUT) if CUT in figures.layers else LAYERS
+    if wanted is None:
+        return {layer: layer.name for layer in layers}
+    strange = sorted(set(wanted) - {layer.name for layer in (*LAYERS, CUT)})
+    if strange:
+        raise OutputError("MF414", f"there is no layer {strange[0]!r} to name", cure="Name a layer of the plate")
+    lacking = [layer.name for layer in figures.layers if layer.written and layer.name not in wanted]
+    if lacking:
+        raise OutputError("MF414", f"the layer {lacking[0]} is written but has no name", cure="Name it")
+    names = {layer: wanted[layer.name] for layer in layers if layer.name in wanted}
+    for name in names.values():
+        if not _LAYER_NAME.fullmatch(name) or name.upper() in _RESERVED_LAYERS:
+            raise OutputError(
+                "MF414",
+                f"{name!r} is no layer name for DXF",
+                cure="Take 1 to 8 letters, digits, _ or -, and neither 0 nor DEFPOINTS",
+            )
+    folded = [name.upper() for name in names.values()]
+    blocks = {*figures.cells, *(die.name for die in figures.dies)} if figures.options.hierarchy == "cells" else set()
+    for name in folded:
+        if folded.count(name) > 1 or name in blocks:
+            what = "another layer" if folded.count(name) > 1 else "a block"
+            raise OutputError("MF414", f"the layer name {name!r} is also that of {what}", cure="Choose another")
+    return names
+
+
+def _blank_drawing(version: Version, names: Mapping[Layer, str]) -> Drawing:
     # Not ezdxf.new(), which warns on stderr that R12 has no units whatever is asked of it.
     drawing = Drawing.new(version)
     drawing.header["$MEASUREMENT"] = _METRIC
     if version != "R12":
         drawing.units = _MICRONS
-    for layer in LAYERS:
-        drawing.layers.add(layer.name, color=_COLOURS[layer])
+    for layer, name in names.items():
+        drawing.layers.add(name, color=_COLOURS[layer])
     return drawing
 
 
-def _draw(plate: Plate, drawing: Drawing) -> Iterator[_RandomDie]:
-    """Draw all but the references of random dies; these dies are handed back."""
-    names, space = plate_names(plate), drawing.modelspace()
-    on_clear = {"layer": CLEAR.name}
-    for die, name in zip(plate.dies, names.dies, strict=True):
-        panel, units = die.panel, {}
-        for orientation in orientations_in_use(panel):
-            unit = units[orientation] = names.units[unit_key(panel, orientation)]
-            if unit not in drawing.blocks:
-                unit_block = drawing.blocks.new(unit)
-                for layer, polygons in unit_shapes(panel, orientation).items():
-                    _add_polygons(unit_block, polygons, layer)
-        block = drawing.blocks.new(name)
-        if len(units) == 1:
-            (unit,) = units.values()
-            rows, columns = panel.orientations.shape
-            pitch = panel.pitch_nm / NM_PER_UM
-            grid = {"row_count": rows, "column_count": columns, "row_spacing": pitch, "column_spacing": pitch}
-            block.add_blockref(unit, (0, 0), dxfattribs=on_clear | grid)
-        else:
-            yield _RandomDie(die, name, block.block_record_handle, units)
-        space.add_blockref(name, _um(die.origin_nm), dxfattribs=on_clear)
-    for mark in plate.furniture:
-        _add_polygons(space, mark.polygons, mark.layer)
+def _draw(figures: Figures, drawing: Drawing, names: Mapping[Layer, str]) -> Iterator[_References | _Polygons]:
+    """Draw all but what there are very many of; that is handed back."""
+    plate, space = figures.plate, drawing.modelspace()
+    if figures.options.hierarchy == "cells":
+        for die in figures.dies:
+            yield from _draw_die(figures, die, drawing, names)
+        for mark in figures.marks:
+            _add_shapes(space, mark.shapes, names)
+    else:
+        yield _Polygons(figures, space.layout_key, names)
     half = plate.blank_nm // 2
     unit_note = Note("UNITS: 1 DRAWING UNIT = 1 MICROMETRE", (-half, -half))
-    for note in (unit_note, *plate.notes):
-        place = {"layer": NOTE.name, "insert": _um(note.position_nm)}
+    for note in (unit_note, *figures.notes) if NOTE in names else ():
+        place = {"layer": names[NOTE], "insert": _um(note.position_nm)}
         space.add_text(_one_line(note.text), height=_TEXT_HEIGHT_UM, dxfattribs=place)
     space.reset_extents((*_um((-half, -half)), 0.0), (*_um((half, half)), 0.0))
     space.reset_limits(_um((-half, -half)), _um((half, half)))
 
 
-def _add_polygons(space: BaseLayout, polygons: tuple[Polygon, ...], layer: Layer) -> None:
+def _draw_die(figures: Figures, die: DieFigures, drawing: Drawing, names: Mapping[Layer, str]) -> Iterator[_References]:
+    on_clear = {"layer": names[CLEAR]}
+    for name in (name for grid in die.grids for name in grid.cells):
+        if name not in drawing.blocks:
+            _add_shapes(drawing.blocks.new(name), figures.cells[name], names)
+    block = drawing.blocks.new(die.name)
+    for grid in die.grids:
+        if len(grid.cells) > 1:
+            yield _References(grid, die.name, block.block_record_handle, names[CLEAR])
+            continue
+        rows, columns = grid.index.shape
+        dx, dy = _um(grid.step_nm)
+        spread = {"row_count": rows, "column_count": columns, "row_spacing": dy, "column_spacing": dx}
+        block.add_blockref(grid.cells[0], _um(grid.origin_nm), dxfattribs=on_clear | spread)
+    drawing.modelspace().add_blockref(die.name, _um(die.origin_nm), dxfattribs=on_clear)
+
+
+def _add_shapes(space: BaseLayout, shapes: Mapping[Layer, Sequence[Polygon]], names: Mapping[Layer, str]) -> None:
     # Only R12 lacks the light-weight polyline.
     add = space.add_polyline2d if space.dxfversion == "AC1009" else space.add_lwpolyline
-    for polygon in polygons:
-        add([_um(point) for point in polygon], close=True, dxfattribs={"layer": layer.name})
+    for layer, polygons in shapes.items():
+        if layer in names:
+            for polygon in polygons:
+                add([_um(point) for point in polygon], close=True, dxfattribs={"layer": names[layer]})
 
 
 def _one_line(text: str) -> str:
@@ -154,7 +297,7 @@ def _one_line(text: str) -> str:
     return " ".join(text.split())
 
 
-def _um(point_nm: tuple[int, int]) -> tuple[float, float]:
+def _um(point_nm: Point) -> tuple[float, float]:
     return point_nm[0] / NM_PER_UM, point_nm[1] / NM_PER_UM
 
 

@@ -115,10 +115,15 @@ def check_file(target: Path, *, force: bool) -> None:
 
 
 def write_text(target: Path, text: str) -> None:
+    """Write a text in UTF-8 as :func:`write_bytes` does."""
+    write_bytes(target, text.encode())
+
+
+def write_bytes(target: Path, content: bytes) -> None:
     """Write a file aside and rename it, so that it is never half-written (MF401 if that fails)."""
     aside = target.with_name(f".{target.name}.{os.getpid()}.partial")
     try:
-        aside.write_text(text, encoding="utf-8")
+        aside.write_bytes(content)
         os.replace(aside, target)
     except OSError as error:
         raise _not_writable(target, error) from error

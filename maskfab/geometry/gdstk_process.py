@@ -1,8 +1,8 @@
 """Run as a process of its own: reads GDSII or OASIS with gdstk and pickles its content, in nanometres, to stdout.
 
 gdstk trusts its input: a damaged file can end the process that reads it, and may do so only later, when the name of a
-cell is asked for. So it reads here, and :mod:`maskfab.geometry.reading` takes what came out whole. Imports nothing of
-maskfab, to start fast.
+cell is asked for. A few bytes of OASIS can make klayout repeat a shape until memory is full. So both read here first,
+within limits, and :mod:`maskfab.geometry.reading` takes what came out whole. Imports nothing of maskfab, to start fast.
 
     python -P -W error gdstk_process.py read_gds|read_oas FILE
 
@@ -13,6 +13,7 @@ repetition)], "references": [(cell name, origin, radians, magnification, mirrore
 
 from __future__ import annotations
 
+import os
 import pickle
 import sys
 from typing import Any
@@ -22,12 +23,34 @@ import numpy as np
 
 _METRES_PER_NM = 1e-9
 _LARGEST_REPETITION = 10_000_000
+_LARGEST_MEMORY = 3 << 30
+_MEMORY_PER_BYTE = 256
 
 
 def content(function: str, path: str) -> list[dict[str, Any]]:
     """All cells of a file as plain data."""
+    if function == "read_oas":
+        _try_klayout(path)
     library = getattr(gdstk, function)(path, unit=_METRES_PER_NM)
     return [_plain(cell) for cell in library.cells]
+
+
+def _try_klayout(path: str) -> None:
+    """Read the file with klayout where that may take all the memory that is allowed, and end in an exception."""
+    from klayout import db
+
+    options = db.LoadLayoutOptions()
+    options.warn_level = 0
+    db.Layout().read(path, options)
+
+
+def _limit_memory(path: str) -> None:
+    try:
+        import resource
+    except ImportError:  # not on Windows; the time limit remains
+        return
+    most = _LARGEST_MEMORY + _MEMORY_PER_BYTE * os.path.getsize(path)
+    resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
 def _plain(cell: Any) -> dict[str, Any]:
@@ -57,4 +80,5 @@ def _repetition(each: Any) -> Any:
 
 
 if __name__ == "__main__":
+    _limit_memory(sys.argv[2])
     pickle.dump(content(*sys.argv[1:]), sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)

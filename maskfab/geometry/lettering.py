@@ -47,3 +47,13 @@ def text_polygons(
     width = max((x for letter in letters for x, _ in letter), default=0) * step_nm
     x0 = anchor_nm[0] - (width // 2 if align == "centre" else 0)
     return tuple(tuple((x0 + x * step_nm, anchor_nm[1] + y * step_nm) for x, y in letter) for letter in letters)
+
+
+def fitted_text(text: str, height_nm: int, anchor_nm: Point, room_nm: int) -> tuple[Polygon, ...]:
+    """Centred text as :func:`text_polygons` draws it, made smaller if it would be wider than its room."""
+    polygons = text_polygons(text, height_nm, anchor_nm, align="centre")
+    xs = [x for polygon in polygons for x, _ in polygon]
+    width = max(xs) - min(xs) if xs else 0
+    if width > room_nm:
+        return text_polygons(text, height_nm * room_nm // width, anchor_nm, align="centre")
+    return polygons

@@ -1,7 +1,8 @@
 """Mask files read back through a library that did not write them.
 
-GDSII and OASIS are written by klayout, so gdstk reads them; DXF is written by ezdxf, so klayout reads it. Whichever
-it is, the answer is a hierarchical klayout layout in nanometres.
+GDSII and OASIS are written by klayout, so gdstk reads them; DXF is written by ezdxf, so klayout reads it; Gerber is
+read by gerbonara. Whichever it is, the answer is a hierarchical klayout layout in nanometres. Pictures of masks have a
+module of their own, :mod:`maskfab.geometry.reading_image`, for they need to be told how large a pixel is.
 """
 
 from __future__ import annotations
@@ -21,13 +22,25 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
+from maskfab.geometry.reading_dxf import refuse_undrawable
+from maskfab.geometry.reading_gerber import read_gerber
+from maskfab.geometry.reading_limits import (
+    ROUNDING_KEY,
+    LeftOut,
+    check_limits,
+    count_shapes,
+    is_empty,
+    left_out,
+    note_left_out,
+)
 from maskfab.geometry.region import DBU_UM, layer_info
 from maskfab.model import CLEAR, LAYERS
 
-ROUNDING_KEY = "maskfab_rounding_nm"
-
 _LARGEST_NM = 2**31 - 1
-_LARGEST_ARRAY = 10_000_000
+_MOST_COPIES = 10_000_000
+_MANY_COPIES = 64
+_SECONDS_TO_READ = 8.0
+_BYTES_PER_SECOND = 3e5
 _ON_GRID_NM = 1e-6
 
 # $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
@@ -47,11 +60,12 @@ def read_layout(path: Path) -> db.Layout:
     :func:`rounding_nm`. A DXF unit is what $INSUNITS says, else one micrometre; klayout rounds its coordinates.
 
     Args:
-        path: ``.gds .gdsii .gds2 .oas .oasis .dxf``.
+        path: ``.gds .gdsii .gds2 .oas .oasis .dxf .gbr .ger``.
 
     Raises:
         SourceError: MF301 missing, MF302 empty, MF303 truncated or damaged, MF304 not what its suffix says,
-            MF308 of a kind that is not read.
+            MF308 of a kind that is not read, MF310 and MF311 drawn with open lines or curves, MF312 a polygon that
+            crosses itself, MF313 too large, MF315 a command of Gerber that is not read, MF316 too slow to read.
     """
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
@@ -59,13 +73,15 @@ def read_layout(path: Path) -> db.Layout:
             "MF308",
             f"{path.name} has the suffix {path.suffix!r}; maskfab reads {' '.join(_READERS)}",
             where=str(path),
-            cure="Convert it to GDSII, OASIS or DXF",
+            cure="Convert it to GDSII, OASIS, DXF or Gerber",
         )
     if not path.is_file():
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")
-    return reader(path)
+    layout = reader(path)
+    check_limits(layout, path)
+    return layout
 
 
 def rounding_nm(layout: db.Layout) -> float:
@@ -171,19 +187,44 @@ def _read_oasis(path: Path) -> db.Layout:
 def _through_gdstk(path: Path, function: str) -> db.Layout:
     # gdstk takes truncated files for whole ones and dies of some damaged ones. So klayout, which raises, looks first,
     # and gdstk reads in a process of its own, where a warning is a failure too: it means that something is left out.
-    _read_with_klayout(path, db.LoadLayoutOptions())
+    # A few bytes of OASIS can make klayout fill all memory with copies of one shape: there the process looks first.
+    first = None if function == "read_oas" else _checked_by_klayout(path)
+    seconds = _SECONDS_TO_READ + path.stat().st_size / _BYTES_PER_SECOND
     script = Path(__file__).with_name("gdstk_process.py")
-    process = subprocess.run(
-        [sys.executable, "-P", "-W", "error", str(script), function, str(path)], capture_output=True, check=False
-    )
+    command = [sys.executable, "-P", "-W", "error", str(script), function, str(path)]
+    try:
+        process = subprocess.run(command, capture_output=True, check=False, timeout=seconds)
+    except subprocess.TimeoutExpired as error:
+        raise SourceError(
+            "MF316",
+            f"{path.name} is not read within {seconds:.0f} s",
+            where=str(path),
+            cure="Write it again, with fewer repetitions",
+        ) from error
     if process.returncode != 0:
         said = process.stderr.decode(errors="replace").strip().splitlines()
         raise _damaged(path, said[-1] if said else "its records cannot be read")
     try:
-        return _Conversion(path).layout(pickle.loads(process.stdout))
+        second = _Conversion(path).layout(pickle.loads(process.stdout))
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         # Text that is none and numbers that fit no integer pass gdstk.
         raise _damaged(path, f"it holds values that cannot be used ({error})") from error
+    shapes = count_shapes(first or _checked_by_klayout(path)), count_shapes(second)
+    # Each reader leaves out records that the other knows, and only klayout drops polygons without area.
+    if shapes[0] != shapes[1] and not left_out(second).empty_polygons:
+        raise SourceError(
+            "MF316",
+            f"{path.name} holds {shapes[0]} shapes for klayout and {shapes[1]} for gdstk",
+            where=str(path),
+            cure="Write it with boundaries and paths only",
+        )
+    return second
+
+
+def _checked_by_klayout(path: Path) -> db.Layout:
+    layout = _read_with_klayout(path, db.LoadLayoutOptions())
+    check_limits(layout, path)
+    return layout
 
 
 def _read_with_klayout(path: Path, options: db.LoadLayoutOptions) -> db.Layout:
@@ -191,10 +232,20 @@ def _read_with_klayout(path: Path, options: db.LoadLayoutOptions) -> db.Layout:
     layout = db.Layout()
     try:
         layout.read(str(path), options)
+        _look_at_names(layout)
     except (RuntimeError, UnicodeDecodeError) as error:
-        reason = str(error).split(", in file")[0] if isinstance(error, RuntimeError) else "a name in it is no text"
+        no_text = isinstance(error, UnicodeDecodeError) or "UnicodeDecodeError" in str(error)
+        reason = "a name in it is no text" if no_text else str(error).split(", in file")[0]
         raise _damaged(path, reason) from error
     return layout
+
+
+def _look_at_names(layout: db.Layout) -> None:
+    """Ask for every name once: those that are no text cannot be had, and would stop whoever asks later."""
+    for info in layout.layer_infos():
+        str(info.name)
+    for cell in layout.each_cell():
+        str(cell.name)
 
 
 class _Conversion:
@@ -203,6 +254,9 @@ class _Conversion:
     def __init__(self, path: Path) -> None:
         self._path = path
         self._rounding = 0.0
+        self._copies = 0
+        self._repeated_vertices = 0
+        self._empty_polygons = 0
         self._layout = db.Layout()
         self._layout.dbu = DBU_UM
         self._layers: dict[tuple[int, int], int] = {
@@ -220,6 +274,7 @@ class _Conversion:
             self._fill(cell, self._cells[cell["name"]])
         info = db.LayoutMetaInfo(ROUNDING_KEY, self._rounding, "largest rounding to the nanometre grid")
         self._layout.add_meta_info(info)
+        note_left_out(self._layout, LeftOut(self._repeated_vertices, self._empty_polygons))
         return self._layout
 
     def _refuse_cycles(self, content: list[dict[str, Any]]) -> None:
@@ -233,8 +288,25 @@ class _Conversion:
             raise _damaged(self._path, f"cell {error.args[1][0]!r} contains itself") from error
 
     def _fill(self, source: dict[str, Any], target: db.Cell) -> None:
-        for points, layer, datatype, repetition in source["polygons"]:
-            shape = db.Polygon([db.Point(x, y) for x, y in self._integers(points)])
+        # All vertices and all origins in one array each: a flat die has a million polygons, a random one ten thousand
+        # references.
+        polygons = source["polygons"]
+        vertices = self._integers(np.concatenate([each[0] for each in polygons] or [np.empty((0, 2))]))
+        end = 0
+        for points, layer, datatype, repetition in polygons:
+            start, end = end, end + len(points)
+            shape = db.Polygon([db.Point(x, y) for x, y in vertices[start:end]])
+            if shape.num_points() < len(points):
+                self._repeated_vertices += int((np.rint(points) == np.rint(np.roll(points, 1, axis=0))).all(1).sum())
+            if is_empty(shape):
+                self._empty_polygons += 1
+                continue
+            if isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
+                # One placement of a cell of its own instead of as many polygons.
+                repeated = self._layout.create_cell(f"{source['name']}_REPEATED")
+                repeated.shapes(self._layer(layer, datatype)).insert(shape)
+                target.insert(self._array(repeated.cell_index(), db.Trans(), repetition))
+                continue
             shapes = target.shapes(self._layer(layer, datatype))
             for dx, dy in self._offsets(repetition):
                 shapes.insert(shape.moved(dx, dy) if dx or dy else shape)
@@ -243,7 +315,6 @@ class _Conversion:
             shapes = target.shapes(self._layer(layer, texttype))
             for dx, dy in self._offsets(repetition):
                 shapes.insert(db.Text(text, db.Trans(x + dx, y + dy)))
-        # All origins in one array: a random die has ten thousand references.
         references = source["references"]
         origins = self._integers(np.array([reference[1] for reference in references]).reshape(-1, 2))
         for reference, (x, y) in zip(references, origins, strict=True):
@@ -268,22 +339,36 @@ class _Conversion:
         if repetition is None:
             yield db.CellInstArray(index, turn)
         elif isinstance(repetition, tuple):
-            columns, rows, vectors = repetition
-            a, b = self._integers(vectors)
-            yield db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
+            yield self._array(index, turn, repetition)
         else:
             for dx, dy in self._offsets(repetition):
                 yield db.CellInstArray(index, (db.Trans if straight else db.ICplxTrans)(dx, dy) * turn)
+
+    def _array(self, index: int, turn: Any, repetition: tuple[Any, ...]) -> db.CellInstArray:
+        columns, rows, vectors = repetition
+        a, b = self._integers(vectors)
+        return db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
 
     def _offsets(self, repetition: Any) -> list[list[int]]:
         if repetition is None:
             return [[0, 0]]
         if isinstance(repetition, tuple):
             columns, rows, vectors = repetition
-            if columns * rows > _LARGEST_ARRAY:
-                raise _damaged(self._path, f"it repeats one shape {columns * rows} times")
+            self._count_copies(columns * rows)
             repetition = np.mgrid[0:columns, 0:rows].reshape(2, -1).T @ vectors
+        else:
+            self._count_copies(len(repetition))
         return self._integers(repetition)
+
+    def _count_copies(self, count: int) -> None:
+        self._copies += count
+        if self._copies > _MOST_COPIES:
+            raise SourceError(
+                "MF313",
+                f"{self._path.name} repeats single shapes over {_MOST_COPIES} times",
+                where=str(self._path),
+                cure="Repeat cells instead of shapes",
+            )
 
     def _integers(self, values: NDArray[np.float64]) -> list[list[int]]:
         """The values on the nanometre grid."""
@@ -303,6 +388,7 @@ class _Conversion:
 def _read_dxf(path: Path) -> db.Layout:
     data = path.read_bytes()
     unit = _checked_dxf_unit(path, data)
+    refuse_undrawable(path, data)
     if unit and unit not in _UM_PER_DXF_UNIT:
         raise SourceError(
             "MF308", f"{path.name} is drawn in unit {unit} of $INSUNITS", where=str(path), cure="Draw it in mm or um"
@@ -335,4 +421,5 @@ _READERS: dict[str, Callable[[Path], db.Layout]] = {
     **dict.fromkeys((".gds", ".gdsii", ".gds2"), _read_gdsii),
     **dict.fromkeys((".oas", ".oasis"), _read_oasis),
     ".dxf": _read_dxf,
+    **dict.fromkeys((".gbr", ".ger"), read_gerber),
 }

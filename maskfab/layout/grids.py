@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
+from tokenize import TokenError
 from typing import Any
 
 import numpy as np
@@ -122,7 +123,7 @@ def from_npy(path: Path) -> Mask:
     where = str(path)
     try:
         values = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the shape before it takes memory
-    except (ValueError, EOFError, OSError, SyntaxError) as problem:
+    except (ValueError, EOFError, OSError, SyntaxError, TypeError, OverflowError, MemoryError, TokenError) as problem:
         raise _damaged(where, str(problem).splitlines()[0] if str(problem) else type(problem).__name__) from None
     if values.ndim != 2:
         raise OpeningError(

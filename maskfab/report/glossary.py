@@ -29,6 +29,30 @@ _SUSPECT = (
     "The numbers of this die cannot be trusted. Raise the accuracy; if the error stays, report it with report.json."
 )
 
+
+def _written(reading: str, corners: str) -> dict[str, Term]:
+    """Terms of a die as its mask is written, in one of two readings."""
+    asked = "Ask the mask house for a finer spot, or choose an opening without corners that only touch."
+    return {
+        f"written_open_ratio_{reading}": Term(
+            f"Open ratio as written, {reading}",
+            f"Clear share of the lens stop as the writer leaves it. {corners}",
+            asked,
+        ),
+        f"written_psf_difference_{reading}": Term(
+            f"PSF difference as written, {reading}",
+            f"Relative L2 difference between the PSF of the written mask and that of the drawn one. {corners}",
+            asked,
+        ),
+        f"written_auc_radial_min_{reading}": Term(
+            f"AUC of the radial minimum as written, {reading}", f"The same of the written mask. {corners}", asked
+        ),
+        f"written_mtf50_{reading}": Term(
+            f"MTF50 as written, {reading}", f"The same of the written mask. {corners}", asked
+        ),
+    }
+
+
 QUANTITIES: Mapping[str, Term] = MappingProxyType(
     {
         "open_ratio": Term(
@@ -178,6 +202,41 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "Relative L2 difference between the PSF of the polygons read back from the file and that of the design.",
             _DIFFERS,
         ),
+        "solid_instances": Term("Cells in the solid", "Unit cells that a file of solids places.", _DIFFERS),
+        "solid_wrong_cells": Term(
+            "Wrong cells in the solid",
+            "Cells that are missing, placed twice, or whose film is not that of their opening, dot by dot.",
+            _DIFFERS,
+        ),
+        "solid_position_error": Term(
+            "Position error of the solid", "Largest distance of a cell from where the design has it.", _DIFFERS
+        ),
+        "solid_vertex_error": Term(
+            "Vertex error of the solid", "Largest distance of a vertex from the grid lines of the dots.", _DIFFERS
+        ),
+        "solid_volume_error": Term(
+            "Volume error of the solid",
+            "Relative difference between the film's volume and area times thickness.",
+            _DIFFERS,
+        ),
+        "solid_glass_error": Term(
+            "Glass error", "Largest distance of a corner of the substrate from its place.", _DIFFERS
+        ),
+        "solid_flaws": Term("Flaws of the solid", "Shapes that are not valid, or not watertight.", _DIFFERS),
+        "solid_dies": Term("Dies in the assembly", "Dies that the plate's assembly holds.", _DIFFERS),
+        "solid_strangers": Term(
+            "Strangers in the assembly", "Parts of the assembly that the plate does not have.", _DIFFERS
+        ),
+        "bitmap_xor_area": Term(
+            "XOR area of the picture",
+            "Area that only one of picture and die covers; where pixels follow the dots it has to be 0.",
+            "Choose dots_per_um so that a dot is a whole number of pixels.",
+        ),
+        "drawn_holes": Term("Outlines with holes", "Outlines whose holes were drawn in another way; their area stays."),
+        "drawn_parted": Term("Outlines parted", "Outlines that touched themselves and were parted there."),
+        "drawn_split": Term("Outlines cut", "Outlines cut because they had more vertices than a reader takes."),
+        **_written("fused", "Corners that only touch have become one shape."),
+        **_written("open", "Corners that only touch have come apart."),
         "readback_xor_area": Term(
             "Read-back XOR area",
             "Area that is clear in the file and not in the design, or the reverse.",

@@ -5,6 +5,7 @@ dumps back to text that loads to the same spec.
 """
 
 from maskfab.spec.checks import check_optics, even_nm
+from maskfab.spec.export_values import MASK_FORMATS, FileFormat
 from maskfab.spec.read import parse_section, read, validate
 from maskfab.spec.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
 from maskfab.spec.sections import (
@@ -13,12 +14,14 @@ from maskfab.spec.sections import (
     DesignSection,
     DieSection,
     EmittersSection,
+    ExportSection,
     JobSection,
     JobSpec,
     LightSection,
     LimitsSection,
     ParetoSection,
     PlateSection,
+    ProcessSection,
     RelaxSection,
     RulesSection,
     SceneSection,
@@ -32,17 +35,21 @@ __all__ = [
     "ACCURACIES",
     "COLDEST_K",
     "HOTTEST_K",
+    "MASK_FORMATS",
     "AnyDesign",
     "CameraSection",
     "DesignSection",
     "DieSection",
     "EmittersSection",
+    "ExportSection",
+    "FileFormat",
     "JobSection",
     "JobSpec",
     "LightSection",
     "LimitsSection",
     "ParetoSection",
     "PlateSection",
+    "ProcessSection",
     "RelaxSection",
     "RulesSection",
     "SceneSection",

@@ -7,9 +7,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
 
-from maskfab.model import Camera, Stop, Tiling
+from maskfab.model import Camera, Process, Stop, Tiling
 from maskfab.spec.design_values import Method, ObjectiveName, Weight
 from maskfab.spec.display_values import Area, ThreeColours
+from maskfab.spec.export_values import MASK_FORMATS, Formats, SignedLength
 from maskfab.spec.pareto_values import Counts
 from maskfab.spec.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, Spectrum
 from maskfab.spec.values import DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Wavelength
@@ -282,6 +283,37 @@ class SceneSection(Section):
     illuminant: Illuminant = "equal"
 
 
+class ExportSection(Section):
+    """[export]: which files a plate becomes, and how their polygons are drawn.
+
+    ``max_references`` draws two pixels in each cell of a die that has more; ``dots_per_um`` are the pixels of PNG and
+    TIFF; ``shop`` is the mask house whose rules become checks.
+    """
+
+    formats: Formats = MASK_FORMATS
+    shop: str | None = None
+    hierarchy: Literal["cells", "flat", "merged"] = "cells"
+    max_vertices: int = Field(default=4094, ge=4, le=4094)
+    holes: Literal["bisect", "keyhole", "trapezoids"] = "bisect"
+    corners: Literal["apart", "joined"] = "apart"
+    max_references: int | None = Field(default=None, ge=1)
+    dots_per_um: float = Field(default=0.125, gt=0, le=100, allow_inf_nan=False)
+    stl_limit_mb: float = Field(default=100.0, gt=0, le=10_000, allow_inf_nan=False)
+    chrome: Length = 0.1
+    exaggeration: float = Field(default=1.0, ge=1, le=1e6, allow_inf_nan=False)
+
+
+class ProcessSection(Section):
+    """[process]: what the mask writer does to corners and widths; a positive ``cd_bias`` widens what is clear."""
+
+    corner_radius: LengthOrZero = 0.0
+    cd_bias: SignedLength = 0.0
+
+    def process(self) -> Process:
+        """The process of the model."""
+        return Process(self.corner_radius, self.cd_bias)
+
+
 class JobSpec(Section):
     """A whole job file. ``openings``, ``maps`` and ``curves`` hold files by the names that dies and [scene] use: a job
     is then self-contained.
@@ -298,6 +330,8 @@ class JobSpec(Section):
     emitters: EmittersSection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
+    export: ExportSection | None = None
+    process: ProcessSection | None = None
     openings: dict[str, str] = {}
     maps: dict[str, str] = {}
     curves: dict[str, str] = {}

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from maskfab.geometry.drc import DesignRules
 from maskfab.geometry.rules import smallest_runs
 from maskfab.model import Die, Quantity
 from maskfab.spec import LimitsSection
@@ -22,6 +23,14 @@ def smallest_features(die: Die) -> tuple[Quantity, Quantity]:
         return Quantity(name, symbol, value, "um", method, die=die.name)
 
     return shortest("min_feature", "w", runs.clear, "clear"), shortest("min_space", "s", runs.opaque, "opaque")
+
+
+def limits_as_rules(limits: LimitsSection) -> DesignRules:
+    """Width and space by the job's limits, and no corners that only touch."""
+    width, space = (
+        None if limit is None else round(limit * NM_PER_UM) for limit in (limits.min_feature, limits.min_space)
+    )
+    return DesignRules(min_width_nm=width, min_space_nm=space, no_corner_touch=True)
 
 
 def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:

@@ -6,7 +6,7 @@ the openings and orientations themselves, dot by dot, without the layout.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,11 +14,25 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.export.figures import CUT
+from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.reading import find_cell, read_layout, rounding_nm
 from maskfab.geometry.region import coverage, layer_info, placed_boxes, region
 from maskfab.geometry.rules import corner_touches
-from maskfab.model import CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Panel, Plate, Point, Quantity
+from maskfab.model import CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Plate, Point, Quantity
 from maskfab.units import NM_PER_UM
+
+__all__ = [
+    "CdCheck",
+    "DieCheck",
+    "Difference",
+    "RoundTrip",
+    "clear_length_nm",
+    "compare",
+    "die_edges_nm",
+    "die_raster",
+    "roundtrip",
+]
 
 _NM2_PER_UM2 = NM_PER_UM**2
 
@@ -175,14 +189,27 @@ class RoundTrip:
                 )
 
 
-def roundtrip(plate: Plate, design: db.Layout, path: Path, *, dots: bool = True) -> RoundTrip:
+def roundtrip(
+    plate: Plate,
+    design: db.Layout,
+    path: Path,
+    *,
+    dots: bool = True,
+    drawn_polygons: int | None = None,
+    layer_names: Mapping[str, str] | None = None,
+) -> RoundTrip:
     """Read a written file back and compare it with the plate.
+
+    What a layer CUT holds is taken from CLEAR before anything is compared.
 
     Args:
         plate: what was to be written.
         design: its :func:`maskfab.geometry.region.plate_layout`.
         path: the file.
         dots: also compare every dot of every die, about a second for 10 000 cells.
+        drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
+        layer_names: names in a DXF by names of the model, as :func:`maskfab.export.dxf.write_dxf` got them; layers
+            that it left out are not compared.
 
     Raises:
         SourceError: MF301 to MF308 as :func:`maskfab.geometry.reading.read_layout` and
@@ -190,7 +217,23 @@ def roundtrip(plate: Plate, design: db.Layout, path: Path, *, dots: bool = True)
     """
     read = read_layout(path)
     find_cell(read)
-    differing = {layer: _xor(design, read, layer) for layer in LAYERS if layer is not NOTE}
+    return compare(plate, design, read, path, dots=dots, drawn_polygons=drawn_polygons, layer_names=layer_names)
+
+
+def compare(
+    plate: Plate,
+    design: db.Layout,
+    read: db.Layout,
+    path: Path,
+    *,
+    dots: bool = True,
+    drawn_polygons: int | None = None,
+    layer_names: Mapping[str, str] | None = None,
+) -> RoundTrip:
+    """The same of a layout that was read already; ``path`` names it. It has one top cell."""
+    _settle(read, layer_names)
+    compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
+    differing = {layer: _xor(design, read, layer) for layer in (*compared, *_further_layers(read))}
     differences = tuple(
         difference for layer, shapes in differing.items() for difference in _named(plate, layer, shapes)
     )
@@ -198,7 +241,7 @@ def roundtrip(plate: Plate, design: db.Layout, path: Path, *, dots: bool = True)
         path=path,
         layout=read,
         polygons=_count_polygons(read),
-        drawn_polygons=_count_polygons(design),
+        drawn_polygons=_count_polygons(design) if drawn_polygons is None else drawn_polygons,
         rounding_nm=rounding_nm(read),
         differences=differences,
         dies=tuple(_check_die(die, read, differing, dots) for die in plate.dies),
@@ -213,34 +256,8 @@ def clear_length_nm(layout: db.Layout, gauge: Gauge) -> int:
     (x, y), reach = gauge.centre_nm, gauge.reach_nm
     dx, dy = (reach, 0) if gauge.axis == "x" else (0, reach)
     probe = db.Edge(x - dx, y - dy, x + dx, y + dy)
-    around = region(layout, CLEAR, (x - dx - 1, y - dy - 1, x + dx + 1, y + dy + 1))
+    around = _exposed(layout, (x - dx - 1, y - dy - 1, x + dx + 1, y + dy + 1))
     return int(db.Edges(probe).inside_part(around).length())
-
-
-def die_edges_nm(die: Die) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Grid lines of a die along x and y: the borders of all its dots, cells and gutters."""
-    rows, columns = die.panel.orientations.shape
-    (x0, y0), cell = die.origin_nm, _cell_edges_nm(die.panel)
-    x, y = (
-        np.append((np.arange(n)[:, None] * die.panel.pitch_nm + cell[:-1]).ravel(), n * die.panel.pitch_nm)
-        for n in (columns, rows)
-    )
-    return (x + x0).astype(np.float64), (y + y0).astype(np.float64)
-
-
-def die_raster(die: Die) -> NDArray[np.bool_]:
-    """What opening and orientations say about every cell of the grid of :func:`die_edges_nm`: bool [y, x]."""
-    panel = die.panel
-    pad = 1 if panel.gutter_nm else 0
-    variants = np.pad(panel.patterns, ((0, 0), (pad, pad), (pad, pad)))
-    cells = variants[panel.orientations]
-    rows, columns, height, width = cells.shape
-    return cells.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)
-
-
-def _cell_edges_nm(panel: Panel) -> NDArray[np.int64]:
-    dots = panel.gutter_nm // 2 + np.arange(panel.opening.dots + 1) * panel.dot_nm
-    return np.unique(np.concatenate([[0], dots, [panel.pitch_nm]]))
 
 
 def _xor(design: db.Layout, read: db.Layout, layer: Layer) -> db.Region:
@@ -251,9 +268,38 @@ def _xor(design: db.Layout, read: db.Layout, layer: Layer) -> db.Region:
     return db.Region(list((one ^ other).each())).merged(True, 1)
 
 
+def _settle(read: db.Layout, names: Mapping[str, str] | None) -> None:
+    """Give layers that a DXF only names the numbers of the model."""
+    for layer in (*LAYERS, CUT):
+        index = read.find_layer(db.LayerInfo((names or {}).get(layer.name, layer.name)))
+        if index is not None:
+            read.set_info(index, layer_info(layer))
+
+
+def _further_layers(read: db.Layout) -> Iterator[Layer]:
+    """Layers with something on them of which the plate knows nothing."""
+    known = [layer_info(layer) for layer in (*LAYERS, CUT)]
+    for info in read.layer_infos():
+        index = read.find_layer(info)
+        drawn = index is not None and not read.top_cell().bbox(index).empty()
+        if drawn and not any(info.is_equivalent(each) for each in known):
+            name = info.name or f"{info.layer}/{info.datatype}"
+            yield Layer(name, info.layer, info.datatype, True, "found in the file; the plate has no such layer")
+
+
+def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
+    """What the file exposes in a box."""
+    clear = region(layout, CLEAR, box_nm)
+    return clear if layout.find_layer(layer_info(CUT)) is None else clear - region(layout, CUT, box_nm)
+
+
 def _deep(layout: db.Layout, layer: Layer, store: db.DeepShapeStore) -> db.Region:
     index = layout.find_layer(layer_info(layer))
-    return db.Region() if index is None else db.Region(layout.top_cell().begin_shapes_rec(index), store)
+    if index is None:
+        return db.Region()
+    drawn = db.Region(layout.top_cell().begin_shapes_rec(index), store)
+    cut = layout.find_layer(layer_info(CUT)) if layer is CLEAR else None
+    return drawn if cut is None else drawn - db.Region(layout.top_cell().begin_shapes_rec(cut), store)
 
 
 def _named(plate: Plate, layer: Layer, differing: db.Region) -> Iterator[Difference]:
@@ -295,14 +341,14 @@ def _check_die(die: Die, read: db.Layout, differing: dict[Layer, db.Region], dot
 
 
 def _read_raster(die: Die, read: db.Layout) -> NDArray[np.float64]:
-    index = read.find_layer(layer_info(CLEAR))
+    index = None if read.find_layer(layer_info(CUT)) is not None else read.find_layer(layer_info(CLEAR))
     boxes = None if index is None else placed_boxes(read.top_cell(), index, db.Box(*die.box_nm))
-    return coverage(region(read, CLEAR, die.box_nm) if boxes is None else boxes, *die_edges_nm(die))
+    return coverage(_exposed(read, die.box_nm) if boxes is None else boxes, *die_edges_nm(die))
 
 
 def _count_polygons(layout: db.Layout) -> int:
     """Polygons on written layers as drawn, every reference followed."""
-    wanted = [layout.find_layer(layer_info(layer)) for layer in LAYERS if layer.written]
+    wanted = [layout.find_layer(layer_info(layer)) for layer in (*LAYERS, CUT) if layer.written]
     indices = [index for index in wanted if index is not None]
     counts: dict[int, int] = {}
     for cell_index in layout.each_cell_bottom_up():

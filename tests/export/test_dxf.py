@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import ezdxf
 import pytest
+from ezdxf.entitydb import EntityDB
 from klayout import db
 
 from maskfab.export.dxf import write_dxf
@@ -131,3 +132,13 @@ def test_nothing_is_lost_on_the_way_through_ezdxf(path, tmp_path, version):
     before, after = read_layout(path), read_layout(saved)
     assert isinstance(after, db.Layout)
     assert (region(before, CLEAR) ^ region(after, CLEAR)).is_empty()
+
+
+@pytest.mark.parametrize("backwards", [False, True])
+def test_the_order_of_a_set_leaves_no_trace(path, small_plate, tmp_path, version, monkeypatch, backwards):
+    """Another process may hash names otherwise, so that ezdxf meets the kinds of entities in another order."""
+    kinds = EntityDB.dxf_types_in_use
+    monkeypatch.setattr(EntityDB, "dxf_types_in_use", lambda self: sorted(kinds(self), reverse=backwards))
+    again = tmp_path / "again.dxf"
+    write_dxf(small_plate, again, version, ["made by a test", "two\nlines, 168 µm"])
+    assert path.read_bytes() == again.read_bytes()

@@ -4,7 +4,7 @@ import pytest
 from klayout import db
 
 from maskfab.errors import JobError
-from maskfab.geometry.lettering import text_polygons
+from maskfab.geometry.lettering import fitted_text, text_polygons
 
 PRINTABLE = "".join(map(chr, range(ord("!"), ord("~") + 1)))
 
@@ -47,3 +47,13 @@ def test_what_the_font_lacks_is_refused_by_name(text):
         text_polygons(text, 1000, (0, 0))
     assert caught.value.code == "MF110"
     assert repr(text) in caught.value.what
+
+
+def test_text_is_made_smaller_only_where_it_would_be_wider_than_its_room():
+    wide = text_polygons("WIDE", 400_000, (0, 0), align="centre")
+    width = region_of(wide).bbox().width()
+    assert fitted_text("WIDE", 400_000, (0, 0), width) == wide
+    narrow = region_of(fitted_text("WIDE", 400_000, (0, 0), width // 3)).bbox()
+    assert abs(narrow.width() - width / 3) <= 1e-3 * width
+    assert abs(narrow.center().x) <= 1
+    assert fitted_text("", 400_000, (0, 0), 1) == ()

@@ -329,8 +329,16 @@ def test_names_that_pass() -> None:
         ("stripe", 21, 90),
         ("poled", 42, 404),
         ("diamond", 42, 416),
-        ("inv_random", 21, 88),
-        ("inv_periodic", 21, 88),
+        ("paper_inv_random", 21, 100),
+        ("paper_inv_periodic", 21, 100),
+        ("paper_l2_random", 21, 100),
+        ("paper_l2_periodic", 21, 100),
+        ("bar", 21, 100),
+        ("bar_packed", 21, 100),
+        ("bar_88", 21, 88),
+        ("bar_gutter", 42, 400),
+        ("bar_display", 21, 100),
+        ("periodic", 21, 100),
     ],
 )
 def test_shipped_openings(name: str, dots: int, clear_dots: int) -> None:

@@ -74,7 +74,7 @@ def test_lines_round_an_opening_meet_in_every_tiling(tiling: Tiling, lines: int)
     check_rules(wired_by(found, bare), RULES, count)
 
 
-@pytest.mark.parametrize("name", ["inv_periodic", "poled", "diamond"])
+@pytest.mark.parametrize("name", ["paper_inv_periodic", "poled", "diamond"])
 def test_shipped_openings_in_random_tilings(name: str) -> None:
     opening = load(OPENINGS / f"{name}.toml")
     bare = panel(opening, Tiling.RANDOM, dot_nm=opening.dot_nm)

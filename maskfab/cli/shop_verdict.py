@@ -1,0 +1,44 @@
+"""What a shop says to a plate, as text and as JSON."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import typer
+
+from maskfab.errors import JobError
+
+if TYPE_CHECKING:
+    from maskfab.export.shops import Format
+    from maskfab.validate.shop import Finding
+
+
+def chosen_formats(wanted: Sequence[str]) -> tuple[Format, ...]:
+    """The formats of the command line.
+
+    Raises:
+        JobError: MF105 for one that there is not.
+    """
+    from maskfab.export.shops import FORMATS
+
+    for each in wanted:
+        if each not in FORMATS:
+            cure = f"Choose among {', '.join(FORMATS)}"
+            raise JobError("MF105", f"there is no format {each!r}", where="--format", cure=cure)
+    return tuple(each for each in FORMATS if each in wanted)
+
+
+def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> None:
+    """A line for each rule, and the verdict on stderr."""
+    for finding in findings:
+        typer.echo(str(finding))
+    refused = [each for each in findings if each.passed is False]
+    for source in dict.fromkeys(each.source for each in refused if each.source):
+        typer.echo(f"rules as read on {source}", err=True)
+    typer.echo(f"{'PASS' if passed else 'REFUSED'}: {len(refused)} of {len(findings)} rules of {shop} broken", err=True)
+
+
+def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:
+    """The rules as JSON."""
+    return [dict(vars(each)) for each in findings]

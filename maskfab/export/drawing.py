@@ -1,0 +1,125 @@
+"""A drawing of the plate for the mask house: dimensions, marks and a die map, as SVG and as PDF, without dates."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Sequence
+from typing import Literal
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path
+
+from maskfab.model import Plate, Polygon
+
+_NM_PER_MM = 1e6
+_INK, _QUIET, _CHROME, _CLEAR = "#1f2328", "#7a828c", "#d9dde2", "#ffffff"
+_MOST_ROWS = 36
+_WIDTH_IN, _HEIGHT_IN = 16.5, 11.7  # A3, landscape
+
+_styled = mpl.rc_context(
+    {
+        "font.family": ["DejaVu Sans"],
+        "font.size": 8.0,
+        "text.color": _INK,
+        "text.parse_math": False,  # a dollar sign in somebody's title is a dollar sign
+        "svg.fonttype": "none",
+        "svg.hashsalt": "maskfab",
+        "pdf.fonttype": 42,
+    }
+)
+
+
+@_styled
+def plate_drawing(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str]) -> bytes:
+    """The plate on a sheet of A3, equal plates in equal bytes.
+
+    Args:
+        plate: what is drawn; panels as boxes, marks as they are.
+        kind: of file.
+        notes: lines of the title block.
+    """
+    figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN))
+    _draw_plate(figure.add_axes((0.02, 0.03, 0.64, 0.94)), plate)
+    _write(figure.add_axes((0.68, 0.03, 0.31, 0.94)), plate, notes)
+    buffer = io.BytesIO()
+    undated = {"CreationDate": None, "Creator": None, "Producer": None} if kind == "pdf" else {"Date": None}
+    figure.savefig(buffer, format=kind, metadata=undated)
+    return buffer.getvalue()
+
+
+def _draw_plate(axes: Axes, plate: Plate) -> None:
+    half, room = plate.blank_nm / 2 / _NM_PER_MM, plate.writable_nm / 2 / _NM_PER_MM
+    axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=_INK, linewidth=1))
+    axes.add_patch(
+        Rectangle((-room, -room), 2 * room, 2 * room, facecolor="none", edgecolor=_QUIET, linestyle=(0, (6, 4)))
+    )
+    for number, die in enumerate(plate.dies, 1):
+        x0, y0, x1, y1 = (edge / _NM_PER_MM for edge in die.box_nm)
+        axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_CLEAR, edgecolor=_INK, linewidth=0.5))
+        axes.text((x0 + x1) / 2, (y0 + y1) / 2, str(number), ha="center", va="center", fontsize=11)
+    marks = [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
+    if marks:
+        axes.add_patch(PathPatch(_path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))
+    axes.plot([-0.03 * half, 0.03 * half], [0, 0], [0, 0], [-0.03 * half, 0.03 * half], color=_INK, linewidth=0.5)
+    _dimension(axes, -half, half, -1.06 * half, f"blank {2 * half:.6g} mm", upright=False)
+    _dimension(axes, -room, room, -1.13 * half, f"writable {2 * room:.6g} mm", upright=False)
+    xs = sorted({die.centre_nm[0] / _NM_PER_MM for die in plate.dies})
+    ys = sorted({die.centre_nm[1] / _NM_PER_MM for die in plate.dies})
+    if len(xs) > 1:
+        _dimension(axes, xs[0], xs[1], 1.06 * half, f"step {xs[1] - xs[0]:.6g} mm", upright=False)
+    if len(ys) > 1:
+        _dimension(axes, ys[0], ys[1], 1.06 * half, f"step {ys[1] - ys[0]:.6g} mm", upright=True)
+    axes.set(xlim=(-1.04 * half, 1.12 * half), ylim=(-1.18 * half, 1.12 * half), aspect="equal")
+    axes.set_axis_off()
+
+
+def _dimension(axes: Axes, start: float, end: float, at: float, text: str, *, upright: bool) -> None:
+    one, other = ((at, start), (at, end)) if upright else ((start, at), (end, at))
+    axes.annotate("", one, other, arrowprops={"arrowstyle": "<->", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0})
+    middle = (start + end) / 2
+    x, y = (at, middle) if upright else (middle, at)
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+    axes.text(x, y, text, ha="center", va="center", rotation=90 if upright else 0, fontsize=7.5, bbox=box)
+
+
+def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
+    """The title block and the die map."""
+    axes.set(xlim=(0, 1), ylim=(0, 1))
+    axes.set_axis_off()
+    y, step = 0.985, 0.0185
+    axes.text(0, y, plate.title, fontsize=11, va="top", weight="bold")
+    y -= 1.6 * step
+    for note in (f"plate {plate.name}; lengths in mm, origin at the plate's centre, y up", *notes):
+        axes.text(0, y, note, va="top", fontsize=7.5)
+        y -= step
+    y -= step
+    columns = (("no.", 0.0), ("die", 0.06), ("centre x, y", 0.38), ("size", 0.62), ("pitch um", 0.85))
+    for heading, x in columns:
+        axes.text(x, y, heading, va="top", fontsize=7.5, weight="bold")
+    for number, die in enumerate(plate.dies[:_MOST_ROWS], 1):
+        y -= step
+        (cx, cy), (width, height) = (tuple(v / _NM_PER_MM for v in pair) for pair in (die.centre_nm, die.panel.size_nm))
+        cells = (
+            str(number),
+            die.name,
+            f"{cx:.6g}, {cy:.6g}",
+            f"{width:.6g} x {height:.6g}",
+            f"{die.panel.pitch_nm / 1e3:g}",
+        )
+        for cell, (_, x) in zip(cells, columns, strict=True):
+            axes.text(x, y, cell, va="top", fontsize=7)
+    if len(plate.dies) > _MOST_ROWS:
+        axes.text(0, y - step, f"and {len(plate.dies) - _MOST_ROWS} more", va="top", fontsize=7)
+
+
+def _path_mm(polygons: Sequence[Polygon]) -> Path:
+    """All polygons as one path: an element for each would make the drawing ten times as large."""
+    vertices = [point for polygon in polygons for point in (*polygon, polygon[0])]
+    codes = [
+        code for polygon in polygons for code in (Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY)
+    ]
+    return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / _NM_PER_MM, codes)

@@ -1,0 +1,101 @@
+"""What of a plate goes to a mask house: the layers that it writes, framed as it asks, and how they are drawn."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from maskfab.export.figures import MAX_VERTICES, PolygonOptions
+from maskfab.export.shops import Shop
+from maskfab.export.tally import facing_dots
+from maskfab.geometry.region import orientations_in_use
+from maskfab.model import CLEAR, Box, Die, Furniture, Plate, Polygon
+from maskfab.units import NM_PER_UM
+
+_NM_PER_MM = 1000 * NM_PER_UM
+
+
+def fitted(plate: Plate, shop: Shop) -> Plate:
+    """The plate with nothing that is not written, and with the corner squares that the shop asks for.
+
+    Outlines, notes, emitters and wires are for people who look at the design; a house that converts every layer would
+    expose them.
+    """
+    dies = tuple(replace(die, panel=replace(die.panel, emitters=None, tracks=())) for die in plate.dies)
+    marks = tuple(mark for mark in plate.furniture if mark.layer.written)
+    return replace(plate, dies=dies, furniture=(*marks, *_corner_squares(shop)), notes=())
+
+
+def extent_nm(shop: Shop) -> tuple[int, int] | None:
+    """Width and height that a drawing for the shop spans exactly, in nanometres; None if it may span what it likes."""
+    asked = shop.plate.extent_mm
+    return None if asked is None else (round(asked[0] * _NM_PER_MM), round(asked[1] * _NM_PER_MM))
+
+
+def written_box(plate: Plate) -> Box:
+    """Bounding box of everything written: marks and whole panels, in plate nanometres; all 0 for an empty plate."""
+    boxes = [die.box_nm for die in plate.dies]
+    for mark in plate.furniture:
+        if mark.layer.written:
+            boxes += [bounds(polygon) for polygon in mark.polygons]
+    if not boxes:
+        return 0, 0, 0, 0
+    table = np.array(boxes, dtype=np.int64)
+    (x0, y0), (x1, y1) = table[:, :2].min(axis=0).tolist(), table[:, 2:].max(axis=0).tolist()
+    return x0, y0, x1, y1
+
+
+def bounds(polygon: Polygon) -> Box:
+    """Bounding box of a polygon."""
+    xs, ys = zip(*polygon, strict=True)
+    return min(xs), min(ys), max(xs), max(ys)
+
+
+def drawing_options(plate: Plate, shop: Shop) -> PolygonOptions:
+    """How a fitted plate is drawn for a shop: as its profile says, and otherwise no further from cells than it must.
+
+    Two pixels go into a cell, or all references are resolved, only where the house allows no more references; openings
+    are merged across cells only where it forbids figures that share a piece of edge and those of two cells do.
+    """
+    rules = shop.polygons
+    touching = rules.shared_boundaries is False and any(facing_dots(die) for die in plate.dies)
+    options = PolygonOptions(
+        hierarchy="merged" if touching else rules.hierarchy,
+        max_vertices=min(rules.max_vertices, shop.limits.max_vertices or MAX_VERTICES),
+        holes=rules.holes,
+        corners="joined" if rules.self_touching else "apart",
+        notes="none",
+    )
+    most = shop.limits.max_references
+    if most is None or options.hierarchy != "cells" or _file_references(plate, paired=False) <= most:
+        return options
+    if _file_references(plate, paired=True) <= most:
+        return replace(options, max_references=max(_references(die, paired=True) for die in plate.dies))
+    return replace(options, hierarchy="flat")
+
+
+def _file_references(plate: Plate, *, paired: bool) -> int:
+    return sum(_references(die, paired=paired) + 1 for die in plate.dies) + len(plate.furniture)
+
+
+def _references(die: Die, *, paired: bool) -> int:
+    """References inside a die, an array counting once."""
+    rows, columns = die.panel.orientations.shape
+    if len(orientations_in_use(die.panel)) == 1:
+        return 1
+    return int(rows * (columns // 2 + columns % 2) if paired else rows * columns)
+
+
+def _corner_squares(shop: Shop) -> tuple[Furniture, ...]:
+    extent, side_um = extent_nm(shop), shop.plate.corner_square_um
+    if extent is None or side_um is None:
+        return ()
+    side, (x, y) = round(side_um * NM_PER_UM), (extent[0] // 2, extent[1] // 2)
+    corners = {"SW": (-x, -y), "SE": (x - side, -y), "NW": (-x, y - side), "NE": (x - side, y - side)}
+    return tuple(
+        Furniture(
+            f"CORNER_{name}", "fiducial", CLEAR, (((x0, y0), (x0, y0 + side), (x0 + side, y0 + side), (x0 + side, y0)),)
+        )
+        for name, (x0, y0) in corners.items()
+    )

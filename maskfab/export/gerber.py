@@ -1,0 +1,117 @@
+"""Gerber X2: every opening a region (G36, G37), so that no aperture and no macro is needed.
+
+The Gerber layer format specification, revision 2024.05: coordinates of six decimals of a millimetre are whole
+nanometres, a coordinate that does not change is left out (4.2.2), attributes are those of chapter 5 only.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import chain
+from pathlib import Path
+
+from maskfab import __version__
+from maskfab.export.figures import CUT, Figures, as_figures
+from maskfab.export.partial import check_size, partial
+from maskfab.export.stream import Gap, written
+from maskfab.model import CLEAR, Plate, Polygon
+
+LARGEST_BYTES = 1_000_000_000
+
+_HEAD_BYTES = 2_000
+_OUTLINE_BYTES = 46
+_VERTEX_BYTES = 16
+
+
+def write_gerber(
+    source: Plate | Figures, path: Path, comments: Sequence[str] = (), *, limit_bytes: int = LARGEST_BYTES
+) -> None:
+    """Write what a mask exposes as Gerber X2, in millimetres, byte-identical between runs.
+
+    Dark is what the writer exposes: digitized data is clear. Holes that have a layer of their own are drawn with
+    clear polarity after all else. The format has no cells that all readers know, so the file is flat.
+
+    Args:
+        source: what to draw, or how it was drawn.
+        path: the file to write.
+        comments: G04 lines, before what the figures' account has to say.
+        limit_bytes: size beyond which nothing is written.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written, MF415 if it would be too large.
+    """
+    figures = as_figures(source)
+    check_size(gerber_bytes(figures), limit_bytes, path, 'Choose GDSII or OASIS, or hierarchy = "merged"')
+    # The specification leaves line ends out of the hash.
+    digest = hashlib.md5(usedforsecurity=False)
+    with partial(path) as aside, aside.open("w", encoding="ascii", newline="\n") as file:
+        for text in chain(_head(figures, comments), _body(figures)):
+            digest.update(text.replace("\n", "").encode("ascii"))
+            file.write(text)
+        file.write(f"%TF.MD5,{digest.hexdigest()}*%\nM02*\n")
+
+
+def gerber_bytes(figures: Figures) -> int:
+    """About how large the file becomes, from above."""
+    account = figures.account
+    return _HEAD_BYTES + account.polygons * _OUTLINE_BYTES + account.vertices * _VERTEX_BYTES
+
+
+def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
+    lines = (
+        *comments,
+        *figures.account.lines(),
+        "Digitized data is clear: dark areas of this image are openings in the chrome",
+        "Unit mm, six decimals: one step is one nanometre; origin is the centre of the blank",
+    )
+    yield from (f"G04 {_text(line)}*\n" for line in lines)
+    yield f"%TF.GenerationSoftware,maskfab,maskfab,{_field(__version__)}*%\n"
+    yield f"%TF.Part,Other,Photomask {_field(figures.plate.name)}*%\n"
+    yield "%TF.FileFunction,Other,Photomask*%\n"
+    yield "%FSLAX46Y46*%\n%MOMM*%\nG01*\n"
+
+
+def _body(figures: Figures) -> Iterator[str]:
+    for layer, polarity in ((CLEAR, "D"), (CUT, "C")):
+        texts = written(figures, layer, _Pen())
+        first = next(texts, None)
+        if first is not None:
+            yield f"%LP{polarity}*%\n"
+            yield first
+            yield from texts
+
+
+def _text(line: str) -> str:
+    """The line as comments take it: ASCII, and none of the characters that end a block."""
+    return re.sub(r"[^ -~]|[*%\\]", "_", " ".join(line.split()))
+
+
+def _field(value: str) -> str:
+    """The value as attributes take it: no comma either, which parts their fields."""
+    return _text(value).replace(",", "_")
+
+
+@dataclass(frozen=True)
+class _Pen:
+    """Writes regions; of each vertex only the coordinate that changes."""
+
+    def outline(self, polygon: Polygon) -> tuple[str, list[Gap]]:
+        (x, y), texts = polygon[0], ["G36*\nX%sY%sD02*\n"]
+        gaps = [Gap("x", x), Gap("y", y)]
+        for next_x, next_y in (*polygon[1:], polygon[0]):
+            if next_x != x or next_y == y:
+                gaps.append(Gap("x", next_x))
+            if next_y != y:
+                gaps.append(Gap("y", next_y))
+            texts.append("X%sD01*\n" if next_y == y else "Y%sD01*\n" if next_x == x else "X%sY%sD01*\n")
+            x, y = next_x, next_y
+        return "".join([*texts, "G37*\n"]), gaps
+
+    def number(self, nm: int) -> str:
+        return str(nm)
+
+    def serial(self) -> str:
+        raise NotImplementedError("regions have no numbers")

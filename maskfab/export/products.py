@@ -1,0 +1,147 @@
+"""The files that a plate becomes, by the formats a job asks for: their names, what each is about, and its writer."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from maskfab.export.bitmap import write_bilevel, write_preview
+from maskfab.export.dxf import write_dxf
+from maskfab.export.figures import Figures
+from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.export.gerber import write_gerber
+from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
+from maskfab.export.solid.step import write_plate_step, write_step
+from maskfab.export.solid.tiles import Stack
+from maskfab.export.svg import write_svg
+from maskfab.model import Die
+from maskfab.spec import FileFormat
+
+Kind: TypeAlias = Literal["mask", "solid", "plate_solid", "bitmap"]
+
+TITLES: Mapping[str, str] = {
+    "gdsii": "GDSII",
+    "oasis": "OASIS",
+    "dxf_r12": "DXF R12",
+    "dxf_r2010": "DXF R2010",
+    "gerber": "Gerber X2",
+    "svg": "SVG",
+    "step": "STEP",
+    "glb": "GLB",
+    "3mf": "3MF",
+    "stl": "STL",
+    "png": "PNG",
+    "tiff": "TIFF, 1 bit",
+}
+_TAILS: Mapping[str, str] = {
+    "gdsii": ".gds",
+    "oasis": ".oas",
+    "dxf_r12": "_R12.dxf",
+    "dxf_r2010": "_R2010.dxf",
+    "gerber": ".gbr",
+    "svg": ".svg",
+}
+_DIE_SUFFIX: Mapping[str, str] = {
+    "step": ".step",
+    "glb": ".glb",
+    "3mf": ".3mf",
+    "stl": ".stl",
+    "png": ".png",
+    "tiff": ".tif",
+}
+
+
+@dataclass(frozen=True)
+class FileSettings:
+    """What writers of solids and pictures must know beyond the plate.
+
+    Attributes:
+        stack: thicknesses of chrome and glass.
+        stl_limit_bytes: larger STL files are refused.
+        dots_per_um: pixels per micrometre of PNG and TIFF.
+    """
+
+    stack: Stack = field(default_factory=Stack)
+    stl_limit_bytes: int = 100_000_000
+    dots_per_um: float = 0.125
+
+
+@dataclass(frozen=True, eq=False)
+class Product:
+    """One file of a result.
+
+    Attributes:
+        name: of the file.
+        title: its format, for people.
+        kind: how it is read back.
+        write: writes it to a path.
+        die: what it is about; None for the whole plate.
+    """
+
+    name: str
+    title: str
+    kind: Kind
+    write: Callable[[Path], object]
+    die: Die | None = None
+
+
+def products(
+    figures: Figures, formats: Sequence[FileFormat], comments: Sequence[str], settings: FileSettings | None = None
+) -> tuple[Product, ...]:
+    """The files of a plate, in the order of the formats; STEP has a file for each die and one for the plate.
+
+    Args:
+        figures: the plate as it is drawn.
+        formats: what is asked for.
+        comments: provenance, for every format that can hold it.
+        settings: of solids and pictures.
+    """
+    chosen = settings or FileSettings()
+    return tuple(product for each in formats for product in _of_format(figures, each, comments, chosen))
+
+
+def _of_format(
+    figures: Figures, kind: FileFormat, comments: Sequence[str], settings: FileSettings
+) -> Iterator[Product]:
+    plate, title = figures.plate, TITLES[kind]
+    if kind in _TAILS:
+        yield Product(plate.name + _TAILS[kind], title, "mask", _mask_writer(figures, kind, comments))
+        return
+    if kind == "step":
+        assembly = partial(write_plate_step, plate, comments=comments, stack=settings.stack)
+        yield Product(f"{plate.name}.step", title, "plate_solid", assembly)
+    for die in plate.dies:
+        name = f"{plate.name}_{die.name}{_DIE_SUFFIX[kind]}"
+        if kind in ("png", "tiff"):
+            picture = write_preview if kind == "png" else write_bilevel
+            write = partial(picture, plate, dots_per_um=settings.dots_per_um, comments=comments, die=die.name)
+            yield Product(name, title, "bitmap", write, die)
+        else:
+            yield Product(name, title, "solid", _solid_writer(die, kind, comments, settings), die)
+
+
+def _mask_writer(figures: Figures, kind: FileFormat, comments: Sequence[str]) -> Callable[[Path], object]:
+    writers: Mapping[str, Callable[[Path], object]] = {
+        "gdsii": lambda path: write_gdsii(figures.layout(), path, figures.options.max_vertices),
+        "oasis": lambda path: write_oasis(figures.layout(), path),
+        "dxf_r12": lambda path: write_dxf(figures, path, "R12", comments),
+        "dxf_r2010": lambda path: write_dxf(figures, path, "R2010", comments),
+        "gerber": lambda path: write_gerber(figures, path, comments),
+        "svg": lambda path: write_svg(figures, path, comments),
+    }
+    return writers[kind]
+
+
+def _solid_writer(
+    die: Die, kind: FileFormat, comments: Sequence[str], settings: FileSettings
+) -> Callable[[Path], object]:
+    writers: Mapping[str, Callable[[Path], object]] = {
+        "step": lambda path: write_step(die, path, comments, settings.stack),
+        "glb": lambda path: write_glb(die, path, comments, settings.stack),
+        "3mf": lambda path: write_3mf(die, path, comments, settings.stack),
+        "stl": lambda path: write_stl(die, path, comments, settings.stack, limit_bytes=settings.stl_limit_bytes),
+    }
+    return writers[kind]

@@ -1,0 +1,176 @@
+"""SVG: a picture of a die or a plate that is exact, with one symbol for each unit cell.
+
+One unit is one millimetre and six decimals are nanometres. y points up inside one group that is mirrored, so that
+coordinates are those of the plate (W3C, SVG 1.1, chapters 5 and 7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from itertools import chain
+from pathlib import Path
+from xml.sax.saxutils import escape, quoteattr
+
+from maskfab.export.figures import CUT, DieFigures, Figures, Grid, as_figures
+from maskfab.export.partial import check_size, partial
+from maskfab.geometry.polygonize import points
+from maskfab.model import CLEAR, Box, Layer, Plate, Polygon
+
+LARGEST_BYTES = 500_000_000
+
+_NM_PER_MM = 1_000_000
+_HEAD_BYTES = 4_000
+_USE_BYTES = 80
+_VERTEX_BYTES = 14
+_COLOURS = {CLEAR: "#ffffff", CUT: "#303030"}
+
+
+def write_svg(
+    source: Plate | Figures,
+    path: Path,
+    comments: Sequence[str] = (),
+    *,
+    die: str | None = None,
+    limit_bytes: int = LARGEST_BYTES,
+) -> None:
+    """Write a plate, or one of its dies alone, as SVG in its true size; byte-identical between runs.
+
+    Chrome is dark, what is exposed is white, holes that have a layer of their own are dark again on top of it. Merged
+    figures are joined across pixels and belong to no die.
+
+    Args:
+        source: what to draw, or how it was drawn.
+        path: the file to write.
+        comments: provenance, put into the description.
+        die: the only die to show, by its name on the plate.
+        limit_bytes: size beyond which nothing is written.
+
+    Raises:
+        OutputError: MF401 if the file cannot be written, MF415 if it would be too large.
+        KeyError: for a die that the plate does not have.
+    """
+    figures = as_figures(source)
+    chosen = None if die is None else _die(figures, die)
+    check_size(svg_bytes(figures, die), limit_bytes, path, 'Choose hierarchy = "cells", or GDSII or OASIS')
+    with partial(path) as aside, aside.open("w", encoding="utf-8", newline="\n") as file:
+        file.writelines(_document(figures, chosen, comments))
+
+
+def svg_bytes(figures: Figures, die: str | None = None) -> int:
+    """About how large the file becomes."""
+    dies = figures.dies if die is None else (_die(figures, die),)
+    uses = sum(grid.index.size for each in dies for grid in each.grids)
+    drawn = sum(len(polygon) for shapes in figures.cells.values() for each in shapes.values() for polygon in each)
+    merged = figures.account.vertices if figures.merged else 0
+    return _HEAD_BYTES + uses * _USE_BYTES + (drawn + merged) * _VERTEX_BYTES
+
+
+def _die(figures: Figures, name: str) -> DieFigures:
+    names = [die.name for die in figures.plate.dies]
+    if name not in names:
+        raise KeyError(f"no die {name!r} on the plate {figures.plate.name!r}")
+    return figures.dies[names.index(name)]
+
+
+def _document(figures: Figures, die: DieFigures | None, comments: Sequence[str]) -> Iterator[str]:
+    plate = figures.plate
+    half = plate.blank_nm // 2
+    box = die.box_nm if die else (-half, -half, half, half)
+    width, height = box[2] - box[0], box[3] - box[1]
+    said = [*comments, *figures.account.lines(), "1 unit = 1 mm; white is clear in the chrome"]
+    title = f"{plate.title}: {die.name}" if die else plate.title
+    yield '<?xml version="1.0" encoding="UTF-8"?>\n'
+    yield (
+        '<svg xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink" version="1.1" '
+        f'width="{_mm(width)}mm" height="{_mm(height)}mm" viewBox="0 0 {_mm(width)} {_mm(height)}">\n'
+    )
+    yield f"<title>{_safe(title)}</title>\n<desc>{_safe(chr(10).join(said))}</desc>\n"
+    layers = [layer for layer in (CLEAR, CUT) if layer in figures.layers]
+    dies = (die,) if die else figures.dies
+    used = dict.fromkeys(name for each in dies for grid in each.grids for name in grid.cells)
+    yield "<defs>\n"
+    for layer in layers:
+        for name in used:
+            polygons = figures.cells[name].get(layer, ())
+            if polygons:
+                path = "".join(map(_path, polygons))
+                yield f'<symbol id={_id(name, layer)} overflow="visible"><path d="{path}"/></symbol>\n'
+    yield "</defs>\n"
+    yield f'<rect width="{_mm(width)}" height="{_mm(height)}" fill="{_COLOURS[CUT]}"/>\n'
+    yield f'<g transform="matrix(1 0 0 -1 {_mm(-box[0])} {_mm(box[3])})">\n'
+    for layer in layers:
+        yield f'<g id="{layer.name}" fill="{_COLOURS[layer]}">\n'
+        for each in dies:
+            for grid in each.grids:
+                yield from _uses(figures, layer, each, grid)
+        yield from _loose(figures, layer, box if die else None)
+        yield "</g>\n"
+    yield "</g>\n</svg>\n"
+
+
+def _uses(figures: Figures, layer: Layer, die: DieFigures, grid: Grid) -> Iterator[str]:
+    (dx, dy), x0, y0 = grid.step_nm, die.origin_nm[0] + grid.origin_nm[0], die.origin_nm[1] + grid.origin_nm[1]
+    # SVG 1.1 readers know the link under its older name only, and those of SVG 2 know both.
+    heads = [
+        f'<use xlink:href="#{_bare(name, layer)}"' if figures.cells[name].get(layer) else None for name in grid.cells
+    ]
+    columns = [_mm(x0 + column * dx) for column in range(grid.index.shape[1])]
+    for row, kinds in enumerate(grid.index.tolist()):
+        y = _mm(y0 + row * dy)
+        texts = (f'{heads[kind]} x="{columns[column]}" y="{y}"/>\n' for column, kind in enumerate(kinds) if heads[kind])
+        yield "".join(texts)
+
+
+def _loose(figures: Figures, layer: Layer, box: Box | None) -> Iterator[str]:
+    """Marks and what is joined across pixels, of a die only what lies in its box."""
+    if box is None:
+        for mark in figures.marks:
+            polygons = mark.shapes.get(layer, ())
+            if polygons:
+                yield f'<path id={_id(mark.name, layer)} d="{"".join(map(_path, polygons))}"/>\n'
+    if layer not in figures.merged:
+        return
+    outlines: Iterator[Polygon] = map(points, figures.merged[layer].each())
+    inside = outlines if box is None else (outline for outline in outlines if _within(outline, box))
+    first = next(inside, None)
+    if first is not None:
+        yield '<path d="'
+        yield from map(_path, chain((first,), inside))
+        yield '"/>\n'
+
+
+def _within(polygon: Polygon, box: Box) -> bool:
+    return all(box[0] <= x <= box[2] and box[1] <= y <= box[3] for x, y in polygon)
+
+
+def _path(polygon: Polygon) -> str:
+    (x, y), texts = polygon[0], [f"M{_mm(polygon[0][0])} {_mm(polygon[0][1])}"]
+    for next_x, next_y in polygon[1:]:
+        if next_y == y:
+            texts.append(f"H{_mm(next_x)}")
+        elif next_x == x:
+            texts.append(f"V{_mm(next_y)}")
+        else:
+            texts.append(f"L{_mm(next_x)} {_mm(next_y)}")
+        x, y = next_x, next_y
+    return "".join([*texts, "Z"])
+
+
+def _mm(nm: int) -> str:
+    """The length in millimetres, exact."""
+    whole, rest = divmod(abs(nm), _NM_PER_MM)
+    sign = "-" if nm < 0 else ""
+    return f"{sign}{whole}.{rest:06d}".rstrip("0").rstrip(".")
+
+
+def _bare(name: str, layer: Layer) -> str:
+    return name if layer is CLEAR else f"{name}.{layer.name}"
+
+
+def _id(name: str, layer: Layer) -> str:
+    return quoteattr(_bare(name, layer))
+
+
+def _safe(text: str) -> str:
+    """The text escaped, without the control characters that XML forbids."""
+    return escape("".join(letter if letter.isprintable() or letter == "\n" else " " for letter in text))

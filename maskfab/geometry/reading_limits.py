@@ -1,0 +1,143 @@
+"""What a layout must keep to be worked with: few enough shapes once its references are followed, none self-crossing.
+
+Nothing is repaired. A polygon that crosses itself means one thing to a writer that fills by winding and another to
+one that fills by parity, so it is refused; vertices and polygons that have no meaning at all are counted.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from klayout import db
+
+from maskfab.errors import SourceError
+
+MOST_SHAPES = 1_000_000_000
+MOST_LEVELS = 500
+FARTHEST_NM = 1_000_000_000
+ROUNDING_KEY = "maskfab_rounding_nm"
+LEFT_OUT_KEY = "maskfab_left_out"
+
+
+@dataclass(frozen=True)
+class LeftOut:
+    """What a file holds without any effect on its geometry.
+
+    Attributes:
+        repeated_vertices: vertices that repeat the one before.
+        empty_polygons: polygons without area.
+        curves: arcs and circles that were made polygons, none further than 1 nm from the curve.
+        grey_pixels: pixels of an image between black and white, taken for the nearer.
+    """
+
+    repeated_vertices: int = 0
+    empty_polygons: int = 0
+    curves: int = 0
+    grey_pixels: int = 0
+
+
+def left_out(layout: db.Layout) -> LeftOut:
+    """What :mod:`maskfab.geometry.reading` noted of the file that the layout came from."""
+    stated = layout.meta_info_value(LEFT_OUT_KEY)
+    return LeftOut(*stated) if stated else LeftOut()
+
+
+def note_left_out(layout: db.Layout, noted: LeftOut) -> None:
+    """Keep what was left out with the layout, for :func:`left_out`."""
+    counts = [noted.repeated_vertices, noted.empty_polygons, noted.curves, noted.grey_pixels]
+    layout.add_meta_info(db.LayoutMetaInfo(LEFT_OUT_KEY, counts, "what has no effect on the geometry"))
+
+
+def is_empty(polygon: db.Polygon) -> bool:
+    """Whether a polygon covers nothing; one whose parts turn opposite ways has no net area, and covers something."""
+    if polygon.num_points() < 3:
+        return True
+    return bool(polygon.area() == 0 and db.Region(polygon).merged().is_empty())
+
+
+def count_shapes(layout: db.Layout, layers: list[int] | None = None) -> int:
+    """Polygons, boxes and paths below all top cells, every reference followed; on all layers if None."""
+    indices = list(layout.layer_indexes()) if layers is None else layers
+    counts: dict[int, int] = {}
+    for index in layout.each_cell_bottom_up():
+        cell = layout.cell(index)
+        below = sum(each.cell_inst.size() * counts[each.cell_index] for each in cell.each_inst())
+        counts[index] = sum(cell.shapes(layer).size() for layer in indices) + below
+    return sum(counts[cell.cell_index()] for cell in layout.top_cells())
+
+
+def check_limits(layout: db.Layout, path: Path) -> None:
+    """Refuse what cannot be worked with in reasonable time, and what could mean two things.
+
+    Raises:
+        SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy.
+    """
+    depth = max((cell.hierarchy_levels() for cell in layout.top_cells()), default=0)
+    if depth > MOST_LEVELS:
+        raise SourceError(
+            "MF313",
+            f"{path.name} nests {depth} cells; the limit is {MOST_LEVELS}",
+            where=str(path),
+            cure="Flatten it in part",
+        )
+    shapes = count_shapes(layout)
+    if shapes > MOST_SHAPES:
+        raise SourceError(
+            "MF313",
+            f"{path.name} draws {shapes:.3g} shapes, references followed; the limit is {MOST_SHAPES:.0e}",
+            where=str(path),
+            cure="Write the plate without what repeats outside of it",
+        )
+    _refuse_distant(layout, path)
+    for layer in layout.layer_indexes():
+        for cell in layout.each_cell():
+            if not cell.shapes(layer).is_empty():
+                _refuse_crossing(cell, layer, path)
+
+
+def _refuse_distant(layout: db.Layout, path: Path) -> None:
+    """Refuse what lies beyond a metre: near two metres klayout's own boxes and booleans overflow without a word."""
+    reaches: dict[int, int] = {}
+    for index in layout.each_cell_bottom_up():
+        cell = layout.cell(index)
+        boxes = [db.Region(cell.shapes(layer)).bbox() for layer in layout.layer_indexes()]
+        reach = max(
+            (max(abs(box.left), abs(box.bottom), abs(box.right), abs(box.top)) for box in boxes if not box.empty()),
+            default=0,
+        )
+        for each in cell.each_inst():
+            placed = each.cell_inst
+            far = max(abs(placed.trans.disp.x), abs(placed.trans.disp.y))
+            if placed.size() > 1:
+                far += max(0, placed.na - 1) * max(abs(placed.a.x), abs(placed.a.y))
+                far += max(0, placed.nb - 1) * max(abs(placed.b.x), abs(placed.b.y))
+            grown = 1.5 * each.cplx_trans.mag if each.is_complex() else 1.0
+            reach = max(reach, far + round(grown * reaches[each.cell_index]))
+        reaches[index] = reach
+        if reach > FARTHEST_NM:
+            raise SourceError(
+                "MF313",
+                f"{path.name}: cell {cell.name!r} reaches {reach / 1e9:.3g} m from its origin; the limit is 1 m",
+                where=str(path),
+                cure="Check its unit, and what lies far outside",
+            )
+
+
+def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
+    raw = db.Region(cell.shapes(layer))
+    raw.merged_semantics = False
+    try:
+        crossing = raw.non_rectangles().strange_polygon_check()
+    except RuntimeError:  # klayout gave up on them
+        crossing = raw
+    if crossing.is_empty():
+        return
+    box = next(crossing.each()).bbox()
+    raise SourceError(
+        "MF312",
+        f"{path.name}: a polygon of cell {cell.name!r} crosses or covers itself at ({box.left / 1e3:g}, "
+        f"{box.bottom / 1e3:g}) um of the cell; {crossing.count()} such places",
+        where=str(path),
+        cure="Draw it as polygons that do not cross themselves",
+    )

@@ -1,0 +1,213 @@
+r"""The as-written shape of drawn openings: corners rounded by the writer's beam, edges moved by its bias.
+
+Corners of either kind are rounded by the corner radius, then what is clear grows by half the CD bias all round. Dots
+that only share a corner have no one written shape. Two readings bound what a writer makes of them: ``fused``, one
+shape whose neck the rounding opens to 2 (√2 - 1) r + bias, and ``open``, each dot rounded apart with a gap of
+2 (√2 - 1) r - bias between them, where that is positive.
+
+Notes:
+    Arcs are the sides of regular polygons of 64, whose radius is chosen so that a rounded corner loses what a circle
+    takes from it, (1 - π/4) r²; no point of the outline is farther than :func:`sagitta_um` from the circle's.
+    Without a radius corners stay sharp under a bias, as they do where a Manhattan shape is sized; with one they are
+    sized as arcs, to the radius r + bias / 2 on the outside of a clear shape and r - bias / 2 on its inside.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.errors import JobError
+from maskfab.geometry.raster import coverage
+from maskfab.model import Panel, Process, frozen
+
+Floats = NDArray[np.float64]
+
+ARC_SIDES = 64
+CONFIGURATIONS = 16
+UNITS_PER_UM = 16_000
+"""Corners are made on a grid of 1/16 nm, so that its rounding does not show beside the sides of the arcs."""
+
+_SIDES = ((0, 1), (1, 1), (0, -1), (1, -1))
+
+
+class Reading(StrEnum):
+    """What the writer makes of corners that only touch."""
+
+    FUSED = "fused"
+    OPEN = "open"
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenCorner:
+    """What becomes of the tile round one vertex of a grid of dots, half a dot along each side.
+
+    Coordinates are micrometres from the vertex. The clear side is on the left of directed edges x0, y0, x1, y1.
+
+    Attributes:
+        outline_um: float64 [n, 4] edges between clear and dark.
+        border_um: float64 [m, 4] edges of what is clear along the right, upper, left and lower side of the tile.
+        area_um2: what is clear.
+        shares: float64 [k, k] clear share of each of k x k parts of the tile, lowest row first.
+        region: the clear part of the tile, in units of 1 / :data:`UNITS_PER_UM`.
+    """
+
+    outline_um: Floats
+    border_um: tuple[Floats, Floats, Floats, Floats]
+    area_um2: float
+    shares: Floats
+    region: db.Region
+
+
+def sagitta_um(process: Process, arc_sides: int = ARC_SIDES) -> float:
+    """How far the outline of an arc may lie from the circle's, in micrometres; 0 without a corner radius."""
+    if process.corner_radius_um == 0:
+        return 0.0
+    furthest = _equal_area(arc_sides) / np.cos(np.pi / arc_sides) - 1
+    return float(furthest * (process.corner_radius_um + abs(process.cd_bias_um) / 2))
+
+
+def check_process(process: Process, panel: Panel, where: str = "") -> None:
+    """Refuse what cannot be written on dots as small as a panel's.
+
+    Raises:
+        JobError: MF104 for a radius that is negative or a number that is not finite; MF127 where the corners of a dot
+            meet (radius + |bias| / 2 above half a dot), or where cells grow into each other across their gutter.
+    """
+    radius, bias = process.corner_radius_um, process.cd_bias_um
+    if not (np.isfinite(radius) and np.isfinite(bias) and radius >= 0):
+        raise JobError(
+            "MF104",
+            f"a corner radius of {radius:g} um with a CD bias of {bias:g} um is no process",
+            where=where,
+            cure='Give a radius of at least 0 and a finite bias, such as "1 um" and "0.1 um"',
+        )
+    reach, dot = radius + abs(bias) / 2, panel.dot_nm / 1e3
+    if 2 * reach > dot * (1 + 1e-12) or -bias >= dot:
+        raise JobError(
+            "MF127",
+            f"corners of radius {radius:g} um and edges moved by {bias / 2:g} um need dots of {2 * reach:g} um, "
+            f"these are {dot:g} um",
+            where=where,
+            cure=f"Use larger dots, or a corner radius of at most {max(0.0, (dot - abs(bias)) / 2):g} um",
+        )
+    gutter = panel.gutter_nm / 1e3
+    if 0 < gutter <= bias:
+        raise JobError(
+            "MF127",
+            f"a CD bias of {bias:g} um closes the gutter of {gutter:g} um between the cells",
+            where=where,
+            cure=f"Use a gutter of more than {bias:g} um, or a smaller bias",
+        )
+
+
+def written_region(
+    drawn: db.Region, process: Process, reading: Reading, units_per_um: float = 1000.0, arc_sides: int = ARC_SIDES
+) -> db.Region:
+    """What a writer makes of drawn polygons.
+
+    Args:
+        drawn: what is clear; polygons may overlap or touch.
+        process: the writer's.
+        reading: what becomes of corners that only touch.
+        units_per_um: units of the region's coordinates in a micrometre.
+        arc_sides: sides of a whole circle.
+
+    Returns:
+        A merged region in the same units. Without radius and bias it is the drawn one, merged: polygons that touch in
+        a corner are one in the fused reading and several in the open one. An edge shorter than two radii has its
+        corners rounded by less; :func:`check_process` refuses panels with such edges.
+    """
+    apart = reading is Reading.OPEN
+    written = drawn.merged(apart, 1)
+    if process.corner_radius_um > 0:
+        inner, outer = (
+            units_per_um * _rounding(process.corner_radius_um, growth, arc_sides)
+            for growth in (-process.cd_bias_um / 2, process.cd_bias_um / 2)
+        )
+        written = written.rounded_corners(inner, outer, arc_sides)
+    growth = round(process.cd_bias_um / 2 * units_per_um)
+    if growth:
+        written = written.merged(apart, 1).sized(growth, growth, 2)
+    return written.merged(apart, 1)
+
+
+def written_corners(
+    dot_um: float, process: Process, reading: Reading, parts: int, arc_sides: int = ARC_SIDES
+) -> tuple[WrittenCorner, ...]:
+    """The written shape round a vertex for each of the 16 ways in which the four dots that meet there can be clear.
+
+    Wherever radius and bias reach less than half a dot, these tiles laid side by side are the written shape of any
+    panel: what happens at a vertex depends on the four dots round it alone, across the borders of cells too.
+
+    Args:
+        dot_um: side of a dot.
+        process: the writer's.
+        reading: what becomes of corners that only touch.
+        parts: k of :attr:`WrittenCorner.shares`.
+        arc_sides: sides of a whole circle.
+
+    Returns:
+        By configuration, the sum of 1, 2, 4, 8 for lower left, lower right, upper left, upper right clear.
+    """
+    dot = dot_um * UNITS_PER_UM
+    far, half = round(4 * dot), round(dot / 2)
+    tile = db.Region(db.Box(-half, -half, half, half))
+    quadrants = [db.Box(min(x, 0), min(y, 0), max(x, 0), max(y, 0)) for y in (-far, far) for x in (-far, far)]
+    corners = []
+    for configuration in range(CONFIGURATIONS):
+        drawn = db.Region()
+        for bit, quadrant in enumerate(quadrants):
+            if configuration >> bit & 1:
+                drawn.insert(quadrant)
+        written = (written_region(drawn, process, reading, UNITS_PER_UM, arc_sides) & tile).merged(True, 1)
+        corners.append(_corner(written, half, parts))
+    return tuple(corners)
+
+
+def configurations(clear: NDArray[np.bool_]) -> NDArray[np.uint8]:
+    """Which of the four dots round every vertex are clear, uint8 [ny + 1, nx + 1]; beyond the array all is dark.
+
+    Args:
+        clear: bool [..., ny, nx], row 0 lowest.
+    """
+    sides = [(0, 0)] * (clear.ndim - 2) + [(1, 1), (1, 1)]
+    dots = np.pad(clear.astype(np.uint8), sides)
+    below, above = dots[..., :-1, :], dots[..., 1:, :]
+    left, right = slice(None, -1), slice(1, None)
+    vertices: NDArray[np.uint8] = (
+        below[..., left] + 2 * below[..., right] + 4 * above[..., left] + 8 * above[..., right]
+    )
+    return vertices
+
+
+def _corner(written: db.Region, half: int, parts: int) -> WrittenCorner:
+    # KLayout has the clear side on the right of an edge.
+    flat = (c for e in written.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
+    edges = np.fromiter(flat, dtype=np.float64).reshape(-1, 4)
+    along = [(edges[:, axis] == sign * half) & (edges[:, axis + 2] == sign * half) for axis, sign in _SIDES]
+    right, upper, left, lower = (frozen(edges[each] / UNITS_PER_UM) for each in along)
+    lines = np.linspace(-half, half, parts + 1)
+    return WrittenCorner(
+        outline_um=frozen(edges[~np.any(along, axis=0)] / UNITS_PER_UM),
+        border_um=(right, upper, left, lower),
+        area_um2=written.area() / UNITS_PER_UM**2,
+        shares=frozen(coverage(written, lines, lines)),
+        region=written,
+    )
+
+
+def _rounding(radius: float, growth: float, arc_sides: int) -> float:
+    """Radius of the polygon that, once its arc has grown, takes as much from a right angle as the grown circle."""
+    grown = radius + growth
+    return radius if grown <= 0 else grown * _equal_area(arc_sides) - growth
+
+
+def _equal_area(arc_sides: int) -> float:
+    """Radius of a polygon's inscribed circle over that of the circle that takes as much from a right angle."""
+    taken = 1 - arc_sides / 4 * np.tan(np.pi / arc_sides)
+    return float(np.sqrt((1 - np.pi / 4) / taken))

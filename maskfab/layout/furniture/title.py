@@ -1,0 +1,37 @@
+"""The title block: what the plate is, who made it, how it is to be read."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from maskfab.geometry.lettering import fitted_text
+from maskfab.model import CLEAR, Furniture, Point
+
+LINE_FEED = 2
+"""From line to line below the title, in heights of their letters."""
+
+
+def title_block(
+    name: str, title: str, lines: Iterable[str], anchor_nm: Point, height_nm: int, small_nm: int, room_nm: int
+) -> Furniture:
+    """A title centred on the anchor, with lines of smaller letters below.
+
+    Args:
+        name: of the mark.
+        title: first line.
+        lines: further lines.
+        anchor_nm: middle of the title's base line.
+        height_nm: height of the title's letters.
+        small_nm: height of the other letters.
+        room_nm: widest that a line may be; a longer one is made smaller.
+    """
+    x, y = anchor_nm
+    polygons = fitted_text(title, height_nm, anchor_nm, room_nm)
+    for number, line in enumerate(lines, 1):
+        polygons += fitted_text(line, small_nm, (x, y - LINE_FEED * small_nm * number), room_nm)
+    return Furniture(name, "title", CLEAR, polygons)
+
+
+def maker(signature: str) -> str:
+    """Who made it from which job: the signature without its seeds."""
+    return signature.rsplit("|", 1)[0].strip()

@@ -1,0 +1,214 @@
+"""How a mask file lies compared with a design: mirrored, turned, shifted, in another unit, or in the other tone.
+
+A few windows of the design, the middle and a corner of every die and the marks, are held against the same places of
+the file under every trial of the eight symmetries of the square, the units that programs mistake for each other, the
+shifts that bring outlines onto each other, and both tones. The trial that differs least is what the file is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from klayout import db
+
+from maskfab.geometry.region import layer_info
+from maskfab.model import CLEAR, Plate
+
+UNLIKE = 0.5
+"""Share of the windows' clear area that differs, from which on a file is not the design in any position."""
+
+_BETTER = 0.5
+_MOST_WINDOWS = 24
+_MOST_MARKS = 8
+_CELLS = 3
+_UNITS = {
+    25.4: "in inches where millimetres were meant",
+    1 / 25.4: "in millimetres where inches were meant",
+    1000.0: "1000 times too large",
+    1 / 1000.0: "1000 times too small",
+    25400.0: "in inches where micrometres were meant",
+    1 / 25400.0: "in micrometres where inches were meant",
+    10.0: "10 times too large",
+    0.1: "10 times too small",
+}
+_TURNS = {
+    "r90": "turned by 90 degrees counter-clockwise",
+    "r180": "turned by 180 degrees",
+    "r270": "turned by 90 degrees clockwise",
+    "m90": "mirrored left to right, as seen through the plate",
+    "m0": "mirrored top to bottom",
+    "m45": "mirrored at the rising diagonal, x and y exchanged",
+    "m135": "mirrored at the falling diagonal",
+}
+
+
+@dataclass(frozen=True)
+class Alignment:
+    """What makes a file lie like the design.
+
+    Attributes:
+        turn: klayout's number of the symmetry that is applied to the file: quarter turns, plus 4 if mirrored at the
+            x axis before.
+        scale: what the file's coordinates are multiplied by.
+        shift_nm: added afterwards.
+        inverted: whether what the file draws is chrome; its tone is inverted within the file's own outline.
+        differing: share of the clear area in the windows that then still differs.
+    """
+
+    turn: int
+    scale: float
+    shift_nm: tuple[int, int]
+    inverted: bool
+    differing: float
+
+    @property
+    def trans(self) -> db.ICplxTrans:
+        """From the file to the plate."""
+        return _trans(self.turn, self.scale, self.shift_nm)
+
+    @property
+    def alike(self) -> bool:
+        """Whether the file is the design at all."""
+        return self.differing < UNLIKE
+
+    def faults(self, *, positioned: bool = True) -> tuple[str, ...]:
+        """What the file is instead of lying as the design does; empty if it does.
+
+        Args:
+            positioned: False for files that do not say where they lie, in which a shift is no fault.
+        """
+        if not self.alike:
+            return (f"unlike the design, {self.differing:.0%} of which differs in every position",)
+        said: list[str] = []
+        kind = str(db.Trans(self.turn % 4, self.turn >= 4, 0, 0).inverted()).split()[0]
+        if kind in _TURNS:
+            said.append(_TURNS[kind])
+        if self.scale != 1:
+            drawn = 1 / self.scale
+            said.append(next((_UNITS[unit] for unit in _UNITS if abs(drawn / unit - 1) < 1e-9), f"scaled by {drawn:g}"))
+        if self.inverted:
+            said.append("of the other tone, drawn where the design is opaque")
+        if positioned and self.shift_nm != (0, 0):
+            placed = self.trans.inverted().disp
+            x, y = (round(value, 3) / 1e3 for value in (placed.x, placed.y))
+            said.append(f"shifted by ({x:g}, {y:g}) um" + (" after that" if said else ""))
+        return tuple(said)
+
+
+def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
+    """How a file lies; the simplest of the trials that differ least.
+
+    Args:
+        plate: the design, or one die of it.
+        design: its layout.
+        read: the file, one top cell; only the layer CLEAR of both counts.
+    """
+    windows = [window for window in _windows(plate, design) if not window.clear.is_empty()]
+    whole, file_box = (_bounds(layout) for layout in (design, read))
+    if file_box.empty() or not windows:
+        return Alignment(0, 1.0, (0, 0), False, 1.0)
+    best = Alignment(0, 1.0, (0, 0), False, _differing(read, windows, _trans(0, 1.0, (0, 0)), False))
+    if best.differing == 0:
+        return best
+    for turn in (0, 4, 1, 2, 3, 5, 6, 7):
+        for scale in _scales(whole, file_box, turn):
+            turned = file_box.transformed(_trans(turn, scale, (0, 0)))
+            for inverted in (False, True):
+                for shift in _shifts(plate, whole, turned, inverted):
+                    trial = _trans(turn, scale, shift)
+                    differing = _differing(read, windows, trial, inverted, best.differing * _BETTER)
+                    if differing < best.differing * _BETTER:
+                        best = Alignment(turn, scale, shift, inverted, differing)
+                        if differing == 0:
+                            return best
+    return best
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    box: db.Box
+    clear: db.Region
+
+
+def _windows(plate: Plate, design: db.Layout) -> Iterator[_Window]:
+    boxes: list[db.Box] = []
+    for die in plate.dies:
+        x0, y0, x1, y1 = die.box_nm
+        reach = min(_CELLS * die.panel.pitch_nm, x1 - x0)
+        x, y = (x0 + x1) // 2, (y0 + y1) // 2
+        boxes.append(db.Box(x0 - reach // 2, y0 - reach // 2, x0 + reach // 2, y0 + reach // 2))
+        boxes.append(db.Box(x - reach // 2, y - reach // 2, x + reach // 2, y + reach // 2))
+    marks = [
+        db.Polygon([db.Point(*point) for point in polygon]).bbox()
+        for mark in plate.furniture
+        if mark.layer is CLEAR
+        for polygon in mark.polygons
+    ]
+    step = max(1, len(marks) // _MOST_MARKS)
+    boxes = [*boxes[: _MOST_WINDOWS - _MOST_MARKS], *(mark.enlarged(1000, 1000) for mark in marks[::step])]
+    index = design.find_layer(layer_info(CLEAR))
+    for box in boxes[:_MOST_WINDOWS]:
+        shapes = db.Region(design.top_cell().begin_shapes_rec_overlapping(index, box))
+        yield _Window(box, (shapes & db.Region(box)).merged())
+
+
+def _bounds(layout: db.Layout) -> db.Box:
+    index = layout.find_layer(layer_info(CLEAR))
+    return db.Box() if index is None else layout.top_cell().bbox(index)
+
+
+def _trans(turn: int, scale: float, shift: tuple[int, int]) -> db.ICplxTrans:
+    return db.ICplxTrans(scale, 90.0 * (turn % 4), turn >= 4, *shift)
+
+
+def _scales(whole: db.Box, file_box: db.Box, turn: int) -> list[float]:
+    """The scales worth a try: none, and the one that makes both outlines equally large."""
+    width, height = (file_box.height(), file_box.width()) if turn % 2 else (file_box.width(), file_box.height())
+    if not width or not height:
+        return [1.0]
+    x, y = whole.width() / width, whole.height() / height
+    if abs(x / y - 1) > 0.01 or abs(x - 1) < 1e-4:
+        return [1.0]
+    return [1.0, next((1 / unit for unit in _UNITS if abs(x * unit - 1) < 0.01), x)]
+
+
+def _shifts(plate: Plate, whole: db.Box, turned: db.Box, inverted: bool) -> list[tuple[int, int]]:
+    """The shifts worth a try: none, outline onto outline, and origins that single dies are drawn about."""
+    shifts = [(0, 0)]
+    targets = [whole] if not inverted else [whole, *(db.Box(*die.box_nm) for die in plate.dies)]
+    for target in targets:
+        shifts.append((target.left - turned.left, target.bottom - turned.bottom))
+        # Twice the middle keeps half a nanometre whole.
+        shifts.append(
+            (
+                (target.left + target.right - turned.left - turned.right) // 2,
+                (target.bottom + target.top - turned.bottom - turned.top) // 2,
+            )
+        )
+    if len(plate.dies) == 1:
+        x0, y0, x1, y1 = plate.dies[0].box_nm
+        shifts += [(x0, y0), ((x0 + x1) // 2, (y0 + y1) // 2)]
+    return list(dict.fromkeys(shifts))
+
+
+def _differing(
+    read: db.Layout, windows: list[_Window], trans: db.ICplxTrans, inverted: bool, enough: float = 2.0
+) -> float:
+    """Share of the clear area in all windows that differs; given up as soon as it is more than ``enough``."""
+    index = read.find_layer(layer_info(CLEAR))
+    back = trans.inverted()
+    frame = db.Region(read.top_cell().bbox(index).transformed(trans))
+    clear = sum(window.clear.area() for window in windows)
+    differing = 0
+    for window in windows:
+        place = window.box.transformed(back).enlarged(1, 1)
+        shapes = db.Region(read.top_cell().begin_shapes_rec_overlapping(index, place)) & db.Region(place)
+        here = db.Region(window.box)
+        found = shapes.merged().transformed(trans) & here
+        if inverted:
+            found = (here & frame) - found
+        differing += (found ^ window.clear).area()
+        if differing > enough * clear:
+            break
+    return float(differing / clear)

@@ -1,0 +1,150 @@
+"""The files of a plate, and what reading them back shows: layouts by polygons, solids by volume, pictures by pixels.
+
+plate + [export] -> drawn -> files -> read by other libraries -> quantities
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from klayout import db
+
+from maskfab.errors import InputError
+from maskfab.export.figures import Figures, PolygonOptions, draw
+from maskfab.export.products import FileSettings, Product, products
+from maskfab.export.solid.tiles import Stack
+from maskfab.geometry.reading import find_cell, read_layout
+from maskfab.layout.furniture.template import plate_template
+from maskfab.model import CLEAR, Die, Plate, Quantity
+from maskfab.progress import Progress
+from maskfab.spec import ExportSection, JobSpec
+from maskfab.units import NM_PER_UM, to_nm
+from maskfab.validate.bitmaps import check_bitmap
+from maskfab.validate.read_svg import read_svg
+from maskfab.validate.roundtrip import RoundTrip, compare
+from maskfab.validate.solids import check_plate_solid, check_solid
+
+_MB = 1_000_000
+_WRITTEN_ALONE = (".gbr", ".svg")
+"""Formats that hold what the writer exposes and nothing else."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A plate as its files draw it.
+
+    Attributes:
+        figures: cells and polygons.
+        design: the same as a layout.
+        products: the files.
+        settings: of solids and pictures.
+    """
+
+    figures: Figures
+    design: db.Layout
+    products: tuple[Product, ...]
+    settings: FileSettings
+
+    @property
+    def plate(self) -> Plate:
+        """What is drawn."""
+        return self.figures.plate
+
+    def account(self) -> tuple[Quantity, ...]:
+        """What was done to draw polygons that formats and readers accept, as rows of the report."""
+        said = self.figures.account
+        counts = {
+            "drawn_holes": (said.holed, f"outlines with holes, drawn by {self.figures.options.holes}"),
+            "drawn_parted": (said.parted, "outlines parted where they touched themselves"),
+            "drawn_split": (said.split, f"outlines cut for more than {self.figures.options.max_vertices} vertices"),
+        }
+        return tuple(Quantity(name, "", count, "", method) for name, (count, method) in counts.items())
+
+
+def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str]) -> Drawn:
+    """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
+
+    Raises:
+        OutputError: MF413, MF416 for drawings that cannot be made.
+    """
+    section = spec.export or ExportSection()
+    options = PolygonOptions(
+        hierarchy=section.hierarchy,
+        max_vertices=section.max_vertices,
+        holes=section.holes,
+        corners=section.corners,
+        max_references=section.max_references,
+    )
+    template = None if spec.plate is None or spec.plate.template is None else plate_template(spec.plate.template)
+    glass_nm = Stack().glass_nm if template is None else float(to_nm(template.thickness))
+    settings = FileSettings(
+        Stack(section.chrome * NM_PER_UM, glass_nm, section.exaggeration),
+        round(section.stl_limit_mb * _MB),
+        section.dots_per_um,
+    )
+    figures = draw(plate, options)
+    return Drawn(figures, figures.layout(), products(figures, section.formats, comments, settings), settings)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadBack:
+    """What reading files back has shown: layouts in full, the first measured further; and every row of the report."""
+
+    trips: tuple[RoundTrip, ...]
+    quantities: tuple[Quantity, ...]
+
+
+def read_back(
+    made: Drawn, folder: Path, progress: Progress, refused: list[tuple[str, InputError]] | None = None
+) -> ReadBack:
+    """Read the files of a folder through libraries that did not write them, and compare each with the plate.
+
+    The first layout is compared dot by dot too.
+
+    Args:
+        made: what was drawn.
+        folder: where the files lie.
+        progress: told where the work stands.
+        refused: takes the files that cannot be read, and why; they are then left out.
+
+    Raises:
+        SourceError: for a file that cannot be read, unless ``refused`` takes it.
+    """
+    trips: list[RoundTrip] = []
+    quantities: list[Quantity] = []
+    for done, product in enumerate(made.products):
+        progress("read back", done, len(made.products))
+        path = folder / product.name
+        try:
+            if product.kind == "mask":
+                trips.append(_trip(made, path, dots=not trips))
+                quantities += trips[-1].quantities()
+            else:
+                quantities += _others(made, product.die, path)
+        except InputError as error:
+            if refused is None:
+                raise
+            refused.append((product.name, error))
+    progress("read back", len(made.products), len(made.products))
+    return ReadBack(tuple(trips), tuple(quantities))
+
+
+def _trip(made: Drawn, path: Path, *, dots: bool) -> RoundTrip:
+    if path.suffix == ".svg":
+        read = read_svg(path)
+    else:
+        read = read_layout(path)
+        find_cell(read)
+    names: Mapping[str, str] | None = {CLEAR.name: CLEAR.name} if path.suffix in _WRITTEN_ALONE else None
+    polygons = made.figures.account.polygons
+    return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+
+
+def _others(made: Drawn, die: Die | None, path: Path) -> tuple[Quantity, ...]:
+    if die is None:
+        return check_plate_solid(made.plate, path)
+    if path.suffix in (".png", ".tif"):
+        return check_bitmap(die, made.design, path, made.settings.dots_per_um)
+    return check_solid(die, path, made.settings.stack)

@@ -1,0 +1,260 @@
+"""From a job to one zip for a mask house: drawn as it asks, judged by its rules, written, read back, certified."""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from klayout import db
+
+from maskfab import __version__, provenance
+from maskfab.errors import JobError, SourceError
+from maskfab.export.drawing import plate_drawing
+from maskfab.export.dxf import write_dxf
+from maskfab.export.figures import CUT, Figures, PolygonOptions, draw
+from maskfab.export.fitting import drawing_options, fitted
+from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.export.gerber import write_gerber
+from maskfab.export.order_sheet import PARITY, TONE, order_sheet
+from maskfab.export.package import MANIFEST, safe_stem, unpack, write_package
+from maskfab.export.shops import Format, Shop
+from maskfab.export.staging import check_file
+from maskfab.geometry.reading import find_cell, read_layout
+from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
+from maskfab.layout.job import Job
+from maskfab.model import CLEAR, Plate, Quantity, WrittenFile
+from maskfab.progress import Progress, silent
+from maskfab.validate.roundtrip import compare
+from maskfab.validate.shop import Finding, accepted, check_shop
+
+_VERSION = 1
+_SUFFIX: Mapping[Format, str] = {
+    "gdsii": ".gds",
+    "oasis": ".oas",
+    "dxf_r12": "_R12.dxf",
+    "dxf_r2010": "_R2010.dxf",
+    "gerber": ".gbr",
+}
+PACKED = tuple(_SUFFIX)
+"""Formats that a package can hold."""
+
+
+@dataclass(frozen=True)
+class Package:
+    """What came of packing.
+
+    Attributes:
+        path: the zip; None if the house would refuse the plate or a file did not read back, so that none was written.
+        findings: the house's rules.
+        checks: what reading the files back has shown; empty if the house would refuse the plate.
+        files: what is in the zip, the manifest excepted.
+    """
+
+    path: Path | None
+    findings: tuple[Finding, ...]
+    checks: tuple[Quantity, ...] = ()
+    files: tuple[WrittenFile, ...] = ()
+
+
+def pack(
+    job: Job,
+    shop: Shop,
+    target: str | Path,
+    formats: Sequence[Format] = (),
+    *,
+    force: bool = False,
+    options: PolygonOptions | None = None,
+    progress: Progress = silent,
+) -> Package:
+    """Make the package of a job for a shop.
+
+    Args:
+        job: a loaded job.
+        shop: its profile.
+        target: the zip to write; it appears when everything in it is complete, and only if every rule and check holds.
+        formats: of the mask files; the shop's first if empty.
+        force: replace an earlier file.
+        options: how polygons are drawn; None chooses by the profile.
+        progress: told where the work stands.
+
+    Raises:
+        OutputError: MF401 or MF402 if ``target`` cannot be written.
+        JobError: MF105 for a format that no package holds, and whatever laying out the job refuses.
+    """
+    zipped, sent = Path(target), tuple(formats) or tuple(each for each in shop.formats if each in _SUFFIX)[:1]
+    check_file(zipped, force=force)
+    for each in sent:
+        if each not in _SUFFIX:
+            raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(_SUFFIX)}")
+    whole = job.plate()
+    plate = fitted(whole, shop)
+    options = options or drawing_options(plate, shop)
+    progress("rules", 0, 1)
+    findings = check_shop(whole, shop, sent, options)
+    progress("rules", 1, 1)
+    if not accepted(findings):
+        return Package(None, findings)
+    figures = draw(plate, options)
+    stem = safe_stem(plate.name)
+    with tempfile.TemporaryDirectory(prefix="maskfab-package-") as aside:
+        folder = Path(aside)
+        names = {f"{stem}{_SUFFIX[each]}": each for each in sent}
+        checks: list[Quantity] = []
+        for done, (name, kind) in enumerate(names.items()):
+            progress("write and read back", done, len(names))
+            _write(kind, figures, folder / name, [job.signature, plate.title])
+            checks += read_back(figures, folder / name)
+        progress("write and read back", len(names), len(names))
+        judged = tuple(check for check in checks if check.passed is not None)
+        if not all(check.passed for check in judged):
+            return Package(None, findings, judged)
+        masks = tuple(provenance.written(folder, folder / name, kind) for name, kind in names.items())
+        papers = _papers(figures, shop, sent, masks, findings, judged, job)
+        for name, content in papers.items():
+            (folder / name).write_bytes(content)
+        files = (*masks, *(provenance.written(folder, folder / name, "paper") for name in papers))
+        manifest = {
+            "schema_version": _VERSION,
+            "maskfab_version": __version__,
+            "plate": plate.name,
+            "shop": shop.name,
+            "job_hash": job.digest,
+            "tone": TONE,
+            "parity": PARITY,
+            "drawing": {key: value for key, value in vars(options).items() if value is not None},
+            "drawn": list(figures.account.lines()),
+            "files": [vars(file) for file in files],
+        }
+        (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+        write_package(zipped, folder, [MANIFEST, *names, *papers], f"{stem}_{safe_stem(shop.name)}")
+    return Package(zipped, findings, judged, files)
+
+
+def verify_package(package: str | Path, job: Job | None = None, shop: Shop | None = None) -> tuple[Quantity, ...]:
+    """Check a package from its bytes alone: hashes, and with job and shop also the geometry of its mask files.
+
+    Raises:
+        SourceError: MF301, MF303, MF422 or MF423 as :func:`maskfab.export.package.unpack`.
+    """
+    with tempfile.TemporaryDirectory(prefix="maskfab-package-") as aside:
+        folder = Path(aside)
+        names = unpack(Path(package), folder)
+        listed = _listed(folder / MANIFEST)
+        checks = [_hash(folder, name, digest) for name, (_, digest) in listed.items()]
+        for name in sorted(set(names) - set(listed) - {MANIFEST}):
+            checks.append(Quantity("unlisted", "", name, "", f"the manifest does not know {name}", None, "", False))
+        if job is not None and shop is not None:
+            plate = fitted(job.plate(), shop)
+            figures = draw(plate, drawing_options(plate, shop))
+            for name, (kind, _) in listed.items():
+                if kind in _SUFFIX and name in names:
+                    checks += [each for each in read_back(figures, folder / name) if each.passed is not None]
+    return tuple(checks)
+
+
+def read_back(figures: Figures, path: Path) -> tuple[Quantity, ...]:
+    """A written file, read by another library, against what was drawn and against the openings dot by dot."""
+    plate, read = figures.plate, read_layout(path)
+    find_cell(read)
+    cut = CUT in figures.layers
+    drawn = compare(plate, figures.layout(), read, path, dots=not cut).quantities()
+    if not cut:
+        return drawn
+    exposed = compare(plate, plate_layout(plate), _exposed(read), path).quantities()
+    dark = [each for each in exposed if each.name != "polygons"]
+    return (*(each for each in drawn if each.name == "polygons"), *dark)
+
+
+def _exposed(read: db.Layout) -> db.Layout:
+    """What a writer exposes of a file whose holes lie on a layer of their own."""
+    layout = db.Layout()
+    layout.dbu = DBU_UM
+    top = layout.create_cell(read.top_cell().name)
+    top.shapes(layout.layer(layer_info(CLEAR))).insert(region(read, CLEAR) - region(read, CUT))
+    return layout
+
+
+def _write(kind: Format, figures: Figures, path: Path, comments: Sequence[str]) -> None:
+    writers: Mapping[Format, Callable[[], None]] = {
+        "gdsii": lambda: write_gdsii(figures.layout(), path, figures.options.max_vertices),
+        "oasis": lambda: write_oasis(figures.layout(), path),
+        "dxf_r12": lambda: write_dxf(figures, path, "R12", comments),
+        "dxf_r2010": lambda: write_dxf(figures, path, "R2010", comments),
+        "gerber": lambda: write_gerber(figures, path, comments),
+    }
+    writers[kind]()
+
+
+def _papers(
+    figures: Figures,
+    shop: Shop,
+    sent: Sequence[Format],
+    masks: Sequence[WrittenFile],
+    findings: Sequence[Finding],
+    checks: Sequence[Quantity],
+    job: Job,
+) -> dict[str, bytes]:
+    """Order sheet, drawing and certificate, by file name."""
+    plate = figures.plate
+    remarks = [_remark(each) for each in findings if each.passed is None and each.place]
+    sheet = order_sheet(figures, shop, sent, [(file.path, file.sha256) for file in masks], remarks)
+    notes = (f"for {shop.title}", TONE, PARITY, job.signature)
+    certificate = _certificate(plate, shop, masks, findings, checks, job.digest)
+    return {
+        "order.txt": sheet.text().encode(),
+        "order.html": sheet.html().encode(),
+        "plate.svg": plate_drawing(plate, "svg", notes),
+        "plate.pdf": plate_drawing(plate, "pdf", notes),
+        "certificate.json": (json.dumps(certificate, indent=1, ensure_ascii=False) + "\n").encode(),
+    }
+
+
+def _remark(finding: Finding) -> str:
+    """What the house has to decide, as the order asks it."""
+    if finding.rule == "corner_touches":
+        return (
+            f"Clear shapes meet by a corner only in {finding.value} places, first at {finding.place}: writers round "
+            "corners, so tell us whether these will join or part."
+        )
+    return f"{finding.rule}: {finding.value} {finding.unit} at {finding.place}; please confirm."
+
+
+def _certificate(
+    plate: Plate,
+    shop: Shop,
+    masks: Sequence[WrittenFile],
+    findings: Sequence[Finding],
+    checks: Sequence[Quantity],
+    job_hash: str,
+) -> dict[str, Any]:
+    return {
+        "plate": plate.name,
+        "shop": shop.name,
+        "sources": list(shop.sources),
+        "job_hash": job_hash,
+        "verdict": "pass",
+        "files": [vars(file) for file in masks],
+        "rules": [{key: value for key, value in vars(each).items() if key != "source"} for each in findings],
+        "checks": [{key: value for key, value in vars(each).items() if value is not None} for each in checks],
+    }
+
+
+def _listed(path: Path) -> dict[str, tuple[str, str]]:
+    """Format and SHA-256 of the files of a manifest, by name."""
+    try:
+        rows = json.loads(path.read_text(encoding="utf-8"))["files"]
+        return {str(row["path"]): (str(row["format"]), str(row["sha256"])) for row in rows}
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise SourceError(
+            "MF422", f"its {MANIFEST} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
+        ) from error
+
+
+def _hash(folder: Path, name: str, digest: str) -> Quantity:
+    path = folder / Path(name).name
+    found = provenance.sha256_of_file(path) if path.is_file() and path.name == name else "missing"
+    return Quantity("sha256", "", found, "", f"SHA-256 of {name}", limit=digest, passed=found == digest)

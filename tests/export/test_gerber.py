@@ -1,0 +1,92 @@
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import replace
+
+import pytest
+from gerbonara.rs274x import GerberFile
+from klayout import db
+
+from maskfab.errors import OutputError
+from maskfab.export.figures import PolygonOptions, draw
+from maskfab.export.gerber import gerber_bytes, write_gerber
+from maskfab.geometry.region import plate_layout, region
+from maskfab.model import CLEAR
+
+
+def read(path):
+    """What gerbonara takes for dark, in nanometres."""
+    dark = db.Region()
+    file = GerberFile.open(path)
+    for each in file.objects:
+        outline = db.Region(db.Polygon([db.Point(round(x * 1e6), round(y * 1e6)) for x, y in each.outline]))
+        if each.polarity_dark:
+            dark += outline
+        else:
+            dark -= outline
+    return dark.merged()
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        PolygonOptions(),
+        PolygonOptions(hierarchy="merged"),
+        PolygonOptions(holes="layer"),
+        PolygonOptions(holes="keyhole", corners="joined"),
+        PolygonOptions(max_references=19),
+    ],
+    ids=str,
+)
+def test_an_independent_reader_finds_the_design(small_plate, tmp_path, options):
+    path = tmp_path / "x.gbr"
+    write_gerber(draw(small_plate, options), path)
+    assert (read(path) ^ region(plate_layout(small_plate), CLEAR)).is_empty()
+
+
+@pytest.fixture
+def text(small_plate, tmp_path):
+    path = tmp_path / "x.gbr"
+    plate = replace(small_plate, name="a,b*c%d\\µ")
+    write_gerber(plate, path, ["job 0123, seeds a=1", "M02*\n%FSLAX24Y24*%"])
+    return path.read_text(encoding="ascii")
+
+
+def test_attributes_are_those_of_the_specification(text):
+    found = dict(re.findall(r"^%TF(\.[A-Za-z0-9]+),(.*)\*%$", text, re.MULTILINE))
+    assert set(found) == {".GenerationSoftware", ".Part", ".FileFunction", ".MD5"}
+    assert found[".FileFunction"] == "Other,Photomask"
+    assert found[".Part"] == "Other,Photomask a_b_c_d__"
+    assert found[".GenerationSoftware"].startswith("maskfab,maskfab,")
+
+
+def test_the_hash_is_of_all_before_it_without_line_ends(text):
+    before, _, after = text.partition("%TF.MD5,")
+    assert after.split("*")[0] == hashlib.md5(before.replace("\n", "").encode()).hexdigest()
+    assert after.endswith("*%\nM02*\n")
+
+
+def test_a_comment_cannot_end_the_file(text):
+    assert text.count("M02*") == 1
+    assert text.count("%FSLA") == 1
+    assert "G04 job 0123, seeds a=1*" in text
+    assert any(line.startswith("G04 Digitized data is clear") for line in text.splitlines())
+
+
+def test_one_region_for_each_polygon_each_closed(text, small_plate):
+    assert text.count("G36*") == text.count("G37*") == text.count("D02*") == draw(small_plate).account.polygons
+
+
+def test_two_writes_are_byte_identical_and_no_larger_than_told(small_plate, tmp_path):
+    for name in ("x.gbr", "again.gbr"):
+        write_gerber(small_plate, tmp_path / name)
+    data = (tmp_path / "x.gbr").read_bytes()
+    assert data == (tmp_path / "again.gbr").read_bytes()
+    assert len(data) <= gerber_bytes(draw(small_plate))
+
+
+def test_what_is_too_large_is_refused_before_it_is_begun(small_plate, tmp_path):
+    with pytest.raises(OutputError, match="MF415"):
+        write_gerber(small_plate, tmp_path / "x.gbr", limit_bytes=1000)
+    assert not list(tmp_path.iterdir())

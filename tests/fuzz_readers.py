@@ -1,0 +1,396 @@
+"""Damaged files for every reader, each read in a process that may die or hang without harm.
+
+    python tests/fuzz_readers.py 1000                    a thousand inputs for every reader
+    python tests/fuzz_readers.py 1000 gdsii dxf          of these readers only
+    python tests/fuzz_readers.py --case gdsii:17 FILE    write one input again, and say what becomes of it
+
+An input is refused with an error of maskfab's, or reads as the original does, or reads as something else that a
+comparison tells. Everything else is a finding: another exception, a process that ends, ten seconds without an answer,
+and geometry that is not the original's where the comparison with the original says that it is.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import select
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+from small_job import DRAWING, OPENING, write_job
+
+from maskfab.errors import InputError
+from maskfab.export.dxf import write_dxf
+from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.geometry.reading import find_cell, read_layout
+from maskfab.geometry.reading_image import read_picture
+from maskfab.geometry.region import plate_layout
+from maskfab.layout import openings
+from maskfab.layout.job import Job
+from maskfab.layout.job import load as load_job
+from maskfab.model import Plate
+from maskfab.validate.roundtrip import compare
+
+SECONDS = 10.0
+_PATIENCE = 6
+SUFFIXES = {
+    "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif",
+    "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml",
+}  # fmt: skip
+LAYOUTS = ("gdsii", "oasis", "dxf", "gerber")
+PICTURES = ("png", "tiff")
+
+
+# --- the originals ---------------------------------------------------------------------------------------------------
+
+
+@cache
+def job() -> Job:
+    with tempfile.TemporaryDirectory() as folder:
+        return load_job(write_job(Path(folder)))
+
+
+@cache
+def plate() -> Plate:
+    return job().plate()
+
+
+@cache
+def design() -> db.Layout:
+    return plate_layout(plate())
+
+
+@cache
+def originals(reader: str) -> tuple[bytes, ...]:
+    """What is damaged: whole files that this reader accepts."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"o{SUFFIXES[reader]}"
+        if reader == "gdsii":
+            write_gdsii(design(), path)
+        elif reader == "oasis":
+            write_oasis(design(), path)
+            plain = db.SaveLayoutOptions()
+            plain.format, plain.oasis_write_cblocks, plain.oasis_compression_level = "OASIS", False, 0
+            first = path.read_bytes()
+            design().write(str(path), plain)
+            return first, path.read_bytes()
+        elif reader == "dxf":
+            write_dxf(plate(), path, "R12")
+            first = path.read_bytes()
+            write_dxf(plate(), path, "R2010")
+            return first, path.read_bytes()
+        elif reader == "gerber":
+            path.write_text(gerber(design()), encoding="ascii")
+        elif reader in PICTURES:
+            write_picture(path)
+        elif reader == "npy":
+            np.save(path, drawn())
+        elif reader == "job":
+            path = write_job(Path(folder))
+        else:
+            path.write_text(OPENING if reader == "toml" else DRAWING, encoding="utf-8")
+        return (path.read_bytes(),)
+
+
+def drawn() -> np.ndarray:
+    return np.array([[character == "#" for character in row] for row in reversed(DRAWING.split())])
+
+
+def gerber(layout: db.Layout) -> str:
+    """Every polygon on CLEAR as a region, in millimetres with six decimals."""
+    lines = ["%FSLAX46Y46*%", "%MOMM*%", "G01*", "%LPD*%"]
+    shapes = db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(1, 0)))
+    shapes.merged_semantics = False
+    for polygon in shapes.each():
+        points = [f"X{point.x}Y{point.y}" for point in polygon.each_point_hull()]
+        lines += ["G36*", f"{points[0]}D02*", *(f"{point}D01*" for point in (*points[1:], points[0])), "G37*"]
+    return "\n".join([*lines, "M02*", ""])
+
+
+def write_picture(path: Path) -> None:
+    import OpenImageIO as oiio  # noqa: N813
+
+    pixels = np.kron(drawn()[::-1].astype(np.uint8) * 255, np.ones((4, 4), dtype=np.uint8))[:, :, None]
+    spec = oiio.ImageSpec(28, 28, 1, oiio.UINT8)
+    spec.attribute("XResolution", 5000.0)
+    spec.attribute("YResolution", 5000.0)
+    spec.attribute("ResolutionUnit", "cm")
+    image = oiio.ImageOutput.create(str(path))
+    assert image.open(str(path), spec)
+    assert image.write_image(pixels)
+    image.close()
+
+
+# --- damage ----------------------------------------------------------------------------------------------------------
+
+
+def damaged(reader: str, number: int) -> bytes:
+    """One damaged file, the same for the same number."""
+    chance = random.Random(f"{reader} {number}")
+    data = bytearray(chance.choice(originals(reader)))
+    for _ in range(chance.choice([1, 1, 1, 2, 4, 16])):
+        if len(data) < 2:
+            break
+        chance.choice(DAMAGES)(data, chance)
+    return bytes(data)
+
+
+def _flip(data: bytearray, chance: random.Random) -> None:
+    data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
+
+
+def _byte(data: bytearray, chance: random.Random) -> None:
+    data[chance.randrange(len(data))] = chance.choice([0, 1, 0x7F, 0x80, 0xFF, chance.randrange(256)])
+
+
+def _truncate(data: bytearray, chance: random.Random) -> None:
+    del data[chance.randrange(1, len(data)) :]
+
+
+def _splice(data: bytearray, chance: random.Random) -> None:
+    start, place = chance.randrange(len(data)), chance.randrange(len(data))
+    size = chance.choice([1, 2, 4, 16, 64, 512])
+    data[place : place + size] = data[start : start + size]
+
+
+def _repeat(data: bytearray, chance: random.Random) -> None:
+    start = chance.randrange(len(data))
+    data[start:start] = data[start : start + chance.choice([1, 4, 32, 256])] * chance.choice([1, 2, 50])
+
+
+def _cut(data: bytearray, chance: random.Random) -> None:
+    start = chance.randrange(len(data))
+    del data[start : start + chance.choice([1, 2, 4, 32, 256])]
+
+
+def _length(data: bytearray, chance: random.Random) -> None:
+    """Overwrite what may be a length or a count with a small or a huge one."""
+    size = chance.choice([1, 2, 4, 8])
+    place = chance.randrange(len(data))
+    value = chance.choice([0, 1, 2, 2 ** (8 * size - 1) - 1, 2 ** (8 * size - 1), 2 ** (8 * size) - 1])
+    data[place : place + size] = value.to_bytes(size, chance.choice(["big", "little"]))
+
+
+def _digits(data: bytearray, chance: random.Random) -> None:
+    """Change a number that is written in digits."""
+    places = [place for place in (chance.randrange(len(data)) for _ in range(40)) if chr(data[place]).isdigit()]
+    if places:
+        data[places[0] : places[0] + 1] = chance.choice(
+            [b"0", b"9", b"-1", b"99999999999999999999", b"1e308", b"nan", b".", b"-"]
+        )
+
+
+DAMAGES: tuple[Callable[[bytearray, random.Random], None], ...] = (
+    _flip, _byte, _truncate, _splice, _repeat, _cut, _length, _digits,
+)  # fmt: skip
+
+
+# --- one input -------------------------------------------------------------------------------------------------------
+
+
+def outcome(reader: str, path: Path) -> str:
+    """``refused CODE``, ``same``, ``seen`` or ``FINDING: ...`` for a file that stands at a path."""
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            if reader in LAYOUTS:
+                return _layout_outcome(reader, path)
+            if reader in PICTURES:
+                return _picture_outcome(path)
+            if reader == "job":
+                return "same" if load_job(path).spec.dump() == job().spec.dump() else "seen"
+            return _opening_outcome(reader, path)
+    except InputError as error:
+        return f"refused {error.code}"
+    except Exception as error:  # whatever it is, it is not told to the user as it should be
+        return f"FINDING: {type(error).__name__}: {str(error)[:200]!r}"
+
+
+def _layout_outcome(reader: str, path: Path) -> str:
+    layout = read_layout(path)
+    find_cell(layout)
+    found, expected = _flat(layout), _flat(_original(reader))
+    empty = db.Region()
+    differs = any(
+        not (found.get(key, empty) ^ expected.get(key, empty)).is_empty() for key in found.keys() | expected.keys()
+    )
+    told = compare(plate(), _original(reader), layout, path, dots=False)
+    if not differs:
+        return "same" if told.xor_area_um2 == 0 else "FINDING: a difference is told where there is none"
+    return "seen" if told.xor_area_um2 > 0 else "FINDING: geometry differs, and the comparison does not tell"
+
+
+@cache
+def _original(reader: str) -> db.Layout:
+    """The layout that an undamaged file holds; Gerber has the layer CLEAR alone."""
+    layout = design().dup()
+    if reader == "gerber":
+        for info in layout.layer_infos():
+            if not info.is_equivalent(db.LayerInfo(1, 0)):
+                layout.clear_layer(layout.find_layer(info))
+    return layout
+
+
+def _flat(layout: db.Layout) -> dict[str, db.Region]:
+    """Everything on every layer that holds polygons, flattened and merged without the help of a hierarchy."""
+    regions = {}
+    for info in layout.layer_infos():
+        region = db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(info))).merged()
+        if not region.is_empty():
+            regions[f"{info.layer}/{info.datatype}" if info.layer >= 0 else info.name] = region
+    return regions
+
+
+def _picture_outcome(path: Path) -> str:
+    found = read_picture(path)
+    expected = db.Region()
+    for y, x in np.argwhere(drawn()).tolist():
+        expected.insert(db.Box(x * 8000, y * 8000, x * 8000 + 8000, y * 8000 + 8000).moved(-28000, -28000))
+    found_region = db.Region(found.top_cell().begin_shapes_rec(found.find_layer(1, 0)))
+    return "same" if (found_region ^ expected).is_empty() else "seen"
+
+
+def _opening_outcome(reader: str, path: Path) -> str:
+    opening = openings.load(path) if reader == "toml" else openings.load(path, dot_nm=8000)
+    same = opening.mask.shape == drawn().shape and bool((opening.mask == drawn()).all())
+    return "same" if same and opening.dot_nm == 8000 else "seen"
+
+
+# --- many inputs, in processes of their own --------------------------------------------------------------------------
+
+
+@dataclass
+class Findings:
+    """What became of the inputs of one reader: how many of each outcome, and the findings by their case."""
+
+    reader: str
+    outcomes: Counter[str] = field(default_factory=Counter)
+    findings: dict[str, str] = field(default_factory=dict)
+    slowest: float = 0.0
+
+    def note(self, number: int, said: str, seconds: float) -> None:
+        self.slowest = max(self.slowest, seconds)
+        if said.startswith("FINDING"):
+            self.findings[f"{self.reader}:{number}"] = said
+            said = "FINDING"
+        self.outcomes[said] += 1
+
+
+class Worker:
+    """A process that reads damaged files, one after the other, and may be ended."""
+
+    def __init__(self, reader: str) -> None:
+        self.reader = reader
+        self.process: subprocess.Popen[str] | None = None
+        self.spent = 0.0
+
+    def outcome(self, number: int) -> str:
+        if self.process is None:
+            self.process = subprocess.Popen(
+                [sys.executable, __file__, "--worker", self.reader],
+                stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, bufsize=1,
+            )  # fmt: skip
+            self.spent = 0.0
+            self._answer(60.0)
+        assert self.process.stdin is not None
+        self.process.stdin.write(f"{number}\n")
+        self.process.stdin.flush()
+        self._processor_seconds()
+        said = self._answer(SECONDS)
+        if said is None:
+            self.process.kill()
+            self.process.wait()
+            self.process = None
+            return f"FINDING: no answer within {SECONDS:g} s"
+        if not said:
+            code = self.process.wait()
+            self.process = None
+            return f"FINDING: the process ended with {code}"
+        return said
+
+    def _answer(self, seconds: float) -> str | None:
+        assert self.process is not None
+        assert self.process.stdout is not None
+        for _ in range(_PATIENCE):
+            ready, _, _ = select.select([self.process.stdout], [], [], seconds)
+            if ready:
+                return self.process.stdout.readline().strip()
+            if self._processor_seconds() > seconds / 2:
+                break  # on a machine that is busy with other things it may just wait for its turn
+        return None
+
+    def _processor_seconds(self) -> float:
+        """Time that the process has had of a processor since it was last asked; much where that cannot be told."""
+        assert self.process is not None
+        try:
+            said = Path(f"/proc/{self.process.pid}/stat").read_text(encoding="ascii").rsplit(")", 1)[1].split()
+        except OSError:
+            return math.inf
+        now = sum(int(ticks) for ticks in said[11:15]) / os.sysconf("SC_CLK_TCK")
+        spent, self.spent = now - self.spent, now
+        return spent
+
+    def close(self) -> None:
+        if self.process is not None:
+            self.process.communicate()
+
+
+def fuzz(reader: str, numbers: range) -> Findings:
+    """Read the inputs of those numbers."""
+    found = Findings(reader)
+    worker = Worker(reader)
+    for number in numbers:
+        start = time.perf_counter()
+        said = worker.outcome(number)
+        found.note(number, said, time.perf_counter() - start)
+    worker.close()
+    return found
+
+
+def work(reader: str) -> None:
+    """A worker's life: numbers on stdin, outcomes on stdout."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"damaged{SUFFIXES[reader]}"
+        if reader == "job":
+            (Path(folder) / "ring.toml").write_text(OPENING, encoding="utf-8")
+        originals(reader)
+        print("ready", flush=True)
+        for line in sys.stdin:
+            path.write_bytes(damaged(reader, int(line)))
+            print(outcome(reader, path), flush=True)
+
+
+def main(arguments: list[str]) -> int:
+    if arguments[0] == "--worker":
+        work(arguments[1])
+        return 0
+    if arguments[0] == "--case":
+        reader, number = arguments[1].split(":")
+        path = Path(arguments[2])
+        path.write_bytes(damaged(reader, int(number)))
+        print(outcome(reader, path))
+        return 0
+    failed = False
+    for reader in arguments[1:] or SUFFIXES:
+        found = fuzz(reader, range(int(arguments[0])))
+        told = ", ".join(f"{count} {said}" for said, count in found.outcomes.most_common())
+        print(f"{reader}: {told}; slowest {found.slowest:.2f} s", flush=True)
+        for case, said in found.findings.items():
+            print(f"  {case} {said}", flush=True)
+        failed = failed or bool(found.findings)
+    return int(failed)
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))

@@ -1,0 +1,273 @@
+"""A mask file of whatever origin is held against a job: how it lies is said exactly, and what differs is placed."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import fuzz_readers
+import numpy as np
+import pytest
+from klayout import db
+from small_job import command, write_job
+
+from maskfab.errors import JobError, SourceError
+from maskfab.export.dxf import write_dxf
+from maskfab.export.gds import write_gdsii
+from maskfab.geometry.region import plate_layout, region
+from maskfab.layout.job import load
+from maskfab.model import CLEAR
+from maskfab.validate.foreign import How, check_foreign, only_die
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory):
+    return load(write_job(tmp_path_factory.mktemp("job")))
+
+
+@pytest.fixture(scope="module")
+def plate(job):
+    return job.plate()
+
+
+@pytest.fixture(scope="module")
+def gds(plate, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("gds") / "plate.gds"
+    write_gdsii(plate_layout(plate), path)
+    return path
+
+
+def edited(source: Path, target: Path, edit) -> Path:
+    layout = db.Layout()
+    layout.read(str(source))
+    edit(layout)
+    layout.write(str(target))
+    return target
+
+
+def placed(trans):
+    """Put the plate below a new top cell, moved."""
+
+    def edit(layout):
+        old = layout.top_cell().cell_index()
+        layout.create_cell("MOVED").insert(db.CellInstArray(old, trans))
+
+    return edit
+
+
+def flat_clear(layout):
+    return db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(1, 0))).merged()
+
+
+def told(found):
+    """What every quantity says, by name; of dies the worst."""
+    values = {}
+    for quantity in found.quantities:
+        if not isinstance(values.get(quantity.name), float) or quantity.value > values[quantity.name]:
+            values[quantity.name] = quantity.value
+    return values
+
+
+def failed(found):
+    return {quantity.name for quantity in found.quantities if quantity.passed is False}
+
+
+def check(job, plate, path, **how):
+    return check_foreign(plate, job.camera, job.spec.limits, path, How(**how))
+
+
+@pytest.mark.parametrize("suffix", ["gds", "oas", "dxf", "gbr"])
+def test_the_plate_in_whatever_form_is_the_plate(job, plate, gds, tmp_path, suffix):
+    path = tmp_path / f"plate.{suffix}"
+    if suffix == "dxf":
+        write_dxf(plate, path, "R2010")
+    elif suffix == "gbr":
+        path.write_text(fuzz_readers.gerber(plate_layout(plate)), encoding="ascii")
+    else:
+        edited(gds, path, lambda layout: layout.flatten(layout.top_cell().cell_index(), -1, True))
+    found = check(job, plate, path)
+    assert failed(found) == set()
+    assert told(found)["lies"] == "as the design"
+    assert told(found)["xor_area"] == 0
+    assert {"readback_psf_difference", "mtf_difference", "cd_x_1x", "rule_width", "rule_space"} <= told(found).keys()
+
+
+@pytest.mark.parametrize(
+    ("turn", "said"),
+    [
+        (db.Trans.R90, "turned by 90 degrees counter-clockwise"),
+        (db.Trans.M90, "mirrored left to right, as seen through the plate"),
+        (db.Trans.M45, "mirrored at the rising diagonal, x and y exchanged"),
+        (db.Trans.M135, "mirrored at the falling diagonal"),
+        (db.Trans(1234, -5), "shifted by (1.234, -0.005) um"),
+    ],
+)
+def test_a_plate_that_lies_wrong_is_told_how_and_is_right_otherwise(job, plate, gds, tmp_path, turn, said):
+    found = check(job, plate, edited(gds, tmp_path / "x.gds", placed(turn)))
+    assert told(found)["lies"] == said
+    assert failed(found) == {"lies"}
+    assert told(found)["xor_area"] == 0
+
+
+def test_a_plate_mirrored_and_shifted_is_told_both(job, plate, gds, tmp_path):
+    found = check(job, plate, edited(gds, tmp_path / "x.gds", placed(db.Trans(2, True, 5000, 0))))
+    said = "mirrored left to right, as seen through the plate and shifted by (5, 0) um after that"
+    assert told(found)["lies"] == said
+    assert failed(found) == {"lies"}
+
+
+@pytest.mark.parametrize(
+    ("factor", "said"),
+    [(25.4, "in inches where millimetres were meant"), (1.1, "scaled by 1.1"), (10, "10 times too large")],
+)
+def test_a_plate_in_another_unit_is_told(job, plate, gds, tmp_path, factor, said):
+    path = edited(gds, tmp_path / "x.gds", lambda layout: layout.transform(db.DCplxTrans(factor)))
+    found = check(job, plate, path)
+    assert told(found)["lies"] == said
+    assert told(found)["xor_area"] < 1
+
+
+def test_a_plate_of_the_other_tone_is_told_and_compared_all_the_same(job, plate, gds, tmp_path):
+    def invert(layout):
+        rest = db.Region(db.Box(-11_000_000, -11_000_000, 11_000_000, 11_000_000)) - flat_clear(layout)
+        for cell in layout.each_cell():
+            cell.clear()
+        layout.top_cells()[0].shapes(layout.layer(1, 0)).insert(rest)
+        for cell in layout.top_cells()[1:]:
+            cell.delete()
+
+    found = check(job, plate, edited(gds, tmp_path / "x.gds", invert))
+    assert told(found)["lies"] == "of the other tone, drawn where the design is opaque"
+    assert failed(found) == {"lies"}
+
+
+def test_something_else_is_unlike_the_design_and_nothing_more_is_said(job, plate, tmp_path):
+    layout = db.Layout()
+    for x in range(40):
+        layout.cell("TOP") or layout.create_cell("TOP")
+        layout.cell("TOP").shapes(layout.layer(1, 0)).insert(db.Box(x * 300, 0, x * 300 + 100, 90_000))
+    layout.write(str(tmp_path / "x.gds"))
+    found = check(job, plate, tmp_path / "x.gds")
+    assert failed(found) == {"lies"}
+    assert told(found)["lies"].startswith("unlike the design")
+    assert found.trip is None
+
+
+def test_a_sliver_in_a_die_is_placed_measured_and_breaks_a_rule(job, plate, gds, tmp_path):
+    die = plate.dies[1]
+    x, y = die.centre_nm
+
+    def add(layout):
+        layout.top_cell().shapes(layout.layer(1, 0)).insert(db.Box(x - 60_000, y, x + 60_000, y + 300))
+
+    found = check(job, plate, edited(gds, tmp_path / "x.gds", add))
+    assert failed(found) >= {"xor_area", "rule_width", "readback_psf_difference", "mtf_difference", "readback_xor_area"}
+    assert told(found)["lies"] == "as the design"
+    assert 0 < told(found)["xor_area"] <= 36
+    assert 1e-6 < told(found)["mtf_difference"] < 0.1
+    (method,) = [quantity.method for quantity in found.quantities if quantity.name == "xor_area"]
+    assert "TURNED" in method
+    assert f"({(x - 60_000) / 1e3:.3f}" in method or "first at" in method
+    untouched = [q for q in found.quantities if q.die == "PLAIN" and q.passed is False]
+    assert untouched == []
+
+
+def test_a_cd_that_is_off_by_ten_nanometres_is_told(job, plate, gds, tmp_path):
+    def widen(layout):
+        shapes = layout.cell("CD_X_1X").shapes(layout.layer(1, 0))
+        bar = next(shapes.each()).bbox()
+        shapes.insert(db.Box(bar.left, bar.bottom, bar.right + 10, bar.top))
+
+    found = check(job, plate, edited(gds, tmp_path / "x.gds", widen))
+    assert "cd_x_1x" in failed(found)
+    assert "cd_x_2x" not in failed(found)
+    (cd,) = [quantity for quantity in found.quantities if quantity.name == "cd_x_1x"]
+    assert cd.value == cd.limit + 10
+
+
+def test_one_die_of_a_plate_and_one_die_alone_are_compared_with_the_die(job, plate, gds, tmp_path):
+    one = only_die(plate, "TURNED")
+    assert failed(check(job, one, gds)) == set()
+    found = check(job, one, gds, cell="TURNED")
+    assert failed(found) == {"lies"}
+    assert told(found)["xor_area"] == 0
+    other = check(job, only_die(plate, "PLAIN"), gds, cell="TURNED")
+    assert failed(other) - {"lies"} or not other.alignment.alike
+
+
+def test_a_picture_of_a_die_has_no_place_to_be_wrong_at(job, plate, tmp_path):
+    import OpenImageIO as oiio  # noqa: N813
+
+    one = only_die(plate, "TURNED")
+    die = one.dies[0]
+    box = db.Box(*die.box_nm)
+    clear = region(plate_layout(one), CLEAR)
+    side = box.width() // 8000
+    pixels = np.zeros((side, side), dtype=np.uint8)
+    for polygon in clear.decompose_trapezoids_to_region().each():
+        part = polygon.bbox().moved(-box.left, -box.bottom)
+        pixels[part.bottom // 8000 : part.top // 8000, part.left // 8000 : part.right // 8000] = 255
+    for path, picture in ((tmp_path / "right.png", pixels), (tmp_path / "turned.png", np.rot90(pixels))):
+        spec = oiio.ImageSpec(side, side, 1, oiio.UINT8)
+        image = oiio.ImageOutput.create(str(path))
+        assert image.open(str(path), spec)
+        assert image.write_image(np.ascontiguousarray(picture[::-1])[:, :, None])
+        image.close()
+    assert failed(check(job, one, tmp_path / "right.png", dots_per_um=0.125)) == set()
+    turned = check(job, one, tmp_path / "turned.png", dots_per_um=0.125)
+    assert failed(turned) == {"lies"}
+    assert told(turned)["lies"].startswith("turned by 90 degrees")
+    with pytest.raises(SourceError, match="MF314"):
+        check(job, one, tmp_path / "right.png")
+
+
+def test_holes_on_a_layer_of_their_own_are_taken_away(job, plate, gds, tmp_path):
+    def cover(layout):
+        x, y = plate.dies[0].centre_nm
+        hole = db.Box(x - 3_000_000, y - 3_000_000, x - 2_900_000, y - 2_900_000)
+        for number in (1, 2):
+            layout.top_cell().shapes(layout.layer(number, 0)).insert(hole)
+
+    assert failed(check(job, plate, edited(gds, tmp_path / "x.gds", cover))) == set()
+
+
+def test_a_die_that_is_not_there_is_refused(plate):
+    with pytest.raises(JobError, match=r"MF105.*'NONE'.*PLAIN, TURNED"):
+        only_die(plate, "NONE")
+
+
+def test_the_command_tells_and_exits_with_the_verdict(capsys, gds, tmp_path):
+    job = write_job(tmp_path)
+    good = command(capsys, "verify", gds, "--against", job, "--json", "--quiet")
+    assert (good.code, good.document["verdict"]) == (0, "pass")
+    path = edited(gds, tmp_path / "<i>turned.gds", placed(db.Trans.M90))
+    bad = command(capsys, "verify", path, "--against", job, "--json", "--quiet")
+    assert (bad.code, bad.document["verdict"]) == (1, "fail")
+    (lies,) = [quantity for quantity in bad.document["quantities"] if quantity["name"] == "lies"]
+    assert lies["value"].startswith("mirrored left to right")
+
+
+def test_the_command_tells_people_too(capsys, gds, tmp_path):
+    path = edited(gds, tmp_path / "turned.gds", placed(db.Trans.M90))
+    shown = command(capsys, "verify", path, "--against", write_job(tmp_path), "--die", "PLAIN", "--quiet")
+    assert shown.code == 1
+    assert "FAIL lies = mirrored left to right" in shown.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        ((), "MF105"),
+        (("--against", "JOB", "--die", "NONE"), "MF105"),
+        (("--against", "JOB", "--layer", "7/7"), "MF306"),
+        (("--against", "JOB", "--cell", "NONE"), "MF307"),
+        (("--against", "missing.toml"), "MF301"),
+    ],
+)
+def test_the_command_refuses_what_it_cannot_do(capsys, gds, tmp_path, arguments, code):
+    job = write_job(tmp_path)
+    shutil.copy(gds, tmp_path / "x.gds")
+    spoken = [job if argument == "JOB" else argument for argument in arguments]
+    answer = command(capsys, "verify", tmp_path / "x.gds", *spoken, "--quiet", "--json")
+    assert answer.code == 2
+    assert answer.document["error"]["code"] == code
