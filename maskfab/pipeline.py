@@ -18,11 +18,12 @@ from threadpoolctl import threadpool_limits
 
 from maskfab import __version__, provenance, resources
 from maskfab.export.markers import write_markers
-from maskfab.export.shops import load_shop
+from maskfab.export.shops import Shop, load_shop
 from maskfab.export.staging import RESULT_MARK, check_target, staged
 from maskfab.geometry.drc import RuleResult, check_plate
 from maskfab.geometry.region import clear_shapes, plate_names
 from maskfab.geometry.stop import stop_box
+from maskfab.geometry.written import check_process
 from maskfab.layout.job import Job, load
 from maskfab.layout.populate import Populated
 from maskfab.model import Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
@@ -84,9 +85,12 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     job = job if isinstance(job, Job) else load(job)
     target = Path(out)
     check_target(target, force=force)
+    named_shop(job)
     clock = _Clock()
     with clock.stage("layout"):
-        built = job.displays(progress, largest=True)
+        plate = job.plate()
+        check_processes(job, plate)
+        built = job.displays_of(plate, progress, largest=True)
         plate = built.plate
     with clock.stage("draw"):
         made = draw_files(job, plate)
@@ -220,16 +224,35 @@ def check_rules(job: Job, plate: Plate) -> tuple[RuleResult, ...]:
     return check_plate(plate, limits_as_rules(job.spec.limits))
 
 
+def named_shop(job: Job) -> Shop | None:
+    """The mask house that the job names; None if it names none.
+
+    Raises:
+        OutputError: MF420 if there is no such house, MF421 if its profile is malformed.
+    """
+    section = job.spec.export
+    return None if section is None or section.shop is None else load_shop(section.shop)
+
+
 def shop_quantities(job: Job, plate: Plate) -> tuple[Quantity, ...]:
     """The rules of the mask house that the job names, each a check; none if it names none.
 
     Raises:
-        JobError: MF420 if there is no such house.
+        OutputError: MF420 or MF421 as of :func:`named_shop`.
     """
-    section = job.spec.export
-    if section is None or section.shop is None:
-        return ()
-    return tuple(finding.quantity() for finding in check_shop(plate, load_shop(section.shop)))
+    shop = named_shop(job)
+    return () if shop is None else tuple(finding.quantity() for finding in check_shop(plate, shop))
+
+
+def check_processes(job: Job, plate: Plate) -> None:
+    """Refuse a [process] that the dots of a die do not bear, before anything is drawn.
+
+    Raises:
+        JobError: MF104 or MF127.
+    """
+    if job.spec.process is not None:
+        for die in plate.dies:
+            check_process(job.spec.process.process(), die.panel, f"{job.where}: process, die {die.name}")
 
 
 def measure_process(

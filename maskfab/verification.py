@@ -59,13 +59,15 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         plate = compose(job.spec, job.openings, signature, where=job.where)
         built = job.displays_of(plate, progress, largest=True)
         plate = built.plate
+        of_shop = shop_quantities(job, plate)
+        made = draw_files(job, plate)
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
-    made, refused = draw_files(job, plate), list[tuple[str, InputError]]()
+    refused: list[tuple[str, InputError]] = []
     back = read_back(made, folder, progress, refused)
     checks += [_failed("readable", f"{name}: {error}") for name, error in refused]
-    trips, read = back.trips, [*back.quantities, *made.account(), *shop_quantities(job, plate)]
+    trips, read = back.trips, [*back.quantities, *made.account(), *of_shop]
     checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
     if not trips:
         return tuple(checks)

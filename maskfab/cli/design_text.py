@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from maskfab.design.bounds import Gap
     from maskfab.design.discrete import Prices
     from maskfab.design.job import Designed
     from maskfab.design.orientation_map import DesignedMap
@@ -20,6 +21,13 @@ def lines(found: Designed, notes: Sequence[str]) -> list[str]:
         told.append(
             f"no opening of as many dots gains more, in the picture's interior, than {_levels(found.head_room)}"
         )
+    if found.gap is not None:
+        limit = found.gap.bounds
+        told.append(f"nor, in the whole frame, than {_levels(found.gap.head_room_frame)}")
+        told.append(f"a grey filter that passes as much light: {_levels(limit.grey)}, in the interior")
+        told.append(f"a clear stop of the area that is clear: {_levels(limit.open_stop)}, in the interior")
+        most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
+        told.append(f"area under the radial minimum of the blue MTF: {found.gap.auc:.4f}{most}")
     if found.prices is not None and found.prices.each:
         told.append(f"rules together cost {_db(found.prices.together)}, of {found.evaluated} openings")
         told += [f"  {price.rule}: alone {_db(price.alone)}, last {_db(price.last)}" for price in found.prices.each]
@@ -44,6 +52,7 @@ def document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -
         "open_ratio": found.opening.open_ratio,
         "expected_psnr_db": _by_level(found.psnr),
         "head_room_db": None if found.head_room is None else _by_level(found.head_room),
+        "bounds": None if found.gap is None else _bounds(found.gap),
         "evaluated": found.evaluated,
         **_prices(found.prices),
         "map": None
@@ -60,6 +69,20 @@ def document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -
         "outer": None if found.outer is None else str(paths["outer"]),
         "notes": list(notes),
         "provenance": dict(found.opening.provenance),
+    }
+
+
+def _bounds(gap: Gap) -> dict[str, object]:
+    limit = gap.bounds
+    return {
+        "interior_psnr_db": _by_level(gap.psnr),
+        "most_interior_psnr_db": _by_level(limit.psnr),
+        "most_frame_psnr_db": _by_level(limit.frame),
+        "grey_psnr_db": _by_level(limit.grey),
+        "open_stop_psnr_db": _by_level(limit.open_stop),
+        "auc": gap.auc,
+        "most_auc": limit.auc,
+        "method": list(limit.method),
     }
 
 

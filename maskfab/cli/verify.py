@@ -1,9 +1,10 @@
-"""``maskfab verify``: a finished directory read again, or a mask file from elsewhere held against a job."""
+"""``maskfab verify``: a finished directory or a package read again, or a mask file from elsewhere held against a job."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,15 +14,18 @@ from maskfab.cli.watch import watched
 from maskfab.errors import JobError
 
 if TYPE_CHECKING:
+    from maskfab.model import Quantity
     from maskfab.progress import Progress
     from maskfab.validate.foreign import Foreign, How
 
 
 def verify(
-    subject: Annotated[Path, typer.Argument(metavar="DIR|FILE", help="The --out of a finished run, or a mask file "
-                                            "(.gds .oas .dxf .gbr .png .tif) of whatever origin.")],
-    against: Annotated[Path | None, typer.Option(metavar="JOB", help="The job (.toml) that a mask file is held "
-                                                 "against.")] = None,
+    subject: Annotated[Path, typer.Argument(metavar="DIR|PACKAGE|FILE", help="The --out of a finished run, a .zip that "
+                                            "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) of "
+                                            "whatever origin.")],
+    against: Annotated[Path | None, typer.Option(metavar="JOB", help="The job (.toml) that a mask file, or a package "
+                                                 "with --shop, is held against.")] = None,
+    shop: Annotated[str | None, typer.Option(help="Whom a package is for, to draw its job again.")] = None,
     die: Annotated[str | None, typer.Option(help="Compare one die of the job alone.")] = None,
     layer: Annotated[str | None, typer.Option(help="Layer of a mask file that is clear, such as 1/0 or CLEAR.")] = None,
     cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
@@ -30,7 +34,18 @@ def verify(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
-    """Read a finished output directory again and repeat every check, or hold a mask file against a job."""
+    """Read a finished directory or a package again and repeat every check, or hold a mask file against a job."""
+    if subject.suffix.lower() == ".zip" and not subject.is_dir():
+        stated = {"--die": die, "--layer": layer, "--cell": cell, "--dots-per-um": dots_per_um}
+        _package(subject, against, shop, [name for name, value in stated.items() if value is not None], as_json, quiet)
+        return
+    if shop is not None:
+        raise JobError(
+            "MF105",
+            f"--shop {shop} is for packages, and {subject.name} is none",
+            where="--shop",
+            cure="Name a .zip that maskfab package wrote, or leave --shop out",
+        )
     if against is None and subject.is_file():
         raise JobError(
             "MF105",
@@ -45,11 +60,45 @@ def verify(
 
     with watched(quiet) as progress:
         checks = verify_directory(subject, progress)
+    _tell(checks, {}, as_json)
+
+
+def _package(
+    path: Path, against: Path | None, shop: str | None, strangers: Sequence[str], as_json: bool, quiet: bool
+) -> None:
+    if strangers:
+        raise JobError(
+            "MF105", f"{' '.join(strangers)} cannot be said of a package", where=strangers[0], cure="Leave it out"
+        )
+    if (against is None) != (shop is None):
+        missing = "--against" if against is None else "--shop"
+        raise JobError(
+            "MF105",
+            f"{missing} is missing: a package is drawn again from its job for its shop",
+            where=missing,
+            cure="Name both --against JOB.toml and --shop NAME, or neither to check hashes alone",
+        )
+    from maskfab.export.shops import load_shop
+    from maskfab.layout.job import load
+    from maskfab.validate.packing import verify_package
+
+    profile, job = None if shop is None else load_shop(shop), None if against is None else load(against)
+    with watched(quiet) as progress:
+        progress("package", 0, 1)
+        checks = verify_package(path, job, profile)
+        progress("package", 1, 1)
+    said = {"package": str(path), "against": None if against is None else str(against), "shop": shop}
+    _tell(checks, said, as_json)
+
+
+def _tell(checks: Sequence[Quantity], said: dict[str, Any], as_json: bool) -> None:
+    """Print checks, and leave by their verdict."""
     passed = all(check.passed for check in checks)
     if as_json:
         from maskfab.report.data import quantity_document
 
-        print_json({"verdict": "pass" if passed else "fail", "checks": [quantity_document(q) for q in checks]})
+        rows = [quantity_document(quantity) for quantity in checks]
+        print_json({"verdict": "pass" if passed else "fail", **said, "checks": rows})
     else:
         summarise(checks)
     leave(passed)

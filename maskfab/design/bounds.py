@@ -32,6 +32,8 @@ from maskfab.imaging.transfer import STOP_UM, autocorrelation
 
 Floats = NDArray[np.float64]
 
+_MOST_DOTS_OF_LP = 25
+
 
 @dataclass(frozen=True)
 class Bounds:
@@ -47,7 +49,8 @@ class Bounds:
             and whatever the cells that the stop cuts hold; None if it was not asked for.
         grey: dB, a neutral filter that passes as much light, which is also the open stop exposed as briefly.
         open_stop: dB, a clear stop of the area that is clear.
-        auc: no unit has a larger expected area under the radial minimum of the blue MTF.
+        auc: no unit has a larger expected area under the radial minimum of the blue MTF; None above 25 dots a side,
+            where its linear programme takes minutes.
         method: how each was found, and under which assumptions it holds.
     """
 
@@ -59,7 +62,7 @@ class Bounds:
     any_layout: tuple[float, ...] | None
     grey: tuple[float, ...]
     open_stop: tuple[float, ...]
-    auc: float
+    auc: float | None
     method: tuple[str, ...]
 
 
@@ -120,6 +123,9 @@ def bounds(
     grey, small = grey_light
     found = _unit_bound(inner, ratio, residues(inner, periodic=periodic), periodic, levels)
     whole = frame_bound(estimate, inner, clear_dots, periodic=periodic, levels=levels)
+    area = None
+    if estimate.dots <= _MOST_DOTS_OF_LP:
+        area = auc_bound(rings(estimate.dots, room=estimate.lattice), clear_dots, periodic=periodic)
     method = [
         "psnr: Lagrangian dual over lag residues, least over the protocol's ε; cut cells as whole ones",
         "frame: the same at the surrogate's own lags; the leak is at least 0",
@@ -131,7 +137,6 @@ def bounds(
         method.append(
             "any_layout: Lagrangian dual over blocks of lags, best filter at each frequency, cut cells counted"
         )
-    area = auc_bound(rings(estimate.dots, room=estimate.lattice), clear_dots, periodic=periodic)
     return Bounds(tuple(levels), clear_dots, periodic, found, whole, free, grey, small, area, tuple(method))
 
 

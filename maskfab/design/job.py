@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
-from maskfab.design.bounds import bounds, optimality_gap
+from maskfab.design.bounds import Gap, bounds, optimality_gap
 from maskfab.design.constraints import Constraints
 from maskfab.design.discrete import Prices
 from maskfab.design.orientation_map import DesignedMap
@@ -45,6 +45,7 @@ class Designed:
         designed: how that went.
         map_head_room: by level, dB that no layout of as many dots and the map's own light can gain over it; None
             without a map, and for one of two openings.
+        gap: the opening beside all its bounds; None for a panel of two, and where there is no other opening.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
         notes: what a user should know, as sentences.
         cut: a budget cut the search short, so that it depends on the clock.
@@ -59,6 +60,7 @@ class Designed:
     cells: CellMap | None = None
     designed: DesignedMap | None = None
     map_head_room: tuple[float, ...] | None = None
+    gap: Gap | None = None
     outer: Opening | None = None
     notes: tuple[str, ...] = ()
     cut: bool = False
@@ -114,20 +116,21 @@ def constraints_of(section: DesignSection, *, where: str = "design") -> Constrai
 
 def appraised(
     estimate: Surrogate, mask: NDArray[np.bool_], *, periodic: bool
-) -> tuple[tuple[float, ...], Facts, tuple[float, ...]]:
+) -> tuple[tuple[float, ...], Facts, tuple[float, ...], Gap | None]:
     """Expected restored PSNR of a unit by level, both as provenance, and what no other of as many dots can gain, in dB.
 
-    The last is of the picture's interior; the provenance has that of the whole frame too.
+    That is of the picture's interior; the provenance has that of the whole frame too. Last all bounds, unless there is
+    no other opening of as many dots.
     """
     if mask.all():
         # It is the only opening of its count.
         psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(LEVELS)
-        return psnr, by_level("expected_psnr", psnr) | by_level("head_room", none), none
+        return psnr, by_level("expected_psnr", psnr) | by_level("head_room", none), none, None
     limit = bounds(estimate, int(mask.sum()), periodic=periodic, any_layout=False)
     gap = optimality_gap(estimate, mask, periodic=periodic, known=limit)
     psnr = estimate(mask, periodic=periodic)
     facts = by_level("expected_psnr", psnr) | by_level("head_room", gap.head_room)
-    return psnr, facts | by_level("head_room_frame", gap.head_room_frame), gap.head_room
+    return psnr, facts | by_level("head_room_frame", gap.head_room_frame), gap.head_room, gap
 
 
 def origin(section: DesignSection, command: str) -> Facts:

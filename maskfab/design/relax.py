@@ -96,7 +96,7 @@ def relax(
     mask, loss, more, unfinished = _ruled(found, plan, section, rules, clock, progress)
     periodic = section.tiling is Tiling.PERIODIC
     progress("bounds", 0, 1)
-    psnr, known, head_room = appraised(estimate, mask, periodic=periodic)
+    psnr, known, head_room, gap = appraised(estimate, mask, periodic=periodic)
     progress("bounds", 1, 1)
     evaluated = found.iterations + section.anneal
     facts: Facts = {**origin(section, command), "shape": plan.name, "tiling": section.tiling.value}
@@ -104,7 +104,9 @@ def relax(
     facts |= {**known, "evaluated": evaluated, "loss": round(loss, 6)}
     cut = bool(notes) or unfinished
     opening = Opening(section.name, mask, rules.dot_nm, facts)
-    return Designed(opening, plan.name, psnr, head_room, evaluated, notes=(*found.notes, *notes, *more), cut=cut)
+    return Designed(
+        opening, plan.name, psnr, head_room, evaluated, gap=gap, notes=(*found.notes, *notes, *more), cut=cut
+    )
 
 
 def schedule(

@@ -117,10 +117,10 @@ def search(
 
     laid = mapped(section, found.best.unit, rules, estimate, error, origin(section, command), of_count, clock, progress)
     priced = prices(found.looked, expected, rules) if found.looked else None
-    psnr, head_room = laid.psnr, None
+    psnr, head_room, gap = laid.psnr, None, None
     if psnr is None:
         progress("bounds", 0, 1)
-        psnr, known, head_room = appraised(estimate, laid.unit, periodic=periodic)
+        psnr, known, head_room, gap = appraised(estimate, laid.unit, periodic=periodic)
         progress("bounds", 1, 1)
     else:
         known = by_level("expected_psnr", psnr)
@@ -136,6 +136,7 @@ def search(
         laid.cells,
         laid.designed,
         laid.head_room,
+        gap,
         None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_out", laid.outer, rules.dot_nm, facts),
         (*found.notes, *laid.notes),
         found.cut or laid.cut,

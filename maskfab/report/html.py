@@ -88,6 +88,9 @@ _RARELY_READ = frozenset(
 )
 """What the page folds, unless it failed."""
 
+_RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "solid_")
+"""The same, by how names begin: a die has such rows for every file of its own."""
+
 _COLUMNS = (
     Column("open_ratio", "Open ratio", "worst"),
     Column("auc_radial_min", "AUC radial min", "each", best=True),
@@ -127,6 +130,7 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         verdict=verdict,
         where=where,
     )
+    environment.tests["folded"] = _is_folded
     drawn = {place: {name: Markup(image) for name, image in images.items()} for place, images in pictures.items()}
     checks: Sequence[Row] = document["checks"]
     return environment.from_string(template("report.html.j2")).render(
@@ -340,7 +344,8 @@ def _not_shown(scene: Row) -> list[str]:
 
 
 def _is_folded(row: Row) -> bool:
-    return row["name"] in _RARELY_READ and row["passed"] is not False
+    name = row["name"]
+    return (name in _RARELY_READ or name.startswith(_RARELY_READ_FAMILIES)) and row["passed"] is not False
 
 
 def _value(row: Row) -> float:

@@ -36,9 +36,13 @@ def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
 
 def signed_length_um(value: object) -> float:
     """Micrometres of a length that may be negative; raises as :func:`maskfab.spec.values.length_um`."""
-    if isinstance(value, str) and value.strip().startswith("-"):
+    if not (isinstance(value, str) and value.strip().startswith("-")):
+        return length_um(value, zero_allowed=True)
+    try:
         return -length_um(value.strip()[1:], zero_allowed=True)
-    return length_um(value, zero_allowed=True)
+    except JobError as error:
+        what = f"{value!r} is no finite length of at most 1 km, with one sign and a unit"
+        raise JobError(error.code, what, cure='Write it as "-0.1 um"') from error
 
 
 SignedLength = Annotated[float, BeforeValidator(lambda v: refusing(signed_length_um, v)), PlainSerializer(um_text)]

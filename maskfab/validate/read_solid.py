@@ -18,6 +18,9 @@ Ints = NDArray[np.int64]
 _FLAT_NM = 5.0
 """Triangles of less height are lines whose points float32 has moved."""
 
+_AT_ONCE = 100_000
+"""Triangles of an STL looked at together."""
+
 _NM_PER_UNIT = {"meters": 1e9, "millimeters": 1e6, "micron": 1e3, "microns": 1e3}
 
 
@@ -91,39 +94,30 @@ def read_stl(path: Path, die: Die) -> ReadSolid:
     Raises:
         SourceError: MF303 if trimesh cannot read it.
     """
-    import trimesh
+    # The whole library keeps ten times the file in memory: its parser alone is asked.
+    from trimesh.exchange.stl import load_stl
 
     try:
-        mesh = trimesh.load_mesh(path, process=False)
-        total = float(mesh.volume) * 1e18
-        corners = np.asarray(mesh.triangles, dtype=np.float64)
+        with path.open("rb") as file:
+            found = load_stl(file)
+        corners = np.asarray(found["vertices"], dtype=np.float32)[found["faces"]]
+        del found
     except Exception as error:
         raise damaged(path, error) from error
     if not len(corners) or not np.isfinite(corners).all():
         raise damaged(path, "it has no triangles, or some without a place")
-    # Before the copies that follow, and the mesh is let go: a file of 50 MB takes 1 GB here.
-    sound = _all_closed(corners.astype(np.float32))
-    del mesh
-    corners = corners * 1e6
-    panel = die.panel
-    pitch, (rows, columns) = panel.pitch_nm, panel.orientations.shape
+    sound = _all_closed(corners)
+    pitch, columns = die.panel.pitch_nm, die.panel.orientations.shape[1]
     low = np.array(die.origin_nm) - np.array(die.centre_nm)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    size = np.linalg.norm(normals, axis=1)
-    # A triangle without height holds no volume, and nothing tells on which side of a border it belongs.
-    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
-    solid = size > _FLAT_NM * longest
-    corners, inward = corners[solid], -normals[solid] / size[solid, None]
-    # Walls on a border belong to the chrome behind them; a gutter may be the narrowest chrome there is.
-    narrowest = min(panel.dot_nm, panel.gutter_nm // 2 or panel.dot_nm)
-    inside = corners.mean(axis=1) + inward * (narrowest / 4)
-    cell = np.clip(np.floor((inside[:, :2] - low) / pitch).astype(np.int64), -1, [columns, rows])
-    centres = np.column_stack([low + (cell + 0.5) * pitch, np.zeros(len(cell))])
-    local = corners - centres[:, None]
-    lines = unit_lines_nm(die) - pitch / 2
-    snapped = local.copy()
-    snapped[..., :2] = lines[nearest(lines, local[..., :2])]
-    snapped[..., 2] = np.round(local[..., 2], 2)
+    split = [_split(chunk, die) for chunk in np.array_split(corners, -(-len(corners) // _AT_ONCE))]
+    del corners
+    total, moved = sum(each.volume_nm3 for each in split), max(each.moved_nm for each in split)
+    cell, snapped = (
+        np.concatenate(parts) for parts in zip(*((each.cell, each.snapped_nm) for each in split), strict=True)
+    )
+    del split
+    if not len(cell):
+        raise damaged(path, "no triangle has an area")
     key = cell[:, 1] * (columns + 2) + cell[:, 0]
     order = np.argsort(key, kind="stable")
     starts = np.flatnonzero(np.diff(key[order], prepend=key[order[0]] - 1))
@@ -139,10 +133,49 @@ def read_stl(path: Path, die: Die) -> ReadSolid:
             volume = float(np.einsum("ni,ni->", triangles[:, 0], np.cross(triangles[:, 1], triangles[:, 2])) / 6)
             parts.append(ReadShape(triangles.reshape(-1, 3), np.arange(3 * len(members)).reshape(-1, 3), volume, sound))
         index.append(shapes[content])
-        places.append(centres[members[0]])
+        places.append([*(low + (cell[members[0]] + 0.5) * pitch), 0.0])
     turns = np.broadcast_to(np.eye(3), (len(index), 3, 3))
-    moved = float(np.abs(snapped - local).max())
     return ReadSolid(tuple(parts), np.array(index, dtype=np.int64), turns, np.array(places), moved, total)
+
+
+@dataclass(frozen=True, eq=False)
+class _Split:
+    """Triangles of a flat file, told apart by cells.
+
+    Attributes:
+        cell: int64 [m, 2], column and row of those that have an area.
+        snapped_nm: float64 [m, 3, 3], their corners from the cell's centre, moved onto the lines of the design.
+        moved_nm: how far at most.
+        volume_nm3: of all, before they were moved.
+    """
+
+    cell: Ints
+    snapped_nm: Floats
+    moved_nm: float
+    volume_nm3: float
+
+
+def _split(corners_mm: NDArray[np.float32], die: Die) -> _Split:
+    corners = corners_mm.astype(np.float64) * 1e6
+    volume = float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+    panel = die.panel
+    pitch, (rows, columns) = panel.pitch_nm, panel.orientations.shape
+    low = np.array(die.origin_nm) - np.array(die.centre_nm)
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    size = np.linalg.norm(normals, axis=1)
+    # A triangle without height holds no volume, and nothing tells on which side of a border it belongs.
+    longest = np.linalg.norm(corners - np.roll(corners, 1, axis=1), axis=2).max(axis=1)
+    solid = size > _FLAT_NM * longest
+    corners, inward = corners[solid], -normals[solid] / size[solid, None]
+    # Walls on a border belong to the chrome behind them; a gutter may be the narrowest chrome there is.
+    narrowest = min(panel.dot_nm, panel.gutter_nm // 2 or panel.dot_nm)
+    inside = corners.mean(axis=1) + inward * (narrowest / 4)
+    cell = np.clip(np.floor((inside[:, :2] - low) / pitch).astype(np.int64), -1, [columns, rows])
+    local = corners.copy()
+    local[..., :2] -= (low + (cell + 0.5) * pitch)[:, None]
+    lines = unit_lines_nm(die) - pitch / 2
+    snapped = np.concatenate([lines[nearest(lines, local[..., :2])], np.round(local[..., 2:], 2)], axis=2)
+    return _Split(cell, snapped, float(np.abs(snapped - local).max(initial=0.0)), volume)
 
 
 def unit_lines_nm(die: Die) -> Floats:
@@ -176,8 +209,8 @@ def _all_closed(triangles: NDArray[np.float32]) -> bool:
     Vertices are one where their float32 are; edges that several surfaces share are allowed.
     """
     # -0 and 0 are one number of two patterns.
-    points = (triangles.reshape(-1, 3) + np.float32(0)).view(np.uint32).astype(np.uint64)
-    _, flat = np.unique(points[:, 0] << np.uint64(32) | points[:, 1], return_inverse=True)
+    points = (triangles.reshape(-1, 3) + np.float32(0)).view(np.uint32)
+    _, flat = np.unique(points[:, 0].astype(np.uint64) << np.uint64(32) | points[:, 1], return_inverse=True)
     heights, height = np.unique(points[:, 2], return_inverse=True)
     number = flat * len(heights) + height
     corner = np.unique(number, return_inverse=True)[1].reshape(-1, 3)

@@ -30,7 +30,7 @@ def read_svg(path: Path) -> db.Layout:
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
     try:
         return _layout(ElementTree.parse(path).getroot(), path)
-    except (ElementTree.ParseError, InvalidOperation, AttributeError, KeyError, ValueError, TypeError) as error:
+    except (ElementTree.ParseError, InvalidOperation, AttributeError, LookupError, ValueError, TypeError) as error:
         raise SourceError(
             "MF303", f"{path.name} is no SVG of a plate: {error!r}", where=str(path), cure="Write it again"
         ) from error
@@ -43,9 +43,7 @@ def _layout(root: ElementTree.Element, path: Path) -> db.Layout:
     outer = root.find(f"{_SVG}g")
     if outer is None:
         raise ValueError("no group")
-    turn = [Decimal(value) for value in re.findall(r"[-\d.]+", str(outer.get("transform")))]
-    if turn[:4] != _FLIPPED:
-        raise ValueError("its y axis is not turned upwards")
+    _check_frame(root, outer)
     symbols = {str(each.get("id")): each for each in root.iter(f"{_SVG}symbol")}
     known = {layer.name: layer for layer in LAYERS}
     cells: dict[tuple[str, str], int] = {}
@@ -67,6 +65,20 @@ def _layout(root: ElementTree.Element, path: Path) -> db.Layout:
             place = db.Trans(_nm(element.get("x"), path), _nm(element.get("y"), path))
             top.insert(db.CellInstArray(cells[key], place))
     return layout
+
+
+def _check_frame(root: ElementTree.Element, outer: ElementTree.Element) -> None:
+    """Only what is drawn in millimetres from the middle of the picture, y upwards, is where its numbers say."""
+    turn = [Decimal(value) for value in re.findall(r"[-\d.]+", str(outer.get("transform")))]
+    if turn[:4] != _FLIPPED:
+        raise ValueError("its y axis is not turned upwards")
+    left, top, width, height = (Decimal(value) for value in str(root.get("viewBox")).split())
+    if (left, top) != (0, 0) or turn[4:] != [width / 2, height / 2]:
+        raise ValueError("its origin is not in the middle of the picture")
+    if (root.get("width"), root.get("height")) != (f"{width}mm", f"{height}mm"):
+        raise ValueError("its unit is not 1 mm")
+    if any(each.get("transform") is not None for each in root.iter() if each is not outer):
+        raise ValueError("a part of it is transformed")
 
 
 def _draw(element: ElementTree.Element, shapes: db.Shapes, path: Path) -> None:
