@@ -67,6 +67,7 @@ dots = 7
 pitch = "168 um"
 clear_dots = 10
 anneal = 20
+shortlist = 1
 map = "equal_light"
 output = "found.toml"
 map_output = "found_map.toml"

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import json
+import os
 import shutil
+import subprocess
+import sys
 import tomllib
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +18,11 @@ from small_job import OPENING, command, finished, listing, write_job
 
 import maskfab
 from maskfab import resources
-from maskfab.errors import JobError
+from maskfab.errors import JobError, OutputError
 from maskfab.layout.job import load
-from maskfab.pipeline import draw_files
+from maskfab.model import Quantity
+from maskfab.pipeline import Result, draw_files, write_files
+from maskfab.progress import silent
 from maskfab.provenance import sha256_of_file
 
 PITCH = 'dot = "8 um"\npitch = "56 um"'
@@ -358,3 +363,197 @@ def test_a_scene_that_cannot_be_modelled_is_refused_before_anything_is_written(c
 def test_without_a_scene_nothing_is_planned_or_shown(out, report):
     assert all("scene" not in die for die in report["dies"])
     assert "<h3>Scene</h3>" not in (out / "report.html").read_text(encoding="utf-8")
+
+
+# --- [export] and [process] ------------------------------------------------------------------------------------------
+
+EVERY_FORMAT = """\
+[export]
+formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"]
+dots_per_um = 0.25
+
+[plate]"""
+
+
+WRITE = """\
+import sys
+from pathlib import Path
+from maskfab.layout.job import load
+from maskfab.pipeline import draw_files, write_files
+from maskfab.progress import silent
+
+job, folder = load(sys.argv[1]), Path(sys.argv[2])
+folder.mkdir()
+write_files(job, draw_files(job, job.plate()), folder, silent)
+"""
+
+
+def test_two_processes_write_the_same_bytes_in_every_format(tmp_path):
+    path, here, there = write_job(tmp_path, ("[plate]", EVERY_FORMAT)), tmp_path / "here", tmp_path / "there"
+    seed = "1" if os.environ.get("PYTHONHASHSEED") != "1" else "2"
+    other = subprocess.Popen(
+        [sys.executable, "-c", WRITE, path, there], env={**os.environ, "PYTHONHASHSEED": seed, "TZ": "Asia/Tokyo"}
+    )
+    job = load(path)
+    here.mkdir()
+    write_files(job, draw_files(job, job.plate()), here, silent)
+    assert other.wait(timeout=120) == 0
+    first, second = listing(here), listing(there)
+    assert first.keys() == second.keys()
+    assert {Path(name).suffix for name in first} >= {
+        ".gds", ".oas", ".dxf", ".gbr", ".svg", ".step", ".glb", ".3mf", ".stl", ".png", ".tif", ".lyrdb",
+    }  # fmt: skip
+    assert [name for name in first if first[name] != second[name]] == []
+    assert all(first.values())
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory) -> Path:
+    """A job with files of several kinds, for a shop that takes it."""
+    section = 'formats = ["gdsii", "svg", "glb", "png"]\ndots_per_um = 0.25\nshop = "generic-chrome"'
+    return finished(tmp_path_factory.mktemp("asked"), ("[plate]", f"[export]\n{section}\n\n[plate]"))
+
+
+def test_asked_for_files_are_written_and_checked(asked):
+    assert {path.name for path in asked.iterdir()} == {
+        "SMALL.gds", "SMALL.svg", "SMALL_PLAIN.glb", "SMALL_TURNED.glb", "SMALL_PLAIN.png", "SMALL_TURNED.png",
+        "SMALL.lyrdb", "layers.lyp", "job.json", "manifest.json", "report.html", "report.json", "overview.png",
+    }  # fmt: skip
+    document = json.loads((asked / "report.json").read_text(encoding="utf-8"))
+    checked = {check["name"] for check in document["checks"]}
+    assert checked >= {"readback_xor_area", "bitmap_xor_area", "solid_wrong_cells", "shop_min_feature"}
+    assert len(quantities(document, "solid_wrong_cells")) == len(quantities(document, "bitmap_xor_area")) == 2
+    assert {row["name"] for row in document["plate"]} >= {"drawn_holes", "drawn_parted", "drawn_split", "shop_grid"}
+
+
+def test_files_that_changed_are_found_beside_each_other(capsys, asked, tmp_path):
+    """One cannot be read any more, one shows another die; the manifest is none the wiser."""
+    out = tmp_path / "out"
+    shutil.copytree(asked, out)
+    shutil.copy(out / "SMALL_PLAIN.glb", out / "SMALL_TURNED.glb")
+    (out / "SMALL.svg").write_text("<svg", encoding="utf-8")
+    manifest = json.loads((out / "manifest.json").read_text(encoding="utf-8"))
+    for file in manifest["files"]:
+        file.update(sha256=sha256_of_file(out / file["path"]), bytes=(out / file["path"]).stat().st_size)
+    (out / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
+    answer = command(capsys, "verify", out, "--json", "--quiet")
+    assert answer.code == 1
+    checks = answer.document["checks"]
+    failed = {(check["name"], check.get("die")) for check in checks if not check["passed"]}
+    assert failed >= {("readable", None), ("solid_wrong_cells", "TURNED")}
+    assert {die for _, die in failed} == {None, "TURNED"}
+    assert {name for name, die in failed if die is None} == {"readable"}
+    (unreadable,) = (check for check in checks if check["name"] == "readable")
+    assert "SMALL.svg" in unreadable["method"]
+    assert "MF303" in unreadable["method"]
+
+
+def test_verify_fails_where_the_shop_of_the_job_is_not_known(capsys, asked, tmp_path):
+    """Such as a profile of one's own that stayed on another machine."""
+    out = Path(shutil.copytree(asked, tmp_path / "out"))
+    text = (out / "job.json").read_text(encoding="utf-8")
+    (out / "job.json").write_text(text.replace('"generic-chrome"', '"own.toml"'), encoding="utf-8")
+    answer = command(capsys, "verify", out, "--json", "--quiet")
+    assert answer.code == 1
+    failed = {check["name"]: check["method"] for check in answer.document["checks"] if not check["passed"]}
+    assert failed.keys() == {"sha256", "job"}
+    assert "MF420" in failed["job"]
+    assert "own.toml" in failed["job"]
+
+
+def without(attribute: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """No work of this kind may be begun."""
+
+    def begun(*_: object, **__: object) -> None:
+        raise AssertionError(attribute)
+
+    monkeypatch.setattr(attribute, begun)
+
+
+@pytest.mark.parametrize(("shop", "code"), [("no-such-house", "MF420"), ("bad.toml", "MF421")])
+def test_an_unknown_shop_is_refused_before_any_work(capsys, tmp_path, monkeypatch, shop, code):
+    without("maskfab.layout.job.compose", monkeypatch)
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "bad.toml").write_text("title = 3", encoding="utf-8")
+    job = write_job(tmp_path, ("[plate]", f'[export]\nshop = "{shop}"\n\n[plate]'))
+    before = listing(tmp_path)
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["code"]) == (2, code)
+    assert listing(tmp_path) == before
+    with pytest.raises(OutputError, match=code):
+        maskfab.run(job, tmp_path / "out")
+
+
+def test_a_process_that_the_dots_do_not_bear_is_refused_before_anything_is_drawn(capsys, tmp_path, monkeypatch):
+    without("maskfab.pipeline.draw_files", monkeypatch)
+    job = write_job(tmp_path, ("[plate]", '[process]\ncorner_radius = "4.1 um"\n\n[plate]'))
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["code"]) == (2, "MF127")
+    assert answer.document["error"]["where"] == f"{job}: process, die PLAIN"
+    assert not (tmp_path / "out").exists()
+
+
+def test_what_a_shop_refuses_fails_the_run_and_its_files_are_there(capsys, tmp_path):
+    section = '[export]\nformats = ["gdsii"]\nshop = "gesim"\n\n[plate]'
+    out = tmp_path / "out"
+    answer = command(capsys, "run", write_job(tmp_path, ("[plate]", section)), "--out", out, "--json", "--quiet")
+    assert answer.code == 1
+    failed = [check for check in answer.document["checks"] if not check["passed"]]
+    assert "shop_blank" in {check["name"] for check in failed}
+    assert all(check["name"].startswith("shop_") and "die" not in check for check in failed)
+    assert all("gesim" in check["method"] for check in failed)
+    assert (out / "SMALL.gds").stat().st_size > 0
+    assert "shop_blank" in (out / "report.html").read_text(encoding="utf-8")
+    again = command(capsys, "verify", out, "--quiet")
+    assert again.code == 1
+    assert "FAIL shop_blank" in again.stderr
+    assert "reported" not in again.stderr
+
+
+def one_die(folder: Path, section: str) -> Result:
+    """The job's turned die alone, with a section more, run."""
+    job = load(write_job(folder, ("[plate]", f"{section}\n\n[plate]")))
+    return maskfab.run(replace(job, spec=job.spec.model_copy(update={"die": job.spec.die[1:]})), folder / "out")
+
+
+def row_of(result: Result, name: str) -> Quantity:
+    (rows,) = result.report.dies.values()
+    (found,) = (row for row in rows if row.name == name)
+    return found
+
+
+def written_values(result: Result, name: str) -> list[float]:
+    """A quantity of the written die, corners that only touch fused and open; the job has one wavelength."""
+    return [row_of(result, f"written_{name}_{reading}").value for reading in ("fused", "open")]
+
+
+def test_a_process_that_does_nothing_changes_nothing(tmp_path):
+    """At zero radius and bias the written mask is the drawn one; the MTF, of greyed rims, to within its own error."""
+    result = one_die(tmp_path, '[process]\ncorner_radius = "0 um"')
+    assert result.report.passed
+    assert max(written_values(result, "psf_difference")) < 1e-6
+    for value in written_values(result, "open_ratio"):
+        assert value == pytest.approx(row_of(result, "stop_open_ratio").value, rel=1e-6)
+    for name in ("auc_radial_min", "mtf50"):
+        drawn = row_of(result, name)
+        for reading in ("fused", "open"):
+            written = row_of(result, f"written_{name}_{reading}")
+            assert abs(written.value - drawn.value) <= written.uncertainty + drawn.uncertainty
+            assert written.value == pytest.approx(drawn.value, rel=5e-3)
+
+
+def test_a_bias_widens_what_is_clear_or_narrows_it_by_its_sign(tmp_path):
+    ratios = []
+    for name, bias in (("narrow", "-0.2 um"), ("wide", "0.2 um")):
+        result = one_die(tmp_path / name, f'[process]\ncorner_radius = "1 um"\ncd_bias = "{bias}"')
+        drawn = row_of(result, "stop_open_ratio").value
+        ratios.append([value / drawn for value in written_values(result, "open_ratio")])
+        assert min(written_values(result, "psf_difference")) > 1e-3
+        assert "<h3>As written</h3>" in (result.directory / "report.html").read_text(encoding="utf-8")
+        assert {"process", "process TURNED"} <= result.report.seconds.keys()
+    assert max(ratios[0]) < 1 < min(ratios[1])
+
+
+def test_a_job_without_a_process_says_nothing_of_it(out, report):
+    assert not [q for die in report["dies"] for q in die["quantities"] if q["name"].startswith("written_")]
+    assert "<h3>As written</h3>" not in (out / "report.html").read_text(encoding="utf-8")

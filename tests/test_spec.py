@@ -12,7 +12,7 @@ from small_job import JOB, write_job
 
 from maskfab import resources
 from maskfab.errors import JobError
-from maskfab.model import Camera, Stop, Tiling
+from maskfab.model import Camera, Process, Stop, Tiling
 from maskfab.spec import CameraSection, check_name, check_optics, even_nm, parse_section, read, validate
 
 SHIPPED = sorted(resources.path("layouts").glob("*.toml"))
@@ -162,3 +162,125 @@ def test_files_of_any_editor_are_read(tmp_path: Path, line_end, mark):
     job = write_job(tmp_path)
     job.write_bytes((mark + JOB.replace("\n", line_end)).encode())
     assert read(job) == spec_of()
+
+
+# --- [export] and [process] ------------------------------------------------------------------------------------------
+
+
+def with_export(text: str) -> str:
+    return f"{JOB}\n[export]\n{text}\n"
+
+
+def with_process(text: str) -> str:
+    return f"{JOB}\n[process]\n{text}\n"
+
+
+def test_a_job_without_export_or_process_says_nothing_of_them():
+    spec = spec_of()
+    assert (spec.export, spec.process) == (None, None)
+    assert not {"export", "process"} & spec.dump().keys()
+    assert spec_of(with_export("")).export.formats == ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
+    assert spec_of(with_process("")).process.process() == Process(0.0, 0.0)
+
+
+ALL_FORMATS = (
+    'formats = ["oasis", "gdsii", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"]'
+)
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        with_export(ALL_FORMATS),
+        with_export('formats = ["dxf_r12"]\nshop = "pog"\nchrome = "80 nm"\nmax_references = 7\nstl_limit_mb = 0.5'),
+        with_process('corner_radius = "0.5 um"\ncd_bias = "-0.1 um"'),
+        with_process('cd_bias = "1 nm"'),
+    ],
+)
+def test_export_and_process_survive_being_dumped(text):
+    spec = spec_of(text)
+    assert validate(json.loads(json.dumps(spec.dump())), where="again") == spec
+
+
+@pytest.mark.parametrize("first", ["gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"])
+def test_the_first_format_must_be_a_layout(first):
+    error = refused("MF105", with_export(f'formats = ["{first}", "gdsii"]'))
+    assert f"{first} is no layout" in error.what
+    assert error.where == "job.toml: export.formats"
+    assert "gdsii" in error.cure
+
+
+def test_a_format_is_named_once():
+    error = refused("MF105", with_export('formats = ["gdsii", "svg", "gdsii"]'))
+    assert "twice" in error.what
+    assert error.where == "job.toml: export.formats"
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "key"),
+    [
+        ('formats = ["gdsii", "dwg"]', "MF105", "export.formats[1]"),
+        ('formats = ["GDSII"]', "MF105", "export.formats[0]"),
+        ("formats = []", "MF105", "export.formats"),
+        ('formats = "gdsii"', "MF105", "export.formats"),
+        ("stl_limit_mb = 0", "MF104", "export.stl_limit_mb"),
+        ("stl_limit_mb = 10001", "MF104", "export.stl_limit_mb"),
+        ("stl_limit_mb = nan", "MF104", "export.stl_limit_mb"),
+        ("stl_limit_mb = inf", "MF104", "export.stl_limit_mb"),
+        ('stl_limit_mb = "1 MB"', "MF105", "export.stl_limit_mb"),
+        ("max_vertices = 3", "MF104", "export.max_vertices"),
+        ("max_vertices = 4095", "MF104", "export.max_vertices"),
+        ("max_references = 0", "MF104", "export.max_references"),
+        ("dots_per_um = 0", "MF104", "export.dots_per_um"),
+        ("dots_per_um = inf", "MF104", "export.dots_per_um"),
+        ('chrome = "0 um"', "MF104", "export.chrome"),
+        ('chrome = "100"', "MF103", "export.chrome"),
+        ("exaggeration = 0.5", "MF104", "export.exaggeration"),
+        ('holes = "layer"', "MF105", "export.holes"),
+        ('hierarchy = "deep"', "MF105", "export.hierarchy"),
+        ("shop = 3", "MF105", "export.shop"),
+        ("shops = 3", "MF102", "export.shops"),
+    ],
+)
+def test_what_export_refuses(text, code, key):
+    assert refused(code, with_export(text)).where == f"job.toml: {key}"
+
+
+@pytest.mark.parametrize(
+    ("text", "um"),
+    [
+        ('"-0.1 um"', -0.1),
+        ('" - 100 nm "', -0.1),
+        ('"0.1 um"', 0.1),
+        ('"0 um"', 0.0),
+        ('"-0 um"', 0.0),
+        ('"-1e-3 mm"', -1.0),
+    ],
+)
+def test_a_bias_has_a_sign(text, um):
+    spec = spec_of(with_process(f"cd_bias = {text}"))
+    assert spec.process.process().cd_bias_um == pytest.approx(um, abs=1e-15)
+    again = validate(spec.dump(), where="again")
+    assert again == spec
+
+
+@pytest.mark.parametrize(
+    ("text", "code", "key"),
+    [
+        ('corner_radius = "-1 um"', "MF104", "process.corner_radius"),
+        ('corner_radius = "1"', "MF103", "process.corner_radius"),
+        ("corner_radius = 1.0", "MF103", "process.corner_radius"),
+        ('cd_bias = "--1 um"', "MF104", "process.cd_bias"),
+        ('cd_bias = "-"', "MF103", "process.cd_bias"),
+        ('cd_bias = "-0.1"', "MF103", "process.cd_bias"),
+        ('cd_bias = "+-1 um"', "MF103", "process.cd_bias"),
+        ("cd_bias = -0.1", "MF103", "process.cd_bias"),
+        ('cd_bias = "-inf um"', "MF104", "process.cd_bias"),
+        ('spot = "1 um"', "MF102", "process.spot"),
+    ],
+)
+def test_what_process_refuses(text, code, key):
+    """What was written is told, its sign included."""
+    if (stated := text.partition('"')[2].rstrip('"')) and code != "MF102":
+        assert repr(stated) in refused(code, with_process(text)).what
+    assert refused(code, with_process(text)).where == f"job.toml: {key}"

@@ -1,4 +1,4 @@
-"""``maskfab verify``: a finished directory or a package read again, or a mask file from elsewhere held against a job."""
+"""``maskfab verify``: a finished directory or a package read again, or any mask file held against a job."""
 
 from __future__ import annotations
 

@@ -73,7 +73,7 @@ def _check_frame(root: ElementTree.Element, outer: ElementTree.Element) -> None:
     if turn[:4] != _FLIPPED:
         raise ValueError("its y axis is not turned upwards")
     left, top, width, height = (Decimal(value) for value in str(root.get("viewBox")).split())
-    if (left, top) != (0, 0) or turn[4:] != [width / 2, height / 2]:
+    if left or top or turn[4:] != [width / 2, height / 2]:
         raise ValueError("its origin is not in the middle of the picture")
     if (root.get("width"), root.get("height")) != (f"{width}mm", f"{height}mm"):
         raise ValueError("its unit is not 1 mm")

@@ -181,3 +181,36 @@ def test_wavelengths_stand_side_by_side_and_rare_rows_are_folded_unless_they_fai
     assert '<td class="n quiet">–</td>' in often  # no side lobe was looked for at 610 nm
     assert "✗ 3.500" in often
     assert "✗ FAIL</td>" in often
+
+
+def test_rows_of_files_are_folded_unless_they_failed(document):
+    """A die has many for every file of its own; the plate's are told apart likewise."""
+    rows = [
+        row("open_ratio", 0.25),
+        row("solid_wrong_cells", 0, passed=True),
+        row("bitmap_xor_area", 0.5, passed=True),
+        row("solid_volume_error", 0.5, passed=False),
+        row("bitmap_xor_area", 7.5, passed=False),
+    ]
+    plate = [
+        row("drawn_holes", 3),
+        row("polygons", 40),
+        row("solid_dies", 2, passed=True),
+        row("solid_strangers", 1, passed=False),
+    ]
+    die = {**document["dies"][0], "quantities": rows}
+    page = html.render({**document, "dies": [die], "plate": plate, "checks": []}, {})
+    read(page)
+    named = r'<td title="(\w+)">'
+    of_plate = page[page.index('<section id="plate"') : page.index('<section id="checks"')].split(
+        '<section class="die"'
+    )[0]
+    shown, passed, rare = of_plate.split("<details>")
+    assert re.findall(named, shown) == ["polygons", "solid_strangers"]
+    assert re.findall(named, passed) == ["solid_dies"]
+    assert "Rarely read (1)" in rare
+    assert re.findall(named, rare.split("</details>")[0]) == ["drawn_holes"]
+    section = page[page.index('<section class="die"') : page.index('<section id="checks"')]
+    often, rarely = section.split("<details>")
+    assert re.findall(named, often) == ["open_ratio", "solid_volume_error", "bitmap_xor_area"]
+    assert re.findall(named, rarely) == ["solid_wrong_cells", "bitmap_xor_area"]

@@ -86,3 +86,90 @@ def test_findings_keep_their_source(tmp_path):
     made = pack(load(write_job(tmp_path)), shop, tmp_path / "p.zip")
     assert made.path is None
     assert all(replace(each).source == shop.sources[0] for each in made.findings)
+
+
+# --- maskfab verify PACKAGE ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory):
+    """A job and its package for a shop."""
+    folder = tmp_path_factory.mktemp("packed")
+    job, path = write_job(folder), folder / "p.zip"
+    assert pack(load(job), load_shop("generic-chrome"), path, ("gdsii", "oasis")).path == path
+    return job, path
+
+
+def names_of(answer) -> set[str]:
+    return {check["name"] for check in answer.document["checks"]}
+
+
+def test_verify_takes_a_package_by_its_bytes_alone_or_with_its_job_and_shop(capsys, packed):
+    job, path = packed
+    answer = command(capsys, "verify", path, "--json", "--quiet")
+    assert (answer.code, answer.document["verdict"], names_of(answer)) == (0, "pass", {"sha256"})
+    assert (answer.document["package"], answer.document["against"], answer.document["shop"]) == (str(path), None, None)
+    answer = command(capsys, "verify", path, "--against", job, "--shop", "generic-chrome", "--json", "--quiet")
+    assert (answer.code, answer.document["shop"]) == (0, "generic-chrome")
+    assert names_of(answer) >= {"sha256", "readback_xor_area", "readback_wrong_dots"}
+    answer = command(capsys, "verify", path)
+    assert (answer.code, answer.stdout) == (0, "")
+    assert answer.stderr.splitlines()[-1].startswith("PASS: ")
+
+
+def test_verify_tells_a_package_of_another_job(capsys, packed, tmp_path):
+    _, path = packed
+    other = write_job(tmp_path, ("seed = 3", "seed = 4"))
+    answer = command(capsys, "verify", path, "--against", other, "--shop", "generic-chrome", "--json", "--quiet")
+    failed = {(check["name"], check.get("die")) for check in answer.document["checks"] if not check["passed"]}
+    assert answer.code == 1
+    assert ("readback_xor_area", "TURNED") in failed
+    assert ("readback_xor_area", "PLAIN") not in failed
+    assert "sha256" not in {name for name, _ in failed}
+
+
+def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
+    _, path = packed
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(tmp_path / "q.ZIP", "w") as changed:
+        for name in archive.namelist():
+            content = archive.read(name)
+            changed.writestr(name, content[:-1] if name.endswith(".oas") else content)
+        changed.writestr(archive.namelist()[0].partition("/")[0] + "/more.txt", "more")
+    answer = command(capsys, "verify", tmp_path / "q.ZIP", "--quiet")
+    assert answer.code == 1
+    assert "SHA-256 of SMALL.oas" in answer.stderr
+    assert "more.txt" in answer.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "where"),
+    [
+        (("--against", "job.toml"), "MF105", "--shop"),
+        (("--shop", "pog"), "MF105", "--against"),
+        (("--die", "PLAIN"), "MF105", "--die"),
+        (("--layer", "1/0", "--dots-per-um", "1"), "MF105", "--layer"),
+        (("--against", "none.toml", "--shop", "no-such-house"), "MF420", ""),
+        (("--against", "none.toml", "--shop", "pog"), "MF301", None),
+    ],
+)
+def test_verify_refuses_what_cannot_be_said_of_a_package(capsys, packed, options, code, where):
+    answer = command(capsys, "verify", packed[1], *options, "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, code)
+    if where is not None:
+        assert answer.document["error"]["where"] == where
+
+
+@pytest.mark.parametrize(("content", "code"), [(None, "MF301"), (b"", "MF422"), (b"PK no zip", "MF422")])
+def test_verify_refuses_what_is_no_package(capsys, tmp_path, content, code):
+    path = tmp_path / "p.zip"
+    if content is not None:
+        path.write_bytes(content)
+    answer = command(capsys, "verify", path, "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, code)
+
+
+def test_a_shop_is_for_packages(capsys, packed):
+    job, _ = packed
+    for subject in (job.parent, job):
+        answer = command(capsys, "verify", subject, "--against", job, "--shop", "pog", "--json")
+        assert (answer.code, answer.document["error"]["where"]) == (2, "--shop")
