@@ -101,6 +101,9 @@ def constraints_of(section: DesignSection, *, where: str = "design") -> Constrai
             rim_dots=asked.rim_dots,
             orientations=(0,) if section.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS)),
             symmetry=asked.symmetry,
+            keep_out=None
+            if asked.keep_out is None
+            else _kept_out(asked.keep_out, section.dots, f"{where}.rules.keep_out"),
             emitters=EmitterRules(gap_nm, colour_nm, width_nm),
             footprint=asked.footprint,
             circuit=None if asked.circuit is None else CircuitRules(asked.circuit, min_width_nm=width_nm),
@@ -112,6 +115,19 @@ def constraints_of(section: DesignSection, *, where: str = "design") -> Constrai
         # The rules of emitters and circuits are told by the names that they have among a display's.
         place = error.where.replace("emitters.", f"{where}.rules.").replace("circuit.", f"{where}.rules.")
         raise JobError(error.code, error.what, where=place, cure=error.cure) from None
+
+
+def _kept_out(drawing: str, dots: int, where: str) -> NDArray[np.bool_]:
+    """Dots that stay closed, row 0 the lowest; MF105 for anything but ``dots`` rows of as many x and dots."""
+    rows = drawing.split()
+    if len(rows) != dots or any(len(row) != dots or set(row) - {"x", "."} for row in rows):
+        raise JobError(
+            "MF105",
+            f"the drawing is not {dots} rows of {dots} signs, each x or .",
+            where=where,
+            cure="Draw the cell, the top row first: x stays closed, . is free",
+        )
+    return np.array([[sign == "x" for sign in row] for row in reversed(rows)])
 
 
 def appraised(

@@ -103,7 +103,7 @@ class RulesSection(Section):
     ``footprint`` is the least share of the pixel that each colour's emitter covers; ``gap_to_opening``, ``colour_gap``
     and ``min_width`` are the rules of these emitters, the last by default two dots. ``circuit`` is the area of one
     drive circuit, of which the pixel's closed area at least ``min_width`` wide must hold three. Both are as in
-    [emitters].
+    [emitters]. ``keep_out`` is a drawing of the cell, the top row first: x stays closed, . is free.
     """
 
     min_feature_dots: int = Field(default=1, ge=1)
@@ -119,6 +119,7 @@ class RulesSection(Section):
     wire_flow: int | None = Field(default=None, ge=1)
     ports: int | None = Field(default=None, ge=1)
     centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    keep_out: str | None = None
 
 
 class DesignSection(Section):
