@@ -7,7 +7,9 @@ of a map, and the best of these goes on.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
@@ -54,15 +56,22 @@ def shortlisted(
     # A random map's light differs by chance, and more of it is no merit of a shape: all have what is expected.
     count = int(listed[0].unit.sum())
     light = round(float(error.inside.sum()) * count / error.dots**2)
-    values: list[float] = []
-    for done, each in enumerate(listed):
+
+    def restored(each: Candidate) -> float | None:
         if clock.over:
-            break
+            return None
         quick = design_map(
             each.unit, error, mode=mode, seed=seed, kicks=0, positions=positions, allows=rules.allows, light=light
         )
-        values.append(float(np.dot(error.weights, quick.psnr)))
-        progress("shortlist", done + 1, len(listed))
+        return float(np.dot(error.weights, quick.psnr))
+
+    values: list[float] = []
+    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
+        for value in pool.map(restored, listed):
+            if value is None:
+                break
+            values.append(value)
+            progress("shortlist", len(values), len(listed))
     cut = len(values) < len(listed)
     notes = [f"The budget ended the shortlist after {len(values)} of {len(listed)} quick maps."] if cut else []
     best = max(range(len(values)), key=values.__getitem__, default=0)
