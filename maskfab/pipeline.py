@@ -60,8 +60,6 @@ Found = TypeVar("Found")
 
 _SCENE_BYTES = 6e9
 """As much memory as the scenes of dies that are measured at once may take."""
-_PROCESS_BYTES = 1.2e9
-"""Of one die as written, at most."""
 
 
 @dataclass(frozen=True)
@@ -272,8 +270,8 @@ def measure_process(
     def one(die: Die) -> Written:
         return measure_written(_mask(die), job.camera, process, job.where)
 
-    workers = min(os.cpu_count() or 1, int(_SCENE_BYTES // _PROCESS_BYTES))
-    found = _each(plate.dies, one, "process", progress, seconds, workers)
+    # One after another: a die takes a gigabyte, and a plate is to stay below two.
+    found = _each(plate.dies, one, "process", progress, seconds, 1)
     return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
 
 
