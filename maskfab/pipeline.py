@@ -270,7 +270,7 @@ def measure_process(
     def one(die: Die) -> Written:
         return measure_written(_mask(die), job.camera, process, job.where)
 
-    # One after another: a die takes a gigabyte, and a plate is to stay below two.
+    # One after another: a die takes up to a gigabyte.
     found = _each(plate.dies, one, "process", progress, seconds, 1)
     return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
 
