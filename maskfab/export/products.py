@@ -36,7 +36,7 @@ TITLES: Mapping[str, str] = {
     "png": "PNG",
     "tiff": "TIFF, 1 bit",
 }
-_TAILS: Mapping[str, str] = {
+MASK_TAILS: Mapping[str, str] = {
     "gdsii": ".gds",
     "oasis": ".oas",
     "dxf_r12": "_R12.dxf",
@@ -44,6 +44,7 @@ _TAILS: Mapping[str, str] = {
     "gerber": ".gbr",
     "svg": ".svg",
 }
+"""What a file that holds a whole plate is called beyond the plate's name, by format."""
 _DIE_SUFFIX: Mapping[str, str] = {
     "step": ".step",
     "glb": ".glb",
@@ -107,8 +108,8 @@ def _of_format(
     figures: Figures, kind: FileFormat, comments: Sequence[str], settings: FileSettings
 ) -> Iterator[Product]:
     plate, title = figures.plate, TITLES[kind]
-    if kind in _TAILS:
-        yield Product(plate.name + _TAILS[kind], title, "mask", _mask_writer(figures, kind, comments))
+    if kind in MASK_TAILS:
+        yield Product(plate.name + MASK_TAILS[kind], title, "mask", mask_writer(figures, kind, comments))
         return
     if kind == "step":
         assembly = partial(write_plate_step, plate, comments=comments, stack=settings.stack)
@@ -123,7 +124,8 @@ def _of_format(
             yield Product(name, title, "solid", _solid_writer(die, kind, comments, settings), die)
 
 
-def _mask_writer(figures: Figures, kind: FileFormat, comments: Sequence[str]) -> Callable[[Path], object]:
+def mask_writer(figures: Figures, kind: FileFormat, comments: Sequence[str]) -> Callable[[Path], object]:
+    """What writes the polygons of a whole plate to a path; a format of :data:`MASK_TAILS`."""
     writers: Mapping[str, Callable[[Path], object]] = {
         "gdsii": lambda path: write_gdsii(figures.layout(), path, figures.options.max_vertices),
         "oasis": lambda path: write_oasis(figures.layout(), path),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,13 +14,11 @@ from klayout import db
 from maskfab import __version__, provenance
 from maskfab.errors import JobError, SourceError
 from maskfab.export.drawing import plate_drawing
-from maskfab.export.dxf import write_dxf
 from maskfab.export.figures import CUT, Figures, PolygonOptions, draw
 from maskfab.export.fitting import drawing_options, fitted
-from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.export.gerber import write_gerber
 from maskfab.export.order_sheet import PARITY, TONE, order_sheet
 from maskfab.export.package import MANIFEST, safe_stem, unpack, write_package
+from maskfab.export.products import MASK_TAILS, mask_writer
 from maskfab.export.shops import Format, Shop
 from maskfab.export.staging import check_file
 from maskfab.geometry.reading import find_cell, read_layout
@@ -32,14 +30,7 @@ from maskfab.validate.roundtrip import compare
 from maskfab.validate.shop import Finding, accepted, check_shop
 
 _VERSION = 1
-_SUFFIX: Mapping[Format, str] = {
-    "gdsii": ".gds",
-    "oasis": ".oas",
-    "dxf_r12": "_R12.dxf",
-    "dxf_r2010": "_R2010.dxf",
-    "gerber": ".gbr",
-}
-PACKED = tuple(_SUFFIX)
+PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
 """Formats that a package can hold."""
 
 
@@ -85,11 +76,11 @@ def pack(
         OutputError: MF401 or MF402 if ``target`` cannot be written.
         JobError: MF105 for a format that no package holds, and whatever laying out the job refuses.
     """
-    zipped, sent = Path(target), tuple(formats) or tuple(each for each in shop.formats if each in _SUFFIX)[:1]
+    zipped, sent = Path(target), tuple(formats) or tuple(each for each in shop.formats if each in PACKED)[:1]
     check_file(zipped, force=force)
     for each in sent:
-        if each not in _SUFFIX:
-            raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(_SUFFIX)}")
+        if each not in PACKED:
+            raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
     whole = job.plate()
     plate = fitted(whole, shop)
     options = options or drawing_options(plate, shop)
@@ -102,11 +93,11 @@ def pack(
     stem = safe_stem(plate.name)
     with tempfile.TemporaryDirectory(prefix="maskfab-package-") as aside:
         folder = Path(aside)
-        names = {f"{stem}{_SUFFIX[each]}": each for each in sent}
+        names = {f"{stem}{MASK_TAILS[each]}": each for each in sent}
         checks: list[Quantity] = []
         for done, (name, kind) in enumerate(names.items()):
             progress("write and read back", done, len(names))
-            _write(kind, figures, folder / name, [job.signature, plate.title])
+            mask_writer(figures, kind, [job.signature, plate.title])(folder / name)
             checks += read_back(figures, folder / name)
         progress("write and read back", len(names), len(names))
         judged = tuple(check for check in checks if check.passed is not None)
@@ -151,7 +142,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             plate = fitted(job.plate(), shop)
             figures = draw(plate, drawing_options(plate, shop))
             for name, (kind, _) in listed.items():
-                if kind in _SUFFIX and name in names:
+                if kind in PACKED and name in names:
                     checks += [each for each in read_back(figures, folder / name) if each.passed is not None]
     return tuple(checks)
 
@@ -176,17 +167,6 @@ def _exposed(read: db.Layout) -> db.Layout:
     top = layout.create_cell(read.top_cell().name)
     top.shapes(layout.layer(layer_info(CLEAR))).insert(region(read, CLEAR) - region(read, CUT))
     return layout
-
-
-def _write(kind: Format, figures: Figures, path: Path, comments: Sequence[str]) -> None:
-    writers: Mapping[Format, Callable[[], None]] = {
-        "gdsii": lambda: write_gdsii(figures.layout(), path, figures.options.max_vertices),
-        "oasis": lambda: write_oasis(figures.layout(), path),
-        "dxf_r12": lambda: write_dxf(figures, path, "R12", comments),
-        "dxf_r2010": lambda: write_dxf(figures, path, "R2010", comments),
-        "gerber": lambda: write_gerber(figures, path, comments),
-    }
-    writers[kind]()
 
 
 def _papers(
