@@ -11,6 +11,7 @@ and geometry that is not the original's where the comparison with the original s
 
 from __future__ import annotations
 
+import io
 import math
 import os
 import random
@@ -20,36 +21,51 @@ import sys
 import tempfile
 import time
 import warnings
+import zipfile
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
+import fuzz_damage
 import numpy as np
 from klayout import db
 from small_job import DRAWING, OPENING, write_job
 
+from maskfab import resources
 from maskfab.errors import InputError
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.export.shops import load_shop
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.reading_image import read_picture
 from maskfab.geometry.region import plate_layout
-from maskfab.layout import openings
+from maskfab.layout import maps, openings
+from maskfab.layout.furniture.template import load_template
 from maskfab.layout.job import Job
 from maskfab.layout.job import load as load_job
 from maskfab.model import Plate
+from maskfab.validate.foreign import check_foreign
+from maskfab.validate.packing import pack, verify_package
 from maskfab.validate.roundtrip import compare
 
 SECONDS = 10.0
 _PATIENCE = 6
 SUFFIXES = {
     "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif",
-    "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml",
+    "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml", "map": ".toml", "template": ".toml",
+    "shop": ".toml", "package": ".zip",
 }  # fmt: skip
 LAYOUTS = ("gdsii", "oasis", "dxf", "gerber")
 PICTURES = ("png", "tiff")
+TEXTS: dict[str, Callable[[Path], str]] = {
+    "map": lambda path: maps.dumps(maps.load(path)),
+    "template": lambda path: repr(load_template(path)),
+    "shop": lambda path: repr(load_shop(str(path)).model_copy(update={"name": "any"})),
+}
+"""What these read, said in a text that is the same for the same contents."""
+MAP = "name = 'turns'\nmap = '''\n0415\n7726\n'''\nopenings = '''\n0010\n0000\n'''\nshifts = [[0, 0], [2, 0]]\n"
 
 
 # --- the originals ---------------------------------------------------------------------------------------------------
@@ -98,6 +114,15 @@ def originals(reader: str) -> tuple[bytes, ...]:
             np.save(path, drawn())
         elif reader == "job":
             path = write_job(Path(folder))
+        elif reader == "map":
+            path.write_text(MAP, encoding="utf-8")
+        elif reader == "template":
+            return tuple(resources.path(f"export_templates/plates/{name}.toml").read_bytes() for name in ("4in", "5in"))
+        elif reader == "shop":
+            shops = ("generic-chrome", "mr_nanotec")
+            return tuple(resources.path(f"export_templates/shops/{name}.toml").read_bytes() for name in shops)
+        elif reader == "package":
+            pack(job(), load_shop("generic-chrome"), path)
         else:
             path.write_text(OPENING if reader == "toml" else DRAWING, encoding="utf-8")
         return (path.read_bytes(),)
@@ -132,68 +157,10 @@ def write_picture(path: Path) -> None:
     image.close()
 
 
-# --- damage ----------------------------------------------------------------------------------------------------------
-
-
 def damaged(reader: str, number: int) -> bytes:
     """One damaged file, the same for the same number."""
     chance = random.Random(f"{reader} {number}")
-    data = bytearray(chance.choice(originals(reader)))
-    for _ in range(chance.choice([1, 1, 1, 2, 4, 16])):
-        if len(data) < 2:
-            break
-        chance.choice(DAMAGES)(data, chance)
-    return bytes(data)
-
-
-def _flip(data: bytearray, chance: random.Random) -> None:
-    data[chance.randrange(len(data))] ^= 1 << chance.randrange(8)
-
-
-def _byte(data: bytearray, chance: random.Random) -> None:
-    data[chance.randrange(len(data))] = chance.choice([0, 1, 0x7F, 0x80, 0xFF, chance.randrange(256)])
-
-
-def _truncate(data: bytearray, chance: random.Random) -> None:
-    del data[chance.randrange(1, len(data)) :]
-
-
-def _splice(data: bytearray, chance: random.Random) -> None:
-    start, place = chance.randrange(len(data)), chance.randrange(len(data))
-    size = chance.choice([1, 2, 4, 16, 64, 512])
-    data[place : place + size] = data[start : start + size]
-
-
-def _repeat(data: bytearray, chance: random.Random) -> None:
-    start = chance.randrange(len(data))
-    data[start:start] = data[start : start + chance.choice([1, 4, 32, 256])] * chance.choice([1, 2, 50])
-
-
-def _cut(data: bytearray, chance: random.Random) -> None:
-    start = chance.randrange(len(data))
-    del data[start : start + chance.choice([1, 2, 4, 32, 256])]
-
-
-def _length(data: bytearray, chance: random.Random) -> None:
-    """Overwrite what may be a length or a count with a small or a huge one."""
-    size = chance.choice([1, 2, 4, 8])
-    place = chance.randrange(len(data))
-    value = chance.choice([0, 1, 2, 2 ** (8 * size - 1) - 1, 2 ** (8 * size - 1), 2 ** (8 * size) - 1])
-    data[place : place + size] = value.to_bytes(size, chance.choice(["big", "little"]))
-
-
-def _digits(data: bytearray, chance: random.Random) -> None:
-    """Change a number that is written in digits."""
-    places = [place for place in (chance.randrange(len(data)) for _ in range(40)) if chr(data[place]).isdigit()]
-    if places:
-        data[places[0] : places[0] + 1] = chance.choice(
-            [b"0", b"9", b"-1", b"99999999999999999999", b"1e308", b"nan", b".", b"-"]
-        )
-
-
-DAMAGES: tuple[Callable[[bytearray, random.Random], None], ...] = (
-    _flip, _byte, _truncate, _splice, _repeat, _cut, _length, _digits,
-)  # fmt: skip
+    return fuzz_damage.damaged(chance.choice(originals(reader)), SUFFIXES[reader], chance)
 
 
 # --- one input -------------------------------------------------------------------------------------------------------
@@ -210,6 +177,10 @@ def outcome(reader: str, path: Path) -> str:
                 return _picture_outcome(path)
             if reader == "job":
                 return "same" if load_job(path).spec.dump() == job().spec.dump() else "seen"
+            if reader in TEXTS:
+                return "same" if TEXTS[reader](path) in _texts(reader) else "seen"
+            if reader == "package":
+                return _package_outcome(path)
             return _opening_outcome(reader, path)
     except InputError as error:
         return f"refused {error.code}"
@@ -226,9 +197,15 @@ def _layout_outcome(reader: str, path: Path) -> str:
         not (found.get(key, empty) ^ expected.get(key, empty)).is_empty() for key in found.keys() | expected.keys()
     )
     told = compare(plate(), _original(reader), layout, path, dots=False)
-    if not differs:
-        return "same" if told.xor_area_um2 == 0 else "FINDING: a difference is told where there is none"
-    return "seen" if told.xor_area_um2 > 0 else "FINDING: geometry differs, and the comparison does not tell"
+    if differs != (told.xor_area_um2 > 0):
+        return "FINDING: geometry differs, and the comparison does not tell, or the other way round"
+    # What a user does with such a file, from its reading to its optics.
+    foreign = check_foreign(plate(), job().camera, job().spec.limits, path)
+    passed = all(quantity.passed is not False for quantity in foreign.quantities)
+    clear = [regions.get("1/0", empty) for regions in (found, expected)]
+    if passed and not (clear[0] ^ clear[1]).is_empty():
+        return "FINDING: every check of a damaged file passes"
+    return "seen" if differs else "same"
 
 
 @cache
@@ -259,6 +236,30 @@ def _picture_outcome(path: Path) -> str:
         expected.insert(db.Box(x * 8000, y * 8000, x * 8000 + 8000, y * 8000 + 8000).moved(-28000, -28000))
     found_region = db.Region(found.top_cell().begin_shapes_rec(found.find_layer(1, 0)))
     return "same" if (found_region ^ expected).is_empty() else "seen"
+
+
+@cache
+def _texts(reader: str) -> frozenset[str]:
+    """What the originals say."""
+    said = []
+    with tempfile.TemporaryDirectory() as folder:
+        for original in originals(reader):
+            path = Path(folder) / f"whole{SUFFIXES[reader]}"
+            path.write_bytes(original)
+            said.append(TEXTS[reader](path))
+    return frozenset(said)
+
+
+def _package_outcome(path: Path) -> str:
+    checks = verify_package(path)
+    if not all(check.passed for check in checks):
+        return "seen"
+    with zipfile.ZipFile(path) as now, zipfile.ZipFile(io.BytesIO(originals("package")[0])) as then:
+        masks = [name for name in then.namelist() if not name.endswith("manifest.json")]
+        held = [name for name in masks if name in now.namelist()]
+        if any(now.read(name) != then.read(name) for name in held):
+            return "FINDING: a member changed, and every hash holds"
+    return "same"
 
 
 def _opening_outcome(reader: str, path: Path) -> str:

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import re
 import shutil
+import struct
 import zipfile
 import zlib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 from maskfab.errors import SourceError
@@ -18,8 +19,14 @@ _UNIX = 3
 _READABLE = 0o100644 << 16
 _DIRECTORY, _LINK, _KIND = 0o040000, 0o120000, 0o170000
 _LEVEL = 6
+_BLOCK = 1 << 20
 _MOST_MEMBERS = 256
 _MOST_BYTES = 8_000_000_000
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, IndexError,
+    OSError,
+)  # fmt: skip
+"""What zipfile raises over archives that are damaged somewhere."""
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
 
@@ -41,7 +48,7 @@ def write_package(target: Path, folder: Path, names: Sequence[str], stem: str) -
             member.compress_type, member.create_system, member.external_attr = zipfile.ZIP_DEFLATED, _UNIX, _READABLE
             member.file_size = (folder / name).stat().st_size
             with (folder / name).open("rb") as source, archive.open(member, "w") as sink:
-                shutil.copyfileobj(source, sink, 1 << 20)
+                shutil.copyfileobj(source, sink, _BLOCK)
 
 
 def unpack(package: Path, folder: Path) -> tuple[str, ...]:
@@ -54,17 +61,35 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
     """
     if not package.is_file():
         raise SourceError("MF301", f"there is no package {package}", cure="Check the path")
-    try:
-        with zipfile.ZipFile(package) as archive:
-            members = _checked(archive.infolist(), package)
-            for name, member in members.items():
-                with archive.open(member) as source, (folder / name).open("wb") as sink:
-                    # A member that says less than it holds ends in an error of the archive's own.
-                    shutil.copyfileobj(source, sink, 1 << 20)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError, ValueError) as error:
-        code = "MF303" if zipfile.is_zipfile(package) else "MF422"
-        raise SourceError(code, f"{package} cannot be unpacked: {error}", cure="Pack the job again") from error
+    with _opened(package) as archive:
+        members = _checked(archive.infolist(), package)
+        for name, member in members.items():
+            with (folder / name).open("wb") as sink:
+                for block in _blocks(archive, member, package):
+                    sink.write(block)
     return tuple(members)
+
+
+def _opened(package: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(package)
+    except _DAMAGE as error:
+        raise _damaged(package, error) from error
+
+
+def _blocks(archive: zipfile.ZipFile, member: zipfile.ZipInfo, package: Path) -> Iterator[bytes]:
+    """The content of a member; one that says less than it holds ends in an error of the archive's own."""
+    try:
+        with archive.open(member) as source:
+            while block := source.read(_BLOCK):
+                yield block
+    except _DAMAGE as error:
+        raise _damaged(package, error) from error
+
+
+def _damaged(package: Path, error: Exception) -> SourceError:
+    code = "MF303" if zipfile.is_zipfile(package) else "MF422"
+    return SourceError(code, f"{package} cannot be unpacked: {error}", cure="Pack the job again")
 
 
 def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zipfile.ZipInfo]:
@@ -81,8 +106,11 @@ def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zip
         kind = (member.external_attr >> 16) & _KIND
         if kind == _LINK:
             raise _unsafe(package, f"its member {member.filename!r} is a link")
-        if member.is_dir() or kind == _DIRECTORY or len(path.parts) != 2:
+        # An empty name makes is_dir() fail.
+        if len(path.parts) != 2 or member.is_dir() or kind == _DIRECTORY:
             raise _unsafe(package, f"its member {member.filename!r} is no file of one folder")
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise _unsafe(package, f"its member {member.filename!r} is packed in a way that packages are not")
         if path.name.casefold() in (name.casefold() for name in named):
             raise _unsafe(package, f"its member {member.filename!r} comes twice")
         folders.add(path.parts[0])
