@@ -20,6 +20,7 @@ DBU_NM = 1
 _UM_PER_UNIT: Mapping[str, float] = MappingProxyType(
     {"nm": 1e-3, "um": 1.0, "µm": 1.0, "μm": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6, "in": UM_PER_INCH, "mil": 25.4}
 )
+_LONGEST_NM = 2.0**53
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?))\s*(\S*)\s*", re.IGNORECASE
 )
@@ -69,8 +70,19 @@ def parse_wavelength_nm(text: object, *, where: str = "") -> float:
 
 
 def to_nm(value_um: float, *, where: str = "", name: str = "length") -> int:
-    """Integer nanometres of a length that must lie on the database grid (MF107 otherwise)."""
+    """Integer nanometres of a length that must lie on the database grid (MF107 otherwise).
+
+    Raises:
+        JobError: MF104 for a length beyond which a float no longer tells one nanometre from the next; MF107 as above.
+    """
     exact = value_um * NM_PER_UM
+    if not abs(exact) <= _LONGEST_NM:
+        raise JobError(
+            "MF104",
+            f"{name} {value_um:g} um is too long; the limit is {_LONGEST_NM / NM_PER_UM:g} um",
+            where=where,
+            cure="Give a shorter length",
+        )
     nearest = round(exact)
     if abs(exact - nearest) > 1e-6:
         raise JobError(

@@ -200,6 +200,8 @@ def members(data: bytes, chance: random.Random) -> bytes:
             held = [(info.filename, archive.read(info)) for info in archive.infolist()]
     except Exception:  # damaged before: whatever it is that zipfile says of it
         return data
+    if not held:
+        return data
     which = chance.randrange(len(held))
     name, content = held[which]
     match chance.randrange(5):
@@ -235,4 +237,7 @@ GRAMMARS: dict[str, tuple[Damage, ...]] = {
     ".png": (chunks,),
     ".tif": (tags,),
     ".zip": (members,),
+    ".3mf": (members,),
+    ".svg": (lines, number),
+    ".model": (lines, number),
 }

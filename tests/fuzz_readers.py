@@ -30,33 +30,25 @@ from pathlib import Path
 
 import fuzz_damage
 import numpy as np
+from fuzz_originals import SUFFIXES, WRITTEN, clear_alone, design, file_name, job, made, mask, originals, plate
 from klayout import db
-from small_job import DRAWING, OPENING, write_job
+from small_job import OPENING
 
-from maskfab import resources
 from maskfab.errors import InputError
-from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.shops import load_shop
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.reading_image import read_picture
-from maskfab.geometry.region import plate_layout
 from maskfab.layout import maps, openings
 from maskfab.layout.furniture.template import load_template
-from maskfab.layout.job import Job
 from maskfab.layout.job import load as load_job
-from maskfab.model import Plate
+from maskfab.progress import silent
+from maskfab.validate.files import read_back
 from maskfab.validate.foreign import check_foreign
-from maskfab.validate.packing import pack, verify_package
+from maskfab.validate.packing import verify_package
 from maskfab.validate.roundtrip import compare
 
 SECONDS = 10.0
 _PATIENCE = 6
-SUFFIXES = {
-    "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif",
-    "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml", "map": ".toml", "template": ".toml",
-    "shop": ".toml", "package": ".zip",
-}  # fmt: skip
 LAYOUTS = ("gdsii", "oasis", "dxf", "gerber")
 PICTURES = ("png", "tiff")
 TEXTS: dict[str, Callable[[Path], str]] = {
@@ -65,96 +57,6 @@ TEXTS: dict[str, Callable[[Path], str]] = {
     "shop": lambda path: repr(load_shop(str(path)).model_copy(update={"name": "any"})),
 }
 """What these read, said in a text that is the same for the same contents."""
-MAP = "name = 'turns'\nmap = '''\n0415\n7726\n'''\nopenings = '''\n0010\n0000\n'''\nshifts = [[0, 0], [2, 0]]\n"
-
-
-# --- the originals ---------------------------------------------------------------------------------------------------
-
-
-@cache
-def job() -> Job:
-    with tempfile.TemporaryDirectory() as folder:
-        return load_job(write_job(Path(folder)))
-
-
-@cache
-def plate() -> Plate:
-    return job().plate()
-
-
-@cache
-def design() -> db.Layout:
-    return plate_layout(plate())
-
-
-@cache
-def originals(reader: str) -> tuple[bytes, ...]:
-    """What is damaged: whole files that this reader accepts."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"o{SUFFIXES[reader]}"
-        if reader == "gdsii":
-            write_gdsii(design(), path)
-        elif reader == "oasis":
-            write_oasis(design(), path)
-            plain = db.SaveLayoutOptions()
-            plain.format, plain.oasis_write_cblocks, plain.oasis_compression_level = "OASIS", False, 0
-            first = path.read_bytes()
-            design().write(str(path), plain)
-            return first, path.read_bytes()
-        elif reader == "dxf":
-            write_dxf(plate(), path, "R12")
-            first = path.read_bytes()
-            write_dxf(plate(), path, "R2010")
-            return first, path.read_bytes()
-        elif reader == "gerber":
-            path.write_text(gerber(design()), encoding="ascii")
-        elif reader in PICTURES:
-            write_picture(path)
-        elif reader == "npy":
-            np.save(path, drawn())
-        elif reader == "job":
-            path = write_job(Path(folder))
-        elif reader == "map":
-            path.write_text(MAP, encoding="utf-8")
-        elif reader == "template":
-            return tuple(resources.path(f"export_templates/plates/{name}.toml").read_bytes() for name in ("4in", "5in"))
-        elif reader == "shop":
-            shops = ("generic-chrome", "mr_nanotec")
-            return tuple(resources.path(f"export_templates/shops/{name}.toml").read_bytes() for name in shops)
-        elif reader == "package":
-            pack(job(), load_shop("generic-chrome"), path)
-        else:
-            path.write_text(OPENING if reader == "toml" else DRAWING, encoding="utf-8")
-        return (path.read_bytes(),)
-
-
-def drawn() -> np.ndarray:
-    return np.array([[character == "#" for character in row] for row in reversed(DRAWING.split())])
-
-
-def gerber(layout: db.Layout) -> str:
-    """Every polygon on CLEAR as a region, in millimetres with six decimals."""
-    lines = ["%FSLAX46Y46*%", "%MOMM*%", "G01*", "%LPD*%"]
-    shapes = db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(1, 0)))
-    shapes.merged_semantics = False
-    for polygon in shapes.each():
-        points = [f"X{point.x}Y{point.y}" for point in polygon.each_point_hull()]
-        lines += ["G36*", f"{points[0]}D02*", *(f"{point}D01*" for point in (*points[1:], points[0])), "G37*"]
-    return "\n".join([*lines, "M02*", ""])
-
-
-def write_picture(path: Path) -> None:
-    import OpenImageIO as oiio  # noqa: N813
-
-    pixels = np.kron(drawn()[::-1].astype(np.uint8) * 255, np.ones((4, 4), dtype=np.uint8))[:, :, None]
-    spec = oiio.ImageSpec(28, 28, 1, oiio.UINT8)
-    spec.attribute("XResolution", 5000.0)
-    spec.attribute("YResolution", 5000.0)
-    spec.attribute("ResolutionUnit", "cm")
-    image = oiio.ImageOutput.create(str(path))
-    assert image.open(str(path), spec)
-    assert image.write_image(pixels)
-    image.close()
 
 
 def damaged(reader: str, number: int) -> bytes:
@@ -179,6 +81,9 @@ def outcome(reader: str, path: Path) -> str:
                 return "same" if load_job(path).spec.dump() == job().spec.dump() else "seen"
             if reader in TEXTS:
                 return "same" if TEXTS[reader](path) in _texts(reader) else "seen"
+            if reader in WRITTEN:
+                found = read_back(made(reader), path.parent, silent)
+                return "same" if all(check.passed is not False for check in found.quantities) else "seen"
             if reader == "package":
                 return _package_outcome(path)
             return _opening_outcome(reader, path)
@@ -191,12 +96,13 @@ def outcome(reader: str, path: Path) -> str:
 def _layout_outcome(reader: str, path: Path) -> str:
     layout = read_layout(path)
     find_cell(layout)
-    found, expected = _flat(layout), _flat(_original(reader))
+    original = clear_alone() if reader == "gerber" else design()
+    found, expected = _flat(layout), _flat(original)
     empty = db.Region()
     differs = any(
         not (found.get(key, empty) ^ expected.get(key, empty)).is_empty() for key in found.keys() | expected.keys()
     )
-    told = compare(plate(), _original(reader), layout, path, dots=False)
+    told = compare(plate(), original, layout, path, dots=False)
     if differs != (told.xor_area_um2 > 0):
         return "FINDING: geometry differs, and the comparison does not tell, or the other way round"
     # What a user does with such a file, from its reading to its optics.
@@ -206,17 +112,6 @@ def _layout_outcome(reader: str, path: Path) -> str:
     if passed and not (clear[0] ^ clear[1]).is_empty():
         return "FINDING: every check of a damaged file passes"
     return "seen" if differs else "same"
-
-
-@cache
-def _original(reader: str) -> db.Layout:
-    """The layout that an undamaged file holds; Gerber has the layer CLEAR alone."""
-    layout = design().dup()
-    if reader == "gerber":
-        for info in layout.layer_infos():
-            if not info.is_equivalent(db.LayerInfo(1, 0)):
-                layout.clear_layer(layout.find_layer(info))
-    return layout
 
 
 def _flat(layout: db.Layout) -> dict[str, db.Region]:
@@ -232,7 +127,7 @@ def _flat(layout: db.Layout) -> dict[str, db.Region]:
 def _picture_outcome(path: Path) -> str:
     found = read_picture(path)
     expected = db.Region()
-    for y, x in np.argwhere(drawn()).tolist():
+    for y, x in np.argwhere(mask()).tolist():
         expected.insert(db.Box(x * 8000, y * 8000, x * 8000 + 8000, y * 8000 + 8000).moved(-28000, -28000))
     found_region = db.Region(found.top_cell().begin_shapes_rec(found.find_layer(1, 0)))
     return "same" if (found_region ^ expected).is_empty() else "seen"
@@ -264,7 +159,7 @@ def _package_outcome(path: Path) -> str:
 
 def _opening_outcome(reader: str, path: Path) -> str:
     opening = openings.load(path) if reader == "toml" else openings.load(path, dot_nm=8000)
-    same = opening.mask.shape == drawn().shape and bool((opening.mask == drawn()).all())
+    same = opening.mask.shape == mask().shape and bool((opening.mask == mask()).all())
     return "same" if same and opening.dot_nm == 8000 else "seen"
 
 
@@ -362,7 +257,7 @@ def fuzz(reader: str, numbers: range) -> Findings:
 def work(reader: str) -> None:
     """A worker's life: numbers on stdin, outcomes on stdout."""
     with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / f"damaged{SUFFIXES[reader]}"
+        path = Path(folder) / file_name(reader)
         if reader == "job":
             (Path(folder) / "ring.toml").write_text(OPENING, encoding="utf-8")
         originals(reader)

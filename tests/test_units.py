@@ -102,6 +102,11 @@ def test_what_lies_off_the_database_grid_is_told_with_its_distance():
     assert "84.667 um" in problem.cure
 
 
+@pytest.mark.parametrize("length", [1e308, -1e308, 1e13, math.inf, math.nan])
+def test_a_length_beyond_what_nanometres_can_count_is_refused(length):
+    assert "pitch" in refused("MF104", to_nm, length, name="pitch").what
+
+
 @given(st.integers(-(10**9), 10**9))
 def test_whole_nanometres_lie_on_the_grid(nm):
     assert to_nm(nm / 1000) == nm

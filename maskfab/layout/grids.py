@@ -6,6 +6,7 @@ their way in and out. Nothing is repaired: what could mean two things is refused
 
 from __future__ import annotations
 
+import warnings
 from collections import Counter
 from collections.abc import Iterable
 from pathlib import Path
@@ -122,7 +123,9 @@ def from_npy(path: Path) -> Mask:
     """
     where = str(path)
     try:
-        values = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the shape before it takes memory
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that Python 2 wrote the header is no fault of the numbers
+            values = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the shape before it takes memory
     except (ValueError, EOFError, OSError, SyntaxError, TypeError, OverflowError, MemoryError, TokenError) as problem:
         raise _damaged(where, str(problem).splitlines()[0] if str(problem) else type(problem).__name__) from None
     if values.ndim != 2:

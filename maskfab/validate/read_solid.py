@@ -18,6 +18,8 @@ Ints = NDArray[np.int64]
 _FLAT_NM = 5.0
 """Triangles of less height are lines whose points float32 has moved."""
 
+_FARTHEST_NM = 1e10
+
 _AT_ONCE = 100_000
 """Triangles of an STL looked at together."""
 
@@ -74,10 +76,14 @@ def read_scene(path: Path) -> ReadSolid:
         scene = trimesh.load_scene(path, process=False)
         scale = _NM_PER_UNIT[scene.units]
         names = list(scene.geometry)
-        shapes = tuple(_shape(scene.geometry[name], scale) for name in names)
+        shapes = tuple(_shape(scene.geometry[name], scale, path) for name in names)
         found = [scene.graph.get(node) for node in scene.graph.nodes_geometry]
         matrices = np.array([matrix for matrix, _ in found]).reshape(-1, 4, 4)
         index = np.array([names.index(name) for _, name in found], dtype=np.int64)
+        check_reach(path, matrices[:, :3, 3] * scale)
+        check_reach(path, matrices[:, :3, :3])
+    except SourceError:
+        raise
     except Exception as error:
         # A parser meets a damaged file with whatever exception it happens to run into.
         raise damaged(path, error) from error
@@ -104,8 +110,9 @@ def read_stl(path: Path, die: Die) -> ReadSolid:
         del found
     except Exception as error:
         raise damaged(path, error) from error
-    if not len(corners) or not np.isfinite(corners).all():
-        raise damaged(path, "it has no triangles, or some without a place")
+    if not len(corners):
+        raise damaged(path, "it has no triangles")
+    check_reach(path, np.array([corners.min(), corners.max()], dtype=np.float64) * 1e6)
     sound = _all_closed(corners)
     pitch, columns = die.panel.pitch_nm, die.panel.orientations.shape[1]
     low = np.array(die.origin_nm) - np.array(die.centre_nm)
@@ -195,7 +202,20 @@ def damaged(path: Path, why: object) -> SourceError:
     return SourceError("MF303", f"{path.name} cannot be read: {why}", where=str(path), cure="Write it again")
 
 
-def _shape(mesh: Any, scale: float) -> ReadShape:
+def check_reach(path: Path, *lengths_nm: Floats) -> None:
+    """Refuse coordinates that no plate has, which arithmetic on them could only turn into warnings.
+
+    Raises:
+        SourceError: MF303 for one that is not finite or farther than 10 m away.
+    """
+    for values in lengths_nm:
+        farthest = float(np.abs(values).max(initial=0.0))
+        if not farthest <= _FARTHEST_NM:
+            raise damaged(path, f"it has a coordinate of {farthest / 1e6:g} mm; the limit is {_FARTHEST_NM / 1e6:g} mm")
+
+
+def _shape(mesh: Any, scale: float, path: Path) -> ReadShape:
+    check_reach(path, np.asarray(mesh.vertices, dtype=np.float64) * scale)
     # trimesh counts the faces of every edge by index, so corners that kiss count as the two edges that they are.
     sound = bool(mesh.is_watertight and mesh.is_winding_consistent)
     vertices = np.asarray(mesh.vertices, dtype=np.float64) * scale

@@ -17,6 +17,7 @@ from maskfab.model import LAYERS
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
 _NM_PER_MM = 1_000_000
+_FARTHEST_NM = 2**31 - 1
 _FLIPPED = [Decimal(value) for value in (1, 0, 0, -1)]
 
 
@@ -114,4 +115,6 @@ def _nm(value: Decimal | str | None, path: Path) -> int:
         raise SourceError(
             "MF303", f"{path.name} has {value} mm, off the grid of 1 nm", where=str(path), cure="Write it again"
         )
+    if abs(exact) > _FARTHEST_NM:
+        raise ValueError(f"a coordinate of {value} mm")
     return int(exact)

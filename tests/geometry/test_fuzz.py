@@ -5,19 +5,21 @@ from __future__ import annotations
 import subprocess
 import sys
 
+import fuzz_originals
 import fuzz_readers
 import pytest
+from small_job import OPENING
 
 SLICE = 150
 COSTLY = {"gdsii": 50, "oasis": 50, "dxf": 40, "gerber": 60}
 """These start a process of their own for every file that is not refused at first sight, or read long text."""
 
 
-@pytest.mark.parametrize("reader", fuzz_readers.SUFFIXES)
+@pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)
 def test_damaged_files_are_refused_or_seen(reader, tmp_path):
-    path = tmp_path / f"damaged{fuzz_readers.SUFFIXES[reader]}"
+    path = tmp_path / fuzz_originals.file_name(reader)
     if reader == "job":
-        (tmp_path / "ring.toml").write_text(fuzz_readers.OPENING, encoding="utf-8")
+        (tmp_path / "ring.toml").write_text(OPENING, encoding="utf-8")
     outcomes = {}
     for number in range(COSTLY.get(reader, SLICE)):
         path.write_bytes(fuzz_readers.damaged(reader, number))
@@ -26,12 +28,12 @@ def test_damaged_files_are_refused_or_seen(reader, tmp_path):
     assert sum(said.startswith("refused") for said in outcomes.values()) > len(outcomes) / 3
 
 
-@pytest.mark.parametrize("reader", fuzz_readers.SUFFIXES)
+@pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)
 def test_what_is_damaged_was_whole_before(reader, tmp_path):
-    path = tmp_path / f"whole{fuzz_readers.SUFFIXES[reader]}"
+    path = tmp_path / fuzz_originals.file_name(reader)
     if reader == "job":
-        (tmp_path / "ring.toml").write_text(fuzz_readers.OPENING, encoding="utf-8")
-    for original in fuzz_readers.originals(reader):
+        (tmp_path / "ring.toml").write_text(OPENING, encoding="utf-8")
+    for original in fuzz_originals.originals(reader):
         path.write_bytes(original)
         assert fuzz_readers.outcome(reader, path) == "same"
 

@@ -123,6 +123,14 @@ def test_npy_has_the_lowest_row_first(tmp_path: Path, dtype: type) -> None:
     np.testing.assert_array_equal(opening.mask, ASYMMETRIC)
 
 
+def test_npy_with_the_header_of_an_old_python(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    np.save(path, ASYMMETRIC)
+    path.write_bytes(path.read_bytes().replace(b"(3, 3), }  ", b"(3L, 3L), }"))
+    assert b"3L" in path.read_bytes()
+    np.testing.assert_array_equal(load(path, dot_nm=8000).mask, ASYMMETRIC)
+
+
 @pytest.mark.parametrize("suffix", [".gds", ".oas"])
 @pytest.mark.parametrize("shift", [0, -12000])
 def test_polygons_from_the_corner_or_the_centre(tmp_path: Path, suffix: str, shift: int) -> None:

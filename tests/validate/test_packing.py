@@ -60,6 +60,41 @@ def test_a_package_with_a_hostile_member_is_refused(tmp_path, member):
     assert refusal.value.code == "MF423"
 
 
+@pytest.mark.parametrize("name", ["", "x/", ".", "x/y/z"])
+def test_a_package_with_a_member_of_no_name_is_refused(tmp_path, name):
+    path = tmp_path / "nameless.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("x/manifest.json", '{"files": []}')
+        archive.writestr(zipfile.ZipInfo(name), "")
+    with pytest.raises(SourceError) as refusal:
+        verify_package(path)
+    assert refusal.value.code == "MF423"
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_package_packed_in_another_way_is_refused(tmp_path, packing):
+    path = tmp_path / "p.zip"
+    with zipfile.ZipFile(path, "w", packing) as archive:
+        archive.writestr("x/manifest.json", '{"files": []}')
+    with pytest.raises(SourceError, match="packed in a way"):
+        verify_package(path)
+
+
+@pytest.mark.parametrize("offset", [0, 2**31 - 1, 2**32 - 1])
+@pytest.mark.parametrize("field", [2, 6])
+def test_a_package_whose_directory_lies_elsewhere_is_refused(tmp_path, field, offset):
+    """Size and place of the directory, which zipfile seeks without asking whether they can be."""
+    path = tmp_path / "p.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("x/manifest.json", '{"files": []}')
+    data = bytearray(path.read_bytes())
+    data[len(data) - field - 4 : len(data) - field] = offset.to_bytes(4, "little")
+    path.write_bytes(data)
+    with pytest.raises(SourceError) as refusal:
+        verify_package(path)
+    assert refusal.value.code in {"MF303", "MF422"}
+
+
 def test_a_changed_file_is_a_failed_check(tmp_path):
     path = tmp_path / "p.zip"
     made = pack(load(write_job(tmp_path)), load_shop("pog"), path)
@@ -144,7 +179,7 @@ def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
 @pytest.mark.parametrize(
     ("options", "code", "where"),
     [
-        (("--against", "job.toml"), "MF105", "--shop"),
+        (("--against", "none.toml"), "MF301", None),
         (("--shop", "pog"), "MF105", "--against"),
         (("--die", "PLAIN"), "MF105", "--die"),
         (("--layer", "1/0", "--dots-per-um", "1"), "MF105", "--layer"),

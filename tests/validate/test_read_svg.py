@@ -100,6 +100,7 @@ WRONG = {
     "off the grid": ('x="1"', 'x="1.0000005"'),
     "beyond all coordinates": ('x="1"', 'x="1000000000000"'),
     "a polygon beyond all coordinates": ("H0.003", "H1000000000000"),
+    "beyond all integers": ('x="1"', 'x="99999999999999999999"'),
     "endless": ('x="1"', 'x="Infinity"'),
     "nowhere": ('x="1"', 'x="NaN"'),
 }

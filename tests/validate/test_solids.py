@@ -177,6 +177,17 @@ def test_a_hole_in_a_mesh_is_not_watertight(small_plate, tmp_path):
     assert "solid_flaws" in failed(check_solid(die, path))
 
 
+@pytest.mark.parametrize("value", [np.inf, np.nan, 1e30])
+def test_a_corner_that_no_plate_has_is_refused(small_plate, tmp_path, value):
+    die = small_plate.dies[0]
+    path = written(die, tmp_path, "stl")
+    data = path.read_bytes()
+    # An STL's record ends in its last corner and two bytes.
+    path.write_bytes(data[:-6] + np.float32(value).tobytes() + data[-2:])
+    with pytest.raises(SourceError, match="MF303"):
+        check_solid(die, path)
+
+
 def test_places_are_those_of_the_librarys_own_assembly(small_plate, tmp_path):
     """The quick reader against OCP's translation of the whole file, name by name."""
     from OCP.IFSelect import IFSelect_ReturnStatus

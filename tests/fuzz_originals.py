@@ -1,0 +1,176 @@
+"""What is damaged: small whole files of every kind that something of maskfab reads."""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+from small_job import DRAWING, OPENING, write_job
+
+from maskfab import resources
+from maskfab.export.dxf import write_dxf
+from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.export.shops import load_shop
+from maskfab.geometry.region import plate_layout
+from maskfab.layout.job import Job
+from maskfab.layout.job import load as load_job
+from maskfab.model import Plate
+from maskfab.spec import ExportSection
+from maskfab.validate.files import Drawn
+from maskfab.validate.files import drawn as drawn_files
+from maskfab.validate.packing import pack
+
+SUFFIXES = {
+    "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif",
+    "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml", "map": ".toml", "template": ".toml",
+    "shop": ".toml", "package": ".zip", "svg": ".svg", "step": ".step", "glb": ".glb", "3mf": ".3mf", "stl": ".stl",
+}  # fmt: skip
+"""Every reader, and what its files end in."""
+
+WRITTEN = ("svg", "step", "glb", "3mf", "stl")
+"""Formats that are only read back after they were written, never from anybody else."""
+
+MAP = "name = 'turns'\nmap = '''\n0415\n7726\n'''\nopenings = '''\n0010\n0000\n'''\nshifts = [[0, 0], [2, 0]]\n"
+
+
+@cache
+def originals(reader: str) -> tuple[bytes, ...]:
+    """The files of a reader."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / f"o{SUFFIXES[reader]}"
+        return tuple(content if isinstance(content, bytes) else path.read_bytes() for content in FILES[reader](path))
+
+
+@cache
+def job() -> Job:
+    with tempfile.TemporaryDirectory() as folder:
+        return load_job(write_job(Path(folder)))
+
+
+@cache
+def plate() -> Plate:
+    return job().plate()
+
+
+@cache
+def design() -> db.Layout:
+    return plate_layout(plate())
+
+
+@cache
+def clear_alone() -> db.Layout:
+    """The layout of a Gerber file, which holds one layer."""
+    layout = design().dup()
+    for info in layout.layer_infos():
+        if not info.is_equivalent(db.LayerInfo(1, 0)):
+            layout.clear_layer(layout.find_layer(info))
+    return layout
+
+
+@cache
+def made(reader: str) -> Drawn:
+    """The plate drawn for one file of a format."""
+    export = ExportSection.model_validate({"formats": ["gdsii", reader]})
+    whole = drawn_files(plate(), job().spec.model_copy(update={"export": export}), ["fuzz"])
+    return replace(whole, products=whole.products[1:2])
+
+
+def mask() -> np.ndarray:
+    return np.array([[character == "#" for character in row] for row in reversed(DRAWING.split())])
+
+
+def file_name(reader: str) -> str:
+    """What a file to be read has to be called."""
+    return made(reader).products[0].name if reader in WRITTEN else f"damaged{SUFFIXES[reader]}"
+
+
+# --- the files: each function writes to the path, or yields bytes, once for every original ---
+
+
+def _gdsii(path: Path) -> Iterator[bytes | None]:
+    yield write_gdsii(design(), path)
+
+
+def _oasis(path: Path) -> Iterator[bytes | None]:
+    yield write_oasis(design(), path)
+    plain = db.SaveLayoutOptions()
+    plain.format, plain.oasis_write_cblocks, plain.oasis_compression_level = "OASIS", False, 0
+    yield design().write(str(path), plain)
+
+
+def _dxf(path: Path) -> Iterator[bytes | None]:
+    for version in ("R12", "R2010"):
+        write_dxf(plate(), path, version)
+        yield None
+
+
+def _gerber(_path: Path) -> Iterator[bytes]:
+    """Every polygon on CLEAR as a region, in millimetres with six decimals."""
+    lines = ["%FSLAX46Y46*%", "%MOMM*%", "G01*", "%LPD*%"]
+    shapes = db.Region(design().top_cell().begin_shapes_rec(design().find_layer(1, 0)))
+    shapes.merged_semantics = False
+    for polygon in shapes.each():
+        points = [f"X{point.x}Y{point.y}" for point in polygon.each_point_hull()]
+        lines += ["G36*", f"{points[0]}D02*", *(f"{point}D01*" for point in (*points[1:], points[0])), "G37*"]
+    yield "\n".join([*lines, "M02*", ""]).encode()
+
+
+def _picture(path: Path) -> Iterator[None]:
+    import OpenImageIO as oiio  # noqa: N813
+
+    pixels = np.kron(mask()[::-1].astype(np.uint8) * 255, np.ones((4, 4), dtype=np.uint8))[:, :, None]
+    spec = oiio.ImageSpec(28, 28, 1, oiio.UINT8)
+    spec.attribute("XResolution", 5000.0)
+    spec.attribute("YResolution", 5000.0)
+    spec.attribute("ResolutionUnit", "cm")
+    image = oiio.ImageOutput.create(str(path))
+    assert image.open(str(path), spec)
+    assert image.write_image(pixels)
+    image.close()
+    yield None
+
+
+def _npy(path: Path) -> Iterator[None]:
+    np.save(path, mask())
+    yield None
+
+
+def _job(path: Path) -> Iterator[bytes]:
+    yield write_job(path.parent).read_bytes()
+
+
+def _package(path: Path) -> Iterator[None]:
+    pack(job(), load_shop("generic-chrome"), path)
+    yield None
+
+
+def _bundled(folder: str, *names: str) -> Callable[[Path], Iterator[bytes]]:
+    return lambda _path: (resources.path(f"export_templates/{folder}/{name}.toml").read_bytes() for name in names)
+
+
+def _written(reader: str) -> Callable[[Path], Iterator[object]]:
+    return lambda path: (product.write(path) for product in made(reader).products)
+
+
+FILES: dict[str, Callable[[Path], Iterator[object]]] = {
+    "gdsii": _gdsii,
+    "oasis": _oasis,
+    "dxf": _dxf,
+    "gerber": _gerber,
+    "png": _picture,
+    "tiff": _picture,
+    "toml": lambda _path: iter([OPENING.encode()]),
+    "text": lambda _path: iter([DRAWING.encode()]),
+    "npy": _npy,
+    "job": _job,
+    "map": lambda _path: iter([MAP.encode()]),
+    "template": _bundled("plates", "4in", "5in"),
+    "shop": _bundled("shops", "generic-chrome", "mr_nanotec"),
+    "package": _package,
+    **{reader: _written(reader) for reader in WRITTEN},
+}
