@@ -43,6 +43,8 @@ _FLOAT, _UNSIGNED = 5126, 5125
 _VERTICES, _INDICES = 34962, 34963
 _Y_UP = (1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1)
 """glTF's y points up, a die's z; columns of the matrix."""
+_DARK = (0.09, 0.1, 0.11)
+_GLASS_ALPHA = 0.2
 
 _MODEL = "3D/3dmodel.model"
 _CONTENT_TYPES = (
@@ -109,15 +111,8 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
         "nodes": nodes,
         "meshes": meshes,
         "materials": [
-            {
-                "name": "glass",
-                "alphaMode": "BLEND",
-                "pbrMetallicRoughness": {"baseColorFactor": [0.7, 0.85, 0.9, 0.3], "metallicFactor": 0},
-            },
-            {
-                "name": "chrome",
-                "pbrMetallicRoughness": {"baseColorFactor": [0.55, 0.56, 0.6, 1], "roughnessFactor": 0.3},
-            },
+            {"name": "glass", "alphaMode": "BLEND", "pbrMetallicRoughness": _surface(_GLASS_ALPHA)},
+            {"name": "chrome", "pbrMetallicRoughness": _surface(1)},
         ],
         "accessors": accessors,
         "bufferViews": views,
@@ -234,6 +229,15 @@ def _cells(die: Die) -> Iterator[tuple[str, int, float, float]]:
 
 def _triangles(die: Die, chrome: Mapping[int, Mesh]) -> int:
     return sum(len(chrome[cell].triangles) for cell in die.panel.orientations.ravel().tolist())
+
+
+def _surface(alpha: float) -> dict[str, Any]:
+    """What glass and chrome look like: the same, so that it does not show which of the two a viewer takes to be nearer.
+
+    They lie 100 nm apart, less than the depth buffer of most viewers resolves for a whole die, which mottles the chrome
+    with any other colour of glass. Matt and without metal they stay dark where a light shines back at the camera.
+    """
+    return {"baseColorFactor": [*_DARK, alpha], "metallicFactor": 0, "roughnessFactor": 0.7}
 
 
 def _metres(point_nm: Sequence[float] | NDArray[np.float64]) -> list[float]:
