@@ -62,6 +62,11 @@ def test_the_doorway_imports_nothing_heavy(code):
     assert imported(code) & HEAVY == set()
 
 
+def test_a_plate_is_made_and_verified_without_what_only_designs_and_solids_need():
+    later = {"torch", "OCP", "cadquery", "trimesh", "manifold3d", "gerbonara"}
+    assert imported("import maskfab.pipeline, maskfab.verification") & later == set()
+
+
 @pytest.mark.parametrize("option", ["--version", "--help"])
 def test_version_and_help_answer_at_once(option):
     """CPU time, the best of several, so that a busy machine does not count."""

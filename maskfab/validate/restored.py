@@ -11,7 +11,6 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.design.pupil_error import pupil_error
 from maskfab.design.surrogate import Surrogate, surrogate
 from maskfab.errors import JobError
 from maskfab.imaging.laid_panel import laid_panel
@@ -85,6 +84,9 @@ class Photographer:
         elif abs(estimate.lattice.side * estimate.lattice.dot_um - PANEL_UM) > _SAME_UM:
             return []  # the error of one layout is only known of panels of the protocol's own side
         else:
+            # It brings torch along, which takes longer to start than most plates take to check.
+            from maskfab.design.pupil_error import pupil_error
+
             found = pupil_error(estimate).psnr(laid.pupil)
             how = "this very layout"
         return [
