@@ -79,7 +79,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF416": "A die needs more references than it may have.",
         "MF417": "A design rule is not one that can be checked.",
         "MF418": "A layout has more shapes than design rules are checked on.",
-        "MF420": "There is no shop profile of that name.",
+        "MF420": "There is no shop profile of that name, or at that path.",
         "MF421": "A shop profile is malformed.",
         "MF422": "A file is no package that maskfab made.",
         "MF423": "A package is unsafe to unpack.",

@@ -18,7 +18,7 @@ from threadpoolctl import threadpool_limits
 
 from maskfab import __version__, provenance, resources
 from maskfab.export.markers import write_markers
-from maskfab.export.shops import Shop, load_shop
+from maskfab.export.shops import shop_of
 from maskfab.export.staging import RESULT_MARK, check_target, staged
 from maskfab.geometry.drc import RuleResult, check_plate
 from maskfab.geometry.region import clear_shapes, plate_names
@@ -40,13 +40,15 @@ from maskfab.report import (
     scene_figures,
     written_figures,
 )
+from maskfab.spec.shop import Shop
 from maskfab.validate.display import display_quantities
 from maskfab.validate.features import judged, limits_as_rules, smallest_features
 from maskfab.validate.files import Drawn, drawn, read_back
+from maskfab.validate.memory import give_back
 from maskfab.validate.optics import axis_nm, measure, reach_box, read_openings
 from maskfab.validate.restored import Restored, photographer
 from maskfab.validate.scene import measure_scene, peak_bytes, reach_um, scene_plan
-from maskfab.validate.shop import check_shop
+from maskfab.validate.shop import check_written
 from maskfab.validate.views import SceneOptics
 from maskfab.validate.written import Written, measure_written
 
@@ -96,6 +98,9 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         made = draw_files(job, plate)
     with clock.stage("plan"):
         plans = plan_scenes(job, plate, progress)
+    # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
+    with clock.stage("process"):
+        written = measure_process(job, plate, progress, clock.seconds)
     with staged(target, force=force) as folder:
         with clock.stage("write"):
             files = write_files(job, made, folder, progress)
@@ -105,9 +110,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             optics = measure_dies(plate, job.camera, back.trips[0].layout, progress, clock.seconds)
         with clock.stage("scene"):
             scenes = measure_scenes(job, plate, plans, back.trips[0].layout, progress, clock.seconds)
-        with clock.stage("process"):
-            written = measure_process(job, plate, progress, clock.seconds)
-        checked = (*back.quantities, *made.account(), *shop_quantities(job, plate))
+        checked = (*back.quantities, *made.account(), *shop_quantities(job, made))
         stated = design_data.stated(job)
         with clock.stage("photographs"):
             restored = restore_photographs(plate, stated, progress, clock.seconds)
@@ -137,7 +140,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
 
 def draw_files(job: Job, plate: Plate) -> Drawn:
     """The files that a job's plate becomes; the optics come from the first."""
-    return drawn(plate, job.spec, [job.signature, plate.title])
+    return drawn(plate, job.spec, [job.signature, plate.title], named_shop(job))
 
 
 def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
@@ -159,6 +162,7 @@ def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tupl
     for done, (name, (_, write)) in enumerate(steps.items()):
         progress("write files", done, len(steps))
         write(folder / name)
+        give_back()
     progress("write files", len(steps), len(steps))
     return tuple(provenance.written(folder, folder / name, kind) for name, (kind, _) in steps.items())
 
@@ -230,18 +234,17 @@ def named_shop(job: Job) -> Shop | None:
     Raises:
         OutputError: MF420 if there is no such house, MF421 if its profile is malformed.
     """
-    section = job.spec.export
-    return None if section is None or section.shop is None else load_shop(section.shop)
+    return shop_of(job.spec, job.where)
 
 
-def shop_quantities(job: Job, plate: Plate) -> tuple[Quantity, ...]:
-    """The rules of the mask house that the job names, each a check; none if it names none.
+def shop_quantities(job: Job, made: Drawn) -> tuple[Quantity, ...]:
+    """The rules of the mask house that the job names, each a check of the files as drawn; none if it names none.
 
     Raises:
         OutputError: MF420 or MF421 as of :func:`named_shop`.
     """
     shop = named_shop(job)
-    return () if shop is None else tuple(finding.quantity() for finding in check_shop(plate, shop))
+    return () if shop is None else tuple(each.quantity() for each in check_written(made.figures, shop, made.formats))
 
 
 def check_processes(job: Job, plate: Plate) -> None:
@@ -321,6 +324,7 @@ def _each(
     with threadpool_limits(1), ThreadPoolExecutor(workers) as pool:
         for result in pool.map(timed, dies):
             results.append(result)
+            give_back()
             progress(stage, len(results), len(dies))
     return results
 

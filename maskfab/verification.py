@@ -59,8 +59,8 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         plate = compose(job.spec, job.openings, signature, where=job.where)
         built = job.displays_of(plate, progress, largest=True)
         plate = built.plate
-        of_shop = shop_quantities(job, plate)
         made = draw_files(job, plate)
+        of_shop = shop_quantities(job, made)
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))

@@ -239,5 +239,6 @@ GRAMMARS: dict[str, tuple[Damage, ...]] = {
     ".zip": (members,),
     ".3mf": (members,),
     ".svg": (lines, number),
+    ".step": (lines, number),
     ".model": (lines, number),
 }

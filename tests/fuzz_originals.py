@@ -77,7 +77,9 @@ def made(reader: str) -> Drawn:
     """The plate drawn for one file of a format."""
     export = ExportSection.model_validate({"formats": ["gdsii", reader]})
     whole = drawn_files(plate(), job().spec.model_copy(update={"export": export}), ["fuzz"])
-    return replace(whole, products=whole.products[1:2])
+    # SVG has no die of its own, and of STEP the first file is the light assembly of the plate.
+    chosen = next(each for each in whole.products[1:] if each.die or reader == "svg")
+    return replace(whole, products=(chosen,))
 
 
 def mask() -> np.ndarray:

@@ -19,7 +19,7 @@ from maskfab.cli.explain import explain
 from maskfab.cli.package import package
 from maskfab.cli.pareto import pareto
 from maskfab.cli.plan import plan
-from maskfab.cli.printing import print_json
+from maskfab.cli.printing import plain, print_json
 from maskfab.cli.render import render
 from maskfab.cli.run import run
 from maskfab.cli.shape import shape
@@ -132,7 +132,7 @@ def run_command_line(arguments: Sequence[str]) -> int:
 
 
 def _tell(error: MaskfabError, as_json: bool) -> int:
-    typer.echo(f"error: {error}", err=True)
+    typer.echo(f"error: {plain(error)}", err=True)
     if as_json:
         _print_error(error)
     return error.exit_code

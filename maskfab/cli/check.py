@@ -34,7 +34,7 @@ def check(
         bool, typer.Option("--largest", help="Search on for the largest emitters, whatever is required.")
     ] = False,
     shop: Annotated[
-        str | None, typer.Option(help="Instead: would this mask house take the plate? maskfab shops lists them.")
+        str | None, typer.Option(help="Instead: would this mask house take what maskfab package sends it?")
     ] = None,
     format_: Annotated[
         list[str] | None, typer.Option("--format", help="With --shop: what is sent, repeatable; default: its first.")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +14,17 @@ if TYPE_CHECKING:
     from maskfab.model import Opening, Quantity
 
 
+# Controls of terminals, C1 included, marks that turn the direction of text or have no width, and breaks of lines.
+_UNSEEN = re.compile(
+    "[\x00-\x1f\x7f-\x9f\xad\u061c\u180e\u200b-\u200f\u2028-\u202e\u2060-\u206f\ufeff\ufff9-\ufffb\ud800-\udfff\U000e0000-\U000e007f]"
+)
+
+
+def plain(text: object) -> str:
+    """The text in one line, as a terminal shows it: names in files from elsewhere may hold what it would obey."""
+    return _UNSEEN.sub(lambda found: json.dumps(found[0])[1:-1], str(text))
+
+
 def leave(passed: bool) -> None:
     """Exit code 1 unless everything passed."""
     if not passed:
@@ -21,7 +33,8 @@ def leave(passed: bool) -> None:
 
 def print_json(document: dict[str, Any]) -> None:
     """The one JSON document of a command."""
-    typer.echo(json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False))
+    text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
+    typer.echo("\n".join(map(plain, text.split("\n"))))
 
 
 def print_table(quantities: Iterable[Quantity]) -> None:
@@ -35,7 +48,7 @@ def print_table(quantities: Iterable[Quantity]) -> None:
         rows.append((q.name, line, value, error, q.unit, limit))
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     for row in rows:
-        typer.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        typer.echo(plain("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()))
 
 
 def summarise(checks: Sequence[Quantity]) -> None:
@@ -43,9 +56,8 @@ def summarise(checks: Sequence[Quantity]) -> None:
     failed = [check for check in checks if check.passed is False]
     for check in failed:
         place = f" [{check.die}]" if check.die else ""
-        typer.echo(
-            f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}", err=True
-        )
+        told = f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
+        typer.echo(plain(told), err=True)
     verdict = "FAIL" if failed else "PASS"
     typer.echo(f"{verdict}: {len(checks) - len(failed)} of {len(checks)} checks pass", err=True)
 

@@ -20,7 +20,7 @@ def run(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make a plate: mask files, read back and measured, with a report."""
+    """Make a plate: mask files, read back, measured, judged by the house that [export] names, with a report."""
     from maskfab.layout.job import load
     from maskfab.pipeline import REPORT
     from maskfab.pipeline import run as run_job

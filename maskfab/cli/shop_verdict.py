@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
+from maskfab.cli.printing import plain
 from maskfab.errors import JobError
 
 if TYPE_CHECKING:
-    from maskfab.export.shops import Format
+    from maskfab.spec.shop import Format
     from maskfab.validate.shop import Finding
 
 
@@ -20,7 +21,7 @@ def chosen_formats(wanted: Sequence[str]) -> tuple[Format, ...]:
     Raises:
         JobError: MF105 for one that there is not.
     """
-    from maskfab.export.shops import FORMATS
+    from maskfab.spec.shop import FORMATS
 
     for each in wanted:
         if each not in FORMATS:
@@ -32,11 +33,12 @@ def chosen_formats(wanted: Sequence[str]) -> tuple[Format, ...]:
 def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> None:
     """A line for each rule, and the verdict on stderr."""
     for finding in findings:
-        typer.echo(str(finding))
+        typer.echo(plain(finding))
     refused = [each for each in findings if each.passed is False]
     for source in dict.fromkeys(each.source for each in refused if each.source):
-        typer.echo(f"rules as read on {source}", err=True)
-    typer.echo(f"{'PASS' if passed else 'REFUSED'}: {len(refused)} of {len(findings)} rules of {shop} broken", err=True)
+        typer.echo(plain(f"rules as read on {source}"), err=True)
+    verdict = "PASS" if passed else "REFUSED"
+    typer.echo(plain(f"{verdict}: {len(refused)} of {len(findings)} rules of {shop} broken"), err=True)
 
 
 def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:

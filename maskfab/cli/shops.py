@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from maskfab.cli.options import Json
-from maskfab.cli.printing import print_json
+from maskfab.cli.printing import plain, print_json
 
 if TYPE_CHECKING:
-    from maskfab.export.shops import Shop
+    from maskfab.spec.shop import Shop
 
 _SECTIONS = ("accepts", "limits", "plate", "names", "blocks", "text", "polygons", "tolerance", "order")
 
@@ -42,7 +42,7 @@ def shops(
         rows.append((shop.name, formats, "-" if least is None else f"{least:g} um", shop.title))
     widths = [max(len(row[k]) for row in rows) for k in range(4)]
     for row in rows:
-        typer.echo("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip())
+        typer.echo(plain("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()))
 
 
 def _document(shop: Shop) -> dict[str, Any]:
@@ -56,16 +56,16 @@ def _document(shop: Shop) -> dict[str, Any]:
 
 
 def _show(shop: Shop) -> None:
-    typer.echo(f"{shop.name}: {shop.title}")
+    typer.echo(plain(f"{shop.name}: {shop.title}"))
     said = shop.model_dump(mode="python", exclude_none=True)
     for section in _SECTIONS:
         for key, value in said[section].items():
             if value not in ((), {}):
-                typer.echo(f"  {section}.{key} = {_told(value)}")
+                typer.echo(plain(f"  {section}.{key} = {_told(value)}"))
     for source in shop.sources:
-        typer.echo(f"  source {source}")
+        typer.echo(plain(f"  source {source}"))
     for key in shop.third_party:
-        typer.echo(f"  not from a page of the house: {key}")
+        typer.echo(plain(f"  not from a page of the house: {key}"))
 
 
 def _told(value: object) -> str:

@@ -23,9 +23,10 @@ def verify(
     subject: Annotated[Path, typer.Argument(metavar="DIR|PACKAGE|FILE", help="The --out of a finished run, a .zip that "
                                             "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) of "
                                             "whatever origin.")],
-    against: Annotated[Path | None, typer.Option(metavar="JOB", help="The job (.toml) that a mask file, or a package "
-                                                 "with --shop, is held against.")] = None,
-    shop: Annotated[str | None, typer.Option(help="Whom a package is for, to draw its job again.")] = None,
+    against: Annotated[Path | None, typer.Option(metavar="JOB", help="The job (.toml) that a mask file or a package is "
+                                                 "held against.")] = None,
+    shop: Annotated[str | None, typer.Option(help="Whom a package is for, to draw its job again; default: the profile "
+                                             "that it holds.")] = None,
     die: Annotated[str | None, typer.Option(help="Compare one die of the job alone.")] = None,
     layer: Annotated[str | None, typer.Option(help="Layer of a mask file that is clear, such as 1/0 or CLEAR.")] = None,
     cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
@@ -70,13 +71,12 @@ def _package(
         raise JobError(
             "MF105", f"{' '.join(strangers)} cannot be said of a package", where=strangers[0], cure="Leave it out"
         )
-    if (against is None) != (shop is None):
-        missing = "--against" if against is None else "--shop"
+    if against is None and shop is not None:
         raise JobError(
             "MF105",
-            f"{missing} is missing: a package is drawn again from its job for its shop",
-            where=missing,
-            cure="Name both --against JOB.toml and --shop NAME, or neither to check hashes alone",
+            "--against is missing: a package is drawn again from its job for its shop",
+            where="--against",
+            cure="Add --against JOB.toml, or leave --shop out to check hashes alone",
         )
     from maskfab.export.shops import load_shop
     from maskfab.layout.job import load

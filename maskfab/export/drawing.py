@@ -91,10 +91,10 @@ def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
     axes.set(xlim=(0, 1), ylim=(0, 1))
     axes.set_axis_off()
     y, step = 0.985, 0.0185
-    axes.text(0, y, plate.title, fontsize=11, va="top", weight="bold")
+    axes.text(0, y, _printed(plate.title), fontsize=11, va="top", weight="bold")
     y -= 1.6 * step
     for note in (f"plate {plate.name}; lengths in mm, origin at the plate's centre, y up", *notes):
-        axes.text(0, y, note, va="top", fontsize=7.5)
+        axes.text(0, y, _printed(note), va="top", fontsize=7.5)
         y -= step
     y -= step
     columns = (("no.", 0.0), ("die", 0.06), ("centre x, y", 0.38), ("size", 0.62), ("pitch um", 0.85))
@@ -114,6 +114,11 @@ def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
             axes.text(x, y, cell, va="top", fontsize=7)
     if len(plate.dies) > _MOST_ROWS:
         axes.text(0, y - step, f"and {len(plate.dies) - _MOST_ROWS} more", va="top", fontsize=7)
+
+
+def _printed(text: str) -> str:
+    """The text without what no font has: XML forbids control characters, and drawings as PDF fail over them."""
+    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _path_mm(polygons: Sequence[Polygon]) -> Path:

@@ -1,19 +1,23 @@
-"""What of a plate goes to a mask house: the layers that it writes, framed as it asks, and how they are drawn."""
+"""What of a plate goes to a mask house, and how it is drawn: by a package, and by a job that writes for the house."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from maskfab.export.figures import MAX_VERTICES, PolygonOptions
-from maskfab.export.shops import Shop
+from maskfab.export.figures import MAX_VERTICES, Hierarchy, PolygonOptions
 from maskfab.export.tally import facing_dots
 from maskfab.geometry.region import orientations_in_use
 from maskfab.model import CLEAR, Box, Die, Furniture, Plate, Polygon
+from maskfab.spec import DRAWING_KEYS, MASK_FORMATS, ExportSection, FileFormat
+from maskfab.spec.shop import Shop
 from maskfab.units import NM_PER_UM
 
 _NM_PER_MM = 1000 * NM_PER_UM
+_WITH_TEXT: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
+"""Formats whose notes are text that a reader can see as such."""
 
 
 def fitted(plate: Plate, shop: Shop) -> Plate:
@@ -52,17 +56,18 @@ def bounds(polygon: Polygon) -> Box:
     return min(xs), min(ys), max(xs), max(ys)
 
 
-def drawing_options(plate: Plate, shop: Shop) -> PolygonOptions:
-    """How a fitted plate is drawn for a shop: as its profile says, and otherwise no further from cells than it must.
+def drawing_options(plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None) -> PolygonOptions:
+    """How a plate is drawn for a shop: as its profile says, and otherwise no further from cells than it must.
 
     Two pixels go into a cell, or all references are resolved, only where the house allows no more references; openings
-    are merged across cells only where it forbids figures that share a piece of edge and those of two cells do.
+    are merged across cells only where it forbids figures that share a piece of edge and those of two cells do. A
+    ``hierarchy`` that is given stays, whatever the house would need.
     """
     rules = shop.polygons
-    touching = rules.shared_boundaries is False and any(facing_dots(die) for die in plate.dies)
+    touching = hierarchy is None and rules.shared_boundaries is False and any(facing_dots(die) for die in plate.dies)
     options = PolygonOptions(
-        hierarchy="merged" if touching else rules.hierarchy,
-        max_vertices=min(rules.max_vertices, shop.limits.max_vertices or MAX_VERTICES),
+        hierarchy=hierarchy or ("merged" if touching else rules.hierarchy),
+        max_vertices=min(rules.max_vertices, shop.limits.max_vertices or MAX_VERTICES, MAX_VERTICES),
         holes=rules.holes,
         corners="joined" if rules.self_touching else "apart",
         notes="none",
@@ -72,7 +77,39 @@ def drawing_options(plate: Plate, shop: Shop) -> PolygonOptions:
         return options
     if _file_references(plate, paired=True) <= most:
         return replace(options, max_references=max(_references(die, paired=True) for die in plate.dies))
-    return replace(options, hierarchy="flat")
+    return options if hierarchy else replace(options, hierarchy="flat")
+
+
+def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileFormat, ...]:
+    """The formats that a job writes: those it asks for, or else its shop's first.
+
+    The optics of a job are measured from a layout, so that one comes first even for a house that takes none.
+    """
+    if section.formats is not None:
+        return section.formats
+    if shop is None:
+        return MASK_FORMATS
+    layouts = [each for each in shop.formats if each in MASK_FORMATS]
+    return (layouts[0],) if layouts else (MASK_FORMATS[0], shop.formats[0])
+
+
+def written_options(plate: Plate, section: ExportSection, shop: Shop | None) -> PolygonOptions:
+    """How a job draws its plate: as it says, and for the rest as its shop likes it.
+
+    Holes on a layer of their own are left to packages, for a job's optics are measured from one layer. Notes are text
+    unless the house takes none in a format that is written.
+    """
+    stated = {key: value for key in DRAWING_KEYS if (value := getattr(section, key)) is not None}
+    if shop is None:
+        return PolygonOptions(**stated)
+    house = drawing_options(plate, shop, section.hierarchy)
+    holes, taken = "bisect" if house.holes == "layer" else house.holes, shop.text.allowed_in
+    lettered = taken is None or all(each in taken for each in _lettered(written_formats(section, shop)))
+    return replace(house, **{"holes": holes, "notes": "text" if lettered else "polygons", **stated})
+
+
+def _lettered(formats: Sequence[FileFormat]) -> tuple[FileFormat, ...]:
+    return tuple(each for each in formats if each in _WITH_TEXT)
 
 
 def _file_references(plate: Plate, *, paired: bool) -> int:

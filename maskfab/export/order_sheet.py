@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from html import escape
 
 from maskfab.export.figures import CUT, Account, Figures
-from maskfab.export.shops import Format, OrderField, Shop
 from maskfab.model import CLEAR, Gauge, Plate
+from maskfab.spec.shop import Format, OrderField, Shop
 from maskfab.units import NM_PER_UM, UM_PER_INCH
 
 TONE = "digitized data = clear"
@@ -65,7 +65,7 @@ class OrderSheet:
         lines += ["", "To be filled in", *(f"{label.ljust(wide)}  {_BLANK}" for label in _CONTACT)]
         if self.sources:
             lines += ["", "Rules of the house as read on", *(f"  {source}" for source in self.sources)]
-        return "\n".join(lines) + "\n"
+        return "\n".join(map(_printed, lines)) + "\n"
 
     def html(self) -> str:
         """The same as a page of its own; whatever a name holds is shown as text."""
@@ -177,6 +177,11 @@ def _promised(shop: Shop) -> list[tuple[str, str]]:
     if plate.glass_mm is not None:
         told.append(("published glass thickness", f"{plate.glass_mm[0]:g} to {plate.glass_mm[1]:g} mm"))
     return told
+
+
+def _printed(line: str) -> str:
+    """The line without what a printer or a terminal would obey; a house's profile is somebody else's text."""
+    return "".join(letter if letter.isprintable() else " " for letter in line)
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

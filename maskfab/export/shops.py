@@ -1,237 +1,15 @@
-"""What mask houses publish about the data they take: one profile each, with the pages that it was read on.
-
-A profile states facts only. What it leaves out the house does not publish, so nothing is judged by it.
-"""
+"""The mask houses whose rules are known: the bundled profiles, and those that users bring."""
 
 from __future__ import annotations
 
-import re
-import tomllib
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
-
-from pydantic import AfterValidator, Field, ValidationError
 
 from maskfab import resources
-from maskfab.errors import JobError, OutputError
-from maskfab.spec.problems import first_problem
-from maskfab.spec.sections import Section
+from maskfab.errors import OutputError
+from maskfab.spec import JobSpec
+from maskfab.spec.shop import Shop, parse_shop, read_shop
 
-Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber"]
-Tone: TypeAlias = Literal["clear", "dark"]
-OrderField: TypeAlias = Literal[
-    "mask_name",
-    "tone",
-    "parity",
-    "min_cd_and_location",
-    "grid",
-    "blank",
-    "centred",
-    "units",
-    "design_layers",
-    "display_work",
-    "comments",
-]
-
-FORMATS: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
 _FOLDER = "export_templates/shops"
-
-
-def _listed(minimum: int = 0) -> object:
-    """TOML has lists where the model has tuples."""
-    return Field(strict=False, min_length=minimum)
-
-
-def _expression(text: str) -> str:
-    try:
-        re.compile(text)
-    except re.error as error:
-        raise ValueError(f"no regular expression: {error}") from error
-    return text
-
-
-def _address(text: str) -> str:
-    if not re.match(r"https?://\S+$", text):
-        raise ValueError("no address of a page")
-    return text
-
-
-Pattern = Annotated[str, AfterValidator(_expression)]
-Address = Annotated[str, AfterValidator(_address)]
-Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(gt=0)]
-Sides = Annotated[tuple[Positive, Positive], Field(strict=False)]
-
-
-class Accepts(Section):
-    """[accepts]: files that the house takes.
-
-    Attributes:
-        formats: those that maskfab writes, the one to send first; None where the house publishes none.
-        others: further formats that it takes and maskfab does not write.
-        versions: by format, what is said about its versions.
-        drawing_unit: what one unit of a DXF drawing must be.
-    """
-
-    formats: Annotated[tuple[Format, ...], _listed(1)] | None = None
-    others: Annotated[tuple[str, ...], _listed()] = ()
-    versions: dict[str, str] = Field(default_factory=dict)
-    drawing_unit: Literal["um", "mm"] | None = None
-
-
-class ShopLimits(Section):
-    """[limits]: numbers that data must keep to.
-
-    Attributes:
-        max_references: definitions, and references, of one file.
-        max_flashes: rectangles that a pattern generator exposes one by one.
-        min_feature_on_request_um: widths from here to ``min_feature_um`` are made after asking.
-        grid_nm: grids of which the data must keep one.
-    """
-
-    max_vertices: Count | None = None
-    max_references: Count | None = None
-    max_depth: Count | None = None
-    max_layers: Count | None = None
-    max_layer_number: Count | None = None
-    max_flashes: Count | None = None
-    max_coordinate_mm: Positive | None = None
-    min_feature_um: Positive | None = None
-    min_feature_on_request_um: Positive | None = None
-    min_space_um: Positive | None = None
-    grid_nm: Annotated[tuple[Count, ...], _listed(1)] | None = None
-
-
-class ShopPlate(Section):
-    """[plate]: blanks and how much of them is written; sides in millimetres, width before height.
-
-    Attributes:
-        blanks_in: square blanks in stock, by side in inches.
-        largest_mm: largest blank.
-        plot_area_mm: area that can be written.
-        extent_mm: what the drawing must span exactly.
-        corner_square_um: side of the squares that mark the corners of that extent.
-        chrome_nm: thickness of the chrome, least and most.
-        glass_mm: thickness of the glass, least and most.
-    """
-
-    blanks_in: Annotated[tuple[Positive, ...], _listed(1)] | None = None
-    largest_mm: Sides | None = None
-    plot_area_mm: Sides | None = None
-    extent_mm: Sides | None = None
-    corner_square_um: Positive | None = None
-    chrome_nm: Sides | None = None
-    glass_mm: Sides | None = None
-
-
-class ShopNames(Section):
-    """[names]: names of plates, cells and layers; patterns match whole names, ``forbidden`` any part in any case."""
-
-    pattern: Pattern | None = None
-    max_length: Count | None = None
-    forbidden: Annotated[tuple[str, ...], _listed()] = ()
-    layer_pattern: Pattern | None = None
-    layer_max_length: Count | None = None
-    forbidden_layers: Annotated[tuple[str, ...], _listed()] = ()
-    block_equals_layer: bool | None = None
-
-
-class ShopBlocks(Section):
-    """[blocks]: what references may do to what they place."""
-
-    mirrored: bool | None = None
-    scaled: bool | None = None
-    rotation_step_deg: Positive | None = None
-
-
-class ShopText(Section):
-    """[text]: formats in which text is taken; None where nothing is said."""
-
-    allowed_in: Annotated[tuple[Format, ...], _listed()] | None = None
-
-
-class ShopPolygons(Section):
-    """[polygons]: what outlines may do, and how maskfab draws for this house.
-
-    Attributes:
-        hierarchy: cells with references, or outlines merged across cells.
-        holes: how a hole is drawn, for formats without holes.
-        max_vertices: of an outline as maskfab writes it; the house may allow more.
-        self_crossing: whether an outline may cross itself.
-        self_touching: whether it may touch itself.
-        doubled_vertices: whether a vertex may follow itself.
-        shared_boundaries: whether two figures may share a piece of edge.
-        corner_touches: whether two figures may meet by a corner only.
-    """
-
-    hierarchy: Literal["cells", "flat", "merged"] = "cells"
-    holes: Literal["bisect", "keyhole", "trapezoids", "layer"] = "bisect"
-    max_vertices: Annotated[int, Field(ge=4, le=8191)] = 4094
-    self_crossing: bool | None = None
-    self_touching: bool | None = None
-    doubled_vertices: bool | None = None
-    shared_boundaries: bool | None = None
-    corner_touches: bool | None = None
-
-
-class ShopTolerance(Section):
-    """[tolerance]: what the house promises of the finished mask, for the order sheet.
-
-    Attributes:
-        cd_um: rows of (widths up to, deviation).
-        defect_um: largest defects, typical and least.
-        short_um: deviation of short distances.
-        long_um: deviation of long distances.
-    """
-
-    cd_um: Annotated[tuple[Annotated[tuple[float, Positive], Field(strict=False)], ...], _listed()] = ()
-    defect_um: Sides | None = None
-    short_um: Positive | None = None
-    long_um: Positive | None = None
-
-
-class ShopOrder(Section):
-    """[order]: what its order form asks for, and in which words.
-
-    Attributes:
-        fields: what is asked for, in the order of the form.
-        tones: tones of digitized data that can be ordered.
-        tone_words: how the form names each of them.
-    """
-
-    fields: Annotated[tuple[OrderField, ...], _listed(1)]
-    tones: Annotated[tuple[Tone, ...], _listed(1)] = ("clear", "dark")
-    tone_words: dict[Tone, str] = Field(default_factory=dict)
-
-
-class Shop(Section):
-    """One house, or one machine of it.
-
-    Attributes:
-        name: of the profile.
-        title: the house.
-        sources: pages on which the facts were read; empty for a profile that stands for no house.
-        third_party: keys that were read elsewhere than on a page of the house.
-    """
-
-    name: str
-    title: str
-    sources: Annotated[tuple[Address, ...], _listed()]
-    third_party: Annotated[tuple[str, ...], _listed()] = ()
-    accepts: Accepts = Accepts()
-    limits: ShopLimits = ShopLimits()
-    plate: ShopPlate = ShopPlate()
-    names: ShopNames = ShopNames()
-    blocks: ShopBlocks = ShopBlocks()
-    text: ShopText = ShopText()
-    polygons: ShopPolygons = ShopPolygons()
-    tolerance: ShopTolerance = ShopTolerance()
-    order: ShopOrder
-
-    @property
-    def formats(self) -> tuple[Format, ...]:
-        """Formats to choose from, the first to be sent; GDSII and DXF where the house publishes none."""
-        return self.accepts.formats or ("gdsii", "dxf_r12")
 
 
 def shop_names() -> tuple[str, ...]:
@@ -254,23 +32,17 @@ def load_shop(name: str) -> Shop:
         raise OutputError(
             "MF420", f"there is no shop {name!r}", cure=f"Name one of {', '.join(known)}, or a profile of your own.toml"
         )
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise OutputError("MF421", f"the profile {path} cannot be read: {error}", cure="Save it as UTF-8") from error
-    return parse_shop(text, path.stem, where=str(path))
+    return read_shop(path)
 
 
-def parse_shop(text: str, name: str, *, where: str) -> Shop:
-    """A profile from the text of its file.
+def shop_of(spec: JobSpec, where: str) -> Shop | None:
+    """The mask house that the [export] of a loaded job names, its own profile as the job keeps it; None without one.
 
     Raises:
-        OutputError: MF421 for the first thing that is wrong: no TOML, an unknown key, a value of the wrong type.
+        OutputError: MF420 if there is no such house, MF421 if its profile is malformed.
     """
-    try:
-        return Shop.model_validate({**tomllib.loads(text), "name": name})
-    except tomllib.TOMLDecodeError as error:
-        raise OutputError("MF421", f"the profile is no valid TOML: {error}", where=where, cure="Mend it") from error
-    except ValidationError as error:
-        problem: JobError = first_problem(error, where)
-        raise OutputError("MF421", problem.what, where=problem.where, cure=problem.cure) from error
+    name = None if spec.export is None else spec.export.shop
+    if name is None:
+        return None
+    kept = spec.shops.get(name)
+    return load_shop(name) if kept is None else parse_shop(kept, Path(name).stem, where=f"{where}: shops.{name}")

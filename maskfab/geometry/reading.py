@@ -8,10 +8,7 @@ module of their own, :mod:`maskfab.geometry.reading_image`, for they need to be 
 from __future__ import annotations
 
 import math
-import pickle
 import re
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -22,6 +19,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
+from maskfab.geometry.apart import read_apart
 from maskfab.geometry.reading_dxf import refuse_undrawable
 from maskfab.geometry.reading_gerber import read_gerber
 from maskfab.geometry.reading_limits import (
@@ -190,22 +188,9 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
     # A few bytes of OASIS can make klayout fill all memory with copies of one shape: there the process looks first.
     first = None if function == "read_oas" else _checked_by_klayout(path)
     seconds = _SECONDS_TO_READ + path.stat().st_size / _BYTES_PER_SECOND
-    script = Path(__file__).with_name("gdstk_process.py")
-    command = [sys.executable, "-P", "-W", "error", str(script), function, str(path)]
+    content = read_apart(path, Path(__file__).with_name("gdstk_process.py"), function, seconds=seconds)
     try:
-        process = subprocess.run(command, capture_output=True, check=False, timeout=seconds)
-    except subprocess.TimeoutExpired as error:
-        raise SourceError(
-            "MF316",
-            f"{path.name} is not read within {seconds:.0f} s",
-            where=str(path),
-            cure="Write it again, with fewer repetitions",
-        ) from error
-    if process.returncode != 0:
-        said = process.stderr.decode(errors="replace").strip().splitlines()
-        raise _damaged(path, said[-1] if said else "its records cannot be read")
-    try:
-        second = _Conversion(path).layout(pickle.loads(process.stdout))
+        second = _Conversion(path).layout(content)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         # Text that is none and numbers that fit no integer pass gdstk.
         raise _damaged(path, f"it holds values that cannot be used ({error})") from error

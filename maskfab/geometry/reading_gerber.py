@@ -12,6 +12,7 @@ import math
 import re
 import warnings
 from collections.abc import Iterator
+from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ from maskfab.model import CLEAR
 _LARGEST_NM = 2**31 - 1
 _ON_GRID_NM = 1e-5
 _FROM_CIRCLE_NM = 1.0
+_CLOSED = 1e-9
+_AT_A_TIME = 4096
 _NM_PER_UNIT = {"mm": 1e6, "in": 25.4e6}
 _NUMBER = r"\d+(?:\.\d*)?|\.\d+"
 _PLAIN = re.compile(
@@ -106,9 +109,22 @@ def _check_command(path: Path, command: str, known: re.Pattern[str], ended: bool
     )
 
 
+class _Packed(list[Any]):
+    """Takes objects of gerbonara as they are read: a pair of Python's numbers is ten times as large as one of numpy's.
+
+    A region is complete when it is appended, and has no arcs, for files with arcs are refused before.
+    """
+
+    def append(self, each: Any) -> None:
+        if hasattr(each, "outline"):
+            each.outline = np.array(each.outline, dtype=np.float64)
+            each.arc_centers = None
+        super().append(each)
+
+
 def _objects(path: Path, text: str) -> list[Any]:
     try:
-        from gerbonara import GerberFile
+        from gerbonara.rs274x import GerberFile, GerberParser
     except ImportError as error:
         raise SourceError(
             "MF308", f"{path.name} needs gerbonara", where=str(path), cure="pip install maskfab[gerber]"
@@ -118,7 +134,10 @@ def _objects(path: Path, text: str) -> list[Any]:
             # What gerbonara warns of it has guessed.
             warnings.simplefilter("error")
             warnings.simplefilter("ignore", DeprecationWarning)
-            return list(GerberFile.from_string(text).objects)
+            file, objects = GerberFile(), _Packed()
+            file.objects = objects
+            GerberParser(file).parse(text)
+            return objects
     except Exception as error:  # a parser of its own, with exceptions of every kind
         said = str(error).splitlines()
         raise _damaged(path, said[0][:200] if said else type(error).__name__) from error
@@ -158,26 +177,32 @@ class _Drawing:
 
     def _runs(self, objects: list[Any]) -> Iterator[tuple[bool, list[db.Polygon]]]:
         """Polygons of one polarity after the other."""
-        dark, polygons = True, list[db.Polygon]()
-        for each in objects:
-            if bool(each.polarity_dark) != dark:
-                yield dark, polygons
-                dark, polygons = bool(each.polarity_dark), []
-            polygons += self._polygons(each)
-        yield dark, polygons
+        for dark, run in groupby(objects, key=lambda each: bool(each.polarity_dark)):
+            polygons = list[db.Polygon]()
+            for filled, alike in groupby(run, key=lambda each: hasattr(each, "outline")):
+                while part := list(islice(alike, _AT_A_TIME)):
+                    polygons += self._regions(part) if filled else chain.from_iterable(map(self._stroked, part))
+            yield dark, polygons
 
-    def _polygons(self, each: Any) -> Iterator[db.Polygon]:
-        if hasattr(each, "outline"):
-            if math.dist(each.outline[0], each.outline[-1]) > 1e-9:
-                raise SourceError(
-                    "MF310",
-                    f"{self._path.name} has a region that is not closed, from {each.outline[0]} to {each.outline[-1]}",
-                    where=str(self._path),
-                    cure="Close it",
-                )
-            scale = _NM_PER_UNIT[str(each.unit)]
-            yield from self._polygon(np.array(each.outline[:-1], dtype=np.float64) * scale)
-            return
+    def _regions(self, regions: list[Any]) -> Iterator[db.Polygon]:
+        points = np.concatenate([each.outline for each in regions])
+        sizes = np.array([len(each.outline) for each in regions])
+        last = np.cumsum(sizes) - 1
+        first = last - sizes + 1
+        open_ones = np.flatnonzero(np.hypot(*(points[first] - points[last]).T) > _CLOSED)
+        if open_ones.size:
+            ends = [tuple(points[at[open_ones[0]]].tolist()) for at in (first, last)]
+            raise SourceError(
+                "MF310",
+                f"{self._path.name} has a region that is not closed, from {ends[0]} to {ends[1]}",
+                where=str(self._path),
+                cure="Close it",
+            )
+        scales = np.array([_NM_PER_UNIT[str(each.unit)] for each in regions])
+        yield from self._outlines(np.delete(points * np.repeat(scales, sizes)[:, None], last, axis=0), sizes - 1)
+
+    def _stroked(self, each: Any) -> Iterator[db.Polygon]:
+        """A flash or a stroke."""
         aperture = getattr(each, "aperture", None)
         if hasattr(each, "x1") and type(aperture).__name__ != "CircleAperture":
             raise SourceError(
@@ -210,16 +235,25 @@ class _Drawing:
         return np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1)
 
     def _polygon(self, points: NDArray[np.float64]) -> Iterator[db.Polygon]:
+        return self._outlines(points, np.array([len(points)]))
+
+    def _outlines(self, points: NDArray[np.float64], sizes: NDArray[np.int64]) -> Iterator[db.Polygon]:
+        """Polygons of so many points each, in nanometres."""
         if not (np.abs(points) <= _LARGEST_NM).all():  # NaN included
             raise _damaged(self._path, "a coordinate lies beyond 2.1 m")
         nearest = np.rint(points)
         rounding = float(np.abs(points - nearest).max(initial=0.0))
         if rounding > _ON_GRID_NM:
             self._rounding = max(self._rounding, rounding)
-        polygon = db.Polygon([db.Point(x, y) for x, y in nearest.astype(np.int64).tolist()])
-        if polygon.num_points() < len(points):
-            self._repeated += int((nearest == np.roll(nearest, 1, axis=0)).all(axis=1).sum())
-        if is_empty(polygon):
-            self._empty += 1
-        else:
-            yield polygon
+        corners = iter(nearest.astype(np.int64).tolist())
+        for size in sizes.tolist():
+            outline = list(islice(corners, size))
+            polygon = db.Polygon([db.Point(x, y) for x, y in outline])
+            if polygon.num_points() < size:
+                self._repeated += sum(
+                    one == other for one, other in zip(outline, [outline[-1], *outline], strict=False)
+                )
+            if is_empty(polygon):
+                self._empty += 1
+            else:
+                yield polygon

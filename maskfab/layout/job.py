@@ -18,6 +18,7 @@ from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
 from maskfab.spec import DieSection, JobSpec, check_optics, is_table
+from maskfab.spec.shop import dump_shop, parse_shop, read_shop
 
 
 @dataclass(frozen=True, eq=False)
@@ -75,10 +76,10 @@ class Job:
 
 
 def load(path: str | Path) -> Job:
-    """Read a job file and every opening it names; nothing is computed yet.
+    """Read a job file and every file it names; nothing is computed yet.
 
     Raises:
-        JobError, OpeningError, SourceError: for the first thing that is wrong.
+        JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
     """
     path = Path(path)
     stated = spec.read(path)
@@ -93,7 +94,7 @@ def load(path: str | Path) -> Job:
             _keep(texts, opening.name, openings.dumps(opening), "openings", f"{path}: die[{i}].opening")
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
     named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
-    resolved = _with_curves(named, path)
+    resolved = _with_shop(_with_curves(named, path), path)
     job = Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.dump()), str(path))
     _check_bands(job)
     return job
@@ -146,6 +147,21 @@ def _with_curves(stated: JobSpec, path: Path) -> JobSpec:
         named[key] = Path(value).name
         _keep(texts, named[key], text, "tables", where)
     return stated.model_copy(update={"scene": stated.scene.model_copy(update=named), "curves": texts})
+
+
+def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
+    """The spec with the profile of the shop that its [export] names by a file, under the file's own name."""
+    section = stated.export
+    if section is None or section.shop is None or not section.shop.endswith(".toml"):
+        return stated.model_copy(update={"shops": {}})
+    name, kept = Path(section.shop).name, stated.shops.get(section.shop)
+    if kept is None:
+        shop = read_shop(path.parent / section.shop, f"{path}: export.shop")
+    else:
+        shop = parse_shop(kept, Path(name).stem, where=f"{path}: shops.{section.shop}")
+    return stated.model_copy(
+        update={"export": section.model_copy(update={"shop": name}), "shops": {name: dump_shop(shop)}}
+    )
 
 
 def _check_bands(job: Job) -> None:

@@ -16,7 +16,7 @@ def write(analysis: Analysis, target: Path) -> list[Path]:
     signature = f"maskfab {__version__} | {analysis.name}"
     with staged(target, force=False) as folder:
         for psf in analysis.psfs:
-            write_psf(psf, folder / f"psf_{psf.kind}_{psf.wavelength_nm:g}nm.exr", signature)
+            write_psf(psf, folder / f"psf_{psf.kind}_{psf.wavelength_nm:.12g}nm.exr", signature)
         for name, picture in _scene_pictures(analysis).items():
             (folder / f"{name}.png").write_bytes(picture)
         (folder / "optics.png").write_bytes(figures.optics(analysis.psfs, analysis.mtfs, analysis.name))

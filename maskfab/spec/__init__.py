@@ -9,6 +9,7 @@ from maskfab.spec.export_values import MASK_FORMATS, FileFormat
 from maskfab.spec.read import parse_section, read, validate
 from maskfab.spec.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
 from maskfab.spec.sections import (
+    DRAWING_KEYS,
     AnyDesign,
     CameraSection,
     DesignSection,
@@ -34,6 +35,7 @@ from maskfab.spec.values import check_name
 __all__ = [
     "ACCURACIES",
     "COLDEST_K",
+    "DRAWING_KEYS",
     "HOTTEST_K",
     "MASK_FORMATS",
     "AnyDesign",

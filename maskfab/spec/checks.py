@@ -26,6 +26,15 @@ def check_dies(spec: JobSpec, where: str) -> None:
             raise JobError(
                 "MF109", f"{count} dies have the name {name!r}", where=f"{where}: die", cure="Rename all but one"
             )
+    for folded, count in Counter(die.name.lower() for die in spec.die).items():
+        if count > 1:
+            alike = ", ".join(repr(die.name) for die in spec.die if die.name.lower() == folded)
+            raise JobError(
+                "MF109",
+                f"the dies {alike} differ in case only, and many systems would write their files over each other",
+                where=f"{where}: die",
+                cure="Rename all but one",
+            )
     for number, die in enumerate(spec.die):
         place = f"{where}: die[{number}]"
         if (die.tiling.seeded or die.others) and die.seed is None:

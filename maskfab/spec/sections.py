@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from maskfab.model import Camera, Process, Stop, Tiling
 from maskfab.spec.design_values import Method, ObjectiveName, Weight
@@ -284,24 +284,42 @@ class SceneSection(Section):
     illuminant: Illuminant = "equal"
 
 
+DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references")
+"""Keys of [export] that say how polygons are drawn."""
+
+
 class ExportSection(Section):
     """[export]: which files a plate becomes, and how their polygons are drawn.
 
     ``max_references`` draws two pixels in each cell of a die that has more; ``dots_per_um`` are the pixels of PNG and
-    TIFF; ``shop`` is the mask house whose rules become checks.
+    TIFF.
+
+    ``shop`` is a mask house: its name, or a profile of your own by its path, relative to the job file. Its rules become
+    checks of what is written: of every GDSII, OASIS, DXF and Gerber file with all that is in it, while SVG, solids and
+    pictures are for people. What the job says of formats and of how polygons are drawn is done, and judged. What it
+    leaves out is None and follows the house: its first format, and polygons as ``maskfab package`` would draw them,
+    except that holes never get a layer of their own.
     """
 
-    formats: Formats = MASK_FORMATS
+    formats: Formats | None = MASK_FORMATS
     shop: str | None = None
-    hierarchy: Literal["cells", "flat", "merged"] = "cells"
-    max_vertices: int = Field(default=4094, ge=4, le=4094)
-    holes: Literal["bisect", "keyhole", "trapezoids"] = "bisect"
-    corners: Literal["apart", "joined"] = "apart"
+    hierarchy: Literal["cells", "flat", "merged"] | None = "cells"
+    max_vertices: int | None = Field(default=4094, ge=4, le=4094)
+    holes: Literal["bisect", "keyhole", "trapezoids"] | None = "bisect"
+    corners: Literal["apart", "joined"] | None = "apart"
     max_references: int | None = Field(default=None, ge=1)
     dots_per_um: float = Field(default=0.125, gt=0, le=100, allow_inf_nan=False)
     stl_limit_mb: float = Field(default=100.0, gt=0, le=10_000, allow_inf_nan=False)
     chrome: Length = 0.1
     exaggeration: float = Field(default=1.0, ge=1, le=1e6, allow_inf_nan=False)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _left_to_the_house(cls, stated: object) -> object:
+        """With a shop, what is left out stays open until its profile and the plate are known."""
+        if not (isinstance(stated, dict) and stated.get("shop") is not None):
+            return stated
+        return {**dict.fromkeys(("formats", *DRAWING_KEYS)), **stated}
 
 
 class ProcessSection(Section):
@@ -316,8 +334,8 @@ class ProcessSection(Section):
 
 
 class JobSpec(Section):
-    """A whole job file. ``openings``, ``maps`` and ``curves`` hold files by the names that dies and [scene] use: a job
-    is then self-contained.
+    """A whole job file. ``openings``, ``maps``, ``curves`` and ``shops`` hold files by the names that dies, [scene] and
+    [export] use: a job is then self-contained.
     """
 
     job: JobSection | None = None
@@ -336,12 +354,13 @@ class JobSpec(Section):
     openings: dict[str, str] = {}
     maps: dict[str, str] = {}
     curves: dict[str, str] = {}
+    shops: dict[str, str] = {}
 
     def dump(self) -> dict[str, Any]:
         """Plain data that loads to an equal spec; defaults are written out, so that they are part of the job's hash.
 
-        Only ``curves`` and ``maps`` are left out where they are empty.
+        Left out are ``curves``, ``maps`` and ``shops`` where they are empty, and what [export] leaves to its shop.
         """
         data = self.model_dump(mode="json", exclude_none=True)
-        # A job without tables or maps keeps the hash that it had before jobs could name any.
-        return {key: value for key, value in data.items() if value or key not in {"curves", "maps"}}
+        # A job without tables, maps or profiles keeps the hash that it had before jobs could name any.
+        return {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}

@@ -12,6 +12,7 @@ from maskfab.errors import JobError
 from maskfab.spec.problems import refusing
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
+_DEVICE = re.compile(r"(?i)con|prn|aux|nul|(?:com|lpt)[0-9]")
 _LONGEST_UM = 1e9
 _LARGEST_PLATE_UM = 2e6
 
@@ -21,12 +22,16 @@ def check_name(name: object, *, where: str = "") -> str:
 
     Raises:
         JobError: MF110. A name has 1 to 24 letters, digits and underscores, a letter first (files carry suffixes
-            within the 32 characters of GDSII), and nowhere "main", which mask houses keep for their own top cell.
+            within the 32 characters of GDSII), and nowhere "main", which mask houses keep for their own top cell. Nor
+            is it a device of Windows, where no file can have its name.
     """
     if not isinstance(name, str):
         raise JobError("MF105", f"{name!r} is not text", where=where, cure='Write a name such as "TOLED_150"')
     if "main" in name.lower():
         problem = f'the name {name!r} holds "main", which mask houses refuse'
+        raise JobError("MF110", problem, where=where, cure="Choose another")
+    if _DEVICE.fullmatch(name):
+        problem = f"the name {name!r} is that of a device, and Windows has no file called so"
         raise JobError("MF110", problem, where=where, cure="Choose another")
     if not _NAME.fullmatch(name):
         raise JobError(

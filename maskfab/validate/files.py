@@ -6,22 +6,25 @@ plate + [export] -> drawn -> files -> read by other libraries -> quantities
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from klayout import db
 
 from maskfab.errors import InputError
-from maskfab.export.figures import Figures, PolygonOptions, draw
+from maskfab.export.figures import Figures, draw
+from maskfab.export.fitting import written_formats, written_options
 from maskfab.export.products import FileSettings, Product, products
 from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.layout.furniture.template import plate_template
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.progress import Progress
-from maskfab.spec import ExportSection, JobSpec
+from maskfab.spec import ExportSection, FileFormat, JobSpec
+from maskfab.spec.shop import Shop
 from maskfab.units import NM_PER_UM, to_nm
 from maskfab.validate.bitmaps import check_bitmap
+from maskfab.validate.memory import give_back
 from maskfab.validate.read_svg import read_svg
 from maskfab.validate.roundtrip import RoundTrip, compare
 from maskfab.validate.solids import check_plate_solid, check_solid
@@ -40,12 +43,14 @@ class Drawn:
         design: the same as a layout.
         products: the files.
         settings: of solids and pictures.
+        formats: of the files.
     """
 
     figures: Figures
     design: db.Layout
     products: tuple[Product, ...]
     settings: FileSettings
+    formats: tuple[FileFormat, ...]
 
     @property
     def plate(self) -> Plate:
@@ -63,20 +68,16 @@ class Drawn:
         return tuple(Quantity(name, "", count, "", method) for name, (count, method) in counts.items())
 
 
-def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str]) -> Drawn:
+def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> Drawn:
     """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
+
+    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.export.fitting`.
 
     Raises:
         OutputError: MF413, MF416 for drawings that cannot be made.
     """
     section = spec.export or ExportSection()
-    options = PolygonOptions(
-        hierarchy=section.hierarchy,
-        max_vertices=section.max_vertices,
-        holes=section.holes,
-        corners=section.corners,
-        max_references=section.max_references,
-    )
+    formats = written_formats(section, shop)
     template = None if spec.plate is None or spec.plate.template is None else plate_template(spec.plate.template)
     glass_nm = Stack().glass_nm if template is None else float(to_nm(template.thickness))
     settings = FileSettings(
@@ -84,13 +85,16 @@ def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str]) -> Drawn:
         round(section.stl_limit_mb * _MB),
         section.dots_per_um,
     )
-    figures = draw(plate, options)
-    return Drawn(figures, figures.layout(), products(figures, section.formats, comments, settings), settings)
+    figures = draw(plate, written_options(plate, section, shop))
+    return Drawn(figures, figures.layout(), products(figures, formats, comments, settings), settings, formats)
 
 
 @dataclass(frozen=True, eq=False)
 class ReadBack:
-    """What reading files back has shown: layouts in full, the first measured further; and every row of the report."""
+    """What reading files back has shown: of layouts, the first measured further, and every row of the report.
+
+    Only the first layout is kept; those of the others are empty, for a flat one takes a hundred megabytes.
+    """
 
     trips: tuple[RoundTrip, ...]
     quantities: tuple[Quantity, ...]
@@ -119,14 +123,16 @@ def read_back(
         path = folder / product.name
         try:
             if product.kind == "mask":
-                trips.append(_trip(made, path, dots=not trips))
-                quantities += trips[-1].quantities()
+                trip = _trip(made, path, dots=not trips)
+                quantities += trip.quantities()
+                trips.append(trip if not trips else replace(trip, layout=db.Layout()))
             else:
                 quantities += _others(made, product.die, path)
         except InputError as error:
             if refused is None:
                 raise
             refused.append((product.name, error))
+        give_back()
     progress("read back", len(made.products), len(made.products))
     return ReadBack(tuple(trips), tuple(quantities))
 

@@ -12,26 +12,29 @@ from typing import Any
 from klayout import db
 
 from maskfab import __version__, provenance
-from maskfab.errors import JobError, SourceError
+from maskfab.errors import JobError, OutputError, SourceError
 from maskfab.export.drawing import plate_drawing
 from maskfab.export.figures import CUT, Figures, PolygonOptions, draw
 from maskfab.export.fitting import drawing_options, fitted
 from maskfab.export.order_sheet import PARITY, TONE, order_sheet
 from maskfab.export.package import MANIFEST, safe_stem, unpack, write_package
 from maskfab.export.products import MASK_TAILS, mask_writer
-from maskfab.export.shops import Format, Shop
 from maskfab.export.staging import check_file
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
 from maskfab.layout.job import Job
 from maskfab.model import CLEAR, Plate, Quantity, WrittenFile
 from maskfab.progress import Progress, silent
+from maskfab.spec.shop import Format, Shop, dump_shop, parse_shop
 from maskfab.validate.roundtrip import compare
 from maskfab.validate.shop import Finding, accepted, check_shop
 
 _VERSION = 1
+PROFILE = "shop.toml"
+"""What a package calls the profile of the house that it is for."""
 PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
 """Formats that a package can hold."""
+_MASK_SUFFIXES = tuple(f".{MASK_TAILS[each].rpartition('.')[2]}" for each in PACKED)
 
 
 @dataclass(frozen=True)
@@ -126,10 +129,16 @@ def pack(
 
 
 def verify_package(package: str | Path, job: Job | None = None, shop: Shop | None = None) -> tuple[Quantity, ...]:
-    """Check a package from its bytes alone: hashes, and with job and shop also the geometry of its mask files.
+    """Check a package from its bytes alone: hashes, and with its job also the geometry of its mask files.
+
+    Args:
+        package: the zip.
+        job: the job that it was made of.
+        shop: whom it is for; None takes the profile that it holds.
 
     Raises:
         SourceError: MF301, MF303, MF422 or MF423 as :func:`maskfab.export.package.unpack`.
+        JobError: MF105 if neither the caller nor the package says whom it is for.
     """
     with tempfile.TemporaryDirectory(prefix="maskfab-package-") as aside:
         folder = Path(aside)
@@ -138,13 +147,35 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         checks = [_hash(folder, name, digest) for name, (_, digest) in listed.items()]
         for name in sorted(set(names) - set(listed) - {MANIFEST}):
             checks.append(Quantity("unlisted", "", name, "", f"the manifest does not know {name}", None, "", False))
-        if job is not None and shop is not None:
-            plate = fitted(job.plate(), shop)
-            figures = draw(plate, drawing_options(plate, shop))
-            for name, (kind, _) in listed.items():
-                if kind in PACKED and name in names:
-                    checks += [each for each in read_back(figures, folder / name) if each.passed is not None]
+        if job is not None:
+            try:
+                house = _packed_shop(folder, Path(package)) if shop is None else shop
+            except OutputError as error:
+                return (*checks, Quantity("shop", "", "failed", "", str(error), limit="ok", passed=False))
+            plate = fitted(job.plate(), house)
+            figures = draw(plate, drawing_options(plate, house))
+            # By their suffixes: a mask that the manifest calls something else is a mask all the same.
+            masks = [name for name in listed if name in names and name.lower().endswith(_MASK_SUFFIXES)]
+            for name in masks:
+                checks += [each for each in read_back(figures, folder / name) if each.passed is not None]
+            if not masks:
+                listing = "mask files that the manifest lists"
+                checks.append(Quantity("mask_files", "", 0, "", listing, limit=1, passed=False))
     return tuple(checks)
+
+
+def _packed_shop(folder: Path, package: Path) -> Shop:
+    """The profile that a package holds."""
+    path = folder / PROFILE
+    if not path.is_file():
+        raise JobError(
+            "MF105",
+            f"{package} holds no {PROFILE}, and no shop is named",
+            where="--shop",
+            cure="Name the shop that it was packed for",
+        )
+    text = path.read_text(encoding="utf-8", errors="replace")
+    return parse_shop(text, path.stem, where=f"{package}: {PROFILE}")
 
 
 def read_back(figures: Figures, path: Path) -> tuple[Quantity, ...]:
@@ -157,6 +188,8 @@ def read_back(figures: Figures, path: Path) -> tuple[Quantity, ...]:
         return drawn
     exposed = compare(plate, plate_layout(plate), _exposed(read), path).quantities()
     dark = [each for each in exposed if each.name != "polygons"]
+    if path.suffix == MASK_TAILS["gerber"]:
+        return tuple(dark)  # its reader takes the holes away, so that polygons are no longer those that were drawn
     return (*(each for each in drawn if each.name == "polygons"), *dark)
 
 
@@ -178,7 +211,7 @@ def _papers(
     checks: Sequence[Quantity],
     job: Job,
 ) -> dict[str, bytes]:
-    """Order sheet, drawing and certificate, by file name."""
+    """Order sheet, drawing, the house's profile and certificate, by file name."""
     plate = figures.plate
     remarks = [_remark(each) for each in findings if each.passed is None and each.place]
     sheet = order_sheet(figures, shop, sent, [(file.path, file.sha256) for file in masks], remarks)
@@ -189,6 +222,7 @@ def _papers(
         "order.html": sheet.html().encode(),
         "plate.svg": plate_drawing(plate, "svg", notes),
         "plate.pdf": plate_drawing(plate, "pdf", notes),
+        PROFILE: dump_shop(shop).encode(),
         "certificate.json": (json.dumps(certificate, indent=1, ensure_ascii=False) + "\n").encode(),
     }
 
@@ -228,7 +262,7 @@ def _listed(path: Path) -> dict[str, tuple[str, str]]:
     try:
         rows = json.loads(path.read_text(encoding="utf-8"))["files"]
         return {str(row["path"]): (str(row["format"]), str(row["sha256"])) for row in rows}
-    except (OSError, ValueError, KeyError, TypeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise SourceError(
             "MF422", f"its {MANIFEST} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
         ) from error

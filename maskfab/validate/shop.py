@@ -1,9 +1,12 @@
-"""A plate against what a mask house publishes: one finding for each of its rules, with value, limit, place and cure."""
+"""A plate against what a mask house publishes: one finding for each of its rules, with value, limit, place and cure.
+
+What a package would send is judged by :func:`check_shop`, what a job writes by :func:`check_written`.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -11,11 +14,12 @@ from maskfab.errors import OutputError
 from maskfab.export import tally
 from maskfab.export.figures import DieFigures, Figures, PolygonOptions, draw
 from maskfab.export.fitting import drawing_options, extent_nm, fitted, written_box
-from maskfab.export.shops import Format, Shop
 from maskfab.geometry.drc import DesignRules, RuleResult, check_plate
 from maskfab.geometry.region import plate_names
 from maskfab.geometry.rules import smallest_runs
-from maskfab.model import CLEAR, Die, Plate, Quantity
+from maskfab.model import CLEAR, NOTE, Die, Layer, Plate, Quantity
+from maskfab.spec import FileFormat
+from maskfab.spec.shop import FORMATS, Format, Shop
 from maskfab.units import NM_PER_UM
 from maskfab.validate.roundtrip import die_edges_nm, die_raster
 
@@ -24,6 +28,7 @@ _BLANK_TOLERANCE_NM = 500_000
 _FINE_ON_PURPOSE = ("resolution", "code")
 _LEVELS = 3
 """Plate, die, unit cell: references are never nested deeper."""
+_PACKAGE = "send what maskfab package makes for the house"
 
 
 @dataclass(frozen=True)
@@ -32,8 +37,9 @@ class Finding:
 
     Attributes:
         rule: format, tone, drawing_unit, text, blank, plot_area, extent, coordinates, min_feature, min_space, grid,
-            vertices, references, depth, layers, layer_number, flashes, drawing, name, layer_name, block_name,
-            block_transforms, self_crossing, self_touching, doubled_vertices, shared_boundaries or corner_touches.
+            vertices, references, depth, layers, layer_number, unwritten_layers, flashes, drawing, name, layer_name,
+            block_name, block_transforms, self_crossing, self_touching, doubled_vertices, shared_boundaries or
+            corner_touches.
         passed: whether the plate keeps it; None where the house decides, or publishes nothing to judge by.
         value: what the plate has.
         limit: what the house takes.
@@ -73,7 +79,7 @@ def accepted(findings: Sequence[Finding]) -> bool:
 def check_shop(
     plate: Plate, shop: Shop, formats: Sequence[Format] = (), options: PolygonOptions | None = None
 ) -> tuple[Finding, ...]:
-    """Judge a composed plate by every rule that a shop publishes; nothing is written.
+    """Judge what a package of a composed plate would hold by every rule that a shop publishes; nothing is written.
 
     Args:
         plate: the plate, with all its layers; only what is written is looked at.
@@ -82,18 +88,71 @@ def check_shop(
         options: how polygons are drawn; None chooses as a package does.
     """
     sent, drawn = tuple(formats) or shop.formats[:1], fitted(plate, shop)
+    names = plate_names(drawn)
+    cells = {names.top, *names.dies, *names.marks, *names.units.values()}
     findings = (
-        *_of_files(shop, sent),
+        *_of_files(shop, sent, noted=False),
         *_of_plate(drawn, shop),
         *_of_features(drawn, shop),
-        *_of_figures(drawn, shop, options or drawing_options(drawn, shop)),
-        *_of_names(drawn, shop, sent),
+        *_of_drawing(drawn, shop, options or drawing_options(drawn, shop)),
+        *_of_names((plate.name, *sorted(cells)), (CLEAR.name,), shop),
     )
+    return _sourced(findings, shop)
+
+
+def check_written(figures: Figures, shop: Shop, formats: Sequence[FileFormat]) -> tuple[Finding, ...]:
+    """Judge the layouts that a job writes by every rule that a shop publishes, with all that is in them.
+
+    Args:
+        figures: the plate as its files draw it, layers for orientation included.
+        shop: the profile.
+        formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
+    """
+    sent, plate = tuple(each for each in FORMATS if each in formats), figures.plate
+    layers = [*figures.layers, *([NOTE] if figures.notes and NOTE not in figures.layers else [])]
+    cells = [figures.top]
+    if figures.options.hierarchy == "cells":
+        below = {*figures.cells, *(die.name for die in figures.dies), *(mark.name for mark in figures.marks)}
+        cells += sorted(below)
+    findings = (
+        *_of_files(shop, sent, noted=bool(figures.notes)),
+        *_of_plate(plate, shop),
+        *_of_features(plate, shop),
+        *_of_figures(figures, shop, layers),
+        *_unwritten(layers),
+        *_of_names((plate.name, *cells), [layer.name for layer in layers], shop),
+    )
+    return _sourced((_as_written(each, shop) for each in findings), shop)
+
+
+def _sourced(findings: Iterable[Finding], shop: Shop) -> tuple[Finding, ...]:
     source = " ".join(shop.sources)
     return tuple(replace(each, source=source) for each in findings)
 
 
-def _of_files(shop: Shop, sent: Sequence[Format]) -> Iterator[Finding]:
+def _unwritten(layers: Sequence[Layer]) -> Iterator[Finding]:
+    others = [layer.name for layer in layers if not layer.written]
+    if others:
+        cure = f"Order {CLEAR.name} {CLEAR.number}/{CLEAR.datatype} alone, or {_PACKAGE}, which has no other layer"
+        yield Finding("unwritten_layers", None, " ".join(others), None, cure=cure)
+
+
+def _as_written(finding: Finding, shop: Shop) -> Finding:
+    """The finding with the cure of what a job cannot write and a package can."""
+    if finding.passed is not False:
+        return finding
+    known = " ".join(shop.formats)
+    cures = {
+        "format": f"Keep to {known} in formats, or leave it out; or {_PACKAGE}",
+        "extent": f"{_PACKAGE.capitalize()}, which adds marks for the corners, with dies that leave room for them",
+        "layers": f"{_PACKAGE.capitalize()}, which has what is written alone",
+    }
+    if shop.polygons.holes == "layer":
+        cures["shared_boundaries"] = f"{finding.cure}; or {_PACKAGE}, which gives holes a layer of their own"
+    return replace(finding, cure=cures.get(finding.rule, finding.cure))
+
+
+def _of_files(shop: Shop, sent: Sequence[Format], *, noted: bool) -> Iterator[Finding]:
     known = shop.accepts.formats
     for each in sent:
         if known is None:
@@ -112,12 +171,13 @@ def _of_files(shop: Shop, sent: Sequence[Format]) -> Iterator[Finding]:
         cure = "" if unit == "um" else f"Send {others[0]}, which carries its unit" if others else "Ask the house"
         yield Finding("drawing_unit", unit == "um", "um", unit, cure=cure)
     if shop.text.allowed_in is not None:
-        lettered = [each for each in drawings if each not in shop.text.allowed_in]
-        kept = [each for each in known or () if each not in drawings]
+        texted = [each for each in sent if each in drawings or (noted and each in ("gdsii", "oasis"))]
+        lettered = [each for each in texted if each not in shop.text.allowed_in]
+        kept = [each for each in known or () if each not in texted]
         yield Finding(
             "text",
             not lettered,
-            f"one line in {' '.join(drawings)}" if drawings else "none",
+            f"{'notes' if noted else 'one line'} in {' '.join(texted)}" if texted else "none",
             f"in {' '.join(shop.text.allowed_in)}" if shop.text.allowed_in else "none",
             cure=f"Send {kept[0] if kept else 'another format'}, in which all text is polygons" if lettered else "",
         )
@@ -231,9 +291,9 @@ def _grid(plate: Plate, grids_nm: Sequence[int]) -> Finding:
     return Finding("grid", False, 1, offered, "nm", "" if bad is None else _place(bad), cure)
 
 
-def _of_figures(plate: Plate, shop: Shop, options: PolygonOptions) -> Iterator[Finding]:
-    limits, outlines = shop.limits, shop.polygons
-    merging = options.hierarchy == "merged" and outlines.shared_boundaries is False
+def _of_drawing(plate: Plate, shop: Shop, options: PolygonOptions) -> Iterator[Finding]:
+    """The findings of a plate that is not drawn yet."""
+    merging = options.hierarchy == "merged" and shop.polygons.shared_boundaries is False
     try:
         figures = draw(plate, replace(options, hierarchy="cells") if merging else options)
         if merging and not {*tally.cut_cells(figures)} & {*figures.cells}:
@@ -242,6 +302,11 @@ def _of_figures(plate: Plate, shop: Shop, options: PolygonOptions) -> Iterator[F
     except OutputError as refusal:
         yield Finding("drawing", False, refusal.what, None, cure=refusal.cure)
         return
+    yield from _of_figures(figures, shop, [layer for layer in figures.layers if layer.written])
+
+
+def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterator[Finding]:
+    limits, outlines, options, plate = shop.limits, shop.polygons, figures.options, figures.plate
     if limits.max_vertices is not None:
         most = tally.longest(figures)
         fits = most <= limits.max_vertices
@@ -250,8 +315,9 @@ def _of_figures(plate: Plate, shop: Shop, options: PolygonOptions) -> Iterator[F
     if limits.max_references is not None:
         yield _references(figures, limits.max_references)
     if limits.max_depth is not None:
-        yield Finding("depth", limits.max_depth >= _LEVELS, _LEVELS, limits.max_depth, "levels")
-    layers = [layer for layer in figures.layers if layer.written]
+        depth = _LEVELS if options.hierarchy == "cells" else 1
+        cure = "" if depth <= limits.max_depth else 'Use hierarchy = "flat"'
+        yield Finding("depth", depth <= limits.max_depth, depth, limits.max_depth, "levels", cure=cure)
     if limits.max_layers is not None:
         yield Finding("layers", len(layers) <= limits.max_layers, len(layers), limits.max_layers)
     if limits.max_layer_number is not None:
@@ -317,10 +383,9 @@ def _touches(plate: Plate, allowed: bool | None) -> Finding:
     return Finding("corner_touches", True if allowed or not count else None, count, None, "", place, note)
 
 
-def _of_names(plate: Plate, shop: Shop, sent: Sequence[Format]) -> Iterator[Finding]:
-    rules, names = shop.names, plate_names(plate)
-    cells = sorted({names.top, *names.dies, *names.marks, *names.units.values()})
-    every = [plate.name, *cells]
+def _of_names(every: Sequence[str], layers: Sequence[str], shop: Shop) -> Iterator[Finding]:
+    """Names of the plate and its cells, and of its layers."""
+    rules = shop.names
     if rules.pattern is not None:
         yield _names("name", rules.pattern, [each for each in every if not re.fullmatch(rules.pattern, each)])
     if rules.max_length is not None:
@@ -328,18 +393,18 @@ def _of_names(plate: Plate, shop: Shop, sent: Sequence[Format]) -> Iterator[Find
         yield _names("name", limit, [each for each in every if len(each) > (rules.max_length or 0)])
     for part in rules.forbidden:
         yield _names("name", f"no {part!r}", [each for each in every if part.casefold() in each.casefold()])
-    layer = CLEAR.name
     if rules.layer_pattern is not None:
-        bad = [] if re.fullmatch(rules.layer_pattern, layer) else [layer]
+        bad = [each for each in layers if not re.fullmatch(rules.layer_pattern, each)]
         yield _names("layer_name", rules.layer_pattern, bad)
     if rules.layer_max_length is not None:
-        bad = [layer] if len(layer) > rules.layer_max_length else []
+        bad = [each for each in layers if len(each) > (rules.layer_max_length or 0)]
         yield _names("layer_name", f"at most {rules.layer_max_length} characters", bad)
     if rules.forbidden_layers:
-        bad = [layer] if layer in rules.forbidden_layers else []
+        bad = [each for each in layers if each in rules.forbidden_layers]
         yield _names("layer_name", "not " + " ".join(rules.forbidden_layers), bad)
     if rules.block_equals_layer is False:
-        yield _names("block_name", "no layer's name", [each for each in every if each.casefold() == layer.casefold()])
+        taken = {each.casefold() for each in layers}
+        yield _names("block_name", "no layer's name", [each for each in every if each.casefold() in taken])
     blocks = shop.blocks
     if False in (blocks.mirrored, blocks.scaled) or blocks.rotation_step_deg is not None:
         yield Finding("block_transforms", True, "none", "no mirrors, no scales, quarter turns")

@@ -38,7 +38,7 @@ from maskfab.model import Camera, Die, Mtf, Process, Psf, Quantity, Stop
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Aperture, Lattice, panel_aperture
 from maskfab.optics.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
-from maskfab.optics.otf import LagTable, lag_table
+from maskfab.optics.otf import lag_table
 from maskfab.optics.psf import point_psfs
 from maskfab.optics.pupil import Pupil, cut
 from maskfab.validate.optics import middle_nm, polygon_psf, stop_boundary
@@ -203,11 +203,16 @@ def _optics(
     reading: Reading,
     like: Psf,
 ) -> WrittenOptics:
+    psf, area = _psf(vertices, corners, camera, like)
+    transfer = _transfer(vertices, corners, stop_share, camera, area)
+    return WrittenOptics(reading, psf, area / camera.stop.area_um2, *transfer)
+
+
+def _psf(vertices: _Vertices, corners: tuple[WrittenCorner, ...], camera: Camera, like: Psf) -> tuple[Psf, float]:
+    """The PSF of the tiles' outlines on the grid of another one, and their clear area in the stop."""
     edges, area = _edges_in_stop(vertices, corners, camera.stop)
     outline = stop_boundary(edges, area, replace(camera, wavelengths_nm=(like.wavelength_nm,)))
-    ratio = area / camera.stop.area_um2
-    transfer = _transfer(vertices, corners, stop_share, camera, area)
-    return WrittenOptics(reading, polygon_psf(outline, camera, like), ratio, *transfer)
+    return polygon_psf(outline, camera, like), area
 
 
 def _transfer(
@@ -215,11 +220,15 @@ def _transfer(
 ) -> _Transfer:
     """MTFs of the tiles at every wavelength; errors are twice the change against parts twice as wide."""
     shares = stop_share.clear(vertices.held, np.stack([corner.shares for corner in corners]))
-    fine = _lags(stop_share.x, stop_share.y, shares, camera, area_um2)
-    wide = _lags(_paired(stop_share.x), _paired(stop_share.y), _means(shares), camera, area_um2)
+    pupils = [
+        _grey(stop_share.x, stop_share.y, shares, camera.stop),
+        _grey(_paired(stop_share.x), _paired(stop_share.y), _means(shares), camera.stop),
+    ]
+    # A table of lags is many times as large as what it is made of: there is one at a time, and little beside it.
+    del shares
+    fine, wide = (_mtfs(pupil, camera, area_um2) for pupil in pupils)
     mtfs, radial, areas = [], [], []
-    for wavelength in camera.wavelengths_nm:
-        mtf, coarse = (presampled_mtf(table, camera, wavelength) for table in (fine, wide))
+    for mtf, coarse in zip(fine, wide, strict=True):
         change = {name: 2 * float(abs(mtf.cuts[name] - coarse.cuts[name]).max()) for name in mtf.cuts}
         mtfs.append(replace(mtf, uncertainty=max(change.values())))
         radial.append(max(change["radial_mean"], change["radial_min"]))
@@ -403,14 +412,23 @@ def _means(shares: Floats) -> Floats:
     return means
 
 
-def _lags(x: Lattice, y: Lattice, shares: Floats, camera: Camera, area_um2: float) -> LagTable:
-    """The lag table of parts that are clear by their shares, [cells y, parts y, cells x, parts x]."""
+def _grey(x: Lattice, y: Lattice, shares: Floats, stop: Stop) -> Pupil:
+    """Parts that are clear by their shares, [cells y, parts y, cells x, parts x], less what the stop takes."""
     grey = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1))
     grey[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())] = shares.reshape(y.dot_index().size, -1)
-    table = lag_table(Pupil.of_whole_dots(x, y, grey, camera.stop), longest_lag_um(camera))
-    values = table.values.copy()
-    values[0, 0, 0, 0] = area_um2
-    return LagTable(x, y, values, table.reach_um, area_um2, table.uncertainty)
+    grey.flags.writeable = False
+    return Pupil.of_whole_dots(x, y, grey, stop)
+
+
+def _mtfs(pupil: Pupil, camera: Camera, area_um2: float) -> list[Mtf]:
+    """Of a pupil whose clear area is better known than its parts tell, by wavelength."""
+    table = lag_table(pupil, longest_lag_um(camera))
+    # Nobody else has this table, and a copy of it would be the largest thing there is.
+    table.values.flags.writeable = True
+    table.values[0, 0, 0, 0] = area_um2
+    table.values.flags.writeable = False
+    known = replace(table, energy_um2=area_um2)
+    return [presampled_mtf(known, camera, wavelength) for wavelength in camera.wavelengths_nm]
 
 
 def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOptics, drawn: Psf) -> list[Quantity]:

@@ -66,6 +66,7 @@ def test_a_profile_cannot_be_changed():
         ('[accepts]\nformats = ["dwg"]\n', "formats"),
         ("[accepts]\nformats = []\n", "formats"),
         ('[names]\npattern = "["\n', "pattern"),
+        ('[names]\npattern = "[A--Z]"\n', "pattern"),
         ("[plate]\nplot_area_mm = [100.0]\n", "plot_area_mm"),
         ('[strange]\nkey = "value"\n', "strange"),
         ("limits =", "TOML"),

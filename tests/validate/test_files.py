@@ -95,6 +95,14 @@ def test_the_first_layout_alone_is_compared_dot_by_dot(made, folder):
     assert {die.wrong_dots for trip in trips[1:] for die in trip.dies} == {None}
 
 
+def test_the_first_layout_alone_is_kept(made, folder):
+    first, *others = (
+        trip.layout for trip in read_back(replace(made, products=made.products[:3]), folder, silent).trips
+    )
+    assert first.top_cell().name
+    assert [layout.cells() for layout in others] == [0, 0]
+
+
 def test_a_die_has_a_file_of_each_solid_and_picture_and_the_plate_one_of_each_layout(made, small_plate):
     assert len(made.products) == len(MASKS) + 3 * len(SOLIDS + PICTURES) + 1
     assert len({product.name for product in made.products}) == len(made.products)

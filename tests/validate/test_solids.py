@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import re
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -13,6 +14,7 @@ from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack
 from maskfab.layout.hexagonal import hexagonal_sheet
 from maskfab.model import Die, Opening, Panel, Tiling
+from maskfab.validate import read_step as read_step_module
 from maskfab.validate.read_step import read_step
 from maskfab.validate.solids import check_plate_solid, check_solid
 
@@ -186,6 +188,25 @@ def test_a_corner_that_no_plate_has_is_refused(small_plate, tmp_path, value):
     path.write_bytes(data[:-6] + np.float32(value).tobytes() + data[-2:])
     with pytest.raises(SourceError, match="MF303"):
         check_solid(die, path)
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_step_file_that_ends_its_reader_is_refused(small_plate, tmp_path, monkeypatch):
+    """What damaged references do to the library itself, which cannot be provoked alike in all of its versions."""
+    path = written(small_plate.dies[0], tmp_path, "step")
+    dying = tmp_path / "step_process.py"
+    dying.write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", encoding="utf-8")
+    monkeypatch.setattr(read_step_module, "__file__", str(dying))
+    with pytest.raises(SourceError, match="MF303"):
+        check_solid(small_plate.dies[0], path)
+
+
+@pytest.mark.parametrize("entity", ["VERTEX_POINT", "ADVANCED_FACE", "MANIFOLD_SOLID_BREP"])
+def test_a_step_file_with_a_dangling_reference_is_refused(small_plate, tmp_path, entity):
+    path = written(small_plate.dies[0], tmp_path, "step")
+    path = edited(path, rf"({entity}\('[^']*',\(?)#\d+", r"\g<1>#999999")
+    with pytest.raises(SourceError, match="MF303"):
+        check_solid(small_plate.dies[0], path)
 
 
 def test_places_are_those_of_the_librarys_own_assembly(small_plate, tmp_path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tracemalloc
 from dataclasses import replace
 
 import numpy as np
@@ -20,6 +21,7 @@ from maskfab.optics.otf import lag_table
 from maskfab.optics.psf import image_scale_um2
 from maskfab.optics.pupil import cut
 from maskfab.report.written_figures import bitmaps, pictures
+from maskfab.validate import written as module
 from maskfab.validate.optics import polygon_psf, stop_boundary
 from maskfab.validate.written import Written, measure_written
 
@@ -178,6 +180,24 @@ def test_more_dots_than_memory_bears_are_refused():
     camera = replace(CAMERA, stop=Stop("circle", 4000.0))
     with pytest.raises(JobError, match=r"MF115.*larger dots than 1 um"):
         measure_written(Die("F", "F", panel, (0, 0), 64 * 64_000), camera, Process(0.3))
+
+
+def test_one_table_of_lags_is_in_memory_and_at_most_one_copy(monkeypatch):
+    tables = []
+
+    def noted(*arguments):
+        table = lag_table(*arguments)
+        tables.append(table.values.nbytes)
+        return table
+
+    monkeypatch.setattr(module, "lag_table", noted)
+    camera = replace(LINE, stop=Stop("circle", 560.0))
+    tracemalloc.start()
+    measure_written(die(gutter=8000), camera, PROCESS)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # The table is made by doubling itself once; four of them stood side by side when it was kept and copied.
+    assert peak < 2.6 * max(tables)
 
 
 def test_figures_show_both_readings_and_are_the_same_twice(written):

@@ -1,0 +1,202 @@
+"""Every writer on a disk that is full, and killed half-way: nothing under the file's name, and the old file stays.
+
+The kernel's limit on the size of files stands for the disk. A process that has asked for its signal to be ignored is
+told by the failing write, as by a full disk; one that has not is killed on the spot, in the middle of its write.
+"""
+
+from __future__ import annotations
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+from small_job import command, listing, write_job
+
+from maskfab.errors import OutputError
+from maskfab.export.bitmap import write_bilevel, write_preview
+from maskfab.export.dxf import write_dxf
+from maskfab.export.figures import draw
+from maskfab.export.gds import write_gdsii, write_oasis
+from maskfab.export.gerber import write_gerber
+from maskfab.export.package import write_package
+from maskfab.export.pictures import write_exr, write_png
+from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
+from maskfab.export.solid.step import write_plate_step, write_step
+from maskfab.export.staging import write_bytes
+from maskfab.export.svg import write_svg
+from maskfab.layout.job import load
+
+
+def light():
+    return np.random.default_rng(0).random((96, 96, 3))
+
+
+def zipped(folder: Path) -> Callable[[Path], None]:
+    (folder / "x.bin").write_bytes(np.random.default_rng(0).bytes(200_000))
+    return lambda path: write_package(path, folder, ["x.bin"], "x")
+
+
+@dataclass(frozen=True)
+class Case:
+    suffix: str
+    write: Callable[[Path], object]
+
+
+def cases(plate, aside: Path) -> dict[str, Case]:
+    """What writes a whole file of its own."""
+    figures, die = draw(plate), plate.dies[1]
+    return {
+        "gdsii": Case(".gds", lambda path: write_gdsii(figures.layout(), path)),
+        "oasis": Case(".oas", lambda path: write_oasis(figures.layout(), path)),
+        "dxf_r12": Case(".dxf", lambda path: write_dxf(figures, path, "R12")),
+        "dxf_r2010": Case(".dxf", lambda path: write_dxf(figures, path, "R2010")),
+        "gerber": Case(".gbr", lambda path: write_gerber(figures, path)),
+        "svg": Case(".svg", lambda path: write_svg(figures, path)),
+        "png": Case(".png", lambda path: write_preview(plate, path, 0.25, die=die.name)),
+        "tiff": Case(".tif", lambda path: write_bilevel(plate, path, 1.0, die=die.name)),
+        "picture": Case(".png", lambda path: write_png(light(), path)),
+        "exr": Case(".exr", lambda path: write_exr(light(), path, {})),
+        "step": Case(".step", lambda path: write_step(die, path)),
+        "plate_step": Case(".step", lambda path: write_plate_step(plate, path)),
+        "glb": Case(".glb", lambda path: write_glb(die, path)),
+        "3mf": Case(".3mf", lambda path: write_3mf(die, path)),
+        "stl": Case(".stl", lambda path: write_stl(die, path)),
+        "zip": Case(".zip", zipped(aside)),
+        "bytes": Case(".json", lambda path: write_bytes(path, bytes(100_000))),
+    }
+
+
+NAMES = (
+    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "png", "tiff", "picture", "exr", "step", "plate_step",
+    "glb", "3mf", "stl", "zip", "bytes",
+)  # fmt: skip
+
+
+@pytest.fixture(scope="module")
+def writers(tmp_path_factory) -> dict[str, Case]:
+    folder = tmp_path_factory.mktemp("writers")
+    return cases(load(write_job(folder)).plate(), folder)
+
+
+@contextmanager
+def room_for(limit: int) -> Iterator[None]:
+    """Files of this process end here; it is told by an error, for Python ignores the signal."""
+    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, before)
+
+
+def killed_at(limit: int, work: Callable[[], object]) -> int:
+    """Exit status of a process that does the work and dies when a file of its has so many bytes."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", DeprecationWarning)  # of forks among threads
+        child = os.fork()
+    if child == 0:
+        try:
+            oiio.attribute("threads", 1)  # those of the parent are not in this process
+            signal.alarm(30)
+            signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
+            resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+            resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+            work()
+        finally:
+            os._exit(0)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+def test_every_writer_is_tried(writers):
+    assert tuple(writers) == NAMES
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_full_disk_is_told_and_leaves_nothing(writers, tmp_path, name):
+    """Full from the start, half-way, and at the last byte, which many programs notice only when they close the file."""
+    case, path = writers[name], tmp_path / f"x{writers[name].suffix}"
+    case.write(path)
+    size = path.stat().st_size
+    path.unlink()
+    assert size > 100
+    for limit in (0, size // 2, size - 1):
+        with room_for(limit), pytest.raises(OutputError, match="MF401"):
+            case.write(path)
+        assert listing(tmp_path) == {}, limit
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_a_writer_that_is_killed_half_way_leaves_the_old_file(writers, tmp_path, name):
+    case, path = writers[name], tmp_path / f"x{writers[name].suffix}"
+    case.write(path)
+    size = path.stat().st_size
+    path.write_bytes(b"old")
+    assert killed_at(size // 2, lambda: case.write(path)) == -signal.SIGXFSZ
+    assert path.read_bytes() == b"old"
+    for other in tmp_path.iterdir():
+        assert other == path or (other.name.startswith(".") and "partial" in other.name), other
+
+
+# --- whole commands --------------------------------------------------------------------------------------------------
+
+COMMANDS = {
+    "run": (("run", "JOB", "--out", "OUT", "--quiet"), "OUT"),
+    "package": (("package", "JOB", "--shop", "generic-chrome", "--out", "OUT.zip", "--quiet"), "OUT.zip"),
+    "analyse": (
+        ("analyse", "RING", "--stop", "400 um", "--focal", "5 mm", "--wavelengths", "530 nm", "--window", "64 um",
+         "--out", "OUT", "--quiet"),
+        "OUT",
+    ),
+    "shape": (
+        ("shape", "stripe", "--dots", "21", "--pitch", "168 um", "--width-dots", "5", "--clear-dots", "90", "--out",
+         "OUT.toml"),
+        "OUT.toml",
+    ),
+}  # fmt: skip
+
+
+def spoken(verb: str, folder: Path) -> tuple[list[str], Path]:
+    """The words of a command on a job in a folder, and where its result goes."""
+    places = {"JOB": str(write_job(folder)), "RING": str(folder / "ring.toml"), "OUT": str(folder / "out")}
+    arguments, result = COMMANDS[verb]
+    return [places.get(word, word.replace("OUT", places["OUT"])) for word in arguments], folder / result.lower()
+
+
+@pytest.mark.parametrize(
+    ("verb", "limit"),
+    [("run", 100), ("run", 12_000), ("run", 60_000), ("package", 2000), ("package", 20_000), ("analyse", 5000),
+     ("shape", 100)],
+)  # fmt: skip
+def test_a_command_without_room_says_so_and_leaves_nothing(capsys, tmp_path, verb, limit):
+    words, _ = spoken(verb, tmp_path)
+    before = listing(tmp_path)
+    with room_for(limit):
+        answer = command(capsys, *words)
+    assert answer.code == 2
+    assert answer.stderr.startswith("error: MF401")
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.parametrize(("verb", "limit"), [("run", 12_000), ("package", 20_000)])
+def test_a_command_that_is_killed_half_way_leaves_no_result(tmp_path, verb, limit):
+    words, result = spoken(verb, tmp_path)
+    before = listing(tmp_path)
+    script = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_DFL); "
+        f"resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); "
+        "from maskfab.cli import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
+    )
+    done = subprocess.run([sys.executable, "-B", "-c", script, *words], check=False, timeout=120, capture_output=True)
+    assert done.returncode == -signal.SIGXFSZ, done.stderr
+    assert not result.exists()
+    assert all(name.startswith(".") or name in before for name in listing(tmp_path))

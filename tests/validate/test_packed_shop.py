@@ -1,0 +1,77 @@
+"""Packages by a profile of one's own: what they were drawn by is in them."""
+
+from __future__ import annotations
+
+import zipfile
+from pathlib import Path
+
+import pytest
+from small_job import command, write_job
+
+from maskfab.export.shops import load_shop
+from maskfab.layout.job import load
+from maskfab.spec.shop import parse_shop
+from maskfab.validate.packing import pack
+
+OWN = """\
+title = "A house"
+sources = []
+[limits]
+max_references = 75
+[polygons]
+holes = "layer"
+[order]
+fields = ["tone"]
+"""
+
+
+@pytest.fixture(scope="module")
+def packed_by_own(tmp_path_factory) -> tuple[Path, Path]:
+    """A job and its package for a profile that is there no more."""
+    folder = tmp_path_factory.mktemp("own")
+    job, path, profile = write_job(folder), folder / "p.zip", folder / "mine.toml"
+    profile.write_text(OWN, encoding="utf-8")
+    assert pack(load(job), load_shop(str(profile)), path).path == path
+    profile.unlink()
+    return job, path
+
+
+def repacked(path: Path, target: Path, **changed: str | None) -> Path:
+    """The package with other texts in some of its members, or without them; the manifest stays as it is."""
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(target, "w") as other:
+        for name in archive.namelist():
+            content = changed.get(name.rpartition("/")[2].partition(".")[0], archive.read(name))
+            if content is not None:
+                other.writestr(name, content)
+    return target
+
+
+def test_a_package_brings_the_profile_that_it_was_drawn_by(capsys, packed_by_own, tmp_path):
+    job, path = packed_by_own
+    moved = tmp_path / "moved.zip"
+    moved.write_bytes(path.read_bytes())
+    assert command(capsys, "verify", moved, "--quiet").code == 0
+    answer = command(capsys, "verify", moved, "--against", job, "--json", "--quiet")
+    assert (answer.code, answer.document["verdict"]) == (0, "pass")
+    assert {check["name"] for check in answer.document["checks"]} >= {
+        "sha256",
+        "readback_xor_area",
+        "readback_wrong_dots",
+    }
+    with zipfile.ZipFile(path) as archive:
+        (held,) = (archive.read(name).decode() for name in archive.namelist() if name.endswith("/shop.toml"))
+    assert parse_shop(held, "mine", where="shop.toml") == parse_shop(OWN, "mine", where="mine.toml")
+
+
+def test_a_package_tells_a_changed_or_missing_profile(capsys, packed_by_own, tmp_path):
+    job, path = packed_by_own
+    bad = repacked(path, tmp_path / "bad.zip", shop="title = 3")
+    answer = command(capsys, "verify", bad, "--against", job, "--json", "--quiet")
+    failed = {check["name"]: check["method"] for check in answer.document["checks"] if not check["passed"]}
+    assert (answer.code, failed.keys()) == (1, {"sha256", "shop"})
+    assert "MF421" in failed["shop"]
+    assert "shop.toml" in failed["shop"]
+    none = repacked(path, tmp_path / "none.zip", shop=None)
+    answer = command(capsys, "verify", none, "--against", job, "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["where"]) == (2, "--shop")
+    assert command(capsys, "verify", none, "--quiet").code == 1
