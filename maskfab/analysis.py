@@ -58,6 +58,7 @@ class Request:
         gutter_um: opaque space round every cell.
         tiling, seed: how an opening is laid out. For a layout file, a tiling says that it holds one opening.
         layer, cell: where in a layout file to look.
+        unit_um: one unit of a DXF; what it says itself if None.
         scene, accuracy: what the camera looks at, and the admissible error of its PSF; None for the standard numbers
             alone.
     """
@@ -70,6 +71,7 @@ class Request:
     seed: int | None = None
     layer: str | None = None
     cell: str | None = None
+    unit_um: float | None = None
     scene: Scene | None = None
     accuracy: float = 1e-3
 
@@ -109,6 +111,8 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
         SourceError, OpeningError, JobError: if the file or the request is at fault.
     """
     path = Path(path)
+    if request.unit_um is not None and path.suffix.lower() not in LAYOUT_SUFFIXES:
+        raise JobError("MF105", f"{path.name} has no unit that could be stated", where="--unit", cure="Leave it out")
     if path.suffix.lower() in LAYOUT_SUFFIXES and request.tiling is None:
         if request.scene is not None:
             raise JobError(
@@ -174,7 +178,15 @@ def _load(path: Path, request: Request) -> Opening:
         return opening if request.dot_um or request.pitch_um is None else _scaled(opening, request)
     if request.dot_um is not None:
         dot_nm = to_nm(request.dot_um, where="--dot", name="dot")
-        return openings.load(path, dots=dots, dot_nm=dot_nm, layer=request.layer, cell=request.cell, name=_name(path))
+        return openings.load(
+            path,
+            dots=dots,
+            dot_nm=dot_nm,
+            layer=request.layer,
+            cell=request.cell,
+            unit_um=request.unit_um,
+            name=_name(path),
+        )
     if path.suffix.lower() not in LAYOUT_SUFFIXES:
         opening = openings.load(path, dot_nm=1, name=_name(path))  # what is wrong with the file itself comes first
         if request.pitch_um is not None:
@@ -227,7 +239,7 @@ def _name(path: Path) -> str:
 
 def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     dots = _dots(request)
-    layout = read_layout(path)
+    layout = read_layout(path, request.unit_um)
     try:
         cell = find_cell(layout, request.cell)
         layer = find_layer(layout, request.layer)

@@ -17,7 +17,10 @@ from klayout import db
 from threadpoolctl import threadpool_limits
 
 from maskfab import __version__, provenance, resources
+from maskfab.export.fitting import blank_of
 from maskfab.export.markers import write_markers
+from maskfab.export.products import TITLES
+from maskfab.export.psf import PsfFile, psf_files
 from maskfab.export.shops import shop_of
 from maskfab.export.staging import RESULT_MARK, check_target, staged
 from maskfab.geometry.drc import RuleResult, check_plate
@@ -41,11 +44,13 @@ from maskfab.report import (
     written_figures,
 )
 from maskfab.spec.shop import Shop
+from maskfab.validate.bitmaps import check_pixels
 from maskfab.validate.display import display_quantities
 from maskfab.validate.features import judged, limits_as_rules, smallest_features
 from maskfab.validate.files import Drawn, drawn, read_back
 from maskfab.validate.memory import give_back
 from maskfab.validate.optics import axis_nm, measure, reach_box, read_openings
+from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.restored import Restored, photographer
 from maskfab.validate.scene import measure_scene, peak_bytes, reach_um, scene_plan
 from maskfab.validate.shop import check_written
@@ -59,6 +64,9 @@ PAGE = "report.html"
 OVERVIEW = "overview.png"
 
 Found = TypeVar("Found")
+
+_MOST_PLACED = 1000
+"""Violations of a rule on a die that the markers place; all are counted."""
 
 _SCENE_BYTES = 6e9
 """As much memory as the scenes of dies that are measured at once may take."""
@@ -92,6 +100,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     with clock.stage("layout"):
         plate = job.plate()
         check_processes(job, plate)
+        check_pictures(job, plate)
         built = job.displays_of(plate, progress, largest=True)
         plate = built.plate
     with clock.stage("draw"):
@@ -108,9 +117,12 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             back = read_back(made, folder, progress)
         with clock.stage("optics"):
             optics = measure_dies(plate, job.camera, back.trips[0].layout, progress, clock.seconds)
+            psfs = psfs_as_files(job, made, optics)
+            files += write_psfs(psfs, folder)
         with clock.stage("scene"):
             scenes = measure_scenes(job, plate, plans, back.trips[0].layout, progress, clock.seconds)
-        checked = (*back.quantities, *made.account(), *shop_quantities(job, made))
+        read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
+        checked = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
         stated = design_data.stated(job)
         with clock.stage("photographs"):
             restored = restore_photographs(plate, stated, progress, clock.seconds)
@@ -119,16 +131,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         with clock.stage("figures"):
             progress("figures", 0, 1)
             document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
-            pictures = figures.pictures(plate, optics, document)
-            for scene in scenes:
-                pictures[scene.die.name] |= scene_figures.pictures(scene)
-            for die in plate.dies:
-                if die.name in built.found:
-                    pictures[die.name] |= display_figures.pictures(die.panel, built.found[die.name])
-                if die.name in restored:
-                    pictures[die.name] |= design_figures.pictures(restored[die.name])
-                if die.name in written:
-                    pictures[die.name] |= written_figures.pictures(written[die.name])
+            pictures = _pictures(built, optics, document, scenes, restored, written)
             (folder / OVERVIEW).write_bytes(figures.overview(plate, document, _most_invertible(optics)))
             progress("figures", 1, 1)
         document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
@@ -165,6 +168,22 @@ def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tupl
         give_back()
     progress("write files", len(steps), len(steps))
     return tuple(provenance.written(folder, folder / name, kind) for name, (kind, _) in steps.items())
+
+
+def psfs_as_files(
+    job: Job, made: Drawn, optics: Sequence[DieOptics], version: str = __version__
+) -> tuple[PsfFile, ...]:
+    """The PSFs of the report as files, if the job asks for EXR: they need what is measured in the files before them."""
+    if "exr" not in made.formats:
+        return ()
+    return psf_files(job, made.plate, optics, made.products[0].name, version)
+
+
+def write_psfs(psfs: Sequence[PsfFile], folder: Path) -> tuple[WrittenFile, ...]:
+    """Write PSFs beside the files that they were measured in."""
+    for psf in psfs:
+        psf.write(folder / psf.name)
+    return tuple(provenance.written(folder, folder / psf.name, TITLES["exr"]) for psf in psfs)
 
 
 def measure_dies(
@@ -225,7 +244,7 @@ def measure_scenes(
 
 def check_rules(job: Job, plate: Plate) -> tuple[RuleResult, ...]:
     """Corners that only touch, and what is narrower than the job's limits, on the whole plate."""
-    return check_plate(plate, limits_as_rules(job.spec.limits))
+    return check_plate(plate, limits_as_rules(job.spec.limits), most=_MOST_PLACED)
 
 
 def named_shop(job: Job) -> Shop | None:
@@ -244,7 +263,10 @@ def shop_quantities(job: Job, made: Drawn) -> tuple[Quantity, ...]:
         OutputError: MF420 or MF421 as of :func:`named_shop`.
     """
     shop = named_shop(job)
-    return () if shop is None else tuple(each.quantity() for each in check_written(made.figures, shop, made.formats))
+    if shop is None:
+        return ()
+    findings = check_written(made.figures, shop, made.formats, blank_of(job.spec))
+    return tuple(each.quantity() for each in findings)
 
 
 def check_processes(job: Job, plate: Plate) -> None:
@@ -256,6 +278,17 @@ def check_processes(job: Job, plate: Plate) -> None:
     if job.spec.process is not None:
         for die in plate.dies:
             check_process(job.spec.process.process(), die.panel, f"{job.where}: process, die {die.name}")
+
+
+def check_pictures(job: Job, plate: Plate) -> None:
+    """Refuse PNG and TIFF whose pixels are larger than the smallest feature of a die, before anything is drawn.
+
+    Raises:
+        JobError: MF104.
+    """
+    section = job.spec.export
+    if section is not None and not {"png", "tiff"}.isdisjoint(section.formats or ()):
+        check_pixels(plate.dies, section.dots_per_um, job.where)
 
 
 def measure_process(
@@ -356,6 +389,28 @@ def assemble(
         everything += [*quantities, *of_scenes.get(name, ())]
     checks = tuple(quantity for quantity in everything if quantity.passed is not None)
     return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
+
+
+def _pictures(
+    built: Populated,
+    optics: Sequence[DieOptics],
+    document: data.Document,
+    scenes: Sequence[SceneOptics],
+    restored: Mapping[str, Restored],
+    written: Mapping[str, Written],
+) -> dict[str, dict[str, str]]:
+    """Every figure of the report, by die and figure."""
+    pictures = figures.pictures(built.plate, optics, document)
+    for scene in scenes:
+        pictures[scene.die.name] |= scene_figures.pictures(scene)
+    for die in built.plate.dies:
+        if die.name in built.found:
+            pictures[die.name] |= display_figures.pictures(die.panel, built.found[die.name])
+        if die.name in restored:
+            pictures[die.name] |= design_figures.pictures(restored[die.name])
+        if die.name in written:
+            pictures[die.name] |= written_figures.pictures(written[die.name])
+    return pictures
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:

@@ -11,8 +11,10 @@ from typing import Any
 from klayout import db
 
 from maskfab import __version__, provenance
+from maskfab.analysis import LAYOUT_SUFFIXES
 from maskfab.errors import InputError, OutputError
 from maskfab.export.staging import RESULT_MARK
+from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 from maskfab.geometry.region import clear_shapes
 from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import load
@@ -28,6 +30,7 @@ from maskfab.pipeline import (
     measure_process,
     measure_scenes,
     plan_scenes,
+    psfs_as_files,
     restore_photographs,
     shop_quantities,
 )
@@ -35,7 +38,10 @@ from maskfab.progress import Progress, silent
 from maskfab.report import data, design_data
 from maskfab.validate.files import read_back
 from maskfab.validate.optics import axis_nm
+from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.roundtrip import RoundTrip
+
+GERBER_SUFFIXES = frozenset({".gbr", ".ger"})
 
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
@@ -44,14 +50,15 @@ _SAME = 1e-6
 def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity, ...]:
     """Repeat every check of an output directory: hashes, geometry, optics, and the numbers of its report.
 
-    A file that changed, is missing or cannot be read is a failed check that names it; so is a polygon that moved.
+    A file that changed, is missing or cannot be read is a failed check that names it; so is a polygon that moved, and a
+    mask file that the run did not write. Other files that it did not write are notes, whose ``passed`` is None.
 
     Raises:
         OutputError: MF403 if the directory is not one that maskfab finished.
     """
     folder = Path(directory)
     manifest = _manifest(folder)
-    checks = list(_hashes(folder, manifest))
+    checks = [*_hashes(folder, manifest), *_unlisted(folder, manifest)]
     try:
         job = load(folder / JOB_COPY)
         # A later version would sign its plates differently, which is no fault of this one.
@@ -74,6 +81,12 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
     lit = replace(plate, dies=tuple(seen))
     optics = measure_dies(lit, job.camera, trips[0].layout, progress)
+    for psf in psfs_as_files(job, made, optics, str(manifest["maskfab_version"])):
+        try:
+            read += check_psf_file(psf, folder)
+        except InputError as error:
+            refused.append((psf.name, error))
+            checks.append(_failed("readable", f"{psf.name}: {error}"))
     scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), trips[0].layout, progress)
     for measured in (
         *(die_quantities(item, read, job) for item in optics),
@@ -110,7 +123,7 @@ def _manifest(folder: Path) -> Mapping[str, Any]:
         manifest = json.loads((folder / RESULT_MARK).read_text(encoding="utf-8"))
         listed = manifest["files"]
         complete = "maskfab_version" in manifest and all({"path", "sha256", "bytes"} <= file.keys() for file in listed)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
         raise OutputError(
             "MF403", f"{folder} has no readable {RESULT_MARK}: {error}", cure="Name the --out of a finished maskfab run"
         ) from error
@@ -128,6 +141,22 @@ def _hashes(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
             yield _equal("sha256", provenance.sha256_of_file(path), file["sha256"], f"SHA-256 of {file['path']}")
 
 
+def _unlisted(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
+    """Files that the run did not write: a mask among them could go to the house in place of the plate."""
+    listed = {file["path"]: file.get("format") for file in manifest["files"]}
+    drawn = {Path(name).suffix.lower() for name, kind in listed.items() if kind != "report"}
+    masks = {*LAYOUT_SUFFIXES, *GERBER_SUFFIXES, *(drawn & {*IMAGE_SUFFIXES})}
+    for path in sorted(each for each in folder.rglob("*") if each.is_file()):
+        name = path.relative_to(folder).as_posix()
+        if name in listed or name == RESULT_MARK:
+            continue
+        if path.suffix.lower() in masks:
+            problem = f"{name} is a mask file that the run did not write: it could go to the house by mistake"
+            yield Quantity("unlisted", "", name, "", problem, limit="", passed=False)
+        else:
+            yield Quantity("unlisted", "", name, "", f"{RESULT_MARK} does not know {name}")
+
+
 def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
     """The files that report.json lists: all but those made after it."""
     rows = [file for file in manifest["files"] if file.get("format") != "report"]
@@ -142,7 +171,7 @@ def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
             _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
             for place, new, old in _differences(_lasting(now), _lasting(then), ())
         ]
-    except (OSError, ValueError, TypeError, KeyError) as error:
+    except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         yield _failed("report", f"{REPORT} cannot be read: {error}")
         return
     yield from differences

@@ -18,6 +18,7 @@ import maskfab
 from maskfab.analysis import Request, analyse
 from maskfab.errors import SourceError
 from maskfab.model import Camera, Stop, Tiling
+from maskfab.provenance import sha256_of_file
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (530.0,), 2.0, 64.0)
 OF_BOTH = ("stop_open_ratio", "auc_radial_min", "mtf50", "mtf30", "mtf10", "psf_energy_in_window", "peak_strehl")
@@ -323,6 +324,11 @@ def test_psfs_are_written_with_their_step_and_wavelength(capsys, tmp_path):
         assert header.get_float_attribute("maskfab:wavelength_nm") == psf.wavelength_nm
         assert header.get_string_attribute("maskfab:kind") == psf.kind
         assert header.get_string_attribute("maskfab:unit") == "1/um^2"
+        assert header.get_float_attribute("maskfab:stop_um") == 400
+        assert header.get_float_attribute("maskfab:focal_um") == 5000
+        assert header.get_string_attribute("maskfab:gutter") == "0 um"
+        assert header.get_string_attribute("maskfab:source") == "lopsided.toml"
+        assert header.get_string_attribute("maskfab:source_sha256") == sha256_of_file(path)
         assert header.get_string_attribute("Software").startswith(f"maskfab {maskfab.__version__}")
         assert np.array_equal(values[::-1], psf.values.astype(np.float32))
         assert not np.array_equal(values, values[::-1])  # so that upside down would be seen

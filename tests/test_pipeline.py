@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from klayout import db
+from klayout import db, rdb
 from small_job import OPENING, command, finished, listing, write_job
 
 import maskfab
@@ -21,7 +21,7 @@ from maskfab import resources
 from maskfab.errors import JobError, OutputError
 from maskfab.layout.job import load
 from maskfab.model import Quantity
-from maskfab.pipeline import Result, draw_files, write_files
+from maskfab.pipeline import Result, check_rules, draw_files, write_files
 from maskfab.progress import silent
 from maskfab.provenance import sha256_of_file
 
@@ -405,6 +405,31 @@ def test_two_processes_write_the_same_bytes_in_every_format(tmp_path):
     }  # fmt: skip
     assert [name for name in first if first[name] != second[name]] == []
     assert all(first.values())
+
+
+@pytest.mark.parametrize(("formats", "code"), [('"gdsii", "png"', 2), ('"gdsii", "tiff"', 2), ('"gdsii"', 0)])
+def test_pictures_that_cannot_carry_the_design_are_refused_before_any_work(capsys, tmp_path, formats, code):
+    export = f"[export]\nformats = [{formats}]\ndots_per_um = 0.0625\n\n[plate]"
+    job, out = write_job(tmp_path, ("[plate]", export)), tmp_path / "out"
+    answer = command(capsys, "run", job, "--out", out, "--json", "--quiet")
+    assert (answer.code, out.exists()) == (code, code == 0)
+    if code:
+        error = answer.document["error"]
+        assert (error["code"], error["where"]) == ("MF104", f"{job}: export.dots_per_um")
+        assert error["cure"] == "Set it to at least 0.125"
+
+
+def test_markers_place_a_thousand_violations_and_count_all(tmp_path):
+    job = load(write_job(tmp_path, ("[plate]", '[limits]\nmin_feature = "9 um"\n\n[plate]')))
+    plate = job.plate()
+    results = [result for result in check_rules(job, plate) if not result.passed]
+    assert max(result.count for result in results) > 100
+    for result in results:
+        assert len(result.places) == min(result.count, 1000)
+    write_files(job, draw_files(job, plate), tmp_path, silent)
+    database = rdb.ReportDatabase("read")
+    database.load(str(tmp_path / "SMALL.lyrdb"))
+    assert database.num_items() == sum(len(result.places) for result in results)
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from maskfab.cli.options import Json, Quiet
+from maskfab.cli.options import Json, Quiet, Unit, unit_um
 from maskfab.cli.printing import leave, print_json, print_table
 from maskfab.cli.watch import watched
 from maskfab.errors import JobError
@@ -24,6 +24,7 @@ def analyse(
     seed: Annotated[int | None, typer.Option(help="Seed of a random tiling.")] = None,
     layer: Annotated[str | None, typer.Option(help="Layer of a mask file, such as 1/0 or CLEAR.")] = None,
     cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
+    unit: Unit = None,
     stop: Annotated[str, typer.Option(help="Diameter of the lens stop.")] = "4 mm",
     stop_shape: Annotated[str, typer.Option(help="circle or square.")] = "circle",
     focal: Annotated[str, typer.Option(help="Focal length.")] = "10 mm",
@@ -81,6 +82,7 @@ def analyse(
         seed=seed,
         layer=layer,
         cell=cell,
+        unit_um=unit_um(unit),
         scene=described_scene(section, "the command line") if stated else None,
         accuracy=section.accuracy,
     )
@@ -91,9 +93,21 @@ def analyse(
     with watched(quiet) as progress:
         analysis = analyse_file(file, request, progress)
     if out is not None:
+        from maskfab import __version__
+        from maskfab.export.psf import camera_facts
+        from maskfab.provenance import sha256_of_file
         from maskfab.report.analysis import write
 
-        paths = write(analysis, out)
+        laid_out = {"pitch": pitch, "dot": dot, "gutter": gutter, "tiling": tiling, "layer": layer, "cell": cell}
+        laid_out["seed"] = None if seed is None else str(seed)
+        facts: dict[str, str | float] = {
+            **camera_facts(request.camera),
+            "source": file.name,
+            "source_sha256": sha256_of_file(file),
+            "maskfab_version": __version__,
+            **{name: value for name, value in laid_out.items() if value is not None},
+        }
+        paths = write(analysis, out, facts)
     if as_json:
         from maskfab.report.data import quantity_document
 

@@ -74,6 +74,7 @@ def check(
 def _check_shop(job: Path, shop: str, formats: Sequence[str], *, as_json: bool, quiet: bool) -> None:
     """What would a mask house refuse of the plate, and what is the cure? Nothing is written."""
     from maskfab.cli.shop_verdict import chosen_formats, findings_document, print_findings
+    from maskfab.export.fitting import blank_of
     from maskfab.export.shops import load_shop
     from maskfab.layout.job import load
     from maskfab.validate.shop import accepted, check_shop
@@ -82,7 +83,7 @@ def _check_shop(job: Path, shop: str, formats: Sequence[str], *, as_json: bool, 
     loaded = load(job)
     with watched(quiet) as progress:
         progress("rules", 0, 1)
-        findings = check_shop(loaded.plate(), profile, sent)
+        findings = check_shop(loaded.plate(), profile, sent, blank=blank_of(loaded.spec))
         progress("rules", 1, 1)
     passed = accepted(findings)
     if as_json:

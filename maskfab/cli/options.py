@@ -7,6 +7,25 @@ from typing import Annotated
 
 import typer
 
+from maskfab.errors import JobError
+
+_UM_PER_UNIT = {"nm": 1e-3, "um": 1.0, "mm": 1e3, "mil": 25.4, "in": 25400.0}
+
 JobFile = Annotated[Path, typer.Argument(metavar="JOB", help="A job file (.toml).")]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")]
+Unit = Annotated[
+    str | None, typer.Option(metavar="nm|um|mm|mil|in", help="What a DXF is drawn in, whatever it says itself.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+
+
+def unit_um(unit: str | None) -> float | None:
+    """Micrometres of a stated :data:`Unit`.
+
+    Raises:
+        JobError: MF105 if it is none of them.
+    """
+    if unit is not None and unit not in _UM_PER_UNIT:
+        known = ", ".join(_UM_PER_UNIT)
+        raise JobError("MF105", f"there is no unit {unit!r}", where="--unit", cure=f"Use one of {known}")
+    return None if unit is None else _UM_PER_UNIT[unit]

@@ -24,7 +24,7 @@ def package(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Pack a plate for a mask house: mask files, order sheet, drawing, certificate; none if it is refused."""
+    """Pack a plate for a mask house: mask files, order sheet, drawing, job, certificate; none if it is refused."""
     from maskfab.export.shops import load_shop
     from maskfab.layout.job import load
     from maskfab.validate.packing import pack

@@ -37,29 +37,36 @@ def print_json(document: dict[str, Any]) -> None:
     typer.echo("\n".join(map(plain, text.split("\n"))))
 
 
-def print_table(quantities: Iterable[Quantity]) -> None:
-    """One line for each quantity, in columns."""
-    rows = [("quantity", "line", "value", "error", "unit", "limit")]
+def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:
+    """One line for each quantity, in columns; with the name of its die if ``dies``."""
+    rows = [("quantity", "die", "line", "value", "error", "unit", "limit")]
     for q in quantities:
         line = "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm"
         value = "-" if q.value is None else f"{q.value:.6g}" if isinstance(q.value, float) else str(q.value)
         error = "" if not q.uncertainty else f"± {q.uncertainty:.1e}"
         limit = "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})"
-        rows.append((q.name, line, value, error, q.unit, limit))
-    widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+        rows.append((q.name, q.die or "", line, value, error, q.unit, limit))
+    shown = [k for k, name in enumerate(rows[0]) if dies or name != "die"]
+    widths = {k: max(len(row[k]) for row in rows) for k in shown}
     for row in rows:
-        typer.echo(plain("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()))
+        typer.echo(plain("  ".join(row[k].ljust(widths[k]) for k in shown).rstrip()))
 
 
 def summarise(checks: Sequence[Quantity]) -> None:
-    """Every failed check and the verdict, on stderr."""
-    failed = [check for check in checks if check.passed is False]
-    for check in failed:
+    """Every failed check, every note, which has no verdict, and the verdict of all, on stderr."""
+    judged = [check for check in checks if check.passed is not None]
+    failed = [check for check in judged if not check.passed]
+    for check in checks:
         place = f" [{check.die}]" if check.die else ""
-        told = f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
-        typer.echo(plain(told), err=True)
+        if check.passed is None:
+            typer.echo(
+                plain(f"NOTE {check.name}{place} = {f'{check.value} {check.unit}'.rstrip()}: {check.method}"), err=True
+            )
+        elif not check.passed:
+            told = f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
+            typer.echo(plain(told), err=True)
     verdict = "FAIL" if failed else "PASS"
-    typer.echo(f"{verdict}: {len(checks) - len(failed)} of {len(checks)} checks pass", err=True)
+    typer.echo(f"{verdict}: {len(judged) - len(failed)} of {len(judged)} checks pass", err=True)
 
 
 def tell_opening(opening: Opening, path: Path, as_json: bool) -> None:

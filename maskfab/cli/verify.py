@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from maskfab.cli.options import Json, Quiet
+from maskfab.cli.options import Json, Quiet, Unit, unit_um
 from maskfab.cli.printing import leave, print_json, print_table, summarise
 from maskfab.cli.watch import watched
 from maskfab.errors import JobError
@@ -24,7 +24,7 @@ def verify(
                                             "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) of "
                                             "whatever origin.")],
     against: Annotated[Path | None, typer.Option(metavar="JOB", help="The job (.toml) that a mask file or a package is "
-                                                 "held against.")] = None,
+                                                 "held against; of a package, default: the job that it holds.")] = None,
     shop: Annotated[str | None, typer.Option(help="Whom a package is for, to draw its job again; default: the profile "
                                              "that it holds.")] = None,
     die: Annotated[str | None, typer.Option(help="Compare one die of the job alone.")] = None,
@@ -32,12 +32,13 @@ def verify(
     cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
     dots_per_um: Annotated[float | None, typer.Option(min=1e-6, max=1e6, help="Pixels of an image in a micrometre; "
                                                       "default: what its tags say.")] = None,
+    unit: Unit = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Read a finished directory or a package again and repeat every check, or hold a mask file against a job."""
     if subject.suffix.lower() == ".zip" and not subject.is_dir():
-        stated = {"--die": die, "--layer": layer, "--cell": cell, "--dots-per-um": dots_per_um}
+        stated = {"--die": die, "--layer": layer, "--cell": cell, "--dots-per-um": dots_per_um, "--unit": unit}
         _package(subject, against, shop, [name for name, value in stated.items() if value is not None], as_json, quiet)
         return
     if shop is not None:
@@ -55,7 +56,9 @@ def verify(
             cure="Add --against JOB.toml, or name the --out of a finished run",
         )
     if against is not None:
-        _foreign(subject, against, die, layer, cell, dots_per_um, as_json, quiet)
+        from maskfab.validate.foreign import How
+
+        _foreign(subject, against, die, How(layer, cell, dots_per_um, unit_um(unit)), as_json, quiet)
         return
     from maskfab.verification import verify as verify_directory
 
@@ -76,7 +79,7 @@ def _package(
             "MF105",
             "--against is missing: a package is drawn again from its job for its shop",
             where="--against",
-            cure="Add --against JOB.toml, or leave --shop out to check hashes alone",
+            cure="Add --against JOB.toml, or leave --shop out: the package holds its job and its shop",
         )
     from maskfab.export.shops import load_shop
     from maskfab.layout.job import load
@@ -93,7 +96,7 @@ def _package(
 
 def _tell(checks: Sequence[Quantity], said: dict[str, Any], as_json: bool) -> None:
     """Print checks, and leave by their verdict."""
-    passed = all(check.passed for check in checks)
+    passed = all(check.passed is not False for check in checks)
     if as_json:
         from maskfab.report.data import quantity_document
 
@@ -108,16 +111,12 @@ def _foreign(
     path: Path,
     against: Path,
     die: str | None,
-    layer: str | None,
-    cell: str | None,
-    dots_per_um: float | None,
+    how: How,
     as_json: bool,
     quiet: bool,
 ) -> None:
-    from maskfab.validate.foreign import How
-
     with watched(quiet) as progress:
-        found = _checked(path, against, die, How(layer, cell, dots_per_um), progress)
+        found = _checked(path, against, die, how, progress)
     checks = [quantity for quantity in found.quantities if quantity.passed is not None]
     passed = all(check.passed for check in checks)
     if as_json:
@@ -133,7 +132,7 @@ def _foreign(
             }
         )
     else:
-        print_table(found.quantities)
+        print_table(found.quantities, dies=True)
         summarise(checks)
     leave(passed)
 
@@ -143,7 +142,14 @@ def _checked(path: Path, against: Path, die: str | None, how: How, progress: Pro
     from maskfab.validate.foreign import check_foreign, only_die
 
     job = load(against)
-    plate = job.plate()
+    plate, drawing = job.plate(), job.spec.export
+    stated = drawing is not None and "max_vertices" in drawing.model_fields_set
     return check_foreign(
-        plate if die is None else only_die(plate, die), job.camera, job.spec.limits, path, how, progress
+        plate if die is None else only_die(plate, die),
+        job.camera,
+        job.spec.limits,
+        path,
+        how,
+        progress,
+        max_vertices=drawing.max_vertices if drawing is not None and stated else None,
     )

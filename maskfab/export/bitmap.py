@@ -1,6 +1,7 @@
 """Pixels for people and for machines that write them: 8-bit PNG, 1-bit TIFF, at a stated number of dots per micrometre.
 
-A pixel of the PNG is the share of it that is clear, exactly; one of the TIFF is white where that share is half or more.
+A pixel of the PNG is the share of it that is clear, to the nearest of 256 levels and up from the middle of two; one of
+the TIFF is white where that share is half or more.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from maskfab.errors import OutputError
+from maskfab.export.image import is_whole
 from maskfab.export.partial import check_size, partial
 from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
 from maskfab.geometry.region import coverage, simple_polygon
@@ -145,11 +147,16 @@ def _write(
         written, top = True, 0
         for shares in _bands(plate, _box(plate, die), width, height, dots_per_um):
             partly += int(np.count_nonzero((shares > _ROUNDING) & (shares < 1 - _ROUNDING)))
-            levels = (shares >= 0.5) * np.uint8(255) if bits == 1 else np.rint(shares * 255.0).astype(np.uint8)
+            # Rounding must not choose between halves.
+            levels = (
+                (shares >= 0.5 - _ROUNDING) * np.uint8(255)
+                if bits == 1
+                else np.floor(shares * 255.0 + 0.5 + 255 * _ROUNDING).astype(np.uint8)
+            )
             pixels = np.ascontiguousarray(levels[::-1, :, None])
             written = written and output.write_scanlines(top, top + len(pixels), 0, pixels)
             top += len(pixels)
-        if not (output.close() and written):
+        if not (output.close() and written and is_whole(aside)):
             raise OutputError("MF401", f"{path} cannot be written: {output.geterror()}", cure="Choose another --out")
     return Bitmap(width, height, dots_per_um, partly)
 

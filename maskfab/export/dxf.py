@@ -1,4 +1,4 @@
-"""DXF files, R12 and R2010; one drawing unit is one micrometre.
+"""DXF files, R12 and R2010; one drawing unit is one micrometre, or one millimetre for houses that draw so.
 
 The drawing is made by ezdxf. What there are tens of thousands of, which would take it seconds and gigabytes, is
 formatted here and spliced in: the references inside random dies, into blocks that ezdxf left empty, and the polygons of
@@ -23,16 +23,16 @@ from maskfab.errors import OutputError
 from maskfab.export.figures import CUT, DieFigures, Figures, Grid, PolygonOptions, as_figures
 from maskfab.export.partial import check_size, partial
 from maskfab.export.stream import Gap, written
-from maskfab.model import CLEAR, LAYERS, NOTE, Layer, Note, Plate, Point, Polygon
+from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
 from maskfab.units import NM_PER_UM
 
 Version: TypeAlias = Literal["R12", "R2010"]
 
 LARGEST_BYTES = 1_000_000_000
 
-_MICRONS = 13
 _METRIC = 1
-_TEXT_HEIGHT_UM = 500.0
+_TEXT_HEIGHT_NM = 500_000
+_SMALL_TEXT_NM = 100_000
 _COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True)) | {CUT: 7}
 _REFERENCE = {
     "R12": "  0\nINSERT\n  5\n{handle:X}\n  8\n{layer}\n  2\n{name}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n",
@@ -41,8 +41,40 @@ _REFERENCE = {
 }
 # Bytes of a polygon and of a vertex, coordinates of up to nine characters.
 _OUTLINE_BYTES = {"R12": (80, 46), "R2010": (90, 28)}
-_LAYER_NAME = re.compile(r"[A-Za-z0-9_-]{1,8}")
+_LAYER_NAME = re.compile(r"[A-Za-z0-9_$-]{1,31}")
 _RESERVED_LAYERS = frozenset({"0", "DEFPOINTS"})
+_UNITS = {"um": (NM_PER_UM, "MICROMETRE", 13), "mm": (1000 * NM_PER_UM, "MILLIMETRE", 4)}
+"""Nanometres, name and $INSUNITS of a drawing's unit."""
+
+
+@dataclass(frozen=True)
+class DrawingStyle:
+    """What a house asks of a drawing beyond its polygons.
+
+    Attributes:
+        layer_names: names in the file by names of the model; layers without one are left out. All by default.
+        unit: of the drawing.
+        unit_text: versions in which a line of text names the unit as well.
+        frame_nm: box to which text and the header's extents keep, in plate coordinates; the blank by default.
+    """
+
+    layer_names: Mapping[str, str] | None = None
+    unit: Literal["um", "mm"] = "um"
+    unit_text: tuple[Version, ...] = ("R12", "R2010")
+    frame_nm: Box | None = None
+
+    @property
+    def unit_name(self) -> str:
+        """In small letters."""
+        return _UNITS[self.unit][1].lower()
+
+    def length(self, nm: int) -> float:
+        """In the drawing's unit."""
+        return nm / _UNITS[self.unit][0]
+
+    def point(self, point_nm: Point) -> tuple[float, float]:
+        """In the drawing's unit."""
+        return self.length(point_nm[0]), self.length(point_nm[1])
 
 
 def write_dxf(
@@ -50,36 +82,37 @@ def write_dxf(
     path: Path,
     version: Version,
     comments: Sequence[str] = (),
+    style: DrawingStyle | None = None,
     *,
-    layer_names: Mapping[str, str] | None = None,
     limit_bytes: int = LARGEST_BYTES,
 ) -> None:
     """Write a plate as DXF, byte-identical between runs.
 
     Unit cells and dies are blocks under the names of :func:`maskfab.geometry.region.plate_names`; no reference is
     mirrored, turned or scaled. A periodic die is one INSERT with rows and columns. Outlines are closed polylines
-    without width, marks stand in model space, notes are TEXT. Figures that are flat or merged have no block at all.
+    without width, marks stand in model space, notes are TEXT. Figures that are flat or merged have no block at all. A
+    layer with nothing on it is not in the file.
 
     Args:
         source: what to draw, or how it was drawn.
         path: the file to write.
-        version: R12 carries no unit, so a comment and a note name it; R2010 also says $INSUNITS = 13, microns.
+        version: R12 carries no unit, so a comment and a note name it; R2010 also says it in $INSUNITS.
         comments: lines put at the top of the file (group code 999), before what the figures' account has to say.
-        layer_names: names in the file by names of the model; layers without one are left out. All by default.
+        style: names of layers, unit and frame.
         limit_bytes: size beyond which a drawing without blocks is refused.
 
     Raises:
-        OutputError: MF401 if the file cannot be written, MF414 if a layer's name is 0, longer than 8 characters, not of
-            A-Z, 0-9, _ and -, shared, or that of a block; MF415 if the file would be too large.
+        OutputError: MF401 if the file cannot be written, MF414 if a layer's name is 0, longer than 31 characters, not
+            of A-Z, 0-9, _, $ and -, shared, or that of a block; MF415 if the file would be too large.
     """
-    figures = as_figures(source)
-    names = _checked_names(figures, layer_names)
+    figures, style = as_figures(source), style or DrawingStyle()
+    names = _checked_names(figures, style.layer_names, noted=version in style.unit_text or bool(figures.notes))
     flat = figures.options.hierarchy != "cells"
     if flat:
         check_size(flat_bytes(figures, version), limit_bytes, path, 'Choose hierarchy = "cells", or GDSII or OASIS')
     with _fixed_dates():
-        drawing = _blank_drawing(version, names)
-        splices = list(_draw(figures, drawing, names))
+        drawing = _blank_drawing(version, names, style)
+        splices = list(_draw(figures, drawing, names, style, texted=version in style.unit_text))
         reserved = _reserve_handles(drawing, sum(each.handles for each in splices))
         # ezdxf would add these in the order of a set, which changes from one process to the next.
         kinds = {*drawing.entitydb.dxf_types_in_use(), *(["LWPOLYLINE"] if flat and version != "R12" else [])}
@@ -89,7 +122,7 @@ def write_dxf(
         drawing.write(stream)
     text = stream.getvalue()
     said = figures.account.lines() if figures.options != PolygonOptions() else ()
-    lines = ("Units: 1 drawing unit = 1 micrometre", *comments, *said)
+    lines = (f"Units: 1 drawing unit = 1 {style.unit_name}", *comments, *said)
     head = "".join(f"999\n{_one_line(line)}\n" for line in lines)
     with (
         partial(path) as aside,
@@ -119,12 +152,14 @@ class _References:
         block: name of the die's block.
         owner: handle of its block record.
         layer: name of the layer that references stand on.
+        style: of the drawing.
     """
 
     grid: Grid
     block: str
     owner: str
     layer: str
+    style: DrawingStyle
 
     @property
     def handles(self) -> int:
@@ -144,8 +179,8 @@ class _References:
                     owner=self.owner,
                     layer=self.layer,
                     name=self.grid.cells[kind],
-                    x=(x0 + column * dx) / NM_PER_UM,
-                    y=(y0 + row * dy) / NM_PER_UM,
+                    x=self.style.length(x0 + column * dx),
+                    y=self.style.length(y0 + row * dy),
                 )
 
 
@@ -156,11 +191,13 @@ class _Polygons:
     Attributes:
         owner: handle of model space.
         names: of the layers that are drawn.
+        style: of the drawing.
     """
 
     figures: Figures
     owner: str
     names: Mapping[Layer, str]
+    style: DrawingStyle
 
     @property
     def handles(self) -> int:
@@ -179,7 +216,9 @@ class _Polygons:
         """One closed polyline for each polygon."""
         for layer in self.figures.layers:
             if layer in self.names:
-                yield from written(self.figures, layer, _Pen(version, self.names[layer], self.owner, handles))
+                yield from written(
+                    self.figures, layer, _Pen(version, self.names[layer], self.owner, handles, self.style)
+                )
 
 
 @dataclass(frozen=True)
@@ -190,6 +229,7 @@ class _Pen:
     layer: str
     owner: str
     handles: Iterator[int]
+    style: DrawingStyle
 
     def outline(self, polygon: Polygon) -> tuple[str, list[Gap]]:
         gaps = [gap for x, y in polygon for gap in (Gap("x", x), Gap("y", y))]
@@ -202,15 +242,16 @@ class _Pen:
         return f"{head}90\n{len(polygon)}\n70\n1\n{vertices}", [Gap("serial", 0), *gaps]
 
     def number(self, nm: int) -> str:
-        return repr(nm / NM_PER_UM)
+        return repr(self.style.length(nm))
 
     def serial(self) -> str:
         return f"{next(self.handles):X}"
 
 
-def _checked_names(figures: Figures, wanted: Mapping[str, str] | None) -> dict[Layer, str]:
-    """Names of the layers that are drawn."""
-    layers = (*LAYERS, CUT) if CUT in figures.layers else LAYERS
+def _checked_names(figures: Figures, wanted: Mapping[str, str] | None, *, noted: bool) -> dict[Layer, str]:
+    """Names of the layers that are drawn; a house that wants its drawings purged gets no empty ones."""
+    used = {CLEAR, *figures.layers, *([NOTE] if noted else [])}
+    layers = [layer for layer in (*LAYERS, CUT) if layer in used]
     if wanted is None:
         return {layer: layer.name for layer in layers}
     strange = sorted(set(wanted) - {layer.name for layer in (*LAYERS, CUT)})
@@ -225,7 +266,7 @@ def _checked_names(figures: Figures, wanted: Mapping[str, str] | None) -> dict[L
             raise OutputError(
                 "MF414",
                 f"{name!r} is no layer name for DXF",
-                cure="Take 1 to 8 letters, digits, _ or -, and neither 0 nor DEFPOINTS",
+                cure="Take 1 to 31 letters, digits, _, $ or -, and neither 0 nor DEFPOINTS",
             )
     folded = [name.upper() for name in names.values()]
     blocks = {*figures.cells, *(die.name for die in figures.dies)} if figures.options.hierarchy == "cells" else set()
@@ -236,69 +277,80 @@ def _checked_names(figures: Figures, wanted: Mapping[str, str] | None) -> dict[L
     return names
 
 
-def _blank_drawing(version: Version, names: Mapping[Layer, str]) -> Drawing:
+def _blank_drawing(version: Version, names: Mapping[Layer, str], style: DrawingStyle) -> Drawing:
     # Not ezdxf.new(), which warns on stderr that R12 has no units whatever is asked of it.
     drawing = Drawing.new(version)
     drawing.header["$MEASUREMENT"] = _METRIC
     if version != "R12":
-        drawing.units = _MICRONS
+        drawing.units = _UNITS[style.unit][2]
+    for name in [layer.dxf.name for layer in drawing.layers if layer.dxf.name != "0"]:
+        drawing.layers.remove(name)
     for layer, name in names.items():
         drawing.layers.add(name, color=_COLOURS[layer])
     return drawing
 
 
-def _draw(figures: Figures, drawing: Drawing, names: Mapping[Layer, str]) -> Iterator[_References | _Polygons]:
+def _draw(
+    figures: Figures, drawing: Drawing, names: Mapping[Layer, str], style: DrawingStyle, *, texted: bool
+) -> Iterator[_References | _Polygons]:
     """Draw all but what there are very many of; that is handed back."""
     plate, space = figures.plate, drawing.modelspace()
     if figures.options.hierarchy == "cells":
         for die in figures.dies:
-            yield from _draw_die(figures, die, drawing, names)
+            yield from _draw_die(figures, die, drawing, names, style)
         for mark in figures.marks:
-            _add_shapes(space, mark.shapes, names)
+            _add_shapes(space, mark.shapes, names, style)
     else:
-        yield _Polygons(figures, space.layout_key, names)
+        yield _Polygons(figures, space.layout_key, names, style)
     half = plate.blank_nm // 2
-    unit_note = Note("UNITS: 1 DRAWING UNIT = 1 MICROMETRE", (-half, -half))
-    for note in (unit_note, *figures.notes) if NOTE in names else ():
-        place = {"layer": names[NOTE], "insert": _um(note.position_nm)}
-        space.add_text(_one_line(note.text), height=_TEXT_HEIGHT_UM, dxfattribs=place)
-    space.reset_extents((*_um((-half, -half)), 0.0), (*_um((half, half)), 0.0))
-    space.reset_limits(_um((-half, -half)), _um((half, half)))
+    x0, y0, x1, y1 = style.frame_nm or (-half, -half, half, half)
+    text, height, corner = f"UNITS: 1 DRAWING UNIT = 1 {style.unit_name.upper()}", _TEXT_HEIGHT_NM, (x0, y0)
+    if style.frame_nm is not None:
+        # Small, along the lower edge, where no mark stands; letters reach below their base line.
+        height, corner = _SMALL_TEXT_NM, (x0 + _SMALL_TEXT_NM, y0 + _SMALL_TEXT_NM // 2)
+    texts = [(text, height, corner)] if texted else []
+    texts += [(note.text, _TEXT_HEIGHT_NM, note.position_nm) for note in figures.notes]
+    for line, high, place in texts if NOTE in names else ():
+        attributes = {"layer": names[NOTE], "insert": style.point(place)}
+        space.add_text(_one_line(line), height=style.length(high), dxfattribs=attributes)
+    low, far = style.point((x0, y0)), style.point((x1, y1))
+    space.reset_extents((*low, 0.0), (*far, 0.0))
+    space.reset_limits(low, far)
 
 
-def _draw_die(figures: Figures, die: DieFigures, drawing: Drawing, names: Mapping[Layer, str]) -> Iterator[_References]:
+def _draw_die(
+    figures: Figures, die: DieFigures, drawing: Drawing, names: Mapping[Layer, str], style: DrawingStyle
+) -> Iterator[_References]:
     on_clear = {"layer": names[CLEAR]}
     for name in (name for grid in die.grids for name in grid.cells):
         if name not in drawing.blocks:
-            _add_shapes(drawing.blocks.new(name), figures.cells[name], names)
+            _add_shapes(drawing.blocks.new(name), figures.cells[name], names, style)
     block = drawing.blocks.new(die.name)
     for grid in die.grids:
         if len(grid.cells) > 1:
-            yield _References(grid, die.name, block.block_record_handle, names[CLEAR])
+            yield _References(grid, die.name, block.block_record_handle, names[CLEAR], style)
             continue
         rows, columns = grid.index.shape
-        dx, dy = _um(grid.step_nm)
+        dx, dy = style.point(grid.step_nm)
         spread = {"row_count": rows, "column_count": columns, "row_spacing": dy, "column_spacing": dx}
-        block.add_blockref(grid.cells[0], _um(grid.origin_nm), dxfattribs=on_clear | spread)
-    drawing.modelspace().add_blockref(die.name, _um(die.origin_nm), dxfattribs=on_clear)
+        block.add_blockref(grid.cells[0], style.point(grid.origin_nm), dxfattribs=on_clear | spread)
+    drawing.modelspace().add_blockref(die.name, style.point(die.origin_nm), dxfattribs=on_clear)
 
 
-def _add_shapes(space: BaseLayout, shapes: Mapping[Layer, Sequence[Polygon]], names: Mapping[Layer, str]) -> None:
+def _add_shapes(
+    space: BaseLayout, shapes: Mapping[Layer, Sequence[Polygon]], names: Mapping[Layer, str], style: DrawingStyle
+) -> None:
     # Only R12 lacks the light-weight polyline.
     add = space.add_polyline2d if space.dxfversion == "AC1009" else space.add_lwpolyline
     for layer, polygons in shapes.items():
         if layer in names:
             for polygon in polygons:
-                add([_um(point) for point in polygon], close=True, dxfattribs={"layer": names[layer]})
+                add([style.point(point) for point in polygon], close=True, dxfattribs={"layer": names[layer]})
 
 
 def _one_line(text: str) -> str:
     """The text without the line breaks that would end its group."""
     return " ".join(text.split())
-
-
-def _um(point_nm: Point) -> tuple[float, float]:
-    return point_nm[0] / NM_PER_UM, point_nm[1] / NM_PER_UM
 
 
 def _reserve_handles(drawing: Drawing, number: int) -> Iterator[int]:

@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
+from maskfab.export.dxf import DrawingStyle
 from maskfab.export.figures import MAX_VERTICES, Hierarchy, PolygonOptions
+from maskfab.export.stencil import stencilled
 from maskfab.export.tally import facing_dots
+from maskfab.geometry.polygonize import Holes
 from maskfab.geometry.region import orientations_in_use
+from maskfab.layout.furniture.template import plate_template
 from maskfab.model import CLEAR, Box, Die, Furniture, Plate, Polygon
-from maskfab.spec import DRAWING_KEYS, MASK_FORMATS, ExportSection, FileFormat
+from maskfab.spec import DRAWING_KEYS, MASK_FORMATS, ExportSection, FileFormat, JobSpec
 from maskfab.spec.shop import Shop
-from maskfab.units import NM_PER_UM
+from maskfab.units import NM_PER_UM, to_nm
 
 _NM_PER_MM = 1000 * NM_PER_UM
 _WITH_TEXT: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
@@ -28,7 +33,96 @@ def fitted(plate: Plate, shop: Shop) -> Plate:
     """
     dies = tuple(replace(die, panel=replace(die.panel, emitters=None, tracks=())) for die in plate.dies)
     marks = tuple(mark for mark in plate.furniture if mark.layer.written)
-    return replace(plate, dies=dies, furniture=(*marks, *_corner_squares(shop)), notes=())
+    bare = replace(plate, dies=dies, furniture=(*marks, *_corner_squares(shop)), notes=())
+    return suited(bare, shop, shop.polygons.holes)
+
+
+def suited(plate: Plate, shop: Shop, holes: Holes) -> Plate:
+    """The plate with marks of maskfab's own that the shop can take; whoever wrote the job could not change them.
+
+    Where no two figures may share a piece of edge, marks are stencils; where the shop's grid is coarser than 1 nm and
+    the dies lie on it, so do the marks.
+    """
+    marks = list(plate.furniture)
+    if shop.polygons.shared_boundaries is False:
+        narrowest = round((shop.limits.min_space_um or shop.limits.min_feature_um or 0) * NM_PER_UM)
+        marks = [stencilled(mark, holes, narrowest) if mark.layer.written else mark for mark in marks]
+    grid = kept_grid_nm(plate, shop)
+    if grid > 1:
+        marks = [_snapped(mark, grid) if mark.layer.written else mark for mark in marks]
+    return replace(plate, furniture=tuple(marks))
+
+
+def kept_grid_nm(plate: Plate, shop: Shop) -> int:
+    """The coarsest of the shop's grids on which every dot of every die lies; 1 nm where it asks for none."""
+    kept = [grid for grid in shop.limits.grid_nm or () if all(_on_grid(die, grid) for die in plate.dies)]
+    return 1 if 1 in kept else max(kept, default=1)
+
+
+def _on_grid(die: Die, grid_nm: int) -> bool:
+    panel = die.panel
+    lengths = (panel.dot_nm, panel.pitch_nm, panel.gutter_nm // 2, *die.origin_nm)
+    return all(length % grid_nm == 0 for length in lengths)
+
+
+def _snapped(mark: Furniture, grid_nm: int) -> Furniture:
+    """The mark with every vertex on the nearest line of a grid; widths that are multiples of it stay."""
+
+    def nearest(value: int) -> int:
+        return (value + grid_nm // 2) // grid_nm * grid_nm
+
+    drawn = (tuple((nearest(x), nearest(y)) for x, y in polygon) for polygon in mark.polygons)
+    return replace(mark, polygons=tuple(map(_without_doubles, drawn)))
+
+
+def _without_doubles(polygon: Polygon) -> Polygon:
+    """The outline without vertices that follow themselves."""
+    return tuple(point for point, before in zip(polygon, (polygon[-1], *polygon), strict=False) if point != before)
+
+
+@dataclass(frozen=True)
+class Blank:
+    """What a job says of the blank.
+
+    Attributes:
+        chrome_nm: thickness of the chrome; None if it does not say.
+        glass_nm: thickness of the glass; None without a template.
+    """
+
+    chrome_nm: float | None
+    glass_nm: int | None
+
+
+def blank_of(spec: JobSpec) -> Blank:
+    """The blank of a job: its chrome by [export], its glass by the template of its plate."""
+    template = None if spec.plate is None or spec.plate.template is None else plate_template(spec.plate.template)
+    chrome = (spec.export or ExportSection()).chrome
+    return Blank(chrome * NM_PER_UM, None if template is None else to_nm(template.thickness))
+
+
+def drawing_style(plate: Plate, shop: Shop | None) -> DrawingStyle:
+    """What a shop asks of drawings beyond their polygons; the unit is text only in formats where it takes text.
+
+    Text and the header's extents keep to what the shop asks the drawing to span, or to what it can write if that is
+    less than the blank. A drawing that must span an extent exactly has its unit as text only where the header has none.
+    """
+    if shop is None:
+        return DrawingStyle()
+    taken, extent, area = shop.text.allowed_in, extent_nm(shop), shop.plate.plot_area_mm
+    frame: Box | None = None
+    if extent is not None:
+        frame = _centred(*extent)
+    elif area is not None and min(area) * _NM_PER_MM < plate.blank_nm:
+        frame = _centred(*(min(round(side * _NM_PER_MM), plate.blank_nm) for side in area))
+    texted: list[Literal["R12", "R2010"]] = ["R12"] if taken is None or "dxf_r12" in taken else []
+    if extent is None and (taken is None or "dxf_r2010" in taken):
+        texted.append("R2010")
+    names = shop.layer_names if shop.names.layers else None
+    return DrawingStyle(names, shop.accepts.drawing_unit or "um", tuple(texted), frame)
+
+
+def _centred(width: int, height: int) -> Box:
+    return -width // 2, -height // 2, width - width // 2, height - height // 2
 
 
 def extent_nm(shop: Shop) -> tuple[int, int] | None:

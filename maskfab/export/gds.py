@@ -10,9 +10,13 @@ from maskfab.errors import OutputError
 from maskfab.export.figures import MAX_VERTICES
 from maskfab.export.partial import partial
 
+_BEGIN, _END, _END_OF_STREAM = b"\x00\x1c\x05\x02", b"\x00\x04\x07\x00", b"\x00\x04\x04\x00"
+"""Records of GDSII: length, kind, type of its data. A structure begins with its times and its name."""
+_NAME, _NAME_AT = b"\x06\x06", 24
+
 
 def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES) -> None:
-    """Write a layout as GDSII, without time stamps.
+    """Write a layout as GDSII, without time stamps, its cells in the order of their names.
 
     Args:
         layout: from :func:`maskfab.geometry.region.plate_layout` or :meth:`maskfab.export.figures.Figures.layout`.
@@ -27,7 +31,7 @@ def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES)
     options.gds2_write_timestamps = False
     options.gds2_max_vertex_count = max_vertices
     options.gds2_multi_xy_records = False
-    _write(layout, path, options)
+    _write(_by_name(_content(layout, path, options), layout.cells()), path)
 
 
 def write_oasis(layout: db.Layout, path: Path) -> None:
@@ -36,12 +40,30 @@ def write_oasis(layout: db.Layout, path: Path) -> None:
     options.format = "OASIS"
     options.oasis_compression_level = 10
     options.oasis_write_cblocks = True
-    _write(layout, path, options)
+    _write(_content(layout, path, options), path)
 
 
-def _write(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> None:
+def _content(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> bytes:
+    try:
+        return bytes(layout.write_bytes(options))
+    except RuntimeError as error:
+        raise OutputError("MF401", f"{path} cannot be written: {error}", cure="Choose another --out") from error
+
+
+def _by_name(stream: bytes, cells: int) -> bytes:
+    """A GDSII stream with its structures in the order of their names.
+
+    klayout writes what is placed before what places it; the format asks for no order. A stream that does not fall into
+    as many structures as there are cells, for its coordinates happen to look like a border, is left as it is.
+    """
+    first, last = stream.index(_BEGIN), len(stream) - len(_END + _END_OF_STREAM)
+    structures = stream[first + len(_BEGIN) : last].split(_END + _BEGIN)
+    if len(structures) != cells or not all(each[_NAME_AT + 2 :].startswith(_NAME) for each in structures):
+        return stream
+    structures.sort(key=lambda each: each[_NAME_AT + 4 : _NAME_AT + int.from_bytes(each[_NAME_AT : _NAME_AT + 2])])
+    return stream[:first] + b"".join(_BEGIN + each + _END for each in structures) + stream[last + len(_END) :]
+
+
+def _write(content: bytes, path: Path) -> None:
     with partial(path) as aside:
-        try:
-            layout.write(str(aside), options)
-        except RuntimeError as error:
-            raise OutputError("MF401", f"{path} cannot be written: {error}", cure="Choose another --out") from error
+        aside.write_bytes(content)  # klayout itself would not say that a disk is full

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from maskfab.errors import OutputError
 
+_PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
+
 
 def write_image(pixels: NDArray[Any], header: Any, path: Path) -> None:
     """Write pixels [y, x, channels], the top row first, in the format of the path's suffix.
@@ -23,7 +25,22 @@ def write_image(pixels: NDArray[Any], header: Any, path: Path) -> None:
     written = output is not None and output.open(str(aside), header) and output.write_image(pixels)
     if output is not None:
         written = output.close() and written
-    if not written:
+    if not (written and is_whole(aside)):
         aside.unlink(missing_ok=True)
-        raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out")
+        raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out, with more room")
     os.replace(aside, path)
+
+
+def is_whole(path: Path) -> bool:
+    """Whether an image file has its end, as OpenImageIO does not say of one that it wrote to a disk that is full."""
+    if path.suffix == ".png":
+        with path.open("rb") as file:
+            file.seek(-min(len(_PNG_END), path.stat().st_size), os.SEEK_END)
+            return file.read() == _PNG_END
+    source = oiio.ImageInput.open(str(path))
+    if source is None:
+        oiio.geterror()  # or it is told at the end of the process
+        return False
+    row = source.read_scanline(source.spec().height - 1, 0, "float")
+    source.close()
+    return row is not None

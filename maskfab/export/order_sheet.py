@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from maskfab.export.figures import CUT, Account, Figures
+from maskfab.export.fitting import kept_grid_nm
 from maskfab.model import CLEAR, Gauge, Plate
 from maskfab.spec.shop import Format, OrderField, Shop
 from maskfab.units import NM_PER_UM, UM_PER_INCH
@@ -28,7 +29,11 @@ _LABELS: Mapping[OrderField, str] = {
     "display_work": "display work",
     "comments": "comments",
 }
-_ALWAYS: tuple[OrderField, ...] = ("mask_name", "tone", "parity", "min_cd_and_location", "grid", "blank", "comments")
+_ALWAYS: tuple[OrderField, ...] = (
+    "mask_name", "tone", "parity", "min_cd_and_location", "grid", "blank", "centred", "units", "design_layers",
+    "display_work", "comments",
+)  # fmt: skip
+"""What every writer must know, whether its form asks for it or not."""
 
 
 @dataclass(frozen=True)
@@ -126,19 +131,21 @@ def order_sheet(
 
 def _answers(figures: Figures, shop: Shop, formats: Sequence[Format], remarks: Sequence[str]) -> dict[OrderField, str]:
     plate, account = figures.plate, figures.account
-    cut = CUT in figures.layers
-    layers = f"{CLEAR.name} minus {CUT.name}" if cut else CLEAR.name
+    cut, names = CUT in figures.layers, shop.layer_names
+    clear = names[CLEAR.name]
+    layers = f"{clear} minus {names[CUT.name]}" if cut else clear
     numbers = f"{CLEAR.number}/{CLEAR.datatype}" + (f", {CUT.number}/{CUT.datatype}" if cut else "")
     drawn = any(each.startswith("dxf") for each in formats)
+    unit, grid = shop.accepts.drawing_unit or "um", kept_grid_nm(plate, shop)
     return {
-        "mask_name": f"{plate.name} ({plate.title}), layer {CLEAR.name}",
+        "mask_name": f"{plate.name} ({plate.title}), layer {clear}",
         "tone": shop.order.tone_words.get("clear", TONE),
         "parity": PARITY,
         "min_cd_and_location": _smallest(plate),
-        "grid": "1 nm; every vertex lies on it",
+        "grid": f"{grid} nm; every vertex lies on it",
         "blank": f"{plate.blank_nm / NM_PER_UM / UM_PER_INCH:g} in ({plate.blank_nm / 1e6:g} mm) square",
         "centred": "centred: the data's origin (0, 0) is the plate's centre",
-        "units": "1 drawing unit = 1 um" if drawn else "database unit 1 nm, user unit 1 um",
+        "units": f"1 drawing unit = 1 {unit}" if drawn else "database unit 1 nm, user unit 1 um",
         "design_layers": f"{layers} (GDSII {numbers})",
         "display_work": "yes: openings of a display, periodic or nearly so; banding and stitching show",
         "comments": " ".join((*remarks, *_said(account))),

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
+from maskfab.export.exr import Facts, write_channels
 from maskfab.export.image import write_image
 
 Floats = NDArray[np.float64]
@@ -17,7 +16,7 @@ Floats = NDArray[np.float64]
 _STEPS = 65535
 
 
-def write_exr(light: Floats, path: Path, facts: Mapping[str, str | float]) -> None:
+def write_exr(light: Floats, path: Path, facts: Facts) -> None:
     """Write linear light as half floats; row 0 of the file is the top.
 
     Args:
@@ -28,14 +27,7 @@ def write_exr(light: Floats, path: Path, facts: Mapping[str, str | float]) -> No
     Raises:
         OutputError: MF401 if the file cannot be written.
     """
-    pixels = np.ascontiguousarray(_upright(light), dtype=np.float16)
-    header = _header(pixels, "half")
-    header.attribute("compression", "zip")
-    header.attribute("oiio:ColorSpace", "lin_rec709_scene")
-    header.attribute("DateTime", "")  # or OpenImageIO writes the time, and equal light makes unequal files
-    for name, value in facts.items():
-        header.attribute(f"maskfab:{name}", value)
-    write_image(pixels, header, path)
+    write_channels(_upright(light).astype(np.float16), ("R", "G", "B"), path, facts)
 
 
 def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
@@ -53,7 +45,8 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
     steps = np.clip(_upright(light) * (_STEPS / white), 0.0, _STEPS).round().astype(np.uint16)
     table = (srgb(np.linspace(0.0, 1.0, _STEPS + 1)) * 255).round().astype(np.uint8)
     pixels = np.ascontiguousarray(table[steps])
-    header = _header(pixels, "uint8")
+    height, width, channels = pixels.shape
+    header = oiio.ImageSpec(width, height, channels, "uint8")
     header.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     write_image(pixels, header, path)
 
@@ -68,8 +61,3 @@ def _upright(light: Floats) -> Floats:
     """[y, x, 3] with the top row first."""
     last = light if light.shape[-1] == 3 else np.moveaxis(light, 0, -1)
     return last[::-1]
-
-
-def _header(pixels: NDArray[Any], kind: str) -> Any:
-    height, width, channels = pixels.shape
-    return oiio.ImageSpec(width, height, channels, kind)

@@ -8,8 +8,10 @@ from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias
 
+from klayout import db
+
 from maskfab.export.bitmap import write_bilevel, write_preview
-from maskfab.export.dxf import write_dxf
+from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.figures import Figures
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
@@ -35,6 +37,7 @@ TITLES: Mapping[str, str] = {
     "stl": "STL",
     "png": "PNG",
     "tiff": "TIFF, 1 bit",
+    "exr": "OpenEXR, PSF",
 }
 MASK_TAILS: Mapping[str, str] = {
     "gdsii": ".gds",
@@ -57,17 +60,19 @@ _DIE_SUFFIX: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class FileSettings:
-    """What writers of solids and pictures must know beyond the plate.
+    """What writers must know beyond the figures of a plate.
 
     Attributes:
         stack: thicknesses of chrome and glass.
         stl_limit_bytes: larger STL files are refused.
         dots_per_um: pixels per micrometre of PNG and TIFF.
+        drawing: how DXF is drawn; its names of layers are those of OASIS too.
     """
 
     stack: Stack = field(default_factory=Stack)
     stl_limit_bytes: int = 100_000_000
     dots_per_um: float = 0.125
+    drawing: DrawingStyle = field(default_factory=DrawingStyle)
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,11 +99,13 @@ def products(
 ) -> tuple[Product, ...]:
     """The files of a plate, in the order of the formats; STEP has a file for each die and one for the plate.
 
+    PSFs are made of what is measured in these files, so that EXR has none here: see :mod:`maskfab.export.psf`.
+
     Args:
         figures: the plate as it is drawn.
         formats: what is asked for.
         comments: provenance, for every format that can hold it.
-        settings: of solids and pictures.
+        settings: of drawings, solids and pictures.
     """
     chosen = settings or FileSettings()
     return tuple(product for each in formats for product in _of_format(figures, each, comments, chosen))
@@ -108,8 +115,11 @@ def _of_format(
     figures: Figures, kind: FileFormat, comments: Sequence[str], settings: FileSettings
 ) -> Iterator[Product]:
     plate, title = figures.plate, TITLES[kind]
+    if kind == "exr":
+        return
     if kind in MASK_TAILS:
-        yield Product(plate.name + MASK_TAILS[kind], title, "mask", mask_writer(figures, kind, comments))
+        write_mask = mask_writer(figures, kind, comments, settings.drawing)
+        yield Product(plate.name + MASK_TAILS[kind], title, "mask", write_mask)
         return
     if kind == "step":
         assembly = partial(write_plate_step, plate, comments=comments, stack=settings.stack)
@@ -124,17 +134,29 @@ def _of_format(
             yield Product(name, title, "solid", _solid_writer(die, kind, comments, settings), die)
 
 
-def mask_writer(figures: Figures, kind: FileFormat, comments: Sequence[str]) -> Callable[[Path], object]:
+def mask_writer(
+    figures: Figures, kind: FileFormat, comments: Sequence[str], style: DrawingStyle | None = None
+) -> Callable[[Path], object]:
     """What writes the polygons of a whole plate to a path; a format of :data:`MASK_TAILS`."""
     writers: Mapping[str, Callable[[Path], object]] = {
         "gdsii": lambda path: write_gdsii(figures.layout(), path, figures.options.max_vertices),
-        "oasis": lambda path: write_oasis(figures.layout(), path),
-        "dxf_r12": lambda path: write_dxf(figures, path, "R12", comments),
-        "dxf_r2010": lambda path: write_dxf(figures, path, "R2010", comments),
+        "oasis": lambda path: write_oasis(_renamed(figures.layout(), style), path),
+        "dxf_r12": lambda path: write_dxf(figures, path, "R12", comments, style),
+        "dxf_r2010": lambda path: write_dxf(figures, path, "R2010", comments, style),
         "gerber": lambda path: write_gerber(figures, path, comments),
         "svg": lambda path: write_svg(figures, path, comments),
     }
     return writers[kind]
+
+
+def _renamed(layout: db.Layout, style: DrawingStyle | None) -> db.Layout:
+    """The layout with the style's names of layers; numbers stay."""
+    names = {} if style is None or style.layer_names is None else style.layer_names
+    for info in layout.layer_infos():
+        index = layout.find_layer(info)
+        if index is not None and info.name in names:
+            layout.set_info(index, db.LayerInfo(info.layer, info.datatype, names[info.name]))
+    return layout
 
 
 def _solid_writer(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -12,6 +13,7 @@ from pathlib import Path
 
 from maskfab.errors import OutputError
 
+_NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS})
 RESULT_MARK = "manifest.json"
 """The file that every finished output directory has."""
 
@@ -25,7 +27,7 @@ def staged(target: Path, *, force: bool) -> Iterator[Path]:
         force: replace an earlier result, once the new one is complete; anything else is never replaced.
 
     Raises:
-        OutputError: MF401 if the place cannot be written, MF402 if it is occupied.
+        OutputError: MF401 if the place cannot be written or has no room left, MF402 if it is occupied.
     """
     check_target(target, force=force)
     target = target.absolute()
@@ -38,6 +40,10 @@ def staged(target: Path, *, force: bool) -> Iterator[Path]:
         yield aside
         aside.chmod(0o777 & ~_umask())
         _replace(aside, target)
+    except OSError as error:
+        if error.errno in _NO_ROOM:
+            raise _not_writable(target, error) from error
+        raise
     finally:
         shutil.rmtree(aside, ignore_errors=True)
 
@@ -76,7 +82,7 @@ def _strangers(target: Path) -> list[str] | None:
     try:
         manifest = json.loads((target / RESULT_MARK).read_text(encoding="utf-8"))
         own = {RESULT_MARK, *(file["path"] for file in manifest["files"])} if "maskfab_version" in manifest else None
-    except (OSError, ValueError, KeyError, TypeError):
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
     return None if own is None else sorted({path.name for path in target.iterdir()} - own)
 

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 from klayout import db
 
 from maskfab.export.figures import Figures, Shapes
+from maskfab.export.stencil import inner_edges
 from maskfab.geometry.region import simple_polygon
 from maskfab.geometry.unit import unit_shapes
-from maskfab.model import CLEAR, Die, Plate, Polygon
+from maskfab.model import CLEAR, Box, Die, Plate, Point, Polygon
 
 
 def references(figures: Figures) -> int:
@@ -42,16 +44,69 @@ def flashes(plate: Plate) -> int:
     return total
 
 
+@dataclass(frozen=True)
+class Shared:
+    """Pieces of edge that figures of a die or a mark share.
+
+    Attributes:
+        owner: the die or mark, such as ``die HOLE``.
+        cell: the cell in which they lie; empty where figures are merged across cells.
+        length_nm: of all of them, each told once; in a cell, of one of its references.
+        first_nm: an end of one, in coordinates of the cell, or of the plate where there is none.
+    """
+
+    owner: str
+    cell: str
+    length_nm: int
+    first_nm: Point
+
+
+def shared_edges(figures: Figures) -> tuple[Shared, ...]:
+    """Where written figures share a piece of edge, as those do that were cut at a hole; dies first."""
+    users = {name: f"die {die.name}" for die in reversed(figures.dies) for grid in die.grids for name in grid.cells}
+    named = {name: (users[name], shapes) for name, shapes in figures.cells.items()}
+    named |= {mark.name: (f"mark {mark.name}", mark.shapes) for mark in figures.marks}
+    found: list[Shared] = []
+    for name, (owner, shapes) in named.items():
+        for layer, polygons in shapes.items():
+            if layer.written:
+                edges = _edges(_region(polygons))
+                found += [_shared(owner, name, edges)] if edges is not None else []
+    for region in figures.merged.values():
+        edges = _edges(region.dup())
+        found += _by_owner(figures, edges) if edges is not None else []
+    return tuple(found)
+
+
 def cut_cells(figures: Figures) -> tuple[str, ...]:
-    """Cells and marks of which some written figures share a piece of edge, as those do that were cut at a hole."""
-    named = {**figures.cells, **{mark.name: mark.shapes for mark in figures.marks}}
-    found = [
-        name
-        for name, shapes in named.items()
-        if any(_share_edges(_region(polygons)) for layer, polygons in shapes.items() if layer.written)
-    ]
-    found += [figures.top for region in figures.merged.values() if _share_edges(region.dup())]
-    return tuple(sorted(found))
+    """Cells and marks of which some written figures share a piece of edge; the top cell where they are merged."""
+    return tuple(sorted({shared.cell or figures.top for shared in shared_edges(figures)}))
+
+
+def _by_owner(figures: Figures, edges: db.Edges) -> Iterator[Shared]:
+    """Edges of figures that are merged across cells, by the die or else the mark that they lie in."""
+    boxes: dict[str, Box] = {f"die {die.name}": die.box_nm for die in figures.plate.dies}
+    for mark in figures.plate.furniture:
+        if mark.layer.written and mark.polygons:
+            xs, ys = zip(*(point for polygon in mark.polygons for point in polygon), strict=True)
+            boxes[f"mark {mark.name}"] = (min(xs), min(ys), max(xs), max(ys))
+    for owner, box in boxes.items():
+        inside = edges.inside_part(db.Region(db.Box(*box).enlarged(1, 1)))
+        inside.merged_semantics = False
+        if not inside.is_empty():
+            yield _shared(owner, "", inside)
+
+
+def _shared(owner: str, cell: str, edges: db.Edges) -> Shared:
+    first = min((min(edge.p1, edge.p2) for edge in edges.each()), key=lambda point: (point.y, point.x))
+    return Shared(owner, cell, int(edges.length()) // 2, (first.x, first.y))
+
+
+def _edges(drawn: db.Region) -> db.Edges | None:
+    """The edges that figures share, from either side; None where there are none, which is quickly told."""
+    if not _share_edges(drawn):
+        return None
+    return inner_edges(drawn)
 
 
 def facing_dots(die: Die) -> int:

@@ -18,10 +18,11 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.errors import SourceError
+from maskfab.errors import JobError, SourceError
 from maskfab.geometry.apart import read_apart
-from maskfab.geometry.reading_dxf import refuse_undrawable
+from maskfab.geometry.reading_dxf import POLYLINE_MODE, close_lines, look_through
 from maskfab.geometry.reading_gerber import read_gerber
+from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 from maskfab.geometry.reading_limits import (
     ROUNDING_KEY,
     LeftOut,
@@ -37,9 +38,12 @@ from maskfab.model import CLEAR, LAYERS
 _LARGEST_NM = 2**31 - 1
 _MOST_COPIES = 10_000_000
 _MANY_COPIES = 64
+_AT_ONCE = 10_000
 _SECONDS_TO_READ = 8.0
 _BYTES_PER_SECOND = 3e5
 _ON_GRID_NM = 1e-6
+_CYCLE = "topological_sort"
+_UNIT_KEY = "maskfab_unit_um"
 
 # $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
 _UM_PER_DXF_UNIT = {1: 25400.0, 2: 304800.0, 4: 1e3, 5: 1e4, 6: 1e6, 8: 0.0254, 9: 25.4, 12: 1e-3, 13: 1.0, 14: 1e5}
@@ -48,35 +52,48 @@ _GDSII_MAGIC = b"\x00\x06\x00\x02"
 _OASIS_MAGIC = b"%SEMI-OASIS\r\n"
 # Comments (group 999) may come before the first section.
 _TEXT_DXF_START = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\s*0\s*\r?\n\s*SECTION\s*\r?\n")
+# R12 has no unit; a drawing of maskfab's own says it in its first comment.
+_DRAWN_IN_MM = re.compile(rb"\s*999[ \t]*\r?\nUnits: 1 drawing unit = 1 millimetre\r?\n")
 _BINARY_DXF_MAGIC = b"AutoCAD Binary DXF"
 
 
-def read_layout(path: Path) -> db.Layout:
+def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
     """A mask file as a hierarchical layout; database unit 1 nm, layers of the plate under their numbers and names.
 
-    GDSII and OASIS coordinates off the nanometre grid are rounded, and the largest rounding is kept for
-    :func:`rounding_nm`. A DXF unit is what $INSUNITS says, else one micrometre; klayout rounds its coordinates.
+    Coordinates off the nanometre grid are rounded, and the largest rounding is kept for :func:`rounding_nm`. The unit
+    of a DXF is kept for :func:`drawn_unit_um`.
 
     Args:
         path: ``.gds .gdsii .gds2 .oas .oasis .dxf .gbr .ger``.
+        unit_um: one unit of a DXF; what $INSUNITS says if None, and one micrometre if that says nothing.
 
     Raises:
+        JobError: MF105 a unit is stated for a file that states its own.
         SourceError: MF301 missing, MF302 empty, MF303 truncated or damaged, MF304 not what its suffix says,
             MF308 of a kind that is not read, MF310 and MF311 drawn with open lines or curves, MF312 a polygon that
             crosses itself, MF313 too large, MF315 a command of Gerber that is not read, MF316 too slow to read.
     """
+    if unit_um is not None and path.suffix.lower() != ".dxf":
+        raise JobError(
+            "MF105",
+            f"{path.name} is no DXF, and only the unit of a DXF can be stated",
+            where="--unit",
+            cure="Leave it out",
+        )
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
         raise SourceError(
             "MF308",
-            f"{path.name} has the suffix {path.suffix!r}; maskfab reads {' '.join(_READERS)}",
+            f"{path.name} has the suffix {path.suffix!r}; maskfab reads {' '.join((*_READERS, *IMAGE_SUFFIXES))}",
             where=str(path),
-            cure="Convert it to GDSII, OASIS, DXF or Gerber",
+            cure="Convert it to GDSII, OASIS, DXF, Gerber or a picture",
         )
     if not path.is_file():
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")
+    if path.suffix.lower() == ".dxf":
+        return _read_dxf(path, unit_um)
     layout = reader(path)
     check_limits(layout, path)
     return layout
@@ -85,6 +102,12 @@ def read_layout(path: Path) -> db.Layout:
 def rounding_nm(layout: db.Layout) -> float:
     """The largest distance by which a coordinate was moved to the nanometre grid when the layout was read."""
     return float(layout.meta_info_value(ROUNDING_KEY) or 0.0)
+
+
+def drawn_unit_um(layout: db.Layout) -> float | None:
+    """The unit that a DXF was read in; None of files of other kinds."""
+    stated = layout.meta_info_value(_UNIT_KEY)
+    return None if stated is None else float(stated)
 
 
 def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
@@ -186,7 +209,14 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
     # gdstk takes truncated files for whole ones and dies of some damaged ones. So klayout, which raises, looks first,
     # and gdstk reads in a process of its own, where a warning is a failure too: it means that something is left out.
     # A few bytes of OASIS can make klayout fill all memory with copies of one shape: there the process looks first.
-    first = None if function == "read_oas" else _checked_by_klayout(path)
+    # Which cells contain themselves klayout does not say: there gdstk goes on, and they are found in its answer.
+    first = None
+    if function != "read_oas":
+        try:
+            first = count_shapes(_checked_by_klayout(path))
+        except SourceError as error:
+            if _CYCLE not in error.what:
+                raise
     seconds = _SECONDS_TO_READ + path.stat().st_size / _BYTES_PER_SECOND
     content = read_apart(path, Path(__file__).with_name("gdstk_process.py"), function, seconds=seconds)
     try:
@@ -194,7 +224,7 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
         # Text that is none and numbers that fit no integer pass gdstk.
         raise _damaged(path, f"it holds values that cannot be used ({error})") from error
-    shapes = count_shapes(first or _checked_by_klayout(path)), count_shapes(second)
+    shapes = count_shapes(_checked_by_klayout(path)) if first is None else first, count_shapes(second)
     # Each reader leaves out records that the other knows, and only klayout drops polygons without area.
     if shapes[0] != shapes[1] and not left_out(second).empty_polygons:
         raise SourceError(
@@ -273,10 +303,26 @@ class _Conversion:
             raise _damaged(self._path, f"cell {error.args[1][0]!r} contains itself") from error
 
     def _fill(self, source: dict[str, Any], target: db.Cell) -> None:
-        # All vertices and all origins in one array each: a flat die has a million polygons, a random one ten thousand
-        # references.
+        # Many vertices and all origins in one array each: a flat die has a million polygons, a random one ten thousand
+        # references. Polygons go as they are drawn, or both kinds of them would have to fit into memory.
         polygons = source["polygons"]
-        vertices = self._integers(np.concatenate([each[0] for each in polygons] or [np.empty((0, 2))]))
+        for start in range(0, len(polygons), _AT_ONCE):
+            some = polygons[start : start + _AT_ONCE]
+            polygons[start : start + _AT_ONCE] = [None] * len(some)
+            self._draw(source["name"], some, target)
+        for text, origin, layer, texttype, repetition in source["labels"]:
+            ((x, y),) = self._integers(np.array([origin]))
+            shapes = target.shapes(self._layer(layer, texttype))
+            for dx, dy in self._offsets(repetition):
+                shapes.insert(db.Text(text, db.Trans(x + dx, y + dy)))
+        references = source["references"]
+        origins = self._integers(np.array([reference[1] for reference in references]).reshape(-1, 2))
+        for reference, (x, y) in zip(references, origins, strict=True):
+            for instance in self._instances(reference, x, y):
+                target.insert(instance)
+
+    def _draw(self, name: str, polygons: list[tuple[Any, ...]], target: db.Cell) -> None:
+        vertices = self._integers(np.concatenate([each[0] for each in polygons]))
         end = 0
         for points, layer, datatype, repetition in polygons:
             start, end = end, end + len(points)
@@ -288,23 +334,13 @@ class _Conversion:
                 continue
             if isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
                 # One placement of a cell of its own instead of as many polygons.
-                repeated = self._layout.create_cell(f"{source['name']}_REPEATED")
+                repeated = self._layout.create_cell(f"{name}_REPEATED")
                 repeated.shapes(self._layer(layer, datatype)).insert(shape)
                 target.insert(self._array(repeated.cell_index(), db.Trans(), repetition))
                 continue
             shapes = target.shapes(self._layer(layer, datatype))
             for dx, dy in self._offsets(repetition):
                 shapes.insert(shape.moved(dx, dy) if dx or dy else shape)
-        for text, origin, layer, texttype, repetition in source["labels"]:
-            ((x, y),) = self._integers(np.array([origin]))
-            shapes = target.shapes(self._layer(layer, texttype))
-            for dx, dy in self._offsets(repetition):
-                shapes.insert(db.Text(text, db.Trans(x + dx, y + dy)))
-        references = source["references"]
-        origins = self._integers(np.array([reference[1] for reference in references]).reshape(-1, 2))
-        for reference, (x, y) in zip(references, origins, strict=True):
-            for instance in self._instances(reference, x, y):
-                target.insert(instance)
 
     def _layer(self, number: int, datatype: int) -> int:
         key = number, datatype
@@ -370,23 +406,69 @@ class _Conversion:
 # --- DXF -----------------------------------------------------------------------------------------------------------
 
 
-def _read_dxf(path: Path) -> db.Layout:
+def _read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     data = path.read_bytes()
-    unit = _checked_dxf_unit(path, data)
-    refuse_undrawable(path, data)
-    if unit and unit not in _UM_PER_DXF_UNIT:
-        raise SourceError(
-            "MF308", f"{path.name} is drawn in unit {unit} of $INSUNITS", where=str(path), cure="Draw it in mm or um"
-        )
+    said = _checked_dxf_unit(path, data)
+    if unit_um is None:
+        if said and said not in _UM_PER_DXF_UNIT:
+            what = f"{path.name} is drawn in unit {said} of $INSUNITS"
+            raise SourceError("MF308", what, where=str(path), cure="Draw it in mm or um, or state its --unit")
+        unit_um = _UM_PER_DXF_UNIT.get(said, 1.0)
+    drawn = look_through(path, data, unit_um / DBU_UM)
     options = db.LoadLayoutOptions()
     options.dxf_dbu = DBU_UM
-    options.dxf_unit = _UM_PER_DXF_UNIT.get(unit, 1.0)
-    layout = _read_with_klayout(path, options)
+    options.dxf_unit = unit_um
+    options.dxf_polyline_mode = POLYLINE_MODE
+    in_units = f"is read in units of {unit_um:g} um"
+    try:
+        layout = _read_with_klayout(path, options)
+    except SourceError as error:
+        if "overflow" not in error.what:
+            raise
+        raise SourceError(
+            "MF313", f"{path.name} reaches beyond 2.1 m", where=str(path), cure=f"State its --unit: it {in_units}"
+        ) from error
+    if any(not info.name and info.layer < 0 for info in layout.layer_infos()):
+        raise _damaged(path, "something in it is drawn on no layer")
+    close_lines(layout)
+    empty = _drop_empty(layout)
+    if empty and count_shapes(layout) == 0:
+        raise SourceError(
+            "MF309",
+            f"{path.name}: none of its {empty} polygons has an area once they are rounded to the nanometre",
+            where=str(path),
+            cure=f"State its --unit: it {in_units}",
+        )
     for layer in LAYERS:
         index = layout.find_layer(db.LayerInfo(layer.name))
         if index is not None:
             layout.set_info(index, layer_info(layer))
+    try:
+        check_limits(layout, path)
+    except SourceError as error:
+        if error.code == "MF312" and drawn.rounding_nm == 0:
+            raise
+        # Too large, or crossing itself once it is rounded to the grid: that is what a wrong unit looks like.
+        cure = f"{error.cure}, or state its --unit: it {in_units}"
+        raise SourceError(error.code, error.what, where=error.where, cure=cure) from None
+    layout.add_meta_info(db.LayoutMetaInfo(_UNIT_KEY, unit_um, "length of one unit of the drawing"))
+    info = db.LayoutMetaInfo(ROUNDING_KEY, drawn.rounding_nm, "largest rounding to the nanometre grid")
+    layout.add_meta_info(info)
+    note_left_out(layout, LeftOut(drawn.repeated_vertices, empty))
     return layout
+
+
+def _drop_empty(layout: db.Layout) -> int:
+    """Take polygons without area out, and count them."""
+    dropped = 0
+    for layer in layout.layer_indexes():
+        for cell in layout.each_cell():
+            shapes = cell.shapes(layer)
+            flat = [each for each in shapes.each(db.Shapes.SPolygons) if each.area() == 0]
+            for shape in [each for each in flat if is_empty(each.polygon)]:
+                shapes.erase(shape)
+                dropped += 1
+    return dropped
 
 
 def _checked_dxf_unit(path: Path, data: bytes) -> int:
@@ -399,6 +481,8 @@ def _checked_dxf_unit(path: Path, data: bytes) -> int:
         raise _damaged(path, "it ends without EOF")
     header = data[: data.find(b"ENDSEC")]
     said = re.search(rb"\$INSUNITS\s+70\s+(\d{1,4})\s", header)
+    if said is None and _DRAWN_IN_MM.match(data):
+        return 4
     return int(said[1]) if said else 0
 
 

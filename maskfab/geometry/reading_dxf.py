@@ -1,18 +1,27 @@
 """What a text DXF draws that is no closed polygon, found before a reader makes something of it.
 
 Readers of DXF turn arcs into chords, leave splines out, and take open lines for paths without width, each without a
-word. A mask has polygons only, so such drawings are refused and named.
+word. A mask has polygons only, so such drawings are refused and named. What is drawn on the grid and what beside it is
+found on the way.
 """
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
+from klayout import db
+
 from maskfab.errors import SourceError
+from maskfab.geometry.reading_dxf_grid import Grid
+from maskfab.geometry.reading_dxf_text import Entity, entities
 from maskfab.model import CLEAR
+
+# klayout's mode "automatic" takes all closed lines for paths without width as soon as there is one SOLID or HATCH, and
+# modes 3 and 4 take what two polygons share, or one has within another, away from both. Mode 2 makes each closed line
+# a polygon of its own, and only leaves lines alone that return to their start without being said to be closed.
+POLYLINE_MODE = 2
 
 _LINES = {"POLYLINE", "LWPOLYLINE"}
 _HARMLESS = {
@@ -20,37 +29,56 @@ _HARMLESS = {
     "SECTION", "ENDSEC", "VIEWPORT",
 }  # fmt: skip
 _OPEN = {"LINE", "3DFACE", "TRACE", "LEADER", "MLINE", "RAY", "XLINE", "HATCH", "REGION", "3DSOLID", "MESH"}
-_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*((?:3D)?[A-Za-z][^\r\n]*?)[ \t]*\r?(?=\n)")
-_SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
-_TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
 _CLOSED = 1
 _CURVE_FITTED = 2 | 4
 
 
-def refuse_undrawable(path: Path, data: bytes) -> None:
+@dataclass(frozen=True)
+class Drawn:
+    """What the text of a drawing tells that klayout does not.
+
+    Attributes:
+        rounding_nm: the largest distance by which a coordinate is moved to the nanometre grid.
+        repeated_vertices: vertices that then repeat the one before.
+    """
+
+    rounding_nm: float
+    repeated_vertices: int
+
+
+def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
     """Refuse a drawing with lines that are open, curves, or fills; on other layers if nothing lies on CLEAR.
 
     Args:
         path: the file, for errors.
         data: its content, a text DXF.
+        nm_per_unit: length of one unit of the drawing.
 
     Raises:
-        SourceError: MF310 open lines or fills, MF311 arcs, splines and bulges.
+        SourceError: MF303 blocks that contain themselves or are lacking, MF310 open lines or fills, MF311 arcs,
+            splines and bulges.
     """
     found: Counter[tuple[str, str, str]] = Counter()
     clear_drawn = False
-    for kind, body in _entities(data):
-        tags = [(int(code), value.decode("latin-1").strip()) for code, value in _TAG.findall(body)]
-        layer = next((value for code, value in tags if code == 8), "0")
+    grid = Grid(nm_per_unit)
+    for entity in entities(data):
+        layer = entity.layer
         clear_drawn = clear_drawn or layer == CLEAR.name
-        fault = _fault(kind, tags)
+        fault = _fault(entity)
         if fault:
             found[(*fault, layer)] += 1
-    faults = {
-        (code, what, layer): count
-        for (code, what, layer), count in found.items()
-        if not clear_drawn or layer in {CLEAR.name, "0"}
-    }
+        else:
+            grid.add(entity)
+
+    def counts(layer: str) -> bool:
+        return not clear_drawn or layer in {CLEAR.name, "0"}
+
+    _refuse_faults(path, {key: count for key, count in found.items() if counts(key[2])})
+    _refuse_blocks(path, grid)
+    return Drawn(grid.rounding_nm(counts), grid.repeated_vertices(counts))
+
+
+def _refuse_faults(path: Path, faults: dict[tuple[str, str, str], int]) -> None:
     if faults:
         told = [f"{count} x {what} on layer {layer!r}" for (_, what, layer), count in sorted(faults.items())]
         raise SourceError(
@@ -61,60 +89,49 @@ def refuse_undrawable(path: Path, data: bytes) -> None:
         )
 
 
-def _entities(data: bytes) -> Iterator[tuple[str, bytes]]:
-    """Every entity of the sections BLOCKS and ENTITIES with its tags; a vertex belongs to its polyline."""
-    drawn = False
-    previous: tuple[str, int] | None = None
-    for match in _ENTITY.finditer(data):
-        kind = match[1].decode("latin-1").upper()
-        if kind == "VERTEX":
-            continue
-        if previous is not None:
-            yield previous[0], data[previous[1] : match.start()]
-        previous = None
-        if kind == "SECTION":
-            said = _SECTION.match(data, match.end())
-            drawn = said is not None and said[1].upper() in {b"BLOCKS", b"ENTITIES"}
-        elif drawn:
-            previous = kind, match.end()
+def _refuse_blocks(path: Path, grid: Grid) -> None:
+    cycle, lacking = grid.cycle(), grid.lacking()
+    if cycle:
+        through = f", through {', '.join(repr(name) for name in cycle[1:-1])}" if len(cycle) > 2 else ""
+        what, cure = f"block {cycle[0]!r} contains itself{through}", "Take one of these references out"
+    elif lacking:
+        what = f"it places blocks that it lacks: {', '.join(lacking[:12])}"
+        cure = "Write it again with every block that it places"
+    else:
+        return
+    raise SourceError("MF303", f"{path.name}: {what}", where=str(path), cure=cure)
 
 
-def _fault(kind: str, tags: list[tuple[int, str]]) -> tuple[str, str] | None:
+def close_lines(layout: db.Layout) -> None:
+    """Make polygons of lines without width that end where they began; a SOLID beside them changes nothing."""
+    for layer in layout.layer_indexes():
+        for cell in layout.each_cell():
+            shapes = cell.shapes(layer)
+            for shape in list(shapes.each(db.Shapes.SPaths)):
+                points = list(shape.each_point())
+                if shape.path_width == 0 and len(points) > 3 and points[0] == points[-1]:
+                    shapes.replace(shape, db.Polygon(points[:-1]))
+
+
+def _fault(entity: Entity) -> tuple[str, str] | None:
+    kind = entity.kind
     if kind in _HARMLESS:
         return None
     if kind in _OPEN:
         return "MF310", kind
     if kind not in _LINES:
         return "MF311", kind
-    if any(code == 42 and _number(value) != 0 for code, value in tags):
+    if entity.bulges:
         return "MF311", f"{kind} with bulges"
-    flags = int(next((_number(value) for code, value in tags if code == 70), 0.0))
+    flags = int(entity.number(70))
     if flags & _CURVE_FITTED:
         return "MF311", f"{kind} fitted by curves"
-    width = next((_number(value) for code, value in tags if code in {43, 40}), 0.0)
-    if not flags & _CLOSED and width == 0 and not _returns(kind, tags):
+    if not flags & _CLOSED and entity.width == 0 and not _returns(entity):
         return "MF310", f"open {kind}"
     return None
 
 
-def _returns(kind: str, tags: list[tuple[int, str]]) -> bool:
+def _returns(entity: Entity) -> bool:
     """Whether a line ends where it began, which closes it as well as its flag does."""
-    xs, ys = ([value for code, value in tags if code == axis] for axis in (10, 20))
-    if kind == "POLYLINE":  # its own 10 and 20 are dummies
-        xs, ys = xs[1:], ys[1:]
-    return (
-        len(xs) > 3
-        and len(ys) == len(xs)
-        and (_number(xs[0]), _number(ys[0]))
-        == (
-            _number(xs[-1]),
-            _number(ys[-1]),
-        )
-    )
-
-
-def _number(text: str) -> float:
-    try:
-        return float(text)
-    except ValueError:
-        return 0.0
+    xs, ys = entity.points()
+    return len(xs) > 3 and len(ys) == len(xs) and (xs[0], ys[0]) == (xs[-1], ys[-1])

@@ -29,7 +29,7 @@ _LARGEST_NM = 2**31 - 1
 _ON_GRID_NM = 1e-5
 _FROM_CIRCLE_NM = 1.0
 _CLOSED = 1e-9
-_AT_A_TIME = 4096
+_AT_A_TIME = 128
 _NM_PER_UNIT = {"mm": 1e6, "in": 25.4e6}
 _NUMBER = r"\d+(?:\.\d*)?|\.\d+"
 _PLAIN = re.compile(
@@ -189,7 +189,10 @@ class _Drawing:
         sizes = np.array([len(each.outline) for each in regions])
         last = np.cumsum(sizes) - 1
         first = last - sizes + 1
-        open_ones = np.flatnonzero(np.hypot(*(points[first] - points[last]).T) > _CLOSED)
+        with np.errstate(over="ignore", invalid="ignore"):  # numbers too large even for floats are refused below
+            open_ones = np.flatnonzero(np.hypot(*(points[first] - points[last]).T) > _CLOSED)
+            scales = np.array([_NM_PER_UNIT[str(each.unit)] for each in regions])
+            corners = np.delete(points * np.repeat(scales, sizes)[:, None], last, axis=0)
         if open_ones.size:
             ends = [tuple(points[at[open_ones[0]]].tolist()) for at in (first, last)]
             raise SourceError(
@@ -198,8 +201,7 @@ class _Drawing:
                 where=str(self._path),
                 cure="Close it",
             )
-        scales = np.array([_NM_PER_UNIT[str(each.unit)] for each in regions])
-        yield from self._outlines(np.delete(points * np.repeat(scales, sizes)[:, None], last, axis=0), sizes - 1)
+        yield from self._outlines(corners, sizes - 1)
 
     def _stroked(self, each: Any) -> Iterator[db.Polygon]:
         """A flash or a stroke."""
@@ -245,9 +247,9 @@ class _Drawing:
         rounding = float(np.abs(points - nearest).max(initial=0.0))
         if rounding > _ON_GRID_NM:
             self._rounding = max(self._rounding, rounding)
-        corners = iter(nearest.astype(np.int64).tolist())
-        for size in sizes.tolist():
-            outline = list(islice(corners, size))
+        corners, ends = nearest.astype(np.int64), np.cumsum(sizes)
+        for size, end in zip(sizes.tolist(), ends.tolist(), strict=True):
+            outline = corners[end - size : end].tolist()
             polygon = db.Polygon([db.Point(x, y) for x, y in outline])
             if polygon.num_points() < size:
                 self._repeated += sum(

@@ -39,17 +39,7 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
         SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF313 too large,
             MF314 its resolution is not known or not the same along x and y.
     """
-    if not path.is_file():
-        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
-    if path.stat().st_size == 0:
-        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")
-    with path.open("rb") as file:
-        start = file.read(8)
-    if not any(start.startswith(magic) for magic in _MAGIC[path.suffix.lower()]):
-        raise SourceError(
-            "MF304", f"{path.name} is not what its suffix says", where=str(path), cure="Give it its true suffix"
-        )
-    values, stated = _pixels(path)
+    values, stated = read_levels(path)
     pixel_nm = 1e3 / (dots_per_um or stated or _unknown(path))
     white = values >= _HALF
     rows, columns = white.shape
@@ -64,6 +54,26 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
     layout.add_meta_info(db.LayoutMetaInfo(ROUNDING_KEY, max(x_off, y_off), told))
     note_left_out(layout, LeftOut(grey_pixels=int(np.count_nonzero((values > 0) & (values < _WHITE)))))
     return layout
+
+
+def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
+    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states, if any.
+
+    Raises:
+        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF313 too large,
+            MF314 its resolution is not the same along x and y.
+    """
+    if not path.is_file():
+        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
+    if path.stat().st_size == 0:
+        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")
+    with path.open("rb") as file:
+        start = file.read(8)
+    if not any(start.startswith(magic) for magic in _MAGIC[path.suffix.lower()]):
+        raise SourceError(
+            "MF304", f"{path.name} is not what its suffix says", where=str(path), cure="Give it its true suffix"
+        )
+    return _pixels(path)
 
 
 def _unknown(path: Path) -> float:

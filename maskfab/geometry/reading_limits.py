@@ -6,6 +6,7 @@ one that fills by parity, so it is refused; vertices and polygons that have no m
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,12 +30,14 @@ class LeftOut:
         empty_polygons: polygons without area.
         curves: arcs and circles that were made polygons, none further than 1 nm from the curve.
         grey_pixels: pixels of an image between black and white, taken for the nearer.
+        texts: on the layer that is clear, which are no polygons.
     """
 
     repeated_vertices: int = 0
     empty_polygons: int = 0
     curves: int = 0
     grey_pixels: int = 0
+    texts: int = 0
 
 
 def left_out(layout: db.Layout) -> LeftOut:
@@ -45,7 +48,7 @@ def left_out(layout: db.Layout) -> LeftOut:
 
 def note_left_out(layout: db.Layout, noted: LeftOut) -> None:
     """Keep what was left out with the layout, for :func:`left_out`."""
-    counts = [noted.repeated_vertices, noted.empty_polygons, noted.curves, noted.grey_pixels]
+    counts = [noted.repeated_vertices, noted.empty_polygons, noted.curves, noted.grey_pixels, noted.texts]
     layout.add_meta_info(db.LayoutMetaInfo(LEFT_OUT_KEY, counts, "what has no effect on the geometry"))
 
 
@@ -59,11 +62,20 @@ def is_empty(polygon: db.Polygon) -> bool:
 def count_shapes(layout: db.Layout, layers: list[int] | None = None) -> int:
     """Polygons, boxes and paths below all top cells, every reference followed; on all layers if None."""
     indices = list(layout.layer_indexes()) if layers is None else layers
+    return _count(layout, lambda cell: sum(cell.shapes(layer).size() for layer in indices))
+
+
+def count_texts(layout: db.Layout, layer: int) -> int:
+    """Texts on a layer below all top cells, every reference followed."""
+    return _count(layout, lambda cell: sum(1 for _ in cell.shapes(layer).each(db.Shapes.STexts)))
+
+
+def _count(layout: db.Layout, own: Callable[[db.Cell], int]) -> int:
     counts: dict[int, int] = {}
     for index in layout.each_cell_bottom_up():
         cell = layout.cell(index)
         below = sum(each.cell_inst.size() * counts[each.cell_index] for each in cell.each_inst())
-        counts[index] = sum(cell.shapes(layer).size() for layer in indices) + below
+        counts[index] = own(cell) + below
     return sum(counts[cell.cell_index()] for cell in layout.top_cells())
 
 

@@ -146,7 +146,9 @@ def from_npy(path: Path) -> Mask:
     return np.array(values, dtype=np.bool_)
 
 
-def from_layout(path: Path, dots: int, dot_nm: int, layer: str | None, cell: str | None) -> Mask:
+def from_layout(
+    path: Path, dots: int, dot_nm: int, layer: str | None, cell: str | None, unit_um: float | None = None
+) -> Mask:
     """Mask of the polygons on one layer of one cell of a GDSII, OASIS or DXF file.
 
     The display pixel has its lower left corner at the origin; where geometry lies left of it or below it, the pixel
@@ -161,7 +163,7 @@ def from_layout(path: Path, dots: int, dot_nm: int, layer: str | None, cell: str
     from maskfab.geometry.region import region
 
     where = str(path)
-    layout = read_layout(path)
+    layout = read_layout(path, unit_um)
     try:
         clear = region(layout, find_layer(layout, layer), cell=find_cell(layout, cell).name)
     except SourceError as problem:  # these two know the layout, but not its file

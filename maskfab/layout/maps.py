@@ -102,7 +102,7 @@ def parse(text: str, where: str = "") -> CellMap:
     """
     try:
         facts = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         raise JobError("MF101", f"the map is not valid TOML: {error}", where=where, cure="Mend that line") from None
     for key in facts:
         if key not in _KEYS:

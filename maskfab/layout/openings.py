@@ -62,6 +62,7 @@ def load(
     dot_nm: int | None = None,
     layer: str | None = None,
     cell: str | None = None,
+    unit_um: float | None = None,
     name: str | None = None,
 ) -> Opening:
     """The opening held by a file, whose suffix says how to read it.
@@ -79,6 +80,7 @@ def load(
         dot_nm: side of one dot; needed for all but TOML, which states its pitch (checked if given).
         layer: layer of a layout file; may be omitted where there is only one.
         cell: cell of a layout file; may be omitted where there is only one top cell.
+        unit_um: one unit of a DXF, if not what it says itself.
         name: the opening's name if not the one stated in the TOML, or the file's stem.
 
     Raises:
@@ -109,7 +111,7 @@ def load(
     else:
         if dots is None:
             raise _missing("dots", "the number of dots along a side", where)
-        mask = grids.from_layout(path, dots, dot_nm, layer, cell)
+        mask = grids.from_layout(path, dots, dot_nm, layer, cell, unit_um)
     opening = _opening(path.stem if name is None else name, mask, dot_nm, {"source": path.name}, where)
     _check_stated(opening, dots, dot_nm, where)
     return opening
@@ -123,7 +125,7 @@ def parse(text: str, where: str = "") -> Opening:
     """
     try:
         facts = tomllib.loads(text, parse_float=Decimal)  # Decimal keeps how many digits the open ratio has
-    except tomllib.TOMLDecodeError as problem:
+    except (ValueError, RecursionError) as problem:
         raise JobError(
             "MF101", f"the opening is not valid TOML: {problem}", where=where, cure="Mend that line"
         ) from None

@@ -101,30 +101,37 @@ def psf(psfs: Sequence[Psf]) -> str:
         axes = place(figure, (3.85, 2.15 - 1.65 * row, 1.35, 1.35))
         _draw_psf(axes, item, 161)
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
-    bar = place(figure, (width - 0.8, 0.5, 0.12, 3.0))
+    draw_decades(place(figure, (width - 0.8, 0.5, 0.12, 3.0)), "intensity / peak (log)")
+    lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)
+    return image(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
+
+
+def draw_decades(bar: Axes, words: str) -> None:
+    """The colours of :func:`maskfab.report.raster.log_intensity` as a narrow upright bar."""
     ramp = np.linspace(-raster.DECADES, 0, 256)[:, None]
     bar.imshow(
         ramp, origin="lower", cmap="magma", interpolation="none", aspect="auto", extent=(0, 1, -raster.DECADES, 0)
     )
-    bar.set(xticks=[], yticks=range(0, -raster.DECADES - 1, -1), yticklabels=_POWERS, ylabel="intensity / peak (log)")
+    bar.set(xticks=[], yticks=range(0, -raster.DECADES - 1, -1), yticklabels=_POWERS, ylabel=words)
     bar.yaxis.tick_right()
     bar.yaxis.set_label_position("right")
-    lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)
-    return image(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
 
 
 @styled
 def mtf(mtfs: Sequence[Mtf]) -> str:
     """One plot for each wavelength: the band from radial minimum to maximum, radial mean, and the straight cuts."""
-    figure = Figure(figsize=(3.4 * len(mtfs) + 0.6, 3.4))
+    few = len(mtfs) < 3  # the legend then has three lines, and needs its width
+    width, low = max(3.4 * len(mtfs), 5.2), 1.15 if few else 0.75
+    figure = Figure(figsize=(width + 0.6, low + 2.65))
     for index, item in enumerate(mtfs):
-        axes = place(figure, (0.5 + 3.4 * index, 0.75, 3.1, 2.05))
+        step = width / len(mtfs)
+        axes = place(figure, (0.5 + step * index, low, step - 0.3, 2.05))
         _draw_mtf(axes, item)
         if index:
             axes.set_ylabel("")
             axes.tick_params(labelleft=False)
     handles, labels = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="lower center", ncols=7 if len(mtfs) > 2 else 3, fontsize=7.5)
+    figure.legend(handles, labels, loc="lower center", ncols=3 if few else 7, fontsize=7.5)
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in mtfs)
     return image(figure, f"MTF at {lines}: radial mean, minimum and maximum, horizontal, vertical, diagonal cuts")
 

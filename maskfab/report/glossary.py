@@ -227,10 +227,23 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
         "solid_strangers": Term(
             "Strangers in the assembly", "Parts of the assembly that the plate does not have.", _DIFFERS
         ),
+        "bitmap_wrong_pixels": Term(
+            "Wrong pixels of the picture",
+            "Pixels that are not what the share of them that is clear makes them: white from a half on, or that share "
+            "as a grey.",
+            _DIFFERS,
+        ),
         "bitmap_xor_area": Term(
             "XOR area of the picture",
-            "Area that only one of picture and die covers; where pixels follow the dots it has to be 0.",
+            "Area that only one of picture and die covers, each pixel clear or not; where pixels follow the dots it "
+            "has to be 0, elsewhere it is what pixels so large cannot show.",
             "Choose dots_per_um so that a dot is a whole number of pixels.",
+        ),
+        "psf_file_wrong_facts": Term(
+            "Wrong entries of the PSF's file", "Entries of the header that are missing or not as written.", _DIFFERS
+        ),
+        "psf_file_wrong_samples": Term(
+            "Wrong samples of the PSF's file", "Samples of the file that are not those of the PSF measured.", _DIFFERS
         ),
         "drawn_holes": Term("Outlines with holes", "Outlines whose holes were drawn in another way; their area stays."),
         "drawn_parted": Term("Outlines parted", "Outlines that touched themselves and were parted there."),

@@ -88,7 +88,7 @@ _RARELY_READ = frozenset(
 )
 """What the page folds, unless it failed."""
 
-_RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "solid_")
+_RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "psf_file_", "solid_")
 """The same, by how names begin: a die has such rows for every file of its own."""
 
 _COLUMNS = (

@@ -34,15 +34,15 @@ def panel_coverage(panel: Panel, side_nm: int, pixels: int) -> NDArray[np.float6
     return _shares(panel, high, side_nm, pixels) @ clear @ _shares(panel, wide, side_nm, pixels).T
 
 
-def log_intensity(psf: Psf, pixels: int) -> NDArray[np.float64]:
-    """log10 of intensity over its peak, from -DECADES to 0, on at most ``pixels`` samples a side.
+def log_intensity(psf: Psf, pixels: int, peak: float | None = None) -> NDArray[np.float64]:
+    """log10 of intensity over a peak, its own if none is given, from -DECADES to 0; at most ``pixels`` samples a side.
 
     Notes:
         A PSF with more samples is averaged over areas, never thinned out: thinning drops whole orders. Averaging
         lowers a peak narrower than the new sample, so a reduced picture is for the eye and not for reading values.
     """
     values = psf.values
-    peak = float(values.max())
+    peak = float(values.max()) if peak is None else peak
     samples = len(values)
     if samples > pixels:
         kept = pixels if pixels % 2 else pixels - 1  # odd, so that the optical axis stays in the middle of a sample

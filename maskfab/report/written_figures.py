@@ -1,4 +1,4 @@
-"""The figures of a written die: a corner as drawn and in both readings of the writer, and what that does to the MTF.
+"""The figures of a written die: corners as drawn and in both readings of the writer, and their PSF and MTF.
 
 Colours are those of Okabe and Ito, which colour-blind readers tell apart; line styles tell the curves apart in grey.
 """
@@ -16,12 +16,15 @@ from matplotlib.path import Path
 
 from maskfab.geometry.written import Reading, written_region
 from maskfab.model import Mtf
+from maskfab.report import raster
 from maskfab.report.canvas import INK, QUIET, bitmap, image, place, styled
+from maskfab.report.figures import draw_decades
 from maskfab.validate.written import Written
 
 _CHROME, _CLEAR, _DRAWN = "#2f343c", "#ffffff", "#E69F00"
 _STYLE: dict[Reading, tuple[str, Any]] = {Reading.FUSED: ("#0072B2", "-"), Reading.OPEN: ("#D55E00", (0, (5, 1.5)))}
 _NAMES = {Reading.FUSED: "written, fused", Reading.OPEN: "written, open"}
+_FIGURES = ("corner", "psf", "mtf")
 _FINER = 16
 _SIDE = 2.1
 # Half the width of the picture, in corner radii: room for the arcs and what surrounds them.
@@ -29,13 +32,13 @@ _RADII = 3.5
 
 
 def pictures(written: Written) -> dict[str, str]:
-    """The figures of one written die as ``<img>`` elements: ``written_corner``, ``written_mtf``."""
-    return {"written_corner": _page(written, "corner"), "written_mtf": _page(written, "mtf")}
+    """The figures of one written die as ``<img>`` elements: ``written_corner``, ``written_psf``, ``written_mtf``."""
+    return {f"written_{which}": _page(written, which) for which in _FIGURES}
 
 
 def bitmaps(written: Written) -> dict[str, bytes]:
     """The same as PNG files."""
-    return {"written_corner": _file(written, "corner"), "written_mtf": _file(written, "mtf")}
+    return {f"written_{which}": _file(written, which) for which in _FIGURES}
 
 
 @styled
@@ -51,7 +54,7 @@ def _file(written: Written, which: str) -> bytes:
 
 
 def _figure(written: Written, which: str) -> tuple[Figure, str]:
-    return _corner(written) if which == "corner" else _transfer(written)
+    return {"corner": _corner, "psf": _spread, "mtf": _transfer}[which](written)
 
 
 def _corner(written: Written) -> tuple[Figure, str]:
@@ -105,6 +108,38 @@ def _path_um(region: db.Region) -> Path:
             vertices += [*points, points[0]]
             codes += [Path.MOVETO, *[Path.LINETO] * (len(points) - 1), Path.CLOSEPOLY]
     return Path(np.array(vertices).reshape(-1, 2), codes)
+
+
+def _spread(written: Written) -> tuple[Figure, str]:
+    """The PSFs at the middle wavelength, all over the peak of the drawing's."""
+    drawn = written.drawn_psf
+    readings = _shown(written)
+    names = [_NAMES[reading] if len(readings) > 1 else "written" for reading in readings]
+    shown = dict(zip(["drawn", *names], [drawn, *(written.readings[r].psf for r in readings)], strict=True))
+    peak, half = float(drawn.values.max()), drawn.step_um * len(drawn.values) / 2
+    step, side = _SIDE + 0.2, _SIDE
+    figure = Figure(figsize=(0.6 + len(shown) * step + 0.75, side + 0.9))
+    for index, (title, psf) in enumerate(shown.items()):
+        axes = place(figure, (0.6 + index * step, 0.5, side, side))
+        axes.imshow(
+            raster.log_intensity(psf, 241, peak),
+            origin="lower",
+            interpolation="none",
+            cmap="magma",
+            vmin=-raster.DECADES,
+            vmax=0.0,
+            extent=(-half, half, -half, half),
+        )
+        axes.set(title=title, xlabel="x (µm)")
+        if index:
+            axes.tick_params(labelleft=False)
+        else:
+            axes.set_ylabel("y (µm)")
+    draw_decades(place(figure, (0.6 + len(shown) * step, 0.5, 0.12, side)), "intensity / peak as drawn (log)")
+    return figure, (
+        f"PSF of die {written.die.name} at {drawn.wavelength_nm:g} nm: {', '.join(shown)}; logarithmic, "
+        "six decades below the peak of the drawn one"
+    )
 
 
 def _transfer(written: Written) -> tuple[Figure, str]:

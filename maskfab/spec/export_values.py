@@ -11,7 +11,7 @@ from maskfab.spec.problems import refusing
 from maskfab.spec.values import length_um, um_text
 
 FileFormat: TypeAlias = Literal[
-    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"
+    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff", "exr"
 ]
 MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
 """What a plate becomes if a job asks for nothing, and what its optics can be measured from."""

@@ -37,7 +37,7 @@ def read(path: Path) -> JobSpec:
     if path.suffix == ".json":
         try:
             document = json.loads(text)
-        except json.JSONDecodeError as error:
+        except (ValueError, RecursionError) as error:
             raise SourceError("MF303", f"{path} is not valid JSON: {error}", cure="Run the job again") from error
     elif path.suffix == ".toml":
         document = _toml(text, str(path))
@@ -68,7 +68,7 @@ def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
 def _toml(text: str, where: str) -> dict[str, Any]:
     try:
         return tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except (ValueError, RecursionError) as error:
         found = re.search(r"line (\d+), column (\d+)", str(error))
         place = f"{where}:{found[1]}:{found[2]}" if found else f"{where}, at the end"
         raise JobError("MF101", f"TOML syntax: {error}", where=place, cure="Mend the syntax there") from error

@@ -292,7 +292,7 @@ class ExportSection(Section):
     """[export]: which files a plate becomes, and how their polygons are drawn.
 
     ``max_references`` draws two pixels in each cell of a die that has more; ``dots_per_um`` are the pixels of PNG and
-    TIFF.
+    TIFF. The format ``exr`` is of the PSFs that are measured in the files before it.
 
     ``shop`` is a mask house: its name, or a profile of your own by its path, relative to the job file. Its rules become
     checks of what is written: of every GDSII, OASIS, DXF and Gerber file with all that is in it, while SVG, solids and

@@ -15,6 +15,7 @@ from typing import Annotated, Literal, TypeAlias
 from pydantic import AfterValidator, Field, ValidationError
 
 from maskfab.errors import JobError, OutputError
+from maskfab.model import LAYERS
 from maskfab.spec.problems import first_problem
 from maskfab.spec.sections import Section
 
@@ -58,8 +59,26 @@ def _address(text: str) -> str:
     return text
 
 
+_LAYERS = ("CUT", *(layer.name for layer in LAYERS))
+_LAYER_NAME = re.compile(r"[A-Za-z0-9_$-]{1,31}")
+
+
+def _layer(name: str) -> str:
+    if name not in _LAYERS:
+        raise ValueError(f"there is no such layer; there are {', '.join(_LAYERS)}")
+    return name
+
+
+def _layer_name(name: str) -> str:
+    if not _LAYER_NAME.fullmatch(name) or name.upper() in ("0", "DEFPOINTS"):
+        raise ValueError(f"{name!r} is no name for a layer: 1 to 31 letters, digits, _, $ or -, not 0 nor DEFPOINTS")
+    return name
+
+
 Pattern = Annotated[str, AfterValidator(_expression)]
 Address = Annotated[str, AfterValidator(_address)]
+LayerKey = Annotated[str, AfterValidator(_layer)]
+LayerName = Annotated[str, AfterValidator(_layer_name)]
 Positive = Annotated[float, Field(gt=0, allow_inf_nan=False)]
 UpTo = Annotated[float, Field(gt=0)]
 Count = Annotated[int, Field(gt=0)]
@@ -74,16 +93,20 @@ class Accepts(Section):
     """[accepts]: files that the house takes.
 
     Attributes:
-        formats: those that maskfab writes, the one to send first; None where the house publishes none.
+        formats: those that maskfab writes, the one to send first; None where the house publishes no list.
+        ruled: without a list, formats that its rules speak of, the one to send first.
         others: further formats that it takes and maskfab does not write.
         versions: by format, what is said about its versions.
-        drawing_unit: what one unit of a DXF drawing must be.
+        drawing_unit: what one unit of a DXF drawing must be; it is drawn so.
+        one_mask_per_layer: whether every mask must have a layer of its own.
     """
 
     formats: Annotated[tuple[Format, ...], _listed(1)] | None = None
+    ruled: Annotated[tuple[Format, ...], _listed()] = ()
     others: Annotated[tuple[str, ...], _listed()] = ()
     versions: dict[str, str] = Field(default_factory=dict)
     drawing_unit: Literal["um", "mm"] | None = None
+    one_mask_per_layer: bool | None = None
 
 
 class ShopLimits(Section):
@@ -132,7 +155,11 @@ class ShopPlate(Section):
 
 
 class ShopNames(Section):
-    """[names]: names of plates, cells and layers; patterns match whole names, ``forbidden`` any part in any case."""
+    """[names]: names of plates, cells and layers; patterns match whole names, ``forbidden`` any part in any case.
+
+    Attributes:
+        layers: what layers are called in DXF and OASIS, by their names on the plate, such as CLEAR; others keep theirs.
+    """
 
     pattern: Pattern | None = None
     max_length: Count | None = None
@@ -141,6 +168,7 @@ class ShopNames(Section):
     layer_max_length: Count | None = None
     forbidden_layers: Annotated[tuple[str, ...], _listed()] = ()
     block_equals_layer: bool | None = None
+    layers: dict[LayerKey, LayerName] = Field(default_factory=dict)
 
 
 class ShopBlocks(Section):
@@ -152,9 +180,19 @@ class ShopBlocks(Section):
 
 
 class ShopText(Section):
-    """[text]: formats in which text is taken; None where nothing is said."""
+    """[text]: formats in which text is taken, and what it may be; None where nothing is said.
+
+    Attributes:
+        allowed_in: formats; in others maskfab writes none.
+        charset: letters that it may have.
+        italic: whether its style may be slanted.
+        separate_layer: whether it should have a layer of its own.
+    """
 
     allowed_in: Annotated[tuple[Format, ...], _listed()] | None = None
+    charset: Literal["ascii"] | None = None
+    italic: bool | None = None
+    separate_layer: bool | None = None
 
 
 class ShopPolygons(Section):
@@ -201,12 +239,12 @@ class ShopOrder(Section):
     """[order]: what its order form asks for, and in which words.
 
     Attributes:
-        fields: what is asked for, in the order of the form.
+        fields: what is asked for, in the order of the form; empty where the house publishes no form.
         tones: tones of digitized data that can be ordered.
         tone_words: how the form names each of them.
     """
 
-    fields: Annotated[tuple[OrderField, ...], _listed(1)]
+    fields: Annotated[tuple[OrderField, ...], _listed()] = ()
     tones: Annotated[tuple[Tone, ...], _listed(1)] = ("clear", "dark")
     tone_words: dict[Tone, str] = Field(default_factory=dict)
 
@@ -233,12 +271,17 @@ class Shop(Section):
     text: ShopText = ShopText()
     polygons: ShopPolygons = ShopPolygons()
     tolerance: ShopTolerance = ShopTolerance()
-    order: ShopOrder
+    order: ShopOrder = ShopOrder()
 
     @property
     def formats(self) -> tuple[Format, ...]:
-        """Formats to choose from, the first to be sent; GDSII and DXF where the house publishes none."""
-        return self.accepts.formats or ("gdsii", "dxf_r12")
+        """Formats to choose from, the first to be sent; GDSII and DXF where the house publishes none at all."""
+        return self.accepts.formats or self.accepts.ruled or ("gdsii", "dxf_r12")
+
+    @property
+    def layer_names(self) -> dict[str, str]:
+        """What every layer is called in DXF and OASIS, by its name on the plate."""
+        return {name: self.names.layers.get(name, name) for name in _LAYERS}
 
 
 def read_shop(path: Path, where: str = "") -> Shop:
@@ -264,11 +307,11 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
     """
     try:
         return Shop.model_validate({**tomllib.loads(text), "name": name})
-    except tomllib.TOMLDecodeError as error:
-        raise OutputError("MF421", f"the profile is no valid TOML: {error}", where=where, cure="Mend it") from error
     except ValidationError as error:
         problem: JobError = first_problem(error, where)
         raise OutputError("MF421", problem.what, where=problem.where, cure=problem.cure) from error
+    except (ValueError, RecursionError) as error:
+        raise OutputError("MF421", f"the profile is no valid TOML: {error}", where=where, cure="Mend it") from error
 
 
 def dump_shop(shop: Shop) -> str:

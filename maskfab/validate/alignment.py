@@ -23,12 +23,12 @@ _MOST_WINDOWS = 24
 _MOST_MARKS = 8
 _CELLS = 3
 _UNITS = {
-    25.4: "in inches where millimetres were meant",
-    1 / 25.4: "in millimetres where inches were meant",
+    25.4: "drawn in millimetres, taken for inches",
+    1 / 25.4: "drawn in inches, taken for millimetres",
     1000.0: "1000 times too large",
     1 / 1000.0: "1000 times too small",
-    25400.0: "in inches where micrometres were meant",
-    1 / 25400.0: "in micrometres where inches were meant",
+    25400.0: "drawn in micrometres, taken for inches",
+    1 / 25400.0: "drawn in inches, taken for micrometres",
     10.0: "10 times too large",
     0.1: "10 times too small",
 }
@@ -54,6 +54,8 @@ class Alignment:
         shift_nm: added afterwards.
         inverted: whether what the file draws is chrome; its tone is inverted within the file's own outline.
         differing: share of the clear area in the windows that then still differs.
+        unit_scale: what the file's unit was multiplied by when it was read again in the one that it was drawn in.
+        unit: name of that unit; empty if the file was read once.
     """
 
     turn: int
@@ -61,6 +63,8 @@ class Alignment:
     shift_nm: tuple[int, int]
     inverted: bool
     differing: float
+    unit_scale: float = 1.0
+    unit: str = ""
 
     @property
     def trans(self) -> db.ICplxTrans:
@@ -84,9 +88,10 @@ class Alignment:
         kind = str(db.Trans(self.turn % 4, self.turn >= 4, 0, 0).inverted()).split()[0]
         if kind in _TURNS:
             said.append(_TURNS[kind])
-        if self.scale != 1:
-            drawn = 1 / self.scale
-            said.append(next((_UNITS[unit] for unit in _UNITS if abs(drawn / unit - 1) < 1e-9), f"scaled by {drawn:g}"))
+        if self.scale != 1 or self.unit_scale != 1:
+            drawn = 1 / (self.scale * self.unit_scale)
+            what = next((_UNITS[unit] for unit in _UNITS if abs(drawn / unit - 1) < 1e-9), f"scaled by {drawn:g}")
+            said.append(f"{what} (state --unit {self.unit})" if self.unit else what)
         if self.inverted:
             said.append("of the other tone, drawn where the design is opaque")
         if positioned and self.shift_nm != (0, 0):
@@ -171,6 +176,19 @@ def _scales(whole: db.Box, file_box: db.Box, turn: int) -> list[float]:
     if abs(x / y - 1) > 0.01 or abs(x - 1) < 1e-4:
         return [1.0]
     return [1.0, next((1 / unit for unit in _UNITS if abs(x * unit - 1) < 0.01), x)]
+
+
+def likely_unit_scale(alignment: Alignment, design: db.Layout, read: db.Layout) -> float:
+    """What a unit that was mistaken for the file's makes the coordinates too small by; 1 if none was.
+
+    What is rounded far too coarsely is unlike the design in every unit; then its outline tells.
+    """
+    if alignment.alike:
+        scales = [alignment.scale]
+    else:
+        whole, file_box = (_bounds(layout) for layout in (design, read))
+        scales = [] if file_box.empty() else [scale for turn in (0, 1) for scale in _scales(whole, file_box, turn)]
+    return next((1 / unit for scale in scales for unit in _UNITS if abs(scale * unit - 1) < 1e-9), 1.0)
 
 
 def _shifts(plate: Plate, whole: db.Box, turned: db.Box, inverted: bool) -> list[tuple[int, int]]:

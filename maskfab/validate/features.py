@@ -5,32 +5,32 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from maskfab.geometry.drc import DesignRules
-from maskfab.geometry.rules import smallest_runs
+from maskfab.geometry.drc import DesignRules, narrowest
+from maskfab.geometry.drc.smallest import Tone
 from maskfab.model import Die, Quantity
 from maskfab.spec import LimitsSection
 from maskfab.units import NM_PER_UM
-from maskfab.validate.roundtrip import die_edges_nm, die_raster
 
 
 def smallest_features(die: Die) -> tuple[Quantity, Quantity]:
-    """Shortest clear and shortest opaque run along x or y over the whole panel, in micrometres; exact."""
-    runs = smallest_runs(die_raster(die), *die_edges_nm(die))
+    """Least clear width and least opaque space of the whole panel, corner to corner included, in micrometres; exact."""
+    return _smallest(die, "min_feature", "w", "clear"), _smallest(die, "min_space", "s", "opaque")
 
-    def shortest(name: str, symbol: str, length_nm: float, tone: str) -> Quantity:
-        method = f"shortest {tone} run along x or y over all cells of the panel, neighbours included; exact"
-        value = length_nm / NM_PER_UM if math.isfinite(length_nm) else None
-        return Quantity(name, symbol, value, "um", method, die=die.name)
 
-    return shortest("min_feature", "w", runs.clear, "clear"), shortest("min_space", "s", runs.opaque, "opaque")
+def _smallest(die: Die, name: str, symbol: str, tone: Tone) -> Quantity:
+    what = "width of what is clear" if tone == "clear" else "chrome between clear edges"
+    method = f"least {what} over the panel, corner to corner too; corners that kiss are counted apart; exact"
+    length_nm = narrowest(die, tone).value_nm
+    value = length_nm / NM_PER_UM if math.isfinite(length_nm) else None
+    return Quantity(name, symbol, value, "um", method, die=die.name)
 
 
 def limits_as_rules(limits: LimitsSection) -> DesignRules:
-    """Width and space by the job's limits, and no corners that only touch."""
+    """Width and space by the job's limits, and no corners that only touch, which are no width or space of nothing."""
     width, space = (
         None if limit is None else round(limit * NM_PER_UM) for limit in (limits.min_feature, limits.min_space)
     )
-    return DesignRules(min_width_nm=width, min_space_nm=space, no_corner_touch=True)
+    return DesignRules(min_width_nm=width, min_space_nm=space, no_corner_touch=True, kissing=False)
 
 
 def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:

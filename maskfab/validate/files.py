@@ -5,7 +5,7 @@ plate + [export] -> drawn -> files -> read by other libraries -> quantities
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -13,16 +13,15 @@ from klayout import db
 
 from maskfab.errors import InputError
 from maskfab.export.figures import Figures, draw
-from maskfab.export.fitting import written_formats, written_options
+from maskfab.export.fitting import blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.export.products import FileSettings, Product, products
 from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.reading import find_cell, read_layout
-from maskfab.layout.furniture.template import plate_template
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.progress import Progress
 from maskfab.spec import ExportSection, FileFormat, JobSpec
 from maskfab.spec.shop import Shop
-from maskfab.units import NM_PER_UM, to_nm
+from maskfab.units import NM_PER_UM
 from maskfab.validate.bitmaps import check_bitmap
 from maskfab.validate.memory import give_back
 from maskfab.validate.read_svg import read_svg
@@ -71,21 +70,23 @@ class Drawn:
 def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> Drawn:
     """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
 
-    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.export.fitting`.
+    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.export.fitting`, and marks are drawn as the
+    shop takes them.
 
     Raises:
         OutputError: MF413, MF416 for drawings that cannot be made.
     """
     section = spec.export or ExportSection()
     formats = written_formats(section, shop)
-    template = None if spec.plate is None or spec.plate.template is None else plate_template(spec.plate.template)
-    glass_nm = Stack().glass_nm if template is None else float(to_nm(template.thickness))
+    glass_nm = blank_of(spec).glass_nm
     settings = FileSettings(
-        Stack(section.chrome * NM_PER_UM, glass_nm, section.exaggeration),
+        Stack(section.chrome * NM_PER_UM, Stack().glass_nm if glass_nm is None else glass_nm, section.exaggeration),
         round(section.stl_limit_mb * _MB),
         section.dots_per_um,
+        drawing_style(plate, shop),
     )
-    figures = draw(plate, written_options(plate, section, shop))
+    options = written_options(plate, section, shop)
+    figures = draw(plate if shop is None else suited(plate, shop, options.holes), options)
     return Drawn(figures, figures.layout(), products(figures, formats, comments, settings), settings, formats)
 
 
@@ -143,7 +144,9 @@ def _trip(made: Drawn, path: Path, *, dots: bool) -> RoundTrip:
     else:
         read = read_layout(path)
         find_cell(read)
-    names: Mapping[str, str] | None = {CLEAR.name: CLEAR.name} if path.suffix in _WRITTEN_ALONE else None
+    names = made.settings.drawing.layer_names
+    if path.suffix in _WRITTEN_ALONE:
+        names = {CLEAR.name: CLEAR.name}
     polygons = made.figures.account.polygons
     return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
 

@@ -4,34 +4,42 @@ from __future__ import annotations
 
 import json
 import tempfile
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from klayout import db
 
 from maskfab import __version__, provenance
-from maskfab.errors import JobError, OutputError, SourceError
+from maskfab.errors import InputError, JobError, OutputError, SourceError
 from maskfab.export.drawing import plate_drawing
+from maskfab.export.dxf import DrawingStyle
 from maskfab.export.figures import CUT, Figures, PolygonOptions, draw
-from maskfab.export.fitting import drawing_options, fitted
+from maskfab.export.fitting import blank_of, drawing_options, drawing_style, extent_nm, fitted
 from maskfab.export.order_sheet import PARITY, TONE, order_sheet
 from maskfab.export.package import MANIFEST, safe_stem, unpack, write_package
 from maskfab.export.products import MASK_TAILS, mask_writer
-from maskfab.export.staging import check_file
+from maskfab.export.staging import check_file, write_bytes, write_text
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
-from maskfab.layout.job import Job
-from maskfab.model import CLEAR, Plate, Quantity, WrittenFile
+from maskfab.layout.job import Job, load
+from maskfab.layout.plate import compose
+from maskfab.model import CLEAR, Box, Plate, Quantity, WrittenFile
 from maskfab.progress import Progress, silent
+from maskfab.spec import is_table
+from maskfab.spec import read as read_spec
 from maskfab.spec.shop import Format, Shop, dump_shop, parse_shop
+from maskfab.validate.extents import file_box
 from maskfab.validate.roundtrip import compare
-from maskfab.validate.shop import Finding, accepted, check_shop
+from maskfab.validate.shop import Finding, accepted, check_shop, extent
 
-_VERSION = 1
+_VERSION = 2
 PROFILE = "shop.toml"
 """What a package calls the profile of the house that it is for."""
+JOB_COPY = "job.json"
+"""What a package calls the job that it was made of, with everything that the job names."""
 PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
 """Formats that a package can hold."""
 _MASK_SUFFIXES = tuple(f".{MASK_TAILS[each].rpartition('.')[2]}" for each in PACKED)
@@ -80,7 +88,7 @@ def pack(
         JobError: MF105 for a format that no package holds, and whatever laying out the job refuses.
     """
     zipped, sent = Path(target), tuple(formats) or tuple(each for each in shop.formats if each in PACKED)[:1]
-    check_file(zipped, force=force)
+    _check_target(zipped, force=force)
     for each in sent:
         if each not in PACKED:
             raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
@@ -88,28 +96,31 @@ def pack(
     plate = fitted(whole, shop)
     options = options or drawing_options(plate, shop)
     progress("rules", 0, 1)
-    findings = check_shop(whole, shop, sent, options)
+    findings = check_shop(whole, shop, sent, options, blank_of(job.spec))
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
-    figures = draw(plate, options)
+    figures, style = draw(plate, options), drawing_style(plate, shop)
     stem = safe_stem(plate.name)
-    with tempfile.TemporaryDirectory(prefix="maskfab-package-") as aside:
-        folder = Path(aside)
+    with _aside() as folder:
         names = {f"{stem}{MASK_TAILS[each]}": each for each in sent}
         checks: list[Quantity] = []
+        boxes: list[Box] = []
         for done, (name, kind) in enumerate(names.items()):
             progress("write and read back", done, len(names))
-            mask_writer(figures, kind, [job.signature, plate.title])(folder / name)
-            checks += read_back(figures, folder / name)
+            mask_writer(figures, kind, [job.signature, plate.title], style)(folder / name)
+            read = _read(folder / name)
+            boxes.append(file_box(folder / name, read, style))
+            checks += read_back(figures, folder / name, style, read)
         progress("write and read back", len(names), len(names))
         judged = tuple(check for check in checks if check.passed is not None)
-        if not all(check.passed for check in judged):
+        findings = _measured(findings, shop, boxes)
+        if not (accepted(findings) and all(check.passed for check in judged)):
             return Package(None, findings, judged)
         masks = tuple(provenance.written(folder, folder / name, kind) for name, kind in names.items())
         papers = _papers(figures, shop, sent, masks, findings, judged, job)
         for name, content in papers.items():
-            (folder / name).write_bytes(content)
+            write_bytes(folder / name, content)
         files = (*masks, *(provenance.written(folder, folder / name, "paper") for name in papers))
         manifest = {
             "schema_version": _VERSION,
@@ -123,45 +134,152 @@ def pack(
             "drawn": list(figures.account.lines()),
             "files": [vars(file) for file in files],
         }
-        (folder / MANIFEST).write_text(json.dumps(manifest, indent=1) + "\n", encoding="utf-8")
+        write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+        _make_parents(zipped)
         write_package(zipped, folder, [MANIFEST, *names, *papers], f"{stem}_{safe_stem(shop.name)}")
     return Package(zipped, findings, judged, files)
 
 
+def _measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
+    """The findings with the extent that the files have, not the one that was planned; the worst of them."""
+    asked = extent_nm(shop)
+    if asked is None:
+        return tuple(findings)
+    judged = sorted((extent(box, asked) for box in boxes), key=lambda each: bool(each.passed))
+    return tuple(replace(judged[0], source=each.source) if each.rule == "extent" else each for each in findings)
+
+
+@contextmanager
+def _aside() -> Iterator[Path]:
+    """A folder to work in; where it has no room left, that is told as such, and not as a fault of the target."""
+    try:
+        with tempfile.TemporaryDirectory(prefix="maskfab-package-") as folder:
+            try:
+                yield Path(folder)
+            except OutputError as error:
+                # What names this folder is about it, and all else about the target.
+                if error.code != "MF401" or folder not in error.what:
+                    raise
+                raise _no_room(error.what) from error
+    except OSError as error:
+        raise _no_room(str(error)) from error
+
+
+def _no_room(what: str) -> OutputError:
+    cure = f"Make room in {tempfile.gettempdir()}, or set TMPDIR to a folder with more"
+    return OutputError("MF401", f"the temporary folder is full or cannot be written: {what}", cure=cure)
+
+
+def _check_target(target: Path, *, force: bool) -> None:
+    """Refuse a zip before any work starts; folders above it may be missing, for they are made with it."""
+    parent = target.absolute().parent
+    if parent.exists():
+        check_file(target, force=force)
+        return
+    while not parent.exists():
+        parent = parent.parent
+    check_file(parent / f".{target.name}.partial", force=True)
+
+
+def _make_parents(target: Path) -> None:
+    try:
+        target.absolute().parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        what = f"{target.parent} cannot be made: {error.strerror or error}"
+        raise OutputError("MF401", what, cure="Choose another --out") from error
+
+
 def verify_package(package: str | Path, job: Job | None = None, shop: Shop | None = None) -> tuple[Quantity, ...]:
-    """Check a package from its bytes alone: hashes, and with its job also the geometry of its mask files.
+    """Check a package from its bytes alone: hashes, and the geometry of its mask files against its job drawn again.
 
     Args:
         package: the zip.
-        job: the job that it was made of.
+        job: the job that it is held against; None takes the one that it holds.
         shop: whom it is for; None takes the profile that it holds.
 
     Raises:
         SourceError: MF301, MF303, MF422 or MF423 as :func:`maskfab.export.package.unpack`.
         JobError: MF105 if neither the caller nor the package says whom it is for.
     """
-    with tempfile.TemporaryDirectory(prefix="maskfab-package-") as aside:
-        folder = Path(aside)
+    with _aside() as folder:
         names = unpack(Path(package), folder)
-        listed = _listed(folder / MANIFEST)
+        manifest = _manifest(folder / MANIFEST)
+        listed = _listed(manifest)
         checks = [_hash(folder, name, digest) for name, (_, digest) in listed.items()]
         for name in sorted(set(names) - set(listed) - {MANIFEST}):
             checks.append(Quantity("unlisted", "", name, "", f"the manifest does not know {name}", None, "", False))
-        if job is not None:
+        try:
+            house = _packed_shop(folder, Path(package)) if shop is None else shop
+            made = _packed_job(folder, Path(package)) if job is None else job
+            # A later version would sign its plates differently, which is no fault of this one.
+            signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
+            plate = fitted(compose(made.spec, made.openings, signature, where=made.where), house)
+            figures, style = draw(plate, drawing_options(plate, house)), drawing_style(plate, house)
+        except InputError as error:
+            if job is not None and not isinstance(error, OutputError):
+                raise
+            return (*checks, _failed("drawn_again", str(error)))
+        if job is None:
+            said = manifest.get("job_hash")
+            method = f"hash of {JOB_COPY} against the manifest"
+            checks.append(Quantity("job_hash", "", made.digest, "", method, limit=said, passed=made.digest == said))
+        # By their suffixes: a mask that the manifest calls something else is a mask all the same.
+        masks = [name for name in listed if name in names and name.lower().endswith(_MASK_SUFFIXES)]
+        for name in masks:
             try:
-                house = _packed_shop(folder, Path(package)) if shop is None else shop
-            except OutputError as error:
-                return (*checks, Quantity("shop", "", "failed", "", str(error), limit="ok", passed=False))
-            plate = fitted(job.plate(), house)
-            figures = draw(plate, drawing_options(plate, house))
-            # By their suffixes: a mask that the manifest calls something else is a mask all the same.
-            masks = [name for name in listed if name in names and name.lower().endswith(_MASK_SUFFIXES)]
-            for name in masks:
-                checks += [each for each in read_back(figures, folder / name) if each.passed is not None]
-            if not masks:
-                listing = "mask files that the manifest lists"
-                checks.append(Quantity("mask_files", "", 0, "", listing, limit=1, passed=False))
+                read = _read(folder / name)
+            except InputError as error:
+                checks.append(_failed("readable", f"{name}: {error}"))
+                continue
+            checks += _spans(folder / name, read, style, house)
+            checks += [each for each in read_back(figures, folder / name, style, read) if each.passed is not None]
+        if not masks:
+            listing = "mask files that the manifest lists"
+            checks.append(Quantity("mask_files", "", 0, "", listing, limit=1, passed=False))
     return tuple(checks)
+
+
+def _spans(path: Path, read: db.Layout, style: DrawingStyle, shop: Shop) -> Iterator[Quantity]:
+    """What everything in a file spans, where the house asks for an exact extent."""
+    asked = extent_nm(shop)
+    if asked is not None:
+        found = extent(file_box(path, read, style), asked)
+        method = f"everything in {path.name}, texts and header included"
+        yield Quantity("extent", "", found.value, found.unit, method, limit=found.limit, passed=found.passed)
+
+
+def _packed_job(folder: Path, package: Path) -> Job:
+    """The job that a package holds; it may read no file beyond itself.
+
+    Raises:
+        InputError: MF105 if there is none, or one that names other files; whatever :func:`load` refuses.
+    """
+    path = folder / JOB_COPY
+    if not path.is_file():
+        raise JobError(
+            "MF105",
+            f"{package} holds no {JOB_COPY}, so that its polygons cannot be compared with anything",
+            where="--against",
+            cure="Name the job that it was made of",
+        )
+    spec = read_spec(path)
+    wanted = [(each, spec.openings) for die in spec.die for each in (die.opening, *(die.others or ()))]
+    wanted += [(die.map, spec.maps) for die in spec.die if die.map is not None]
+    if spec.scene is not None:
+        tables = (each for each in (spec.scene.spectrum, spec.scene.illuminant) if isinstance(each, str))
+        wanted += [(each, spec.curves) for each in tables if is_table(each)]
+    if spec.export is not None and spec.export.shop is not None and spec.export.shop.endswith(".toml"):
+        wanted.append((spec.export.shop, spec.shops))
+    for name, held in wanted:
+        if name not in held:
+            raise JobError(
+                "MF105", f"its job names {name!r}, which it does not hold", where=JOB_COPY, cure="Pack the job again"
+            )
+    return load(path)
+
+
+def _failed(name: str, problem: str) -> Quantity:
+    return Quantity(name, "", "failed", "", problem, limit="ok", passed=False)
 
 
 def _packed_shop(folder: Path, package: Path) -> Shop:
@@ -178,12 +296,17 @@ def _packed_shop(folder: Path, package: Path) -> Shop:
     return parse_shop(text, path.stem, where=f"{package}: {PROFILE}")
 
 
-def read_back(figures: Figures, path: Path) -> tuple[Quantity, ...]:
-    """A written file, read by another library, against what was drawn and against the openings dot by dot."""
-    plate, read = figures.plate, read_layout(path)
+def _read(path: Path) -> db.Layout:
+    read = read_layout(path)
     find_cell(read)
-    cut = CUT in figures.layers
-    drawn = compare(plate, figures.layout(), read, path, dots=not cut).quantities()
+    return read
+
+
+def read_back(figures: Figures, path: Path, style: DrawingStyle, read: db.Layout) -> tuple[Quantity, ...]:
+    """A written file, read by another library, against what was drawn and against the openings dot by dot."""
+    plate, cut = figures.plate, CUT in figures.layers
+    names = style.layer_names if path.suffix == ".dxf" else None
+    drawn = compare(plate, figures.layout(), read, path, dots=not cut, layer_names=names).quantities()
     if not cut:
         return drawn
     exposed = compare(plate, plate_layout(plate), _exposed(read), path).quantities()
@@ -211,7 +334,7 @@ def _papers(
     checks: Sequence[Quantity],
     job: Job,
 ) -> dict[str, bytes]:
-    """Order sheet, drawing, the house's profile and certificate, by file name."""
+    """Order sheet, drawing, the house's profile, the job and the certificate, by file name."""
     plate = figures.plate
     remarks = [_remark(each) for each in findings if each.passed is None and each.place]
     sheet = order_sheet(figures, shop, sent, [(file.path, file.sha256) for file in masks], remarks)
@@ -223,6 +346,7 @@ def _papers(
         "plate.svg": plate_drawing(plate, "svg", notes),
         "plate.pdf": plate_drawing(plate, "pdf", notes),
         PROFILE: dump_shop(shop).encode(),
+        JOB_COPY: (json.dumps(job.spec.dump(), indent=1) + "\n").encode(),
         "certificate.json": (json.dumps(certificate, indent=1, ensure_ascii=False) + "\n").encode(),
     }
 
@@ -257,15 +381,21 @@ def _certificate(
     }
 
 
-def _listed(path: Path) -> dict[str, tuple[str, str]]:
-    """Format and SHA-256 of the files of a manifest, by name."""
+def _manifest(path: Path) -> Mapping[str, Any]:
     try:
-        rows = json.loads(path.read_text(encoding="utf-8"))["files"]
-        return {str(row["path"]): (str(row["format"]), str(row["sha256"])) for row in rows}
+        manifest = json.loads(path.read_text(encoding="utf-8"))
+        for row in manifest["files"]:
+            str(row["path"]), str(row["format"]), str(row["sha256"])
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise SourceError(
             "MF422", f"its {MANIFEST} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
         ) from error
+    return dict(manifest)
+
+
+def _listed(manifest: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
+    """Format and SHA-256 of the files of a manifest, by name."""
+    return {str(row["path"]): (str(row["format"]), str(row["sha256"])) for row in manifest["files"]}
 
 
 def _hash(folder: Path, name: str, digest: str) -> Quantity:

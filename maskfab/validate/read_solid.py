@@ -19,6 +19,8 @@ _FLAT_NM = 5.0
 """Triangles of less height are lines whose points float32 has moved."""
 
 _FARTHEST_NM = 1e10
+_STL_HEAD, _STL_TRIANGLE = 84, 50
+"""Bytes."""
 
 _AT_ONCE = 100_000
 """Triangles of an STL looked at together."""
@@ -98,8 +100,9 @@ def read_stl(path: Path, die: Die) -> ReadSolid:
     """A flat STL file in millimetres, split into the cells of a die; cells that are alike become one shape.
 
     Raises:
-        SourceError: MF303 if trimesh cannot read it.
+        SourceError: MF303 if it is not as long as its triangles, or trimesh cannot read it.
     """
+    _check_stl_size(path)
     # The whole library keeps ten times the file in memory: its parser alone is asked.
     from trimesh.exchange.stl import load_stl
 
@@ -143,6 +146,22 @@ def read_stl(path: Path, die: Die) -> ReadSolid:
         places.append([*(low + (cell[members[0]] + 0.5) * pitch), 0.0])
     turns = np.broadcast_to(np.eye(3), (len(index), 3, 3))
     return ReadSolid(tuple(parts), np.array(index, dtype=np.int64), turns, np.array(places), moved, total)
+
+
+def _check_stl_size(path: Path) -> None:
+    """Refuse a file whose length is not that of its triangles: parsers take it for text then, and say so oddly."""
+    try:
+        size = path.stat().st_size
+        with path.open("rb") as file:
+            head = file.read(_STL_HEAD)
+    except OSError as error:
+        raise damaged(path, error) from error
+    if len(head) < _STL_HEAD:
+        raise damaged(path, f"it has {size} bytes; a binary STL has {_STL_HEAD} at least")
+    triangles = int.from_bytes(head[-4:], "little")
+    expected = _STL_HEAD + _STL_TRIANGLE * triangles
+    if size != expected:
+        raise damaged(path, f"it has {size} bytes; the {triangles} triangles that it states take {expected}")
 
 
 @dataclass(frozen=True, eq=False)

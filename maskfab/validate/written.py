@@ -85,6 +85,7 @@ class Written:
     Attributes:
         die: the drawn one.
         process: the writer's.
+        drawn_psf: of the drawing, at points, on the same grid as those of the readings.
         drawn: MTFs of the drawing, by wavelength, from the same parts, so that what the stop's rim adds cancels.
         readings: the written die with kissing corners fused, and with them open.
         kissing: corners in front of the stop at which dots only touch; where there are none the readings are alike.
@@ -95,6 +96,7 @@ class Written:
 
     die: Die
     process: Process
+    drawn_psf: Psf
     drawn: tuple[Mtf, ...]
     readings: Mapping[Reading, WrittenOptics]
     kissing: int
@@ -192,7 +194,7 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
             readings[reading] = _optics(vertices, corners, stop_share, camera, reading, drawn_psf)
         quantities += _quantities(die, camera, process, readings[reading], drawn_psf)
     close_up = _close_up(designed, corner)
-    return Written(die, process, drawn.mtfs, readings, kissing, close_up, tuple(quantities))
+    return Written(die, process, drawn_psf, drawn.mtfs, readings, kissing, close_up, tuple(quantities))
 
 
 def _optics(

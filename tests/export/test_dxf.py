@@ -4,10 +4,11 @@ from dataclasses import replace
 
 import ezdxf
 import pytest
+from ezdxf import bbox
 from ezdxf.entitydb import EntityDB
 from klayout import db
 
-from maskfab.export.dxf import write_dxf
+from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.geometry.reading import read_layout
 from maskfab.geometry.region import plate_layout, plate_names, region
 from maskfab.model import CLEAR, LAYERS, OUTLINE, Note
@@ -114,9 +115,44 @@ def test_outlines_are_closed_and_without_width(path, version):
         assert not outline.has_arc
 
 
-def test_layers_are_those_of_the_model(path, version):
+def test_layers_are_those_with_something_on_them(path, version):
     drawing = ezdxf.readfile(path)
-    assert {layer.name for layer in LAYERS} <= {layer.dxf.name for layer in drawing.layers}
+    used = {entity.dxf.layer for block in drawing.blocks for entity in block if block.name[0] not in "*$_"}
+    used |= {entity.dxf.layer for entity in drawing.modelspace()}
+    # ezdxf adds a layer to whatever it reads.
+    assert b"defpoints" not in path.read_bytes().lower()
+    assert {layer.dxf.name for layer in drawing.layers} == {"0", "Defpoints", *used}
+    assert used <= {layer.name for layer in LAYERS}
+
+
+def test_a_drawing_in_millimetres_is_the_same_plate(small_plate, tmp_path, version):
+    """Every length a thousandth, the unit said wherever the version can, and read back to the nanometre."""
+    drawings, layouts = [], []
+    for unit in ("um", "mm"):
+        path = tmp_path / f"{unit}.dxf"
+        write_dxf(small_plate, path, version, style=DrawingStyle(unit=unit))
+        drawings.append(ezdxf.readfile(path))
+        layouts.append(read_layout(path))
+    first, second = (region(layout, CLEAR) for layout in layouts)
+    assert (first ^ second).is_empty()
+    assert not first.is_empty()
+    for one, other in zip(*(drawing.modelspace().query("INSERT TEXT") for drawing in drawings), strict=True):
+        assert one.dxf.insert.isclose(other.dxf.insert * 1000)
+    assert drawings[1].modelspace().query("TEXT")[0].dxf.text == "UNITS: 1 DRAWING UNIT = 1 MILLIMETRE"
+    if version == "R2010":
+        assert [drawing.header["$INSUNITS"] for drawing in drawings] == [13, 4]
+
+
+def test_a_frame_holds_everything_and_the_header_says_so(small_plate, tmp_path, version):
+    half = small_plate.writable_nm // 2
+    path = tmp_path / "x.dxf"
+    write_dxf(small_plate, path, version, style=DrawingStyle(frame_nm=(-half, -half, half, half)))
+    drawing = ezdxf.readfile(path)
+    low, far = drawing.header["$EXTMIN"], drawing.header["$EXTMAX"]
+    assert (low[:2], far[:2]) == ((-half / 1000,) * 2, (half / 1000,) * 2)
+    box = bbox.extents(drawing.modelspace().query("TEXT[layer=='NOTE']")[:1])
+    assert low[0] <= box.extmin.x < box.extmax.x <= far[0]
+    assert low[1] <= box.extmin.y < box.extmax.y <= far[1]
 
 
 def test_a_periodic_die_is_one_reference_with_rows_and_columns(path, version):

@@ -4,7 +4,7 @@ import ezdxf
 import pytest
 
 from maskfab.errors import OutputError
-from maskfab.export.dxf import flat_bytes, write_dxf
+from maskfab.export.dxf import DrawingStyle, flat_bytes, write_dxf
 from maskfab.export.figures import PolygonOptions, draw
 from maskfab.geometry.reading import read_layout
 from maskfab.geometry.region import plate_layout, region
@@ -77,7 +77,7 @@ def test_what_was_changed_is_said_in_the_file(small_plate, tmp_path, version):
 @versions
 def test_only_named_layers_are_drawn_and_nothing_on_layer_0(small_plate, tmp_path, version):
     path = tmp_path / "x.dxf"
-    write_dxf(small_plate, path, version, layer_names={"CLEAR": "MASK_1", "NOTE": "TEXT"})
+    write_dxf(small_plate, path, version, style=DrawingStyle(layer_names={"CLEAR": "MASK_1", "NOTE": "TEXT"}))
     drawing = ezdxf.readfile(path)
     used = {entity.dxf.layer for entity in drawing.entitydb.values() if entity.dxf.hasattr("layer")}
     drawn = {entity.dxf.layer for block in drawing.blocks for entity in block if block.name[0] not in "*$_"}
@@ -92,7 +92,7 @@ def test_only_named_layers_are_drawn_and_nothing_on_layer_0(small_plate, tmp_pat
     [
         {"CLEAR": "0"},
         {"CLEAR": "Defpoints"},
-        {"CLEAR": "TOOLONG12"},
+        {"CLEAR": "L" * 32},
         {"CLEAR": "A B"},
         {"CLEAR": "µ"},
         {"CLEAR": ""},
@@ -105,12 +105,12 @@ def test_only_named_layers_are_drawn_and_nothing_on_layer_0(small_plate, tmp_pat
 )
 def test_names_that_no_house_takes(small_plate, tmp_path, names):
     with pytest.raises(OutputError, match="MF414"):
-        write_dxf(small_plate, tmp_path / "x.dxf", "R12", layer_names=names)
+        write_dxf(small_plate, tmp_path / "x.dxf", "R12", style=DrawingStyle(layer_names=names))
     assert not list(tmp_path.iterdir())
 
 
 def test_the_note_layer_can_be_left_out(small_plate, tmp_path):
-    write_dxf(small_plate, tmp_path / "x.dxf", "R12", layer_names={"CLEAR": CLEAR.name})
+    write_dxf(small_plate, tmp_path / "x.dxf", "R12", style=DrawingStyle(layer_names={"CLEAR": CLEAR.name}))
     drawing = ezdxf.readfile(tmp_path / "x.dxf")
     assert not drawing.query("TEXT")
     assert NOTE.name not in drawing.layers

@@ -7,7 +7,7 @@ import pytest
 from klayout import db
 
 from maskfab.errors import OutputError
-from maskfab.export.dxf import write_dxf
+from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.figures import CUT, PolygonOptions, draw
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.reading import read_layout
@@ -211,7 +211,7 @@ NAMES = {"CLEAR": "CHROME1", "CUT": "CHROME2"}
 def test_dxf_under_other_names(small_plate, tmp_path, version, options):
     path = tmp_path / "x.dxf"
     figures = draw(small_plate, options)
-    write_dxf(figures, path, version, layer_names=NAMES)
+    write_dxf(figures, path, version, style=DrawingStyle(layer_names=NAMES))
     trip = roundtrip(
         small_plate,
         plate_layout(small_plate),

@@ -106,7 +106,7 @@ def killed_at(limit: int, work: Callable[[], object]) -> int:
         child = os.fork()
     if child == 0:
         try:
-            oiio.attribute("threads", 1)  # those of the parent are not in this process
+            oiio.attribute("threads", 1)  # its others are not in this process
             signal.alarm(30)
             signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
             resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
@@ -115,6 +115,22 @@ def killed_at(limit: int, work: Callable[[], object]) -> int:
         finally:
             os._exit(0)
     return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1])
+
+
+EXR = """
+import sys; from pathlib import Path; import numpy as np; from maskfab.export.pictures import write_exr
+write_exr(np.random.default_rng(0).random((96, 96, 3)), Path(sys.argv[1]), {})
+"""
+
+
+def killed_script(limit: int, script: str, *arguments: object) -> subprocess.CompletedProcess[bytes]:
+    """The same of a process of its own."""
+    head = (
+        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_DFL); "
+        f"resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); resource.setrlimit(resource.RLIMIT_FSIZE, ({limit},) * 2)\n"
+    )
+    words = [sys.executable, "-B", "-c", head + script, *map(str, arguments)]
+    return subprocess.run(words, check=False, timeout=120, capture_output=True)
 
 
 def test_every_writer_is_tried(writers):
@@ -141,7 +157,10 @@ def test_a_writer_that_is_killed_half_way_leaves_the_old_file(writers, tmp_path,
     case.write(path)
     size = path.stat().st_size
     path.write_bytes(b"old")
-    assert killed_at(size // 2, lambda: case.write(path)) == -signal.SIGXFSZ
+    if name == "exr":  # whose library waits for its threads, which a fork has not
+        assert killed_script(size // 2, EXR, path).returncode == -signal.SIGXFSZ
+    else:
+        assert killed_at(size // 2, lambda: case.write(path)) == -signal.SIGXFSZ
     assert path.read_bytes() == b"old"
     for other in tmp_path.iterdir():
         assert other == path or (other.name.startswith(".") and "partial" in other.name), other
@@ -174,7 +193,7 @@ def spoken(verb: str, folder: Path) -> tuple[list[str], Path]:
 
 @pytest.mark.parametrize(
     ("verb", "limit"),
-    [("run", 100), ("run", 12_000), ("run", 60_000), ("package", 2000), ("package", 20_000), ("analyse", 5000),
+    [("run", 100), ("run", 12_000), ("run", 60_000), ("package", 20_000), ("package", 40_000), ("analyse", 5000),
      ("shape", 100)],
 )  # fmt: skip
 def test_a_command_without_room_says_so_and_leaves_nothing(capsys, tmp_path, verb, limit):
@@ -191,12 +210,8 @@ def test_a_command_without_room_says_so_and_leaves_nothing(capsys, tmp_path, ver
 def test_a_command_that_is_killed_half_way_leaves_no_result(tmp_path, verb, limit):
     words, result = spoken(verb, tmp_path)
     before = listing(tmp_path)
-    script = (
-        "import resource, signal, sys; signal.signal(signal.SIGXFSZ, signal.SIG_DFL); "
-        f"resource.setrlimit(resource.RLIMIT_CORE, (0, 0)); resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); "
-        "from maskfab.cli import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
-    )
-    done = subprocess.run([sys.executable, "-B", "-c", script, *words], check=False, timeout=120, capture_output=True)
+    script = "from maskfab.cli import run_command_line; sys.exit(run_command_line(sys.argv[1:]))"
+    done = killed_script(limit, script, *words)
     assert done.returncode == -signal.SIGXFSZ, done.stderr
     assert not result.exists()
     assert all(name.startswith(".") or name in before for name in listing(tmp_path))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.geometry.drc import DesignRules, check_plate
+from maskfab.geometry.die_grid import die_edges_nm, die_raster
+from maskfab.geometry.drc import DesignRules, check_plate, narrowest
 from maskfab.geometry.region import plate_layout, region
-from maskfab.geometry.rules import corner_touches
+from maskfab.geometry.rules import corner_touches, smallest_runs
 from maskfab.model import CLEAR, Die, Opening, Panel, Plate, Tiling
 
 EVERY = 10**6
@@ -53,16 +56,19 @@ def rounded(boxes):
     return sorted(tuple((value + 37) // 100 for value in box) for box in boxes)
 
 
-def agrees(plate, d, area):
+def agrees(plate, d, area, kissing=True):
     """All rules on a plate with one die and no marks, every violation placed."""
-    rules = DesignRules(min_width_nm=d, min_space_nm=d, min_notch_nm=d, min_area_nm2=area, no_corner_touch=True)
+    rules = DesignRules(
+        min_width_nm=d, min_space_nm=d, min_notch_nm=d, min_area_nm2=area, no_corner_touch=True, kissing=kissing
+    )
+    zero = {} if kissing else {"zero_distance_mode": db.Region.NeverIncludeZeroDistance}
     results = {r.rule: r for r in check_plate(plate, rules, most=EVERY) if r.die == "A"}
     clear = flat(plate)
     outside = clear.bbox().enlarged(1, 1)
     expected = {
-        "width": hulls(clear.width_check(d)),
-        "space": hulls(clear.space_check(d)),
-        "notch": hulls(clear.notch_check(d)),
+        "width": hulls(clear.width_check(d, **zero)),
+        "space": hulls(clear.space_check(d, **zero)),
+        "notch": hulls(clear.notch_check(d, **zero)),
         "area": polygon_boxes(clear.with_area(0, area, False).each()),
         "chrome_area": polygon_boxes(p for p in islands(clear, outside) if p.area() < area),
     }
@@ -72,7 +78,7 @@ def agrees(plate, d, area):
         known = 2 if rule == "space" else 4
         assert rounded(place[:known] for place in places) == rounded(box[:known] for box in boxes), rule
         assert results[rule].count == len(boxes)
-    spaces = list(clear.space_check(d).each())
+    spaces = list(clear.space_check(d, **zero).each())
     if spaces and not any(edge.is_degenerate() for pair in spaces for edge in (pair.first, pair.second)):
         # KLayout takes two points to be no distance apart.
         assert results["space"].value == pytest.approx(min(pair.distance() for pair in spaces), abs=1)
@@ -90,10 +96,55 @@ def panels(draw):
     return panel_of(masks, turns, 8000, draw(st.sampled_from((0, 2000, 8000, 20_000))))
 
 
-@given(panels(), st.sampled_from((1, 5, 8, 9, 11, 12, 17, 25, 40)), st.sampled_from((64, 65, 129, 700)))
-@settings(max_examples=120)
-def test_violations_are_those_of_klayout_flat(panel, d, area):
-    agrees(plate_of(panel), d * 1000, area * 10**6)
+@given(panels(), st.sampled_from((1, 5, 8, 9, 11, 12, 17, 25, 40)), st.sampled_from((64, 65, 129, 700)), st.booleans())
+@settings(max_examples=150)
+def test_violations_are_those_of_klayout_flat(panel, d, area, kissing):
+    agrees(plate_of(panel), d * 1000, area * 10**6, kissing)
+
+
+def least(pairs):
+    """Edges at right angles to the axes: the gap between their hulls."""
+    gaps = [math.inf]
+    for pair in pairs.each():
+        one, two = pair.first.bbox(), pair.second.bbox()
+        across = max(0, one.left - two.right, two.left - one.right)
+        up = max(0, one.bottom - two.top, two.bottom - one.top)
+        gaps.append(math.hypot(across, up))
+    return min(gaps)
+
+
+@given(panels())
+@settings(max_examples=80)
+def test_the_narrowest_places_are_those_of_klayout_flat(panel):
+    plate = plate_of(panel)
+    clear, (die,) = flat(plate), plate.dies
+    never = db.Region.NeverIncludeZeroDistance
+    runs = smallest_runs(die_raster(die), *die_edges_nm(die))
+    # A run is a distance, so nothing that lies further apart is the least.
+    reach = [int(min(run, 2 * max(panel.size_nm))) + 1 for run in (runs.clear, runs.opaque)]
+    for tone, pairs in (
+        ("clear", clear.width_check(reach[0], zero_distance_mode=never)),
+        ("opaque", clear.space_check(reach[1], zero_distance_mode=never)),
+    ):
+        found, placed = narrowest(die, tone), narrowest(die, tone, placed=True)
+        # Ends of slanted distances are rounded to whole nanometres.
+        assert found.value_nm == pytest.approx(least(pairs), abs=1), tone
+        assert found.value_nm == placed.value_nm
+        assert (placed.place is None) == math.isinf(found.value_nm)
+
+
+def test_kisses_hide_no_diagonal_space():
+    """Corners across a gutter of 0.6 um are 0.85 um apart, whether or not corners kiss elsewhere in the cell."""
+    mask = np.zeros((7, 7), dtype=np.bool_)
+    mask[0, 0] = mask[6, 6] = True
+    kissing = mask.copy()
+    kissing[3, 3] = kissing[4, 4] = True
+    for opening in (mask, kissing):
+        panel = panel_of([opening], np.zeros((4, 4), dtype=np.int64), 8000, 600)
+        found = narrowest(plate_of(panel).dies[0], "opaque", placed=True)
+        assert found.value_nm == pytest.approx(600 * math.sqrt(2))
+        x0, y0, x1, y1 = found.place
+        assert (x1 - x0, y1 - y0) == (600, 600) or min(x1 - x0, y1 - y0) >= 600
 
 
 @pytest.mark.parametrize(("d", "gutter_nm"), [(9000, 0), (17_000, 0), (9000, 8000), (4000, 8000)])

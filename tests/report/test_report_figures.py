@@ -10,6 +10,7 @@ from xml.etree import ElementTree
 import matplotlib as mpl
 import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from maskfab.model import Psf
@@ -118,3 +119,17 @@ def test_optics_of_one_opening_are_one_png_with_equal_bytes(run):
     image = figures.optics(item.psfs, item.mtfs, "block $")
     assert image.startswith(b"\x89PNG")
     assert image == figures.optics(item.psfs, item.mtfs, "block $")
+
+
+@pytest.mark.parametrize("lines", [1, 2, 3])
+def test_the_legend_of_the_mtf_lies_on_the_sheet_and_covers_nothing(run, monkeypatch, lines):
+    sheets = []
+    monkeypatch.setattr(figures, "image", lambda figure, words: sheets.append(figure) or "")
+    figures.mtf((run.optics[0].mtfs * 2)[:lines])
+    (sheet,) = sheets
+    renderer = FigureCanvasAgg(sheet).get_renderer()
+    legend = sheet.legends[0].get_window_extent(renderer)
+    assert legend.x0 >= 0
+    assert legend.y0 >= 0
+    assert legend.x1 <= sheet.bbox.x1
+    assert all(not legend.overlaps(axes.get_tightbbox(renderer)) for axes in sheet.axes)

@@ -139,7 +139,7 @@ def test_settings_of_the_job_reach_the_files(small_plate):
 
 def test_an_stl_above_its_limit_is_refused(small_plate, tmp_path):
     product = named(drawn(small_plate, spec("stl_limit_mb = 0.001"), []), "PERIODIC.stl")
-    with pytest.raises(InputError, match="MF411"):
+    with pytest.raises(InputError, match=r"MF411.*export\.stl_limit_mb"):
         product.write(tmp_path / "x.stl")
     assert not list(tmp_path.iterdir())
 
@@ -205,8 +205,9 @@ def test_one_wrong_pixel_fails(made, folder, tmp_path, ending):
         value = image.getpixel((7, 5))
         image.putpixel((7, 5), 0 if value else 255)
         image.save(tmp_path / product.name, dpi=image.info["dpi"])
-    (row,) = read_back(only(made, product), tmp_path, silent).quantities
-    assert (row.passed, row.value, row.limit) == (False, pytest.approx(16), 0)
+    wrong, area = read_back(only(made, product), tmp_path, silent).quantities
+    assert (wrong.passed, wrong.value, wrong.limit) == (False, 1, 0)
+    assert (area.passed, area.value, area.limit) == (False, pytest.approx(16), 0)
 
 
 # --- what cannot be read ---------------------------------------------------------------------------------------------

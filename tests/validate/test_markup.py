@@ -1,4 +1,4 @@
-"""Text from elsewhere is text: in reports, sheets, drawings and on the terminal nothing of it becomes markup or command.
+"""Text from elsewhere is text: in reports, sheets, drawings and on the terminal nothing of it becomes a command.
 
 Pages are parsed as browsers parse them, and compared with the same pages of harmless text: what an attacker's text adds
 are letters, never an element, an attribute or an address.
@@ -117,7 +117,10 @@ def shape(drawing: etree._Element) -> Counter:
 
 # --- the report, and every file beside it ----------------------------------------------------------------------------
 
-EXPORT = '[export]\nformats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "png", "tiff", "glb", "3mf", "step"]\n'
+EXPORT = """
+[export]
+formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "png", "tiff", "glb", "3mf", "step"]
+"""
 SPOKEN = """
 [provenance]
 shape = {0}
@@ -173,7 +176,7 @@ def test_the_report_has_the_elements_of_a_harmless_one_and_shows_the_text(finish
     assert MARKUP["script"] in text
     assert MARKUP["attribute"] in text
     assert MARKUP["entity"] in text
-    assert "49" not in re.findall(r"\{\{.*?\}\}|alert\(1\) (\d+)", text)
+    assert "{{7*7}}" in text
 
 
 def test_drawings_in_the_report_are_inert(finished):

@@ -14,7 +14,7 @@ from maskfab.spec import check_name
 FORMATS = '[export]\nformats = ["gdsii", "dxf_r12", "dxf_r2010", "oasis", "gerber", "svg", "png", "tiff", "glb"]\n'
 ELSEWHERE = [
     "../x", "..", ".", "", "/tmp/x", "a/b", "a\\b", "C:x", "x\x00y", "x\ny", "~", "$HOME", "-rf", "x.y", " x", "x ",
-    "ä", "ﬁ", "А", "x" * 25, "1x", "_x", "‮x", "x\u200b",
+    "ä", "\ufb01", "\u0410", "x" * 25, "1x", "_x", "\u202ex", "x\u200b",
 ]  # fmt: skip
 DEVICES = ["CON", "con", "Prn", "AUX", "NUL", "COM1", "lpt9"]
 

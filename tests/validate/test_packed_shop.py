@@ -68,9 +68,9 @@ def test_a_package_tells_a_changed_or_missing_profile(capsys, packed_by_own, tmp
     bad = repacked(path, tmp_path / "bad.zip", shop="title = 3")
     answer = command(capsys, "verify", bad, "--against", job, "--json", "--quiet")
     failed = {check["name"]: check["method"] for check in answer.document["checks"] if not check["passed"]}
-    assert (answer.code, failed.keys()) == (1, {"sha256", "shop"})
-    assert "MF421" in failed["shop"]
-    assert "shop.toml" in failed["shop"]
+    assert (answer.code, failed.keys()) == (1, {"sha256", "drawn_again"})
+    assert "MF421" in failed["drawn_again"]
+    assert "shop.toml" in failed["drawn_again"]
     none = repacked(path, tmp_path / "none.zip", shop=None)
     answer = command(capsys, "verify", none, "--against", job, "--json", "--quiet")
     assert (answer.code, answer.document["error"]["where"]) == (2, "--shop")

@@ -42,7 +42,7 @@ TAKEN = {
     "mr_nanotec": (("dxf_r12",), (), SQUARE),
     "photomask_portal": (("gdsii",), (), None),
     "photoplotstore": (("gdsii",), (), None),
-    "pog": (("gdsii",), (), None),
+    "pog": (("gdsii", "dxf_r12"), (), None),
     "topro_chrome": ((), (), None),
     "ualberta_mla150": (("dxf_r12", "gdsii"), (), None),
 }
@@ -54,10 +54,10 @@ REFUSED = {
     "heidelberg_dwl66": (("oasis",), (), None, {"format"}),
     "jd_photo_data": ((), FINE, None, {"min_feature", "min_space"}),
     "mems_exchange_gca3600": ((), (*FIVE_INCH, *LARGE), None, {"flashes"}),
-    "mr_nanotec": (("gdsii",), (), None, {"format"}),
+    "mr_nanotec": (("dxf_r12",), (('name = "PLAIN"', 'name = "CLEAR"'),), SQUARE, {"block_name"}),
     "photomask_portal": (("dxf_r12",), (), None, {"format"}),
     "photoplotstore": ((), FINE, None, {"min_feature", "min_space"}),
-    "pog": (("dxf_r12",), (), None, {"drawing_unit", "text"}),
+    "pog": (("oasis",), (), None, {"format"}),
     "topro_chrome": ((), FINE, None, {"min_feature", "min_space"}),
     "ualberta_mla150": (("oasis",), (), None, {"format"}),
 }
@@ -244,7 +244,7 @@ def test_check_says_what_is_refused_with_rule_source_and_cure(capsys, tmp_path):
     assert "plate.blank" in rule["cure"]
     text = command(capsys, "check", job, "--shop", "gesim", "--quiet")
     assert text.code == 1
-    assert "REFUSED blank: 27.0 mm" in text.stdout
+    assert "REFUSED blank: 27 mm" in text.stdout
     assert "gesim" in text.stderr
 
 

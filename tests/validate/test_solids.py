@@ -179,6 +179,19 @@ def test_a_hole_in_a_mesh_is_not_watertight(small_plate, tmp_path):
     assert "solid_flaws" in failed(check_solid(die, path))
 
 
+@pytest.mark.parametrize("change", [b"\0", b"solid", -1, -50, 83, 10])
+def test_an_stl_of_another_length_is_refused_plainly(small_plate, tmp_path, change):
+    die = small_plate.dies[0]
+    path = written(die, tmp_path, "stl")
+    data = path.read_bytes()
+    path.write_bytes(data + change if isinstance(change, bytes) else data[:change])
+    with pytest.raises(SourceError, match=r"MF303.* it has \d+ bytes; ") as caught:
+        check_solid(die, path)
+    assert f"it has {path.stat().st_size} bytes" in str(caught.value)
+    if path.stat().st_size >= 84:
+        assert f"{(len(data) - 84) // 50} triangles that it states take {len(data)}" in str(caught.value)
+
+
 @pytest.mark.parametrize("value", [np.inf, np.nan, 1e30])
 def test_a_corner_that_no_plate_has_is_refused(small_plate, tmp_path, value):
     die = small_plate.dies[0]

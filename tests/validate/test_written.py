@@ -20,6 +20,7 @@ from maskfab.optics.mtf import presampled_mtf
 from maskfab.optics.otf import lag_table
 from maskfab.optics.psf import image_scale_um2
 from maskfab.optics.pupil import cut
+from maskfab.report import written_figures
 from maskfab.report.written_figures import bitmaps, pictures
 from maskfab.validate import written as module
 from maskfab.validate.optics import polygon_psf, stop_boundary
@@ -202,8 +203,35 @@ def test_one_table_of_lags_is_in_memory_and_at_most_one_copy(monkeypatch):
 
 def test_figures_show_both_readings_and_are_the_same_twice(written):
     drawn = pictures(written)
-    assert set(drawn) == {"written_corner", "written_mtf"}
+    assert set(drawn) == {"written_corner", "written_psf", "written_mtf"}
     assert drawn == pictures(written)
     assert "fused" in drawn["written_corner"]
     assert all(picture.startswith("<img") for picture in drawn.values())
     assert all(file.startswith(b"\x89PNG") for file in bitmaps(written).values())
+
+
+def shown_psfs(written: Written, monkeypatch) -> dict[str, np.ndarray]:
+    """What the PSF's figure shows, by title."""
+    sheets = []
+    monkeypatch.setattr(written_figures, "image", lambda figure, words: sheets.append(figure) or "")
+    pictures(written)
+    (sheet,) = (figure for figure in sheets if any("intensity" in axes.get_ylabel() for axes in figure.axes))
+    return {axes.get_title(): np.asarray(axes.images[0].get_array()) for axes in sheet.axes if axes.get_title()}
+
+
+def test_psfs_as_drawn_and_as_written_stand_on_one_scale(written, monkeypatch):
+    shown = shown_psfs(written, monkeypatch)
+    assert list(shown) == ["drawn", "written, fused", "written, open"]
+    peak = written.drawn_psf.values.max()
+    psfs = [written.drawn_psf, *(written.readings[reading].psf for reading in Reading)]
+    for picture, psf in zip(shown.values(), psfs, strict=True):
+        assert psf.wavelength_nm == written.drawn_psf.wavelength_nm
+        assert np.allclose(picture, np.log10(np.clip(psf.values / peak, 1e-6, 1)), atol=1e-12)
+    assert shown["drawn"].max() == 0
+    assert not np.allclose(shown["drawn"], shown["written, fused"], atol=1e-3)
+    assert not np.allclose(shown["written, fused"], shown["written, open"], atol=1e-3)
+
+
+def test_without_kissing_corners_there_is_one_written_psf(monkeypatch):
+    shown = shown_psfs(measure_written(die(BAR, gutter=4000), LINE, PROCESS), monkeypatch)
+    assert list(shown) == ["drawn", "written"]

@@ -62,6 +62,7 @@ def test_a_job_that_leaves_all_to_its_house_is_taken_as_its_package_would_be(tmp
     assert refused(findings) == ({"extent"} if name == "gesim" else set())
     if name == "gesim":
         assert "maskfab package" in the("extent", findings).cure
+        assert the("extent", findings).value == "127 x 127"  # what shows the blank is in the file too
 
 
 # A limit of the house; what the job says against it; the rule; and how the job is drawn that says nothing.
@@ -119,7 +120,8 @@ def test_notes_are_polygons_where_the_house_takes_no_text(tmp_path):
     assert not made.figures.notes
     assert the("text", findings).passed
     made, findings = judged(tmp_path, 'shop = "pog"\nformats = ["gdsii", "dxf_r12"]')
-    assert the("text", findings).passed is False  # a drawing has its unit as text, whatever becomes of notes
+    assert the("text", findings).passed  # the drawing's unit is no text either
+    assert the("text", findings).value == "none"
     assert made.figures.options.notes == "polygons"
     made, findings = judged(tmp_path, 'shop = "ualberta_mla150"')
     assert made.figures.notes

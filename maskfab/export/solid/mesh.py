@@ -206,7 +206,7 @@ def write_stl(
             f"an STL of {die.panel.orientations.size} cells would take {size / 1e6:.1f} MB, "
             f"more than {limit_bytes / 1e6:g} MB",
             where=f"die {die.name}",
-            cure="Use glb or 3mf, which repeat no triangle, or raise export.stl_limit",
+            cure="Use glb or 3mf, which repeat no triangle, or raise export.stl_limit_mb",
         )
     records = {cell: _stl_records(mesh) for cell, mesh in chrome.items()}
     said = "; ".join(("unit mm", *stack.remarks()[1:], *comments))

@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.geometry.drc.checks import Check
 from maskfab.geometry.drc.results import Floats, Ints
 
 _LARGEST_SHEET_NM = 1_000_000_000
 _DIGITS = str.maketrans(dict.fromkeys("(),;/|", " "))
-
-Check = Callable[[db.Region], db.EdgePairs]
 
 
 @dataclass(frozen=True, eq=False)

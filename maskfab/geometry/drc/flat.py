@@ -8,6 +8,7 @@ import numpy as np
 from klayout import db
 
 from maskfab.geometry.drc.canvas import facing_edges
+from maskfab.geometry.drc.checks import distance_checks
 from maskfab.geometry.drc.drawn import DrawnRule, acute_corners, long_outlines, off_grid, overlaps, slanted_edges
 from maskfab.geometry.drc.results import Found, RuleResult, listed
 from maskfab.geometry.drc.rules import DesignRules
@@ -27,12 +28,8 @@ def flat_results(
         die: who owns the violations.
     """
     found: list[tuple[str, int, str, Found]] = []
-    if rules.min_width_nm is not None:
-        found.append(("width", rules.min_width_nm, "nm", _facing(region.width_check(rules.min_width_nm), most)))
-    if rules.min_space_nm is not None:
-        found.append(("space", rules.min_space_nm, "nm", _facing(region.space_check(rules.min_space_nm), most)))
-    if rules.min_notch_nm is not None:
-        found.append(("notch", rules.min_notch_nm, "nm", _facing(region.notch_check(rules.min_notch_nm), most)))
+    for name, (limit, check) in distance_checks(rules).items():
+        found.append((name, limit, "nm", _facing(check(region), most)))
     if rules.min_area_nm2 is not None:
         found.append(("area", rules.min_area_nm2, "nm2", _small(region, rules.min_area_nm2, most)))
         islands = _chrome_islands(region)

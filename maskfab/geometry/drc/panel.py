@@ -6,8 +6,9 @@ import numpy as np
 from klayout import db
 
 from maskfab.geometry.drc.areas import small_islands
-from maskfab.geometry.drc.canvas import Check, facing_edges
+from maskfab.geometry.drc.canvas import facing_edges
 from maskfab.geometry.drc.cells import PanelCells
+from maskfab.geometry.drc.checks import Check, distance_checks
 from maskfab.geometry.drc.drawn import off_grid
 from maskfab.geometry.drc.flat import LARGEST, drawn_rules, merged
 from maskfab.geometry.drc.islands import islands
@@ -27,10 +28,11 @@ def panel_results(die: Die, rules: DesignRules, most: int) -> tuple[RuleResult, 
     """
     cells = PanelCells.of(die.panel)
     found: list[tuple[str, int, str, Found]] = []
-    found += _on_islands(cells, rules, most)
-    if rules.min_space_nm is not None:
-        spaces = _spaces(cells, rules.min_space_nm, most)
-        found.append(("space", rules.min_space_nm, "nm", spaces))
+    checks = distance_checks(rules)
+    space = checks.pop("space", None)
+    found += _on_islands(cells, rules, checks, most)
+    if space is not None:
+        found.append(("space", space[0], "nm", _spaces(cells, *space, most)))
     if rules.no_corner_touch:
         found.append(("corner_touch", 0, "nm", kissing_corners(cells, most)))
     shapes = [unit_shapes(die.panel, each).get(CLEAR, ()) for each in cells.held]
@@ -49,21 +51,17 @@ def panel_results(die: Die, rules: DesignRules, most: int) -> tuple[RuleResult, 
     return tuple(each.result(name, limit, unit, die.name, die.origin_nm) for name, limit, unit, each in found)
 
 
-def _on_islands(cells: PanelCells, rules: DesignRules, most: int) -> list[tuple[str, int, str, Found]]:
+def _on_islands(
+    cells: PanelCells, rules: DesignRules, checks: dict[str, tuple[int, Check]], most: int
+) -> list[tuple[str, int, str, Found]]:
+    """The rules within one polygon: those of ``checks``, and the one on areas."""
     found: list[tuple[str, int, str, Found]] = []
-    checks: list[tuple[str, int, Check]] = []
-    if rules.min_width_nm is not None:
-        width = rules.min_width_nm
-        checks.append(("width", width, lambda region: region.width_check(width)))
-    if rules.min_notch_nm is not None:
-        notch = rules.min_notch_nm
-        checks.append(("notch", notch, lambda region: region.notch_check(notch)))
     if not checks and rules.min_area_nm2 is None:
         return found
     clear = islands(cells, clear=True)
     if checks:
-        results = within_polygons(cells, clear, [check for _, _, check in checks], rules.reach_nm, most)
-        found += [(name, limit, "nm", each) for (name, limit, _), each in zip(checks, results, strict=True)]
+        results = within_polygons(cells, clear, [check for _, check in checks.values()], rules.reach_nm, most)
+        found += [(name, limit, "nm", each) for (name, (limit, _)), each in zip(checks.items(), results, strict=True)]
     if rules.min_area_nm2 is not None:
         limit = rules.min_area_nm2
         found.append(("area", limit, "nm2", small_islands(cells, clear, limit, most)))
@@ -72,13 +70,13 @@ def _on_islands(cells: PanelCells, rules: DesignRules, most: int) -> list[tuple[
     return found
 
 
-def _spaces(cells: PanelCells, limit_nm: int, most: int) -> Found:
+def _spaces(cells: PanelCells, limit_nm: int, check: Check, most: int) -> Found:
     if fits_windows(cells, limit_nm):
-        return narrow_spaces(cells, limit_nm, most)
+        return narrow_spaces(cells, limit_nm, check, most)
     units, whole = [cells.region(raster) for raster in cells.clear], db.Region()
     for code, (x, y) in zip(cells.codes.ravel().tolist(), cells.origins_nm.tolist(), strict=True):
         whole.insert(units[code].moved(x, y))
-    facing = facing_edges(merged(whole).space_check(limit_nm))
+    facing = facing_edges(check(merged(whole)))
     return listed(facing.boxes_nm, facing.values, most)
 
 

@@ -36,9 +36,9 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
         For each die and then for the marks (``die`` is None) one result for each rule on geometry; then the rules on
         names, references and extent.
     """
-    marks = [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
+    marks = _written_marks(plate)
     results: list[RuleResult] = []
-    if _apart(plate, marks, rules.reach_nm):
+    if apart(plate, rules.reach_nm):
         for die in plate.dies:
             results += panel_results(die, rules, most)
         drawn = db.Region([simple_polygon(polygon) for polygon in marks])
@@ -58,8 +58,9 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     return tuple(results)
 
 
-def _apart(plate: Plate, marks: list[Polygon], reach_nm: int) -> bool:
+def apart(plate: Plate, reach_nm: int) -> bool:
     """Whether no die comes within reach of another, or of a mark."""
+    marks = _written_marks(plate)
     dies = np.array([die.box_nm for die in plate.dies], dtype=np.int64).reshape(-1, 4)
     every = np.concatenate([dies, np.array([_box(mark) for mark in marks], dtype=np.int64).reshape(-1, 4)])
     low = np.maximum(dies[:, None, :2], every[None, :, :2])
@@ -67,6 +68,10 @@ def _apart(plate: Plate, marks: list[Polygon], reach_nm: int) -> bool:
     near = ((low - high) <= reach_nm).all(axis=2)
     near[np.arange(len(dies)), np.arange(len(dies))] = False
     return not near.any()
+
+
+def _written_marks(plate: Plate) -> list[Polygon]:
+    return [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
 
 
 def _references(die: Die) -> int:

@@ -6,8 +6,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from maskfab.geometry.drc.canvas import Canvas, Check, Facing, together
+from maskfab.geometry.drc.canvas import Canvas, Facing, together
 from maskfab.geometry.drc.cells import PanelCells
+from maskfab.geometry.drc.checks import Check
 from maskfab.geometry.drc.islands import Islands, Parts
 from maskfab.geometry.drc.results import Found, Ints, Repeated, joined
 

@@ -14,7 +14,7 @@ class DesignRules:
 
     Distances are Euclidian, as KLayout measures them: between the facing parts of two edges, corner to corner
     included. So a point in which clear corners kiss counts as two spaces of zero, and if both corners are of one
-    polygon, as two notches and two widths of zero as well.
+    polygon, as two notches and two widths of zero as well, unless ``kissing`` is False.
 
     Attributes:
         min_width_nm: least width of a clear polygon.
@@ -26,6 +26,7 @@ class DesignRules:
         manhattan: edges, as drawn, run along x or y only.
         no_acute_angles: no corner, as drawn, is sharper than 90 degrees.
         no_corner_touch: no two clear shapes, and no two corners of one, meet in a point.
+        kissing: whether distances of zero, where corners kiss, break the rules on width, space and notch, too.
         no_overlap: nothing is drawn twice.
         max_vertices: most vertices of a polygon as drawn.
         max_references: most references in the file, an array counting once.
@@ -46,6 +47,7 @@ class DesignRules:
     manhattan: bool = False
     no_acute_angles: bool = False
     no_corner_touch: bool = False
+    kissing: bool = True
     no_overlap: bool = False
     max_vertices: int | None = None
     max_references: int | None = None

@@ -241,7 +241,7 @@ def load_template(path: Path) -> PlateTemplate:
         template = parse_section(PlateTemplate, tomllib.loads(path.read_text(encoding="utf-8")), where=str(path))
         for place, what, length in _lengths(template):
             to_nm(length, where=f"{path}: {place}", name=what)
-    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+    except (ValueError, RecursionError) as error:
         raise _unusable(f"it is no TOML: {error}", str(path), "Mend the syntax there") from error
     except JobError as error:
         raise _unusable(error.what, error.where, error.cure) from error

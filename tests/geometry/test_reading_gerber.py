@@ -1,0 +1,88 @@
+"""Gerber files of many regions: none is lost or mixed up, and what they hold is not kept as Python's numbers."""
+
+from __future__ import annotations
+
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from maskfab.errors import SourceError
+from maskfab.geometry.reading_gerber import read_gerber
+from maskfab.geometry.reading_limits import left_out
+
+HEAD = "%FSLAX46Y46*%\n%MOMM*%\n%ADD10C,0.002*%\nG01*\n%LPD*%\n"
+
+
+def box(x: int, y: int = 0, side: int = 1000) -> str:
+    corners = [(x, y), (x + side, y), (x + side, y + side), (x, y + side), (x, y)]
+    return region(corners)
+
+
+def region(corners: list[tuple[int, int]]) -> str:
+    (x, y), *others = corners
+    return f"G36*\nX{x}Y{y}D02*\n" + "".join(f"X{x}Y{y}D01*\n" for x, y in others) + "G37*\n"
+
+
+def file(folder: Path, body: str) -> Path:
+    path = folder / "x.gbr"
+    path.write_text(f"{HEAD}{body}M02*\n")
+    return path
+
+
+def shapes(folder: Path, body: str):
+    layout = read_gerber(file(folder, body))
+    return [each.polygon for each in layout.top_cell().each_shape(0)]
+
+
+def test_every_region_comes_however_many_there_are(tmp_path):
+    count = 3_000
+    read = shapes(tmp_path, "".join(box(2000 * n) for n in range(count)))
+    assert sorted(each.bbox().left for each in read) == list(range(0, 2000 * count, 2000))
+    assert {each.area() for each in read} == {1000**2}
+
+
+def test_regions_of_unlike_size_keep_their_own_corners(tmp_path):
+    corners = [[(5000 * n, 0), *((5000 * n + 100 * k, 1 + k * k) for k in range(1, n + 2))] for n in range(1, 9)]
+    read = shapes(tmp_path, "".join(region([*each, each[0]]) for each in corners))
+    assert [{(point.x, point.y) for point in each.each_point_hull()} for each in read] == list(map(set, corners))
+
+
+def test_flashes_and_regions_cover_each_other_in_turn(tmp_path):
+    body = box(0, side=9000) + "D10*\n%LPC*%\nX4000Y4000D03*\n" + box(1000) + "%LPD*%\n" + box(1200, 200, 100)
+    area = sum(each.area() for each in shapes(tmp_path, body))
+    assert area == pytest.approx(9000**2 - np.pi * 1000**2 - 1000**2 + 100**2, rel=1e-4)
+
+
+def test_the_first_open_region_is_named(tmp_path):
+    bad = region([(0, 0), (3_000_000, 0), (3_000_000, 1_000_000)])
+    with pytest.raises(SourceError, match=r"MF310.*\(0\.0, 0\.0\) to \(3\.0, 1\.0\)"):
+        read_gerber(file(tmp_path, box(0) + bad + region([(7, 7), (8, 7), (8, 8)]) + box(0)))
+
+
+def test_numbers_beyond_all_reason_are_refused(tmp_path):
+    with pytest.raises(SourceError, match="MF303"):
+        read_gerber(file(tmp_path, box(10**400)))
+
+
+def test_points_that_repeat_and_regions_without_area_are_counted(tmp_path):
+    twice = [(0, 0), (9, 0), (9, 0), (9, 9), (0, 9), (0, 0), (0, 0)]
+    layout = read_gerber(file(tmp_path, region(twice) + region([(0, 0), (9, 0), (0, 0)]) + box(50)))
+    noted = left_out(layout)
+    assert (noted.repeated_vertices, noted.empty_polygons, noted.texts) == (2, 1, 0)
+    assert layout.top_cell().shapes(0).size() == 2
+
+
+def test_a_vertex_takes_few_bytes(tmp_path):
+    turns, count = 40, 400
+    sides = [(10 * k, 10 * (k % 2)) for k in range(turns)]
+    comb = [*sides, (10 * turns, -10), (0, -10), (0, 0)]
+    path = file(tmp_path, "".join(region([(x, y + 100 * n) for x, y in comb]) for n in range(count)))
+    read_gerber(path)  # what is imported is no matter of vertices
+    tracemalloc.start()
+    read_gerber(path)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    # As pairs of numbers of Python a vertex took 120 bytes, besides the text and what is worked on.
+    assert peak / (count * len(comb)) < 110

@@ -1,0 +1,47 @@
+"""Text that is nested deeper, or counts further, than a parser can follow is refused as any other that is wrong."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from small_job import finished, write_job
+
+from maskfab.errors import InputError, OutputError
+from maskfab.export.shops import load_shop
+from maskfab.layout import maps, openings
+from maskfab.layout.furniture.template import load_template
+from maskfab.layout.job import load
+from maskfab.verification import verify
+
+DEPTH = 100_000
+READERS = {
+    "job.toml": load,
+    "job.json": load,
+    "map.toml": maps.load,
+    "opening.toml": openings.load,
+    "template.toml": load_template,
+    "shop.toml": lambda path: load_shop(str(path)),
+}
+
+
+@pytest.mark.parametrize("value", ["[" * DEPTH + "]" * DEPTH, "9" * DEPTH], ids=["nested", "long"])
+@pytest.mark.parametrize("name", READERS)
+def test_what_no_parser_can_follow_is_refused(tmp_path, name, value):
+    write_job(tmp_path)
+    path = tmp_path / name
+    path.write_text(f'{{"job": {value}}}' if path.suffix == ".json" else f"name = {value}\n", encoding="utf-8")
+    with pytest.raises(InputError) as refusal:
+        READERS[name](path)
+    assert refusal.value.code in {"MF101", "MF124", "MF303", "MF421"}
+    assert len(str(refusal.value)) < 1000
+
+
+def test_a_deeply_nested_manifest_is_no_result(tmp_path):
+    out = finished(tmp_path)
+    manifest = Path(out) / "manifest.json"
+    assert json.loads(manifest.read_text(encoding="utf-8"))
+    manifest.write_text("[" * DEPTH, encoding="utf-8")
+    with pytest.raises(OutputError, match="MF403"):
+        verify(out)
