@@ -22,6 +22,7 @@ import tempfile
 import time
 import warnings
 import zipfile
+import zlib
 from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
@@ -109,7 +110,9 @@ def _layout_outcome(reader: str, path: Path) -> str:
     told = compare(plate(), original, layout, path, dots=False)
     if differs != (told.xor_area_um2 > 0):
         return "FINDING: geometry differs, and the comparison does not tell, or the other way round"
-    # What a user does with such a file, from its reading to its optics.
+    if zlib.crc32(path.read_bytes()) % 4:
+        return "seen" if differs else "same"
+    # Of one in four, all that a user does with such a file, from its reading to its optics.
     foreign = check_foreign(plate(), job().camera, job().spec.limits, path)
     passed = all(quantity.passed is not False for quantity in foreign.quantities)
     clear = [regions.get("1/0", empty) for regions in (found, expected)]

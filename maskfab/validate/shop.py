@@ -69,7 +69,8 @@ class Finding:
 
     def quantity(self) -> Quantity:
         """The finding as a row of a report."""
-        method = ". ".join(text for text in (self.place and f"at {self.place}", self.cure, self.source) if text)
+        published = "a rule that the house publishes; maskfab shops names the pages"
+        method = ". ".join(text for text in (self.place and f"at {self.place}", self.cure, published) if text)
         return Quantity(f"shop_{self.rule}", "", self.value, self.unit, method, limit=self.limit, passed=self.passed)
 
     def __str__(self) -> str:

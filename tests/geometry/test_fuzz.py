@@ -11,7 +11,7 @@ import pytest
 from small_job import OPENING
 
 SLICE = 150
-COSTLY = {"gdsii": 50, "oasis": 50, "dxf": 40, "gerber": 60}
+COSTLY = {"gdsii": 30, "oasis": 30, "dxf": 40, "gerber": 40, "step": 6}
 """These start a process of their own for every file that is not refused at first sight, or read long text."""
 
 

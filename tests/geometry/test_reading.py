@@ -95,7 +95,7 @@ def test_mutated_files_are_read_or_refused(written, tmp_path, suffix):
     chance = random.Random(11)
     path = tmp_path / f"x.{suffix}"
     refusals = []
-    for _ in range(100):
+    for _ in range(30 if suffix == "oas" else 100):
         data = bytearray(written[suffix])
         for _ in range(chance.choice([1, 2, 8])):
             place = chance.randrange(len(data))
