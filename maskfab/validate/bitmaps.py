@@ -14,12 +14,12 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.errors import JobError
+from maskfab.errors import JobError, SourceError
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
-from maskfab.geometry.reading_image import read_levels, read_picture
-from maskfab.geometry.region import clear_shapes, coverage, region
+from maskfab.geometry.reading_image import read_levels
+from maskfab.geometry.region import clear_shapes, coverage
 from maskfab.geometry.rules import smallest_runs
-from maskfab.model import CLEAR, Die, Quantity
+from maskfab.model import Die, Quantity
 from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
         for it tells what pixels so large cannot show.
 
     Raises:
-        SourceError: as of :func:`maskfab.geometry.reading_image.read_picture`.
+        SourceError: as of :func:`maskfab.geometry.reading_image.read_levels`; MF314 if it has no resolution.
     """
     x0, y0, x1, y1 = die.box_nm
     pixel = NM_PER_UM / dots_per_um
@@ -86,11 +86,8 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     x, y = (start + pixel * np.arange(count + 1, dtype=np.float64) for start, count in ((x0, width), (y0, height)))
     clear = coverage(clear_shapes(design, die.box_nm), x, y)
     partly = int(np.count_nonzero((clear > _EDGE) & (clear < 1 - _EDGE)))
-    wrong, why = _wrong_pixels(path, clear, dots_per_um)
-    read = region(read_picture(path), CLEAR)
-    read.move(db.Vector(round(x0 + width * pixel / 2), round(y0 + height * pixel / 2)))
-    drawn = region(design, CLEAR, die.box_nm)
-    found = (read ^ drawn).area() / NM_PER_UM**2
+    wrong, differing, why = _compared(path, clear, dots_per_um)
+    found = differing / dots_per_um**2
     return (
         Quantity("bitmap_wrong_pixels", "", wrong, "", why, limit=0, passed=wrong == 0, die=die.name),
         Quantity(
@@ -98,7 +95,7 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
             "A_xor",
             found,
             "um^2",
-            f"{path.name}, read by its resolution tags, each pixel clear or not, XOR with the design; "
+            f"{path.name}, each pixel clear or not, against the exact share of it that is clear; "
             + (f"{partly} pixels are partly clear" if partly else "its pixels follow the dots"),
             limit=None if partly else 0.0,
             passed=None if partly else found == 0,
@@ -107,29 +104,39 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     )
 
 
-def _wrong_pixels(path: Path, clear: Floats, dots_per_um: float) -> tuple[int, str]:
-    """How many pixels of a file are wrong, and how that was told."""
+def _compared(path: Path, clear: Floats, dots_per_um: float) -> tuple[int, float, str]:
+    """Pixels of a file that are wrong; what only it or the design makes clear, in pixels; and how that was told."""
     levels, stated = read_levels(path)
     rows, columns = clear.shape
-    scale = dots_per_um if stated is None else stated
-    if levels.shape != clear.shape or abs(scale / dots_per_um - 1) * max(rows, columns) > _MOST_SHIFT:
-        high, wide = levels.shape
-        return max(levels.size, clear.size), (
-            f"{path.name} is {wide} x {high} pixels, {scale:g} to the um; the design has {columns} x {rows}, "
-            f"{dots_per_um:g} to the um"
+    if stated is None:
+        raise SourceError(
+            "MF314", f"{path.name} does not say how large its pixels are", where=str(path), cure="Write it again"
         )
-    grey, wrong = path.suffix == ".png", 0
+    if levels.shape != clear.shape or abs(stated / dots_per_um - 1) * max(rows, columns) > _MOST_SHIFT:
+        high, wide = levels.shape
+        every = max(levels.size, clear.size)
+        return (
+            every,
+            every,
+            (
+                f"{path.name} is {wide} x {high} pixels, {stated:g} to the um; the design has {columns} x {rows}, "
+                f"{dots_per_um:g} to the um"
+            ),
+        )
+    grey, wrong, differing = path.suffix == ".png", 0, 0.0
     band = max(1, _BAND_PIXELS // columns)
     for low in range(0, rows, band):
         read, share = levels[::-1][low : low + band].astype(np.float64), clear[low : low + band]
         off = abs(read - _WHITE * share) > 0.5 + _LEVEL if grey else read != _WHITE * (share >= 0.5 - _EDGE)
         wrong += int(np.count_nonzero(off))
+        apart = np.where(read >= _WHITE / 2, 1 - share, share)
+        differing += float(apart[apart > _EDGE].sum())
     rule = (
         "level against the exact share of each pixel that is clear, to the nearest of 256"
         if grey
         else "white against the exact share of each pixel that is clear: half of it or more"
     )
-    return wrong, f"{path.name}, {rule}"
+    return wrong, differing, f"{path.name}, {rule}"
 
 
 def _smallest_nm(die: Die, enough_nm: float) -> float:
