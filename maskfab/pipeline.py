@@ -266,7 +266,7 @@ def shop_quantities(job: Job, made: Drawn) -> tuple[Quantity, ...]:
     if shop is None:
         return ()
     findings = check_written(made.figures, shop, made.formats, blank_of(job.spec))
-    return tuple(each.quantity() for each in findings)
+    return tuple(each.quantity(shop.name) for each in findings)
 
 
 def check_processes(job: Job, plate: Plate) -> None:

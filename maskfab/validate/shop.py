@@ -67,9 +67,9 @@ class Finding:
     cure: str = ""
     source: str = ""
 
-    def quantity(self) -> Quantity:
-        """The finding as a row of a report."""
-        published = "a rule that the house publishes; maskfab shops names the pages"
+    def quantity(self, shop: str) -> Quantity:
+        """The finding as a row of a report; the shop by its name, whose pages would fill a table."""
+        published = f"A rule of {shop}, whose pages `maskfab shops {shop}` names"
         method = ". ".join(text for text in (self.place and f"at {self.place}", self.cure, published) if text)
         return Quantity(f"shop_{self.rule}", "", self.value, self.unit, method, limit=self.limit, passed=self.passed)
 
