@@ -11,9 +11,9 @@ from typing import Any
 from klayout import db
 
 from maskfab import __version__, provenance
-from maskfab.analysis import LAYOUT_SUFFIXES
 from maskfab.errors import InputError, OutputError
 from maskfab.export.staging import RESULT_MARK
+from maskfab.geometry.reading import LAYOUT_SUFFIXES
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 from maskfab.geometry.region import clear_shapes
 from maskfab.geometry.stop import stop_box
@@ -40,8 +40,6 @@ from maskfab.validate.files import read_back
 from maskfab.validate.optics import axis_nm
 from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.roundtrip import RoundTrip
-
-GERBER_SUFFIXES = frozenset({".gbr", ".ger"})
 
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
@@ -145,7 +143,7 @@ def _unlisted(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
     """Files that the run did not write: a mask among them could go to the house in place of the plate."""
     listed = {file["path"]: file.get("format") for file in manifest["files"]}
     drawn = {Path(name).suffix.lower() for name, kind in listed.items() if kind != "report"}
-    masks = {*LAYOUT_SUFFIXES, *GERBER_SUFFIXES, *(drawn & {*IMAGE_SUFFIXES})}
+    masks = {*LAYOUT_SUFFIXES, *(drawn & {*IMAGE_SUFFIXES})}
     for path in sorted(each for each in folder.rglob("*") if each.is_file()):
         name = path.relative_to(folder).as_posix()
         if name in listed or name == RESULT_MARK:

@@ -14,6 +14,7 @@ from maskfab.export.stencil import stencilled
 from maskfab.export.tally import facing_dots
 from maskfab.geometry.polygonize import Holes
 from maskfab.geometry.region import orientations_in_use
+from maskfab.layout.furniture.boxes import bounds
 from maskfab.layout.furniture.template import plate_template
 from maskfab.model import CLEAR, Box, Die, Furniture, Plate, Polygon
 from maskfab.spec import DRAWING_KEYS, MASK_FORMATS, ExportSection, FileFormat, JobSpec
@@ -136,18 +137,12 @@ def written_box(plate: Plate) -> Box:
     boxes = [die.box_nm for die in plate.dies]
     for mark in plate.furniture:
         if mark.layer.written:
-            boxes += [bounds(polygon) for polygon in mark.polygons]
+            boxes += [bounds([polygon]) for polygon in mark.polygons]
     if not boxes:
         return 0, 0, 0, 0
     table = np.array(boxes, dtype=np.int64)
     (x0, y0), (x1, y1) = table[:, :2].min(axis=0).tolist(), table[:, 2:].max(axis=0).tolist()
     return x0, y0, x1, y1
-
-
-def bounds(polygon: Polygon) -> Box:
-    """Bounding box of a polygon."""
-    xs, ys = zip(*polygon, strict=True)
-    return min(xs), min(ys), max(xs), max(ys)
 
 
 def drawing_options(plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None) -> PolygonOptions:

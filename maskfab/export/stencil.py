@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import replace
 
 from klayout import db
@@ -69,9 +70,7 @@ def _sorted_out(whole: db.Region, holes: Holes) -> tuple[db.Region, db.Region]:
     return kept, cut
 
 
-def _raw(polygons: object) -> db.Region:
-    region = db.Region()
+def _raw(polygons: Iterable[db.Polygon]) -> db.Region:
+    region = db.Region(list(polygons))
     region.merged_semantics = False
-    for polygon in polygons:  # type: ignore[attr-defined]
-        region.insert(polygon)
     return region

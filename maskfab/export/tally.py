@@ -12,6 +12,7 @@ from maskfab.export.figures import Figures, Shapes
 from maskfab.export.stencil import inner_edges
 from maskfab.geometry.region import simple_polygon
 from maskfab.geometry.unit import unit_shapes
+from maskfab.layout.furniture.boxes import bounds
 from maskfab.model import CLEAR, Box, Die, Plate, Point, Polygon
 
 
@@ -88,8 +89,7 @@ def _by_owner(figures: Figures, edges: db.Edges) -> Iterator[Shared]:
     boxes: dict[str, Box] = {f"die {die.name}": die.box_nm for die in figures.plate.dies}
     for mark in figures.plate.furniture:
         if mark.layer.written and mark.polygons:
-            xs, ys = zip(*(point for polygon in mark.polygons for point in polygon), strict=True)
-            boxes[f"mark {mark.name}"] = (min(xs), min(ys), max(xs), max(ys))
+            boxes[f"mark {mark.name}"] = bounds(mark.polygons)
     for owner, box in boxes.items():
         inside = edges.inside_part(db.Region(db.Box(*box).enlarged(1, 1)))
         inside.merged_semantics = False

@@ -492,3 +492,6 @@ _READERS: dict[str, Callable[[Path], db.Layout]] = {
     ".dxf": _read_dxf,
     **dict.fromkeys((".gbr", ".ger"), read_gerber),
 }
+
+LAYOUT_SUFFIXES = frozenset(_READERS)
+"""What the files that :func:`read_layout` reads end in."""

@@ -14,6 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from maskfab.model import Psf
 from maskfab.report import raster
 
 INK, QUIET = "#1f2328", "#7a828c"
@@ -46,6 +47,20 @@ def place(figure: Figure, inches: tuple[float, float, float, float]) -> Axes:
     width, height = figure.get_size_inches()
     left, bottom, wide, high = inches
     return figure.add_axes((left / width, bottom / height, wide / width, high / height))
+
+
+def draw_psf(axes: Axes, psf: Psf, pixels: int, peak: float | None = None) -> None:
+    """A PSF as a logarithmic map about its axis, below ``peak``, its own if None; at most ``pixels`` along a side."""
+    half = psf.step_um * len(psf.values) / 2
+    axes.imshow(
+        raster.log_intensity(psf, pixels, peak),
+        origin="lower",
+        interpolation="none",
+        cmap="magma",
+        vmin=-raster.DECADES,
+        vmax=0.0,
+        extent=(-half, half, -half, half),
+    )
 
 
 def bitmap(figure: Figure) -> bytes:

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
 from maskfab.report import raster
-from maskfab.report.canvas import INK, QUIET, bitmap, image, img, place, styled
+from maskfab.report.canvas import INK, QUIET, bitmap, draw_psf, image, img, place, styled
 from maskfab.report.numbers import number
 
 Item = TypeVar("Item", Psf, Mtf)
@@ -246,18 +246,9 @@ def _show_chrome(axes: Axes, clear: NDArray[np.float64], side_um: float) -> None
 
 
 def _draw_psf(axes: Axes, psf: Psf, pixels: int) -> None:
-    half = psf.step_um * len(psf.values) / 2
     axes.set(xlabel="x (µm)", ylabel="y (µm)")
     axes.set_title(f"{psf.wavelength_nm:g} nm")
-    axes.imshow(
-        raster.log_intensity(psf, pixels),
-        origin="lower",
-        interpolation="none",
-        cmap="magma",
-        vmin=-raster.DECADES,
-        vmax=0.0,
-        extent=(-half, half, -half, half),
-    )
+    draw_psf(axes, psf, pixels)
 
 
 def _draw_mtf(axes: Axes, mtf: Mtf) -> None:

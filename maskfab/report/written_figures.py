@@ -16,8 +16,7 @@ from matplotlib.path import Path
 
 from maskfab.geometry.written import Reading, written_region
 from maskfab.model import Mtf
-from maskfab.report import raster
-from maskfab.report.canvas import INK, QUIET, bitmap, image, place, styled
+from maskfab.report.canvas import INK, QUIET, bitmap, draw_psf, image, place, styled
 from maskfab.report.figures import draw_decades
 from maskfab.validate.written import Written
 
@@ -116,20 +115,12 @@ def _spread(written: Written) -> tuple[Figure, str]:
     readings = _shown(written)
     names = [_NAMES[reading] if len(readings) > 1 else "written" for reading in readings]
     shown = dict(zip(["drawn", *names], [drawn, *(written.readings[r].psf for r in readings)], strict=True))
-    peak, half = float(drawn.values.max()), drawn.step_um * len(drawn.values) / 2
+    peak = float(drawn.values.max())
     step, side = _SIDE + 0.2, _SIDE
     figure = Figure(figsize=(0.6 + len(shown) * step + 0.75, side + 0.9))
     for index, (title, psf) in enumerate(shown.items()):
         axes = place(figure, (0.6 + index * step, 0.5, side, side))
-        axes.imshow(
-            raster.log_intensity(psf, 241, peak),
-            origin="lower",
-            interpolation="none",
-            cmap="magma",
-            vmin=-raster.DECADES,
-            vmax=0.0,
-            extent=(-half, half, -half, half),
-        )
+        draw_psf(axes, psf, 241, peak)
         axes.set(title=title, xlabel="x (µm)")
         if index:
             axes.tick_params(labelleft=False)
