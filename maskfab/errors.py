@@ -13,7 +13,8 @@ Every error says what is wrong, the value with its unit, the limit, where it sta
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from types import MappingProxyType
 
 CATALOGUE: Mapping[str, str] = MappingProxyType(
@@ -109,6 +110,10 @@ class MaskfabError(Exception):
         place = f" ({where})" if where else ""
         remedy = f" {cure}" if cure else ""
         super().__init__(f"{code} {what}{place}.{remedy}")
+
+    def __reduce__(self) -> tuple[Callable[..., MaskfabError], tuple[str, str]]:
+        """Errors of a process of its own come here whole."""
+        return partial(type(self), where=self.where, cure=self.cure), (self.code, self.what)
 
 
 class InputError(MaskfabError):

@@ -38,6 +38,7 @@ from small_job import OPENING
 from maskfab.errors import InputError, SourceError
 from maskfab.export.shops import load_shop
 from maskfab.export.solid.quiet import quiet
+from maskfab.geometry import gerber_process, reading_gerber
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.reading_image import read_picture
 from maskfab.layout import maps, openings
@@ -54,8 +55,8 @@ SECONDS = 10.0
 _PATIENCE = 6
 LAYOUTS = ("gdsii", "oasis", "dxf", "gerber")
 PICTURES = ("png", "tiff")
-APART = ("step",)
-"""maskfab reads these in a process of its own for each, which may end; here the worker is that process, to be quick."""
+MAY_END = ("step",)
+"""Readers of libraries that end on damage the process that maskfab gives them."""
 TEXTS: dict[str, Callable[[Path], str]] = {
     "map": lambda path: maps.dumps(maps.load(path)),
     "template": lambda path: repr(load_template(path)),
@@ -215,13 +216,13 @@ class Worker:
             self.process.kill()
             self.process.wait()
             self.process = None
-            if self.reader in APART:
+            if self.reader in MAY_END:
                 return "refused with its process"
             return f"FINDING: no answer within {SECONDS:g} s"
         if not said:
             code = self.process.wait()
             self.process = None
-            if self.reader in APART:
+            if self.reader in MAY_END:
                 return "refused with its process"
             return f"FINDING: the process ended with {code}"
         return said
@@ -272,16 +273,22 @@ def work(reader: str) -> None:
         if reader == "job":
             (Path(folder) / "ring.toml").write_text(OPENING, encoding="utf-8")
         originals(reader)
-        if reader in APART:
-            read_step.read_apart = _content  # type: ignore[assignment]
+        # maskfab reads these in a process of its own for each, which may end; here the worker is that process.
+        reading_gerber.read_apart = _gerber  # type: ignore[assignment]
+        read_step.read_apart = _step  # type: ignore[assignment]
         print("ready", flush=True)
         for line in sys.stdin:
             path.write_bytes(damaged(reader, int(line)))
             print(outcome(reader, path), flush=True)
 
 
-def _content(path: Path, *_script: object, **_limits: object) -> object:
-    """What :func:`maskfab.geometry.apart.read_apart` returns or raises for STEP, without a process of its own."""
+def _gerber(path: Path, *_script: object, **_limits: object) -> object:
+    """What :func:`maskfab.geometry.apart.read_apart` returns or raises for Gerber, without a process of its own."""
+    return gerber_process.content(path)
+
+
+def _step(path: Path, *_script: object, **_limits: object) -> object:
+    """The same for STEP, whose process makes refusals of all exceptions."""
     try:
         with quiet():
             return step_process.content(path)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import pickle
 import signal
 import subprocess
@@ -9,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from maskfab.errors import SourceError
+from maskfab.errors import MaskfabError, SourceError
 
 _TOOK_TOO_LONG = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
 """How the system ends a process that has had its share."""
@@ -20,12 +21,13 @@ def read_apart(path: Path, script: Path, *arguments: str, seconds: float) -> Any
 
     Args:
         path: the file, the last argument of the script.
-        script: a Python file; a warning in it is a failure.
+        script: a Python file, which limits what it takes by :func:`limit_share`; a warning in it is a failure.
         arguments: of the script, before the path.
         seconds: that it may take.
 
     Raises:
         SourceError: MF316 if it takes longer, MF303 with the last thing it says if it ends in any other way than well.
+        MaskfabError: the one that it pickles.
     """
     command = [sys.executable, "-P", "-W", "error", str(script), *arguments, str(path)]
     try:
@@ -38,7 +40,30 @@ def read_apart(path: Path, script: Path, *arguments: str, seconds: float) -> Any
         said = process.stderr.decode(errors="replace").strip().splitlines()
         what = said[-1] if said else "its records cannot be read"
         raise SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
-    return pickle.loads(process.stdout)
+    answer = pickle.loads(process.stdout)
+    if isinstance(answer, MaskfabError):
+        raise answer
+    return answer
+
+
+def limit_share(path: Path, memory: int, memory_per_byte: int, seconds: int | None = None) -> None:
+    """Called by such a script: let the system end it for more than a whole file takes, however busy the machine is.
+
+    Args:
+        path: the file.
+        memory: in bytes, for any file.
+        memory_per_byte: of the file, besides.
+        seconds: of the processor; as many as there are if None.
+    """
+    try:
+        import resource
+    except ImportError:  # not on Windows; the reader's clock remains
+        return
+    shares = {resource.RLIMIT_AS: memory + memory_per_byte * os.path.getsize(path)}
+    if seconds is not None:
+        shares[resource.RLIMIT_CPU] = seconds
+    for kind, most in shares.items():
+        resource.setrlimit(kind, (most, most))
 
 
 def _endless(path: Path, limit: str) -> SourceError:

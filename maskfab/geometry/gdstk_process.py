@@ -2,7 +2,8 @@
 
 gdstk trusts its input: a damaged file can end the process that reads it, and may do so only later, when the name of a
 cell is asked for. A few bytes of OASIS can make klayout repeat a shape until memory is full. So both read here first,
-within limits, and :mod:`maskfab.geometry.reading` takes what came out whole. Imports nothing of maskfab, to start fast.
+within limits, and :mod:`maskfab.geometry.reading` takes what came out whole. Imports little of maskfab, to start
+fast.
 
     python -P -W error gdstk_process.py read_gds|read_oas FILE
 
@@ -13,13 +14,15 @@ repetition)], "references": [(cell name, origin, radians, magnification, mirrore
 
 from __future__ import annotations
 
-import os
 import pickle
 import sys
+from pathlib import Path
 from typing import Any
 
 import gdstk
 import numpy as np
+
+from maskfab.geometry.apart import limit_share
 
 _METRES_PER_NM = 1e-9
 _LARGEST_REPETITION = 10_000_000
@@ -46,15 +49,6 @@ def _try_klayout(path: str) -> None:
     except RuntimeError as error:
         if "topological_sort" not in str(error):
             raise  # cells that contain themselves are named by whoever sees the content
-
-
-def _limit_memory(path: str) -> None:
-    try:
-        import resource
-    except ImportError:  # not on Windows; the time limit remains
-        return
-    most = _LARGEST_MEMORY + _MEMORY_PER_BYTE * os.path.getsize(path)
-    resource.setrlimit(resource.RLIMIT_AS, (most, most))
 
 
 def _plain(cell: Any) -> dict[str, Any]:
@@ -84,5 +78,5 @@ def _repetition(each: Any) -> Any:
 
 
 if __name__ == "__main__":
-    _limit_memory(sys.argv[2])
+    limit_share(Path(sys.argv[2]), _LARGEST_MEMORY, _MEMORY_PER_BYTE)
     pickle.dump(content(*sys.argv[1:]), sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)

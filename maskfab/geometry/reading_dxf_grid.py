@@ -108,9 +108,16 @@ class Grid:
         return sum(lines.repeated(self._scale) for (_, layer), lines in self._lines.items() if counts(layer))
 
     def _rounding(self, values: NDArray[np.float64]) -> float:
-        scaled = values[np.isfinite(values)] * self._scale
+        scaled = _scaled(values, self._scale)
+        scaled = scaled[np.isfinite(scaled)]
         largest = float(np.abs(scaled - np.rint(scaled)).max(initial=0.0))
         return largest if largest > _ON_GRID_NM else 0.0
+
+
+def _scaled(values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
+    """Coordinates in database units; who reads the polygons refuses those that are too large for any."""
+    with np.errstate(over="ignore"):
+        return values * scale
 
 
 class _Lines:
@@ -130,7 +137,7 @@ class _Lines:
         return np.array(self._x), np.array(self._y)
 
     def repeated(self, scale: float) -> int:
-        x, y = (np.rint(values * scale) for values in self.points())
+        x, y = (np.rint(_scaled(values, scale)) for values in self.points())
         same = (x[1:] == x[:-1]) & (y[1:] == y[:-1])
         # Between the last vertex of a line and the first of the next there is no edge.
         same[np.array(self._last[:-1], dtype=np.int64)] = False

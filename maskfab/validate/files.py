@@ -5,9 +5,13 @@ plate + [export] -> drawn -> files -> read by other libraries -> quantities
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import TypeAlias
 
 from klayout import db
 
@@ -31,6 +35,15 @@ from maskfab.validate.solids import check_plate_solid, check_solid
 _MB = 1_000_000
 _WRITTEN_ALONE = (".gbr", ".svg")
 """Formats that hold what the writer exposes and nothing else."""
+
+_READ_AHEAD = (".gbr", ".step")
+"""Formats that take long in processes of their own: those run while other files are compared here."""
+
+_MOST_AHEAD = 3
+"""A process takes up to half a gigabyte."""
+
+_Taken: TypeAlias = db.Layout | tuple[Quantity, ...]
+"""A mask file as a layout, to be compared; of other files what the comparison has shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -119,31 +132,50 @@ def read_back(
     """
     trips: list[RoundTrip] = []
     quantities: list[Quantity] = []
-    for done, product in enumerate(made.products):
-        progress("read back", done, len(made.products))
-        path = folder / product.name
-        try:
-            if product.kind == "mask":
-                trip = _trip(made, path, dots=not trips)
-                quantities += trip.quantities()
-                trips.append(trip if not trips else replace(trip, layout=db.Layout()))
-            else:
-                quantities += _others(made, product.die, path)
-        except InputError as error:
-            if refused is None:
-                raise
-            refused.append((product.name, error))
-        give_back()
+    with _ahead(made, folder) as coming:
+        for done, product in enumerate(made.products):
+            progress("read back", done, len(made.products))
+            try:
+                taken = coming.pop(product.name).result() if product.name in coming else _take(made, product, folder)
+                if isinstance(taken, db.Layout):
+                    trip = _trip(made, taken, folder / product.name, dots=not trips)
+                    quantities += trip.quantities()
+                    trips.append(trip if not trips else replace(trip, layout=db.Layout()))
+                else:
+                    quantities += taken
+            except InputError as error:
+                if refused is None:
+                    raise
+                refused.append((product.name, error))
+            give_back()
     progress("read back", len(made.products), len(made.products))
     return ReadBack(tuple(trips), tuple(quantities))
 
 
-def _trip(made: Drawn, path: Path, *, dots: bool) -> RoundTrip:
+@contextmanager
+def _ahead(made: Drawn, folder: Path) -> Iterator[dict[str, Future[_Taken]]]:
+    """What is read beside the caller's own work, by the file's name; what was not begun is left out at the end."""
+    workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
+    with ThreadPoolExecutor(workers) as pool:
+        slow = [product for product in made.products if Path(product.name).suffix in _READ_AHEAD]
+        try:
+            yield {product.name: pool.submit(_take, made, product, folder) for product in slow}
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _take(made: Drawn, product: Product, folder: Path) -> _Taken:
+    path = folder / product.name
+    if product.kind != "mask":
+        return _others(made, product.die, path)
     if path.suffix == ".svg":
-        read = read_svg(path)
-    else:
-        read = read_layout(path)
-        find_cell(read)
+        return read_svg(path)
+    read = read_layout(path)
+    find_cell(read)
+    return read
+
+
+def _trip(made: Drawn, read: db.Layout, path: Path, *, dots: bool) -> RoundTrip:
     names = made.settings.drawing.layer_names
     if path.suffix in _WRITTEN_ALONE:
         names = {CLEAR.name: CLEAR.name}

@@ -11,7 +11,6 @@ A damaged file can make the library search without end, or take all memory: both
 
 from __future__ import annotations
 
-import os
 import pickle
 import sys
 from collections.abc import Iterator
@@ -22,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.export.solid.quiet import quiet
+from maskfab.geometry.apart import limit_share
 from maskfab.validate.read_solid import Floats, ReadShape, ReadSolid
 from maskfab.validate.read_step import Placed
 
@@ -207,25 +207,12 @@ def _faces(solid: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]
         explorer.Next()
 
 
-def _limit(path: str) -> None:
-    """Let the system end this process for processor time or memory that no whole file takes, however busy it is."""
-    try:
-        import resource
-    except ImportError:  # not on Windows; the reader's clock remains
-        return
-    size = os.path.getsize(path)
-    for kind, most in (
-        (resource.RLIMIT_CPU, _SECONDS + size // _BYTES_PER_SECOND),
-        (resource.RLIMIT_AS, _LARGEST_MEMORY + _MEMORY_PER_BYTE * size),
-    ):
-        resource.setrlimit(kind, (most, most))
-
-
 if __name__ == "__main__":
-    _limit(sys.argv[1])
+    file = Path(sys.argv[1])
+    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS + file.stat().st_size // _BYTES_PER_SECOND)
     try:
         with quiet():
-            found = content(Path(sys.argv[1]))
+            found = content(file)
     except Exception as error:
         # The library's exceptions share no base but this, and a dangling reference ends in any of Python's.
         sys.exit(f"{str(error) or type(error).__name__}")

@@ -6,7 +6,7 @@ import sys
 
 import pytest
 
-from maskfab.errors import SourceError
+from maskfab.errors import OpeningError, SourceError
 from maskfab.geometry.apart import read_apart
 
 HEAD = "import os, pickle, signal, sys, time, warnings\n"
@@ -50,6 +50,38 @@ def test_any_other_end_is_a_refusal(tmp_path, code, stands):
     error = refusal(tmp_path, code)
     assert error.code == stands
     assert ("its end is missing" in error.what) == ("missing" in code)
+
+
+def test_an_error_of_ours_comes_as_it_is(tmp_path):
+    code = """
+from maskfab.errors import OpeningError
+pickle.dump(OpeningError("MF203", "it is closed", where="here", cure="Open it"), sys.stdout.buffer)
+"""
+    with pytest.raises(OpeningError) as caught:
+        answer(tmp_path, code)
+    error = caught.value
+    assert (error.code, error.what, error.where, error.cure) == ("MF203", "it is closed", "here", "Open it")
+    assert str(error) == "MF203 it is closed (here). Open it"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+@pytest.mark.parametrize(
+    ("limits", "work", "stands"),
+    [
+        ("1 << 30, 1 << 20", "bytes(2 << 30)", "MF303"),
+        ("1 << 30, 1 << 20, 1", "while True: pass", "MF316"),
+        ("1 << 30, 1 << 20, 60", "pickle.dump(1, sys.stdout.buffer)", ""),
+    ],
+)
+def test_a_reader_ends_that_takes_more_than_its_share(tmp_path, limits, work, stands):
+    code = (
+        "from pathlib import Path; from maskfab.geometry.apart import limit_share\n"
+        f"limit_share(Path(sys.argv[1]), {limits})\n{work}"
+    )
+    if stands:
+        assert refusal(tmp_path, code).code == stands
+    else:
+        assert answer(tmp_path, code) == 1
 
 
 def test_a_reader_that_sleeps_is_ended(tmp_path):

@@ -182,6 +182,13 @@ def test_what_lies_on_the_grid_in_whatever_unit_is_not_rounded(tmp_path, unit):
     assert drawn_unit_um(layout) == scale
 
 
+def test_a_coordinate_beyond_all_reason_is_refused(tmp_path):
+    path = drawing(tmp_path / "a.dxf", lambda space: closed(space, square(0, 0)))
+    path.write_text(path.read_text().replace("\n10.0\n", "\n1e308\n"))
+    with pytest.raises(SourceError, match="MF3"):
+        read_layout(path)
+
+
 @pytest.mark.parametrize(("larger", "angle"), [(1, 0), (10, 0), (-10, 90), (0.5, 30)])
 def test_rounding_in_a_block_is_as_much_larger_as_the_block_is_placed(tmp_path, larger, angle):
     def draw(modelspace):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from maskfab.errors import SourceError
+from maskfab.geometry.gerber_process import content
 from maskfab.geometry.reading_gerber import read_gerber
 from maskfab.geometry.reading_limits import left_out
 
@@ -79,9 +80,9 @@ def test_a_vertex_takes_few_bytes(tmp_path):
     sides = [(10 * k, 10 * (k % 2)) for k in range(turns)]
     comb = [*sides, (10 * turns, -10), (0, -10), (0, 0)]
     path = file(tmp_path, "".join(region([(x, y + 100 * n) for x, y in comb]) for n in range(count)))
-    read_gerber(path)  # what is imported is no matter of vertices
+    content(path)  # what is imported is no matter of vertices
     tracemalloc.start()
-    read_gerber(path)
+    content(path)
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     # As pairs of numbers of Python a vertex took 120 bytes, besides the text and what is worked on.

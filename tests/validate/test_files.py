@@ -240,3 +240,20 @@ def test_the_others_are_read_where_one_cannot_be(made, folder, tmp_path):
     assert [die.wrong_dots for die in trip.dies] == [0, 0, 0]
     assert "bitmap_xor_area" in {row.name for row in back.quantities}
     assert all(isinstance(row, Quantity) and row.passed is not False for row in back.quantities)
+
+
+def test_files_that_are_read_beside_the_others_are_told_in_their_places(made, folder, tmp_path):
+    """Gerber and STEP, damaged or whole, come where they stand among the files, and their rows with them."""
+    chosen = [named(made, end) for end in (".gds", ".gbr", ".oas", "RANDOM.step", "DENSE.step", "DENSE.glb")]
+    for product in chosen:
+        shutil.copy(folder / product.name, tmp_path / product.name)
+    (tmp_path / chosen[3].name).write_text("no such thing", encoding="utf-8")
+    refused: list[tuple[str, InputError]] = []
+    back = read_back(replace(made, products=tuple(chosen)), tmp_path, silent, refused)
+    assert [(name, error.code) for name, error in refused] == [(chosen[3].name, "MF303")]
+    assert [trip.path.name for trip in back.trips] == [product.name for product in chosen[:3]]
+    told = [next(n for n, product in enumerate(chosen) if product.name in row.method) for row in back.quantities]
+    assert set(told) == {0, 1, 2, 4, 5}
+    assert told == sorted(told)
+    with pytest.raises(SourceError, match=chosen[3].name):
+        read_back(replace(made, products=tuple(chosen)), tmp_path, silent)
