@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
+from klayout import db
 
 from maskfab.cli import run_command_line
 
@@ -82,6 +84,15 @@ def finished(folder: Path, *edits: tuple[str, str]) -> Path:
     out = folder / "out"
     assert run_command_line(["run", str(write_job(folder, *edits)), "--out", str(out), "--quiet"]) == 0
     return out
+
+
+def edited(source: Path, target: Path, edit: Callable[[db.Layout], object]) -> Path:
+    """A mask file with something changed in its layout."""
+    layout = db.Layout()
+    layout.read(str(source))
+    edit(layout)
+    layout.write(str(target))
+    return target
 
 
 @dataclass(frozen=True)

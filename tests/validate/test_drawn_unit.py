@@ -9,16 +9,10 @@ from small_job import command, write_job
 
 from maskfab.errors import JobError
 from maskfab.geometry.region import plate_layout, region
-from maskfab.layout.job import load
 from maskfab.model import CLEAR
 from maskfab.validate.foreign import How, check_foreign
 
 MICROMETRES, MILLIMETRES, INCHES = 13, 4, 1
-
-
-@pytest.fixture(scope="module")
-def job(tmp_path_factory):
-    return load(write_job(tmp_path_factory.mktemp("job")))
 
 
 @pytest.fixture(scope="module")

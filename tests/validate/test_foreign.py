@@ -3,46 +3,18 @@
 from __future__ import annotations
 
 import shutil
-from pathlib import Path
 
 import numpy as np
 import pytest
 from klayout import db
-from small_job import command, write_job
+from small_job import command, edited, write_job
 
 from maskfab.errors import JobError, SourceError
 from maskfab.export.dxf import write_dxf
-from maskfab.export.gds import write_gdsii
 from maskfab.export.gerber import write_gerber
 from maskfab.geometry.region import plate_layout, region
-from maskfab.layout.job import load
 from maskfab.model import CLEAR
 from maskfab.validate.foreign import How, check_foreign, only_die
-
-
-@pytest.fixture(scope="module")
-def job(tmp_path_factory):
-    return load(write_job(tmp_path_factory.mktemp("job")))
-
-
-@pytest.fixture(scope="module")
-def plate(job):
-    return job.plate()
-
-
-@pytest.fixture(scope="module")
-def gds(plate, tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("gds") / "plate.gds"
-    write_gdsii(plate_layout(plate), path)
-    return path
-
-
-def edited(source: Path, target: Path, edit) -> Path:
-    layout = db.Layout()
-    layout.read(str(source))
-    edit(layout)
-    layout.write(str(target))
-    return target
 
 
 def placed(trans):

@@ -6,42 +6,14 @@ from pathlib import Path
 
 import pytest
 from klayout import db
-from small_job import command, write_job
+from small_job import command, edited, write_job
 
-from maskfab.export.gds import write_gdsii
-from maskfab.geometry.region import plate_layout
-from maskfab.layout.job import load
 from maskfab.validate import foreign_rules
 from maskfab.validate.foreign import check_foreign
 
 DOT = 8000
 KISSES = 100
 """The small opening has one kiss in each of 10 x 10 cells of a periodic die."""
-
-
-@pytest.fixture(scope="module")
-def job(tmp_path_factory):
-    return load(write_job(tmp_path_factory.mktemp("job")))
-
-
-@pytest.fixture(scope="module")
-def plate(job):
-    return job.plate()
-
-
-@pytest.fixture(scope="module")
-def gds(plate, tmp_path_factory) -> Path:
-    path = tmp_path_factory.mktemp("gds") / "plate.gds"
-    write_gdsii(plate_layout(plate), path)
-    return path
-
-
-def edited(source: Path, target: Path, edit) -> Path:
-    layout = db.Layout()
-    layout.read(str(source))
-    edit(layout)
-    layout.write(str(target))
-    return target
 
 
 def drawn(path: Path, *shapes) -> Path:
