@@ -38,7 +38,7 @@ from small_job import OPENING
 from maskfab.errors import InputError, SourceError
 from maskfab.export.shops import load_shop
 from maskfab.export.solid.quiet import quiet
-from maskfab.geometry import gerber_process, reading_gerber
+from maskfab.geometry import gdstk_process, gerber_process, reading, reading_gerber
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.reading_image import read_picture
 from maskfab.layout import maps, openings
@@ -51,11 +51,17 @@ from maskfab.validate.foreign import check_foreign
 from maskfab.validate.packing import verify_package
 from maskfab.validate.roundtrip import compare
 
+try:
+    import resource
+except ImportError:  # not on Windows; inputs that fill memory are not bounded there
+    resource = None  # type: ignore[assignment]
+
 SECONDS = 10.0
 _PATIENCE = 6
+_MOST_BYTES = 6 << 30
 LAYOUTS = ("gdsii", "oasis", "dxf", "gerber")
 PICTURES = ("png", "tiff")
-MAY_END = ("step",)
+MAY_END = ("gdsii", "oasis", "step")
 """Readers of libraries that end on damage the process that maskfab gives them."""
 TEXTS: dict[str, Callable[[Path], str]] = {
     "map": lambda path: maps.dumps(maps.load(path)),
@@ -268,12 +274,15 @@ def fuzz(reader: str, numbers: range) -> Findings:
 
 def work(reader: str) -> None:
     """A worker's life: numbers on stdin, outcomes on stdout."""
+    if resource is not None:
+        resource.setrlimit(resource.RLIMIT_AS, (_MOST_BYTES, _MOST_BYTES))
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / file_name(reader)
         if reader == "job":
             (Path(folder) / "ring.toml").write_text(OPENING, encoding="utf-8")
         originals(reader)
         # maskfab reads these in a process of its own for each, which may end; here the worker is that process.
+        reading.read_apart = _gdstk  # type: ignore[assignment]
         reading_gerber.read_apart = _gerber  # type: ignore[assignment]
         read_step.read_apart = _step  # type: ignore[assignment]
         print("ready", flush=True)
@@ -282,13 +291,24 @@ def work(reader: str) -> None:
             print(outcome(reader, path), flush=True)
 
 
+def _gdstk(path: Path, _script: object, function: str, **_limits: object) -> object:
+    """What :func:`maskfab.geometry.apart.read_apart` returns or raises for GDSII and OASIS, in this process.
+
+    Whatever exception ends the process of its own is a refusal there.
+    """
+    try:
+        return gdstk_process.content(function, str(path))
+    except Exception as error:
+        raise SourceError("MF303", str(error)) from error
+
+
 def _gerber(path: Path, *_script: object, **_limits: object) -> object:
-    """What :func:`maskfab.geometry.apart.read_apart` returns or raises for Gerber, without a process of its own."""
+    """The same for Gerber; but here an exception that is not ours is a finding."""
     return gerber_process.content(path)
 
 
 def _step(path: Path, *_script: object, **_limits: object) -> object:
-    """The same for STEP, whose process makes refusals of all exceptions."""
+    """The same for STEP."""
     try:
         with quiet():
             return step_process.content(path)
