@@ -38,9 +38,9 @@ _LARGEST_MEMORY = 3 << 30
 _MEMORY_PER_BYTE = 256
 _NM_PER_UNIT = {"mm": 1e6, "in": 25.4e6}
 _NUMBER = r"\d+(?:\.\d*)?|\.\d+"
-_PLAIN = re.compile(
-    r"(?:G04.*|G01|G75|G36|G37|M02|(?:G54)?D[1-9]\d+|(?:G01)?(?:X[+-]?\d+)?(?:Y[+-]?\d+)?D0?[123])", re.DOTALL
-)
+_STROKE = r"(?:G01)?(?:X[+-]?\d+)?(?:Y[+-]?\d+)?D0?[123]"
+_STROKES = re.compile(rf"(?:\s*+{_STROKE}\*)++")
+_PLAIN = re.compile(rf"(?:G04.*|G01|G75|G36|G37|M02|(?:G54)?D[1-9]\d+|{_STROKE})", re.DOTALL)
 _EXTENDED = re.compile(
     rf"(?:FSLAX[1-6][3-7]Y[1-6][3-7]|MO(?:MM|IN)|LP[DC]|IPPOS|T[FAOD][^%*]*|"
     rf"ADD[1-9]\d+(?:C,(?:{_NUMBER})|[RO],(?:{_NUMBER})X(?:{_NUMBER})|P,(?:{_NUMBER})X\d+(?:X-?(?:{_NUMBER}))?))"
@@ -75,7 +75,7 @@ def _damaged(path: Path, what: str) -> SourceError:
 def _check_commands(path: Path, text: str) -> None:
     end = 0
     ended = region = False
-    for match in _COMMAND.finditer(text):
+    while match := _COMMAND.search(text, end):
         between = text[end : match.start()]
         end = match.end()
         if between.strip():
@@ -91,6 +91,9 @@ def _check_commands(path: Path, text: str) -> None:
                 if region == (command.strip() == "G36"):
                     raise _damaged(path, f"{command.strip()} stands where no region can {'begin' if region else 'end'}")
                 region = not region
+        # Nearly all of a file: such commands need no further look, unless they stand behind its end.
+        if not ended and (strokes := _STROKES.match(text, end)):
+            end = strokes.end()
     if region:
         raise _damaged(path, "a region has no end")
     if text[end:].strip() or not ended:
