@@ -16,6 +16,7 @@ import math
 import os
 import random
 import select
+import signal
 import subprocess
 import sys
 import tempfile
@@ -222,14 +223,10 @@ class Worker:
             self.process.kill()
             self.process.wait()
             self.process = None
-            if self.reader in MAY_END:
-                return "refused with its process"
             return f"FINDING: no answer within {SECONDS:g} s"
         if not said:
             code = self.process.wait()
             self.process = None
-            if self.reader in MAY_END:
-                return "refused with its process"
             return f"FINDING: the process ended with {code}"
         return said
 
@@ -288,7 +285,22 @@ def work(reader: str) -> None:
         print("ready", flush=True)
         for line in sys.stdin:
             path.write_bytes(damaged(reader, int(line)))
-            print(outcome(reader, path), flush=True)
+            print(_apart(reader, path) if reader in MAY_END else outcome(reader, path), flush=True)
+
+
+def _apart(reader: str, path: Path) -> str:
+    """The outcome, from a copy of this process that may end."""
+    back, to = os.pipe()
+    copy = os.fork()
+    if not copy:
+        signal.alarm(int(SECONDS))
+        os.write(to, outcome(reader, path).encode())
+        os._exit(0)
+    os.close(to)
+    with os.fdopen(back, "rb") as said:
+        answer = said.read()
+    os.waitpid(copy, 0)
+    return answer.decode() or "refused with its process"
 
 
 def _gdstk(path: Path, _script: object, function: str, **_limits: object) -> object:
