@@ -282,6 +282,10 @@ def work(reader: str) -> None:
         reading.read_apart = _gdstk  # type: ignore[assignment]
         reading_gerber.read_apart = _gerber  # type: ignore[assignment]
         read_step.read_apart = _step  # type: ignore[assignment]
+        if reader in MAY_END:
+            # What is imported on the way is imported once, not in every copy.
+            path.write_bytes(originals(reader)[0])
+            outcome(reader, path)
         print("ready", flush=True)
         for line in sys.stdin:
             path.write_bytes(damaged(reader, int(line)))
