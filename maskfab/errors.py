@@ -68,6 +68,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF314": "The size of an image's pixels is not known.",
         "MF315": "A Gerber file has a command that maskfab does not read.",
         "MF316": "Reading a file takes too long, or its readers disagree.",
+        "MF317": "A drawing has shapes that not every program shows, or shows where they are.",
         "MF401": "The output directory cannot be written.",
         "MF402": "The output directory is not empty.",
         "MF403": "The directory is not one that maskfab finished.",

@@ -15,6 +15,7 @@ from maskfab.layout.openings import load
 
 PITCH = 'dot = "8 um"\npitch = "56 um"'
 OPENING_KEY = 'opening = "ring.toml"'
+SOLID = '[export]\nformats = ["gdsii", "glb"]\nchrome = "{chrome}"\nexaggeration = {times}\n[plate]'
 
 
 def refused(answer: Answer, code: str, *said: str) -> dict[str, str]:
@@ -93,6 +94,22 @@ JOBS = {
     ),
     "dies beyond the writable area": (
         'die_pitch = "2 mm"', 'die_pitch = "11 mm"', "MF108", "plate.die_pitch", ["11560 um", "11000 um", "writable"],
+    ),
+    "dies beyond it however close": (
+        'die_size = "560 um"', 'die_size = "10 mm"', "MF108", "plate.die_size", ["20600 um", "11000 um", "fewer dies"],
+    ),
+    "bias wider than a dot": (
+        "[plate]", '[process]\ncd_bias = "30 um"\n[plate]', "MF127", "process, die PLAIN",
+        ["30 um", "a cd_bias of more than -8 um and less than 8 um"],
+    ),
+    "film too thin for a solid": (
+        "[plate]", SOLID.format(chrome="9.9 nm", times=1), "MF104", "export.chrome", ["0.0099 um", "10 nm", "solids"],
+    ),
+    "film too thick for a solid": (
+        "[plate]", SOLID.format(chrome="5 mm", times=201), "MF104", "export.exaggeration", ["1 m", "at most 200"],
+    ),
+    "chrome too thick for a solid": (
+        "[plate]", SOLID.format(chrome="2 m", times=1), "MF104", "export.chrome", ['chrome = "1 m" or less'],
     ),
     "writable area beyond the blank": (
         'writable = "22 mm"', 'writable = "28 mm"', "MF108", "plate.writable", ["28000 um", "27000 um", "blank"],

@@ -37,9 +37,13 @@ def verify(
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Read a finished directory or a package again and repeat every check, or hold a mask file against a job."""
-    if subject.suffix.lower() == ".zip" and not subject.is_dir():
-        stated = {"--die": die, "--layer": layer, "--cell": cell, "--dots-per-um": dots_per_um, "--unit": unit}
-        _package(subject, against, shop, [name for name, value in stated.items() if value is not None], as_json, quiet)
+    from maskfab.export.package import is_package
+
+    reading = {"--die": die, "--layer": layer, "--cell": cell, "--dots-per-um": dots_per_um, "--unit": unit}
+    said = [name for name, value in reading.items() if value is not None]
+    if is_package(subject):
+        _check_meant(said, (), "a package")
+        _package(subject, against, shop, as_json, quiet)
         return
     if shop is not None:
         raise JobError(
@@ -55,9 +59,12 @@ def verify(
             where="--against",
             cure="Add --against JOB.toml, or name the --out of a finished run",
         )
+    if subject.is_dir():
+        _check_meant((*(() if against is None else ("--against",)), *said), (), f"{subject.name}, which is a directory")
     if against is not None:
         from maskfab.validate.foreign import How
 
+        _check_meant(said, _meant(subject), subject.name)
         _foreign(subject, against, die, How(layer, cell, dots_per_um, unit_um(unit)), as_json, quiet)
         return
     from maskfab.verification import verify as verify_directory
@@ -67,13 +74,35 @@ def verify(
     _tell(checks, {}, as_json)
 
 
-def _package(
-    path: Path, against: Path | None, shop: str | None, strangers: Sequence[str], as_json: bool, quiet: bool
-) -> None:
+def _meant(file: Path) -> Sequence[str]:
+    """Options with a meaning for a file of its kind; all of them where no such kind is read, which is told elsewhere.
+
+    Only the unit of a DXF can be stated, which the reader of the others says.
+    """
+    from maskfab.geometry.reading import LAYOUT_SUFFIXES
+    from maskfab.geometry.reading_image import IMAGE_SUFFIXES
+
+    kind, every = file.suffix.lower(), ("--die", "--unit")
+    if kind in IMAGE_SUFFIXES:
+        return (*every, "--dots-per-um")
+    return (*every, "--layer", "--cell", *(() if kind in LAYOUT_SUFFIXES else ("--dots-per-um",)))
+
+
+def _check_meant(said: Sequence[str], meant: Sequence[str], subject: str) -> None:
+    """Refuse options that cannot be said of what is verified.
+
+    Raises:
+        JobError: MF105 for all of them, at the first.
+    """
+    strangers = [name for name in said if name not in meant]
+    cure = "Leave it out"
+    if "--against" in strangers:
+        cure += ": a finished directory is held against the job in it. Or name one of its mask files"
     if strangers:
-        raise JobError(
-            "MF105", f"{' '.join(strangers)} cannot be said of a package", where=strangers[0], cure="Leave it out"
-        )
+        raise JobError("MF105", f"{' '.join(strangers)} cannot be said of {subject}", where=strangers[0], cure=cure)
+
+
+def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, quiet: bool) -> None:
     if against is None and shop is not None:
         raise JobError(
             "MF105",
@@ -138,10 +167,12 @@ def _foreign(
 
 
 def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:
+    from maskfab.export.shops import shop_of
     from maskfab.layout.job import load
     from maskfab.validate.foreign import check_foreign, only_die
 
     job = load(against)
+    house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export
     stated = drawing is not None and "max_vertices" in drawing.model_fields_set
     return check_foreign(
@@ -152,4 +183,5 @@ def _checked(path: Path, against: Path, die: str | None, how: How, progress: Pro
         how,
         progress,
         max_vertices=drawing.max_vertices if drawing is not None and stated else None,
+        cut=house is not None and house.polygons.holes == "layer",
     )

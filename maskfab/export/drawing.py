@@ -29,6 +29,7 @@ _styled = mpl.rc_context(
         "svg.fonttype": "none",
         "svg.hashsalt": "maskfab",
         "pdf.fonttype": 42,
+        "pdf.compression": 0,  # not every zlib packs alike, and a package is packed anyway
     }
 )
 

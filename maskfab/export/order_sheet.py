@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -173,8 +174,8 @@ def _promised(shop: Shop) -> list[tuple[str, str]]:
     """What the house says that its masks keep, so that the order can refer to it."""
     told, tolerance, plate = [], shop.tolerance, shop.plate
     if tolerance.cd_um:
-        steps = (f"{width:g} um: +-{deviation:g} um" for width, deviation in tolerance.cd_um)
-        told.append(("published CD tolerance, widths up to", "; ".join(steps)))
+        steps = (f"{_widths(width)}: +-{deviation:g} um" for width, deviation in tolerance.cd_um)
+        told.append(("published CD tolerance", "; ".join(steps)))
     if tolerance.short_um is not None:
         told.append(("published tolerance, short distances", f"+-{tolerance.short_um:g} um"))
     if tolerance.long_um is not None:
@@ -184,6 +185,10 @@ def _promised(shop: Shop) -> list[tuple[str, str]]:
     if plate.glass_mm is not None:
         told.append(("published glass thickness", f"{plate.glass_mm[0]:g} to {plate.glass_mm[1]:g} mm"))
     return told
+
+
+def _widths(most_um: float) -> str:
+    return f"widths up to {most_um:g} um" if math.isfinite(most_um) else "any width beyond"
 
 
 def _printed(line: str) -> str:

@@ -53,6 +53,17 @@ def write_package(target: Path, folder: Path, names: Sequence[str], stem: str) -
                 shutil.copyfileobj(source, sink, _BLOCK)
 
 
+def is_package(path: Path) -> bool:
+    """Whether a file is called a package or is one whatever it is called: a zip with a manifest."""
+    if path.suffix.lower() == ".zip":
+        return not path.is_dir()
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(PurePosixPath(name).name == MANIFEST for name in archive.namelist())
+    except _DAMAGE:
+        return False
+
+
 def unpack(package: Path, folder: Path) -> tuple[str, ...]:
     """Unpack a package into a folder, every member checked before any is written; the names of its files.
 

@@ -22,20 +22,49 @@ from typing import Any
 import gdstk
 import numpy as np
 
+from maskfab.errors import SourceError
 from maskfab.geometry.apart import limit_share
 
 _METRES_PER_NM = 1e-9
 _LARGEST_REPETITION = 10_000_000
 _LARGEST_MEMORY = 3 << 30
 _MEMORY_PER_BYTE = 256
+_ENDLIB = 4
+_SHORTEST_RECORD = 4
 
 
 def content(function: str, path: str) -> list[dict[str, Any]]:
-    """All cells of a file as plain data."""
+    """All cells of a file as plain data.
+
+    Raises:
+        SourceError: MF303 something stands behind the end of a GDSII file.
+    """
     if function == "read_oas":
         _try_klayout(path)
+    else:
+        _refuse_rest(path)
     library = getattr(gdstk, function)(path, unit=_METRES_PER_NM)
     return [_plain(cell) for cell in library.cells]
+
+
+def _refuse_rest(path: str) -> None:
+    """Readers of GDSII stop at its end, and say nothing of a second library behind it; tapes are filled up with zeros.
+
+    A record is its length in two bytes, its type in one, that of its data in another, and its data.
+    """
+    data = Path(path).read_bytes()
+    start, kind = 0, -1
+    while kind != _ENDLIB:
+        length, kind = data[start] << 8 | data[start + 1], data[start + 2]
+        if length < _SHORTEST_RECORD:
+            raise _damaged(path, f"it has a record of {length} bytes")
+        start += length
+    if rest := data[start:].strip(b"\0"):
+        raise _damaged(path, f"{len(rest)} bytes stand behind its end")
+
+
+def _damaged(path: str, what: str) -> SourceError:
+    return SourceError("MF303", f"{Path(path).name}: {what}", where=path, cure="Write or copy it again")
 
 
 def _try_klayout(path: str) -> None:
@@ -79,4 +108,9 @@ def _repetition(each: Any) -> Any:
 
 if __name__ == "__main__":
     limit_share(Path(sys.argv[2]), _LARGEST_MEMORY, _MEMORY_PER_BYTE)
-    pickle.dump(content(*sys.argv[1:]), sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
+    found: list[dict[str, Any]] | SourceError
+    try:
+        found = content(*sys.argv[1:])
+    except SourceError as error:
+        found = error
+    pickle.dump(found, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)

@@ -3,8 +3,8 @@
 gerbonara reads what boards are made of and passes over what it does not know, step-and-repeat and block apertures
 among it. So every command is looked at first, and only those are let through whose effect is certain: regions, flashes
 and strokes of circles, rectangles, obrounds and regular polygons. Circles become polygons no further than 1 nm from
-them, and are counted; arcs drawn by G02 and G03 are refused. It parses a megabyte in a second, beside whatever else is
-done, and gives back what it took of memory.
+them, their corners then go to the nanometre grid, and they are counted; arcs drawn by G02 and G03 are refused. It
+parses a megabyte in a second, beside whatever else is done, and gives back what it took of memory.
 
     python -P -W error gerber_process.py FILE
 """
@@ -45,6 +45,10 @@ _EXTENDED = re.compile(
     rf"(?:FSLAX[1-6][3-7]Y[1-6][3-7]|MO(?:MM|IN)|LP[DC]|IPPOS|T[FAOD][^%*]*|"
     rf"ADD[1-9]\d+(?:C,(?:{_NUMBER})|[RO],(?:{_NUMBER})X(?:{_NUMBER})|P,(?:{_NUMBER})X\d+(?:X-?(?:{_NUMBER}))?))"
 )
+# In a comment, too, for readers that know no attributes.
+_NOT_POSITIVE = re.compile(r"(?:G04\s*#@!\s*)?TF\s*\.FilePolarity\b(?!\s*,\s*Positive\s*$).*", re.DOTALL)
+_LENGTHS = re.compile(rf"ADD.*|{_STROKE}", re.DOTALL)
+_STATEMENTS = {"FS": "format statement (%FS)", "MO": "unit statement (%MO)"}
 _ARCS = re.compile(r"G0?[23](?!\d)|G74")
 _COMMAND = re.compile(r"%(?P<extended>[^%]*)%|(?P<plain>[^*%]*)\*")
 
@@ -75,6 +79,7 @@ def _damaged(path: Path, what: str) -> SourceError:
 def _check_commands(path: Path, text: str) -> None:
     end = 0
     ended = region = False
+    lacking = dict(_STATEMENTS)
     while match := _COMMAND.search(text, end):
         between = text[end : match.start()]
         end = match.end()
@@ -86,13 +91,16 @@ def _check_commands(path: Path, text: str) -> None:
             raise _damaged(path, f"{match[0][:40]!r} has no end")
         for command in commands:
             _check_command(path, command.strip(), _PLAIN if plain is not None else _EXTENDED, ended)
+            lacking.pop(command.strip()[:2], None)
+            if lacking and _LENGTHS.fullmatch(command.strip()):
+                raise _without(path, lacking)
             ended = ended or command.strip() == "M02"
             if command.strip() in {"G36", "G37"}:
                 if region == (command.strip() == "G36"):
                     raise _damaged(path, f"{command.strip()} stands where no region can {'begin' if region else 'end'}")
                 region = not region
         # Nearly all of a file: such commands need no further look, unless they stand behind its end.
-        if not ended and (strokes := _STROKES.match(text, end)):
+        if not ended and not lacking and (strokes := _STROKES.match(text, end)):
             end = strokes.end()
     if region:
         raise _damaged(path, "a region has no end")
@@ -100,9 +108,25 @@ def _check_commands(path: Path, text: str) -> None:
         raise _damaged(path, "it ends without M02")
 
 
+def _without(path: Path, lacking: dict[str, str]) -> SourceError:
+    return SourceError(
+        "MF303",
+        f"{path.name}: missing before its first length or coordinate is its {' and its '.join(lacking.values())}",
+        where=str(path),
+        cure="Write it with %FSLAX46Y46*% and %MOMM*%, or whatever its numbers mean",
+    )
+
+
 def _check_command(path: Path, command: str, known: re.Pattern[str], ended: bool) -> None:
     if ended:
         raise _damaged(path, f"{command[:40]!r} stands behind M02")
+    if _NOT_POSITIVE.match(command):
+        raise SourceError(
+            "MF315",
+            f"{path.name} says that its polarity is not positive ({command[:60]!r})",
+            where=str(path),
+            cure="Draw dark what is clear in the chrome, and state Positive or nothing",
+        )
     if known.fullmatch(command):
         return
     shown = repr(command[:40])
@@ -206,13 +230,13 @@ class _Outlines:
     def _primitive(self, part: Any) -> NDArray[np.float64]:
         kind = type(part).__name__
         if kind == "Circle":
-            return self._round(part.x * 1e6, part.y * 1e6, part.r * 1e6, 0.0, 2 * math.pi)
+            return _distinct(self._round(part.x * 1e6, part.y * 1e6, part.r * 1e6, 0.0, 2 * math.pi))
         if kind == "Line":
             x1, y1, x2, y2 = (1e6 * value for value in (part.x1, part.y1, part.x2, part.y2))
             heading, radius = math.atan2(y2 - y1, x2 - x1), 5e5 * part.width
             far = self._round(x2, y2, radius, heading - math.pi / 2, heading + math.pi / 2)
             near = self._round(x1, y1, radius, heading + math.pi / 2, heading + 1.5 * math.pi)
-            return np.concatenate([far, near])
+            return _distinct(np.concatenate([far, near]))
         outline: NDArray[np.float64] = np.array(part.to_arc_poly().outline, dtype=np.float64) * 1e6
         return outline
 
@@ -224,6 +248,13 @@ class _Outlines:
         step = 2 * math.acos(max(0.0, 1 - _FROM_CIRCLE_NM / max(radius, 1.0)))
         angles = np.linspace(start, stop, max(8, math.ceil((stop - start) / step)) + 1)
         return np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1)
+
+
+def _distinct(corners: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The corners of a curve on the nanometre grid, without those that repeat the one before: no file drew them."""
+    nearest = np.rint(corners)
+    moves = (nearest != np.roll(nearest, 1, axis=0)).any(axis=1)
+    return nearest[moves] if moves.any() else nearest[:1]
 
 
 if __name__ == "__main__":

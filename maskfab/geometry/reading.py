@@ -71,7 +71,8 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
         JobError: MF105 a unit is stated for a file that states its own.
         SourceError: MF301 missing, MF302 empty, MF303 truncated or damaged, MF304 not what its suffix says,
             MF308 of a kind that is not read, MF310 and MF311 drawn with open lines or curves, MF312 a polygon that
-            crosses itself, MF313 too large, MF315 a command of Gerber that is not read, MF316 too slow to read.
+            crosses itself, MF313 too large, MF315 a command of Gerber that is not read, MF316 too slow to read,
+            MF317 a DXF that draws out of sight.
     """
     if unit_um is not None and path.suffix.lower() != ".dxf":
         raise JobError(
@@ -366,14 +367,29 @@ class _Conversion:
                 yield db.CellInstArray(index, (db.Trans if straight else db.ICplxTrans)(dx, dy) * turn)
 
     def _array(self, index: int, turn: Any, repetition: tuple[Any, ...]) -> db.CellInstArray:
+        self._refuse_standing(repetition)
         columns, rows, vectors = repetition
         a, b = self._integers(vectors)
         return db.CellInstArray(index, turn, db.Vector(*a), db.Vector(*b), columns, rows)
+
+    def _refuse_standing(self, repetition: tuple[Any, ...]) -> None:
+        """klayout takes copies that lie on each other for one, where there is no step between them."""
+        columns, rows, vectors = repetition
+        moves = np.rint(vectors).any(axis=1)
+        if (columns > 1 and not moves[0]) or (rows > 1 and not moves[1]):
+            raise SourceError(
+                "MF316",
+                f"{self._path.name} has an array of {columns} x {rows} with steps of 0 nm: some readers take its "
+                "copies for one",
+                where=str(self._path),
+                cure="Place once what is meant once, and the rest where it is meant",
+            )
 
     def _offsets(self, repetition: Any) -> list[list[int]]:
         if repetition is None:
             return [[0, 0]]
         if isinstance(repetition, tuple):
+            self._refuse_standing(repetition)
             columns, rows, vectors = repetition
             self._count_copies(columns * rows)
             repetition = np.mgrid[0:columns, 0:rows].reshape(2, -1).T @ vectors

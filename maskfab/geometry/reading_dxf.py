@@ -1,8 +1,8 @@
 """What a text DXF draws that is no closed polygon, found before a reader makes something of it.
 
 Readers of DXF turn arcs into chords, leave splines out, and take open lines for paths without width, each without a
-word. A mask has polygons only, so such drawings are refused and named. What is drawn on the grid and what beside it is
-found on the way.
+word. A mask has polygons only, so such drawings are refused and named. What is drawn out of sight, and what on the grid
+and what beside it, is found on the way.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from klayout import db
 
 from maskfab.errors import SourceError
 from maskfab.geometry.reading_dxf_grid import Grid
+from maskfab.geometry.reading_dxf_seen import Unseen
 from maskfab.geometry.reading_dxf_text import Entity, entities
 from maskfab.model import CLEAR
 
@@ -24,11 +25,13 @@ from maskfab.model import CLEAR
 POLYLINE_MODE = 2
 
 _LINES = {"POLYLINE", "LWPOLYLINE"}
-_HARMLESS = {
-    "INSERT", "SOLID", "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "POINT", "VERTEX", "SEQEND", "BLOCK", "ENDBLK",
-    "SECTION", "ENDSEC", "VIEWPORT",
+_SHAPELESS = {
+    "TEXT", "MTEXT", "ATTRIB", "ATTDEF", "VERTEX", "SEQEND", "BLOCK", "ENDBLK", "SECTION", "ENDSEC", "VIEWPORT",
 }  # fmt: skip
-_OPEN = {"LINE", "3DFACE", "TRACE", "LEADER", "MLINE", "RAY", "XLINE", "HATCH", "REGION", "3DSOLID", "MESH"}
+_HARMLESS = _SHAPELESS | {"INSERT", "SOLID"}
+_OPEN = {"LINE", "POINT", "3DFACE", "TRACE", "LEADER", "MLINE", "RAY", "XLINE", "HATCH", "REGION", "3DSOLID", "MESH"}
+# Shapes on layer 0 of a block are drawn on the layer of its reference, and those on CUT may be taken out of CLEAR.
+_COUNTING = {CLEAR.name, "CUT", "0"}
 _CLOSED = 1
 _CURVE_FITTED = 2 | 4
 
@@ -47,7 +50,7 @@ class Drawn:
 
 
 def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
-    """Refuse a drawing with lines that are open, curves, or fills; on other layers if nothing lies on CLEAR.
+    """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
 
     Args:
         path: the file, for errors.
@@ -56,12 +59,17 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
 
     Raises:
         SourceError: MF303 blocks that contain themselves or are lacking, MF310 open lines or fills, MF311 arcs,
-            splines and bulges.
+            splines and bulges, MF317 shapes in paper space, on frozen layers, invisible, or out of the plane.
     """
     found: Counter[tuple[str, str, str]] = Counter()
     clear_drawn = False
-    grid = Grid(nm_per_unit)
+    grid, unseen = Grid(nm_per_unit), Unseen()
     for entity in entities(data):
+        if entity.kind == "LAYER":
+            unseen.add_layer(entity)
+            continue
+        if entity.kind not in _SHAPELESS:
+            unseen.add(entity)
         layer = entity.layer
         clear_drawn = clear_drawn or layer == CLEAR.name
         fault = _fault(entity)
@@ -71,10 +79,11 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
             grid.add(entity)
 
     def counts(layer: str) -> bool:
-        return not clear_drawn or layer in {CLEAR.name, "0"}
+        return not clear_drawn or layer in _COUNTING
 
-    _refuse_faults(path, {key: count for key, count in found.items() if counts(key[2])})
     _refuse_blocks(path, grid)
+    _refuse_unseen(path, unseen.told(counts, grid.drawing(counts)))
+    _refuse_faults(path, {key: count for key, count in found.items() if counts(key[2])})
     return Drawn(grid.rounding_nm(counts), grid.repeated_vertices(counts))
 
 
@@ -85,7 +94,17 @@ def _refuse_faults(path: Path, faults: dict[tuple[str, str, str], int]) -> None:
             max(code for code, _, _ in faults),
             f"{path.name} draws {', '.join(told[:6])}; a mask has closed polygons only",
             where=str(path),
-            cure="Close its lines, and turn curves into polygons in the program that drew them",
+            cure="Close its lines, take its points out, and turn curves into polygons in the program that drew them",
+        )
+
+
+def _refuse_unseen(path: Path, told: list[str]) -> None:
+    if told:
+        raise SourceError(
+            "MF317",
+            f"{path.name} draws {', '.join(told[:6])}; a mask has what is seen in model space only",
+            where=str(path),
+            cure="Delete what is no part of the mask, draw the rest flat in model space, and show all its layers",
         )
 
 

@@ -19,6 +19,9 @@ from maskfab.geometry.reading_dxf_text import Entity
 _ON_GRID_NM = 1e-4
 """Decimals of inches and millimetres are written with so many digits that what is on the grid lies closer to it."""
 
+_ELSEWHERE = 4 | 8
+"""Flags of a block whose content is another file's, or is laid over from there."""
+
 _DRAWING = "\n"
 """Stands for the drawing itself; no name of a block ends a line."""
 
@@ -39,7 +42,7 @@ class Grid:
     def add(self, entity: Entity) -> None:
         """Take the coordinates of an entity that draws, places or begins a block; others have none that count."""
         block = _DRAWING if entity.block is None else entity.block
-        if entity.kind == "BLOCK":
+        if entity.kind == "BLOCK" and not int(entity.number(70)) & _ELSEWHERE:
             self._bases[block] = entity.number(10), entity.number(20)
         elif entity.kind == "INSERT":
             steps = [entity.number(step) for step, count in ((44, 70), (45, 71)) if abs(entity.number(count, 1.0)) > 1]
@@ -80,6 +83,18 @@ class Grid:
             **{block: set() for block in self._bases},
             **{block: {name for name, _, _ in placed} for block, placed in self._placed.items()},
         }
+
+    def drawing(self, counts: Callable[[str], bool]) -> set[str]:
+        """Names of the blocks that draw something that counts, or place a block that does.
+
+        Args:
+            counts: whether the geometry on a layer of that name does.
+        """
+        found = {block for block, layer in self._lines if counts(layer)}
+        for block in TopologicalSorter(self._graph()).static_order():
+            if any(name in found for name, _, _ in self._placed.get(block, ())):
+                found.add(block)
+        return found - {_DRAWING}
 
     def rounding_nm(self, counts: Callable[[str], bool]) -> float:
         """The largest distance by which klayout moves a coordinate, seen in the drawing.

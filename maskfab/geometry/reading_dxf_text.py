@@ -8,6 +8,7 @@ from collections.abc import Iterator
 
 _ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*((?:3D)?[A-Za-z][^\r\n]*?)[ \t]*\r?(?=\n)")
 _SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
+_DRAWN = {b"BLOCKS", b"ENTITIES"}
 _TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
 
 
@@ -83,8 +84,8 @@ def _numbers(texts: list[bytes]) -> list[float]:
 
 
 def entities(data: bytes) -> Iterator[Entity]:
-    """Every entity of the sections BLOCKS and ENTITIES, BLOCK and ENDBLK among them."""
-    drawn = False
+    """Every entity of the sections BLOCKS and ENTITIES, BLOCK and ENDBLK among them, and every LAYER of the tables."""
+    section = b""
     block: str | None = None
     previous: tuple[str, int] | None = None
     for match in _ENTITY.finditer(data):
@@ -101,7 +102,7 @@ def entities(data: bytes) -> Iterator[Entity]:
         previous = None
         if kind == "SECTION":
             said = _SECTION.match(data, match.end())
-            drawn = said is not None and said[1].upper() in {b"BLOCKS", b"ENTITIES"}
+            section = b"" if said is None else said[1].upper()
             block = None
-        elif drawn:
+        elif section in _DRAWN or (section == b"TABLES" and kind == "LAYER"):
             previous = kind, match.end()

@@ -79,7 +79,7 @@ class _Drawing:
         for size, end in zip(sizes.tolist(), ends.tolist(), strict=True):
             outline = corners[end - size : end].tolist()
             polygon = db.Polygon([db.Point(x, y) for x, y in outline])
-            if polygon.num_points() < size:
+            if polygon.num_points() < size > 1:
                 self._repeated += sum(
                     one == other for one, other in zip(outline, [outline[-1], *outline], strict=False)
                 )

@@ -25,6 +25,7 @@ _MAGIC = {
     ".png": (b"\x89PNG\r\n\x1a\n",),
     **dict.fromkeys((".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")),
 }
+_PNG_AROUND = 12
 _UM_PER_UNIT = {"in": 25400.0, "inch": 25400.0, "cm": 1e4, "m": 1e6, "mm": 1e3}
 
 
@@ -36,8 +37,8 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
         dots_per_um: pixels in a micrometre; what the file's resolution tags say if None.
 
     Raises:
-        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF313 too large,
-            MF314 its resolution is not known or not the same along x and y.
+        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF308 turned, of several
+            pages or transparent, MF313 too large, MF314 its resolution is not known or not the same along x and y.
     """
     values, stated = read_levels(path)
     pixel_nm = 1e3 / (dots_per_um or stated or _unknown(path))
@@ -60,8 +61,8 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
     """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states, if any.
 
     Raises:
-        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF313 too large,
-            MF314 its resolution is not the same along x and y.
+        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF308 turned, of several
+            pages or transparent, MF313 too large, MF314 its resolution is not the same along x and y.
     """
     if not path.is_file():
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
@@ -73,7 +74,25 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
         raise SourceError(
             "MF304", f"{path.name} is not what its suffix says", where=str(path), cure="Give it its true suffix"
         )
+    if path.suffix.lower() == ".png" and not _ends(path):
+        raise _damaged(path, "it ends without IEND")
     return _pixels(path)
+
+
+def _ends(path: Path) -> bool:
+    """Whether a PNG is there to its last chunk: its length and name in eight bytes, its data, and a sum of four.
+
+    A reader is content once it has all pixels.
+    """
+    start, size = len(_MAGIC[".png"][0]), path.stat().st_size
+    with path.open("rb") as file:
+        while start + _PNG_AROUND <= size:
+            file.seek(start)
+            length, name = int.from_bytes(file.read(4), "big"), file.read(4)
+            start += _PNG_AROUND + length
+            if name == b"IEND":
+                return start <= size
+    return False
 
 
 def _unknown(path: Path) -> float:
@@ -123,7 +142,15 @@ def _pixels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float 
     colours = [c for c in range(spec.nchannels) if c not in (spec.alpha_channel, spec.z_channel)]
     if not colours:
         raise _damaged(path, "it has no colour channel")
-    values = np.asarray(pixels).reshape(spec.height, spec.width, -1)[:, :, colours]
+    channels = np.asarray(pixels).reshape(spec.height, spec.width, -1)
+    if spec.alpha_channel >= 0 and channels[:, :, spec.alpha_channel].min() < _WHITE:
+        raise SourceError(
+            "MF308",
+            f"{path.name} is transparent in part, which shows as whatever lies behind it",
+            where=where,
+            cure="Save it without transparency, black where the mask is opaque and white where it is clear",
+        )
+    values = channels[:, :, colours]
     return values[:, :, 0] if len(colours) == 1 else values.mean(axis=2), stated
 
 

@@ -93,7 +93,7 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
             f"corners of radius {radius:g} um and edges moved by {bias / 2:g} um need dots of {2 * reach:g} um, "
             f"these are {dot:g} um",
             where=where,
-            cure=f"Use larger dots, or a corner radius of at most {max(0.0, (dot - abs(bias)) / 2):g} um",
+            cure=f"Use larger dots, or {_bearable(process, panel)}",
         )
     gutter = panel.gutter_nm / 1e3
     if 0 < gutter <= bias:
@@ -103,6 +103,16 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
             where=where,
             cure=f"Use a gutter of more than {bias:g} um, or a smaller bias",
         )
+
+
+def _bearable(process: Process, panel: Panel) -> str:
+    """What a panel's dots and gutters bear of the process that they do not."""
+    dot, gutter, bias = panel.dot_nm / 1e3, panel.gutter_nm / 1e3, process.cd_bias_um
+    if abs(bias) < dot:
+        return f"a corner radius of at most {(dot - abs(bias)) / 2:g} um"
+    most = min(dot, gutter) if gutter else dot
+    together = "; its size and twice the corner radius are together at most a dot" if process.corner_radius_um else ""
+    return f"a cd_bias of more than {-dot:g} um and less than {most:g} um{together}"
 
 
 def written_region(

@@ -220,22 +220,26 @@ def _check_rooms(
     rows = -(-count // columns)
     marks_nm = 2 * (2 * MARGIN_NM + TITLE_HEIGHT_NM) if template is None else 0
     left = "the writable area less title and marks" if template is None else "the writable area"
-    room = {
-        "plate.die_size": (section.die_size, section.die_pitch - LABEL_NM / 1e3, "its slot less the label"),
-        "plate.writable": (writable_nm / 1e3, blank_nm / 1e3, "the blank"),
-        "plate.die_pitch": (
-            (max(columns, rows) - 1) * section.die_pitch + section.die_size,
-            (writable_nm - marks_nm) / 1e3,
-            f"{left}, for {rows} rows of {columns} dies",
-        ),
-    }
-    for key, (size, limit, what) in room.items():
+    across, room_um = max(columns, rows), (writable_nm - marks_nm) / 1e3
+    grid = f"{left}, for {rows} x {columns} dies,"
+    smaller = "Use smaller or fewer dies"
+    rooms = (
+        ("writable", writable_nm / 1e3, blank_nm / 1e3, "the blank", "Use a smaller writable, or a larger blank"),
+        # As close as their labels let them lie: if that is too much, no die_pitch helps.
+        ("die_size", (across - 1) * (section.die_size + LABEL_NM / 1e3) + section.die_size, room_um, grid,
+         f"{smaller}, other columns, or a larger plate"),
+        ("die_size", section.die_size, section.die_pitch - LABEL_NM / 1e3, "its slot less the label",
+         "Use smaller dies, or a wider die_pitch"),
+        ("die_pitch", (across - 1) * section.die_pitch + section.die_size, room_um, grid,
+         f"{smaller}, a closer die_pitch, or a larger plate"),
+    )  # fmt: skip
+    for key, size, limit, what, cure in rooms:
         if size > limit:
             raise JobError(
                 "MF108",
-                f"{key.split('.')[1]} needs {size:g} um, but {what} leaves {limit:g} um",
-                where=f"{where}: {key}",
-                cure="Use smaller or fewer dies, a closer die_pitch, or a larger plate",
+                f"{key} needs {size:g} um, but {what} leaves {limit:g} um",
+                where=f"{where}: plate.{key}",
+                cure=cure,
             )
 
 

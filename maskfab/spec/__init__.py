@@ -5,7 +5,7 @@ dumps back to text that loads to the same spec.
 """
 
 from maskfab.spec.checks import check_optics, even_nm
-from maskfab.spec.export_values import MASK_FORMATS, FileFormat
+from maskfab.spec.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, FileFormat
 from maskfab.spec.read import parse_section, read, validate
 from maskfab.spec.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
 from maskfab.spec.sections import (
@@ -38,6 +38,7 @@ __all__ = [
     "DRAWING_KEYS",
     "HOTTEST_K",
     "MASK_FORMATS",
+    "MOST_DOTS_PER_UM",
     "AnyDesign",
     "CameraSection",
     "DesignSection",

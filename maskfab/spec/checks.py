@@ -13,6 +13,9 @@ from maskfab.spec.sections import DesignSection, JobSpec, RelaxSection, SearchSe
 
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
+_SOLIDS = frozenset({"step", "glb", "3mf", "stl"})
+_FILM_UM = (0.01, 1e6)
+"""Films that solids show: STEP, to which 0.1 nm is nothing, cuts thinner ones wrongly; thicker ones dwarf any plate."""
 
 
 def check_dies(spec: JobSpec, where: str) -> None:
@@ -289,3 +292,29 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             where=f"{where}: camera.window",
             cure=f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel",
         )
+
+
+def check_film(spec: JobSpec, where: str) -> None:
+    """Chrome that solids can show, as thick as they draw it.
+
+    Raises:
+        JobError: MF104.
+    """
+    section = spec.export
+    if section is None or _SOLIDS.isdisjoint(section.formats or ()):
+        return
+    (least, most), film = _FILM_UM, section.chrome * section.exaggeration
+    if least * (1 - 1e-9) <= film <= most * (1 + 1e-9):
+        return
+    key, cure = "chrome", f'Use chrome = "{least * 1e3:g} nm" or more, or leave solids out of export.formats'
+    if section.chrome > most:
+        cure = f'Use chrome = "{most / 1e6:g} m" or less'
+    elif film > most:
+        key, cure = "exaggeration", f"Use at most {most / section.chrome:g}, or thinner chrome"
+    raise JobError(
+        "MF104",
+        f"chrome of {section.chrome:g} um, drawn {section.exaggeration:g} times as thick, is a film of {film:g} um; "
+        f"solids show films of {least * 1e3:g} nm to {most / 1e6:g} m",
+        where=f"{where}: export.{key}",
+        cure=cure,
+    )

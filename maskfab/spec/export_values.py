@@ -16,6 +16,9 @@ FileFormat: TypeAlias = Literal[
 MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
 """What a plate becomes if a job asks for nothing, and what its optics can be measured from."""
 
+MOST_DOTS_PER_UM = 100
+"""Pixels of a PNG or a TIFF in a micrometre."""
+
 
 def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
     """Refuse formats of which the first is no layout, or one is named twice.

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 from pydantic import ValidationError
 
 from maskfab.errors import JobError, SourceError
-from maskfab.spec.checks import check_design, check_dies, check_display, check_method, check_scene
+from maskfab.spec.checks import check_design, check_dies, check_display, check_film, check_method, check_scene
 from maskfab.spec.problems import first_problem
 from maskfab.spec.sections import JobSpec, Section
 
@@ -54,6 +54,7 @@ def validate(document: object, *, where: str) -> JobSpec:
     check_dies(spec, where)
     check_display(spec, where)
     check_scene(spec, where)
+    check_film(spec, where)
     return spec
 
 

@@ -10,7 +10,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 from maskfab.model import Camera, Process, Stop, Tiling
 from maskfab.spec.design_values import Method, ObjectiveName, Weight
 from maskfab.spec.display_values import Area, ThreeColours
-from maskfab.spec.export_values import MASK_FORMATS, Formats, SignedLength
+from maskfab.spec.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, Formats, SignedLength
 from maskfab.spec.pareto_values import Counts
 from maskfab.spec.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, Spectrum
 from maskfab.spec.values import DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Wavelength
@@ -308,7 +308,7 @@ class ExportSection(Section):
     holes: Literal["bisect", "keyhole", "trapezoids"] | None = "bisect"
     corners: Literal["apart", "joined"] | None = "apart"
     max_references: int | None = Field(default=None, ge=1)
-    dots_per_um: float = Field(default=0.125, gt=0, le=100, allow_inf_nan=False)
+    dots_per_um: float = Field(default=0.125, gt=0, le=MOST_DOTS_PER_UM, allow_inf_nan=False)
     stl_limit_mb: float = Field(default=100.0, gt=0, le=10_000, allow_inf_nan=False)
     chrome: Length = 0.1
     exaggeration: float = Field(default=1.0, ge=1, le=1e6, allow_inf_nan=False)

@@ -21,6 +21,9 @@ UNLIKE = 0.5
 _BETTER = 0.5
 _MOST_WINDOWS = 24
 _MOST_MARKS = 8
+_MOST_SHAPES = 100_000
+"""Shapes of the file in one window; no cell of a display has so many, and a wrong scale shows whole files in it."""
+_LARGEST = 2**31 - 1
 _CELLS = 3
 _UNITS = {
     25.4: "drawn in millimetres, taken for inches",
@@ -118,6 +121,8 @@ def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
         return best
     for turn in (0, 4, 1, 2, 3, 5, 6, 7):
         for scale in _scales(whole, file_box, turn):
+            if not _within_reach(file_box, scale):
+                continue
             turned = file_box.transformed(_trans(turn, scale, (0, 0)))
             for inverted in (False, True):
                 for shift in _shifts(plate, whole, turned, inverted):
@@ -128,6 +133,12 @@ def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
                         if differing == 0:
                             return best
     return best
+
+
+def _within_reach(box: db.Box, scale: float) -> bool:
+    """Whether a box far from the origin has coordinates once it is enlarged, with room for a shift."""
+    farthest = max(abs(box.left), abs(box.bottom), abs(box.right), abs(box.top))
+    return bool(farthest * scale < _LARGEST / 2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -221,7 +232,10 @@ def _differing(
     differing = 0
     for window in windows:
         place = window.box.transformed(back).enlarged(1, 1)
-        shapes = db.Region(read.top_cell().begin_shapes_rec_overlapping(index, place)) & db.Region(place)
+        shapes = db.Region(read.top_cell().begin_shapes_rec_overlapping(index, place))
+        if shapes.count() > _MOST_SHAPES:
+            return float(enough) if enough > 1 else 1.0
+        shapes &= db.Region(place)
         here = db.Region(window.box)
         found = shapes.merged().transformed(trans) & here
         if inverted:

@@ -20,6 +20,7 @@ from maskfab.geometry.reading_image import read_levels
 from maskfab.geometry.region import clear_shapes, coverage
 from maskfab.geometry.rules import smallest_runs
 from maskfab.model import Die, Quantity
+from maskfab.spec import MOST_DOTS_PER_UM
 from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
@@ -52,13 +53,19 @@ def check_pixels(dies: Sequence[Die], dots_per_um: float, where: str) -> None:
     if pixel <= smallest * (1 + _EDGE):
         return
     coarsest, even = NM_PER_UM / smallest, NM_PER_UM / gcd(*(length for die in dies for length in _lengths_nm(die)))
-    follow = "" if even <= coarsest * (1 + _EDGE) else f"; from {_rounded_up(even)} on pixels can follow every dot"
+    cure = f"Set it to at least {_rounded_up(coarsest)}"
+    if coarsest > MOST_DOTS_PER_UM:
+        cure = (
+            f"Leave png and tiff out of export.formats: it would take {_rounded_up(coarsest)}, more than any may have"
+        )
+    elif coarsest * (1 + _EDGE) < even <= MOST_DOTS_PER_UM:
+        cure += f"; from {_rounded_up(even)} on pixels can follow every dot"
     raise JobError(
         "MF104",
         f"{dots_per_um:g} dots per um are pixels of {pixel / NM_PER_UM:g} um, larger than the smallest feature of the "
         f"die {die.name}, {smallest / NM_PER_UM:g} um: such a picture cannot carry the design",
         where=f"{where}: export.dots_per_um",
-        cure=f"Set it to at least {_rounded_up(coarsest)}{follow}",
+        cure=cure,
     )
 
 

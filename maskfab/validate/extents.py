@@ -15,6 +15,8 @@ _HEADER = re.compile(rb"\$EXTMIN\s+10\s+(\S+)\s+20\s+(\S+)\s.*?\$EXTMAX\s+10\s+(
 _BELOW = 0.3
 """How far letters reach below their base line, in their heights."""
 
+_FAR = 2**31 - 1
+
 
 def file_box(path: Path, read: db.Layout, style: DrawingStyle) -> Box:
     """The bounding box of everything in a file, in nanometres; all 0 if there is nothing.
@@ -48,4 +50,5 @@ def _of_header(path: Path, style: DrawingStyle) -> db.Box:
         x0, y0, x1, y1 = (round(float(value) / style.length(1)) for value in said.groups())
     except (ValueError, OverflowError):
         return db.Box()
-    return db.Box(x0, y0, x1, y1)
+    # Where a layout ends, what reaches further is too far all the same.
+    return db.Box(*(max(-_FAR, min(_FAR, value)) for value in (x0, y0, x1, y1)))

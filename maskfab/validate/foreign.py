@@ -31,6 +31,13 @@ from maskfab.validate.roundtrip import CdCheck, RoundTrip, clear_length_nm, comp
 
 MOST_INVERTED = 2_000_000
 _TOLD_PLACES = 4
+_TOLD_LAYERS = 8
+_UNTOLD = (
+    "mask houses do not unless they are told so: name one in [export] shop that takes holes on a layer of their own, "
+    "or say --layer"
+)
+_PASSED_OVER_KEY = "maskfab_passed_over"
+_TAKEN_OUT_KEY = "maskfab_taken_out"
 
 
 @dataclass(frozen=True)
@@ -93,6 +100,7 @@ def check_foreign(
     progress: Progress = silent,
     *,
     max_vertices: int | None = None,
+    cut: bool = False,
 ) -> Foreign:
     """Read a file and compare it with a plate: position, tone, geometry, CDs, rules, and the optics of every die.
 
@@ -104,13 +112,21 @@ def check_foreign(
         how: what the file does not say itself.
         progress: told where the work stands.
         max_vertices: of a polygon, as the job draws them; None where it leaves that open.
+        cut: whether the job's mask house takes holes on a layer of their own, as :data:`CUT` is.
 
     Raises:
-        SourceError: MF301 to MF316 if the file cannot be read as it stands.
+        SourceError: MF301 to MF317 if the file cannot be read as it stands; MF309 if nothing of it is clear.
     """
     progress("read", 0, 1)
     how = how or How()
     read = _read(path, how)
+    if _is_dark(read):
+        raise SourceError(
+            "MF309",
+            f"nothing of {path.name} is clear",
+            where=str(path),
+            cure="Name the layer that is clear with --layer, or export it again",
+        )
     design = _clear_only(plate_layout(plate), None, None, path)
     progress("align", 0, 1)
     alignment = align(plate, design, read)
@@ -118,7 +134,8 @@ def check_foreign(
         plate, design, read, alignment, lambda unit_um: _read(path, replace(how, unit_um=unit_um))
     )
     positioned = path.suffix.lower() not in IMAGE_SUFFIXES
-    quantities = [*_of_file(path, read), _lies(path, alignment, positioned), *named_cells(read)]
+    quantities = [*_of_file(path, read), *_layers(path, read, cut), _lies(plate, path, alignment, positioned)]
+    quantities += named_cells(read)
     if not alignment.alike:
         progress("rules", 0, 1)
         wanted = asked(plate, limits)
@@ -157,7 +174,10 @@ def _read(path: Path, how: How) -> db.Layout:
 
 
 def _clear_only(layout: db.Layout, layer: str | None, cell: str | None, path: Path) -> db.Layout:
-    """One top cell with what is clear, on the layer CLEAR, and nothing else; notes about the file stay."""
+    """One top cell with what is clear, on the layer CLEAR, and nothing else; notes about the file stay.
+
+    Without a stated layer, what lies on the layer CUT is taken out of it, as a house does that is told to.
+    """
     try:
         root, info = find_cell(layout, cell), find_layer(layout, layer)
     except SourceError as error:
@@ -165,12 +185,22 @@ def _clear_only(layout: db.Layout, layer: str | None, cell: str | None, path: Pa
     for index in [each.cell_index() for each in layout.top_cells() if each.cell_index() != root.cell_index()]:
         _drop_above(layout, index, root.cell_index())
     cut = layout.find_layer(layer_info(CUT))
-    if layer is None and cut is not None and not root.bbox(cut).empty():
+    taken_out = layer is None and cut is not None and not root.bbox(cut).empty()
+    if taken_out:
         exposed = (region(layout, info) - region(layout, CUT)).merged(True, 1)
         layout.flatten(root.cell_index(), -1, True)
         root.shapes(layout.find_layer(info)).clear()
         root.shapes(layout.find_layer(info)).insert(exposed)
     kept = layout.find_layer(info)
+    passed_over = sorted(
+        f"{each.layer}/{each.datatype} {each.name}".strip() if each.layer >= 0 else each.name
+        for each in layout.layer_infos()
+        if not each.is_equivalent(info)
+        and not (taken_out and each.is_equivalent(layer_info(CUT)))
+        and not root.bbox(layout.find_layer(each)).empty()
+    )
+    layout.add_meta_info(db.LayoutMetaInfo(_PASSED_OVER_KEY, passed_over, "layers with shapes that are not looked at"))
+    layout.add_meta_info(db.LayoutMetaInfo(_TAKEN_OUT_KEY, taken_out, "whether CUT was taken out of CLEAR"))
     note_left_out(layout, replace(left_out(layout), texts=count_texts(layout, kept)))
     for index in layout.layer_indexes():
         if index != kept:
@@ -249,6 +279,13 @@ def _bounds(read: db.Layout) -> db.Box:
     return read.top_cell().bbox(read.find_layer(layer_info(CLEAR)))
 
 
+def _is_dark(read: db.Layout) -> bool:
+    polygons = read.top_cell().begin_shapes_rec(read.find_layer(layer_info(CLEAR)))
+    polygons.shape_flags = db.Shapes.SRegions
+    polygons.reset()
+    return bool(polygons.at_end())
+
+
 def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
     noted = left_out(read)
     name = path.name
@@ -265,12 +302,28 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
         yield Quantity(what, "", count, "", method, limit=0 if wrong else None, passed=count == 0 if wrong else None)
 
 
-def _lies(path: Path, alignment: Alignment, positioned: bool) -> Quantity:
+def _layers(path: Path, read: db.Layout, cut: bool) -> Iterator[Quantity]:
+    """Whether another layer takes part in what is clear, and which layers are not looked at."""
+    if read.meta_info_value(_TAKEN_OUT_KEY):
+        name = f"{CUT.number}/{CUT.datatype}"
+        method = f"{path.name} has shapes on {name}, which are taken out of what is clear for all that follows, as "
+        method += "the job's mask house does" if cut else _UNTOLD
+        yield Quantity("layer_taken_out", "", name, "", method, limit=name if cut else "none", passed=cut)
+    passed_over = read.meta_info_value(_PASSED_OVER_KEY) or []
+    if passed_over:
+        shown = ", ".join(passed_over[:_TOLD_LAYERS]) + (", ..." if len(passed_over) > _TOLD_LAYERS else "")
+        method = f"other layers of {path.name} with shapes, of which nothing is looked at: {shown}"
+        yield Quantity("other_layers", "", len(passed_over), "", method)
+
+
+def _lies(plate: Plate, path: Path, alignment: Alignment, positioned: bool) -> Quantity:
     faults = alignment.faults(positioned=positioned)
     right = "as the design"
     method = f"{path.name} held against the design in every position, unit and tone"
     if alignment.unit:
         method += f"; read again in {alignment.unit}, before anything is rounded, as for all that follows"
+    elif not alignment.alike and len(plate.dies) > 1:
+        method += "; a file of one die alone is verified with --die"
     elif faults and alignment.alike:
         method += "; undone for all that follows, save for sizes, which are the file's own, and how it is drawn"
     return Quantity("lies", "", " and ".join(faults) or right, "", method, limit=right, passed=not faults)

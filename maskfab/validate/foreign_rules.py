@@ -32,6 +32,8 @@ MOST_LOOKED = 200_000
 
 _TOLD = 4
 _SAMPLE = 1000
+_NEAREST_NM = 1000
+_FARTHER = 1.1
 _NM2_PER_UM2 = NM_PER_UM**2
 _AT_A_TIME = 20_000_000
 
@@ -290,29 +292,27 @@ def _within(places: Ints, boxes: Ints, values: NDArray[np.float64]) -> Broken:
 def _narrowest(clear: db.Region, name: str) -> tuple[float | None, Iterable[int] | None]:
     """The least width or space in nanometres, and where; None if nothing faces anything.
 
-    A part tells how far one has to look: what is found in the whole then is little.
+    A part tells how far one has to look: what is found in the whole then is little. One looks a little further each
+    time, for round outlines have as many pairs of edges within a wide limit as edges squared.
     """
     part = db.Region(list(islice(clear.each(), _SAMPLE)))
     part.merged_semantics = False
-    box, limit, least, place = clear.bbox(), 1024, None, None
-    while least is None and not box.empty():
-        far = limit > box.width() + box.height()
-        least, place = _least(part if not far else clear, name, limit)
-        if far:
-            return least, place
-        limit *= 4
-    if least is not None:
-        nearer, there = _least(clear, name, math.ceil(least))
-        if nearer is not None:
-            return nearer, there
-    return least, place
+    if clear.is_empty():
+        return None, None
+    box, limit, found = clear.bbox(), _NEAREST_NM, None
+    farthest = box.width() + box.height()
+    while found is None and limit < farthest:
+        limit = math.ceil(_FARTHER * limit)
+        found = _least(part, name, limit)
+    limit = max(limit, farthest) if found is None else max(1, math.ceil(found[0]))
+    return _least(clear, name, limit) or found or (None, None)
 
 
-def _least(clear: db.Region, name: str, limit_nm: int) -> tuple[float | None, Iterable[int] | None]:
+def _least(clear: db.Region, name: str, limit_nm: int) -> tuple[float, Iterable[int]] | None:
     width, space = (limit_nm, None) if name == "width" else (None, limit_nm)
     _, check = distance_checks(DesignRules(min_width_nm=width, min_space_nm=space, kissing=False))[name]
     facing = facing_edges(check(clear))
     if not facing.values.size:
-        return None, None
+        return None
     worst = int(facing.values.argmin())
     return float(facing.values[worst]), facing.boxes_nm[worst].tolist()

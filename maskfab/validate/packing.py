@@ -14,11 +14,9 @@ from klayout import db
 
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, JobError, OutputError, SourceError
-from maskfab.export.drawing import plate_drawing
 from maskfab.export.dxf import DrawingStyle
-from maskfab.export.figures import CUT, Figures, PolygonOptions, draw
+from maskfab.export.figures import CUT, Figures, draw
 from maskfab.export.fitting import blank_of, drawing_options, drawing_style, extent_nm, fitted
-from maskfab.export.order_sheet import PARITY, TONE, order_sheet
 from maskfab.export.package import MANIFEST, safe_stem, unpack, write_package
 from maskfab.export.products import MASK_TAILS, mask_writer
 from maskfab.export.staging import check_file, write_bytes, write_text
@@ -30,16 +28,12 @@ from maskfab.model import CLEAR, Box, Plate, Quantity, WrittenFile
 from maskfab.progress import Progress, silent
 from maskfab.spec import is_table
 from maskfab.spec import read as read_spec
-from maskfab.spec.shop import Format, Shop, dump_shop, parse_shop
+from maskfab.spec.shop import Format, Shop, parse_shop
 from maskfab.validate.extents import file_box
+from maskfab.validate.packed_papers import JOB_COPY, PROFILE, Ordered, check_papers, facts, papers
 from maskfab.validate.roundtrip import compare
 from maskfab.validate.shop import Finding, accepted, check_shop, extent
 
-_VERSION = 2
-PROFILE = "shop.toml"
-"""What a package calls the profile of the house that it is for."""
-JOB_COPY = "job.json"
-"""What a package calls the job that it was made of, with everything that the job names."""
 PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
 """Formats that a package can hold."""
 _MASK_SUFFIXES = tuple(f".{MASK_TAILS[each].rpartition('.')[2]}" for each in PACKED)
@@ -69,7 +63,6 @@ def pack(
     formats: Sequence[Format] = (),
     *,
     force: bool = False,
-    options: PolygonOptions | None = None,
     progress: Progress = silent,
 ) -> Package:
     """Make the package of a job for a shop.
@@ -80,21 +73,22 @@ def pack(
         target: the zip to write; it appears when everything in it is complete, and only if every rule and check holds.
         formats: of the mask files; the shop's first if empty.
         force: replace an earlier file.
-        options: how polygons are drawn; None chooses by the profile.
         progress: told where the work stands.
 
     Raises:
         OutputError: MF401 or MF402 if ``target`` cannot be written.
-        JobError: MF105 for a format that no package holds, and whatever laying out the job refuses.
+        JobError: MF105 for a target that is no .zip or a format that no package holds, and whatever laying out the job
+            refuses.
     """
-    zipped, sent = Path(target), tuple(formats) or tuple(each for each in shop.formats if each in PACKED)[:1]
+    zipped = Path(target)
+    sent = tuple(dict.fromkeys(formats)) or tuple(each for each in shop.formats if each in PACKED)[:1]
     _check_target(zipped, force=force)
     for each in sent:
         if each not in PACKED:
             raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
     whole = job.plate()
     plate = fitted(whole, shop)
-    options = options or drawing_options(plate, shop)
+    options = drawing_options(plate, shop)
     progress("rules", 0, 1)
     findings = check_shop(whole, shop, sent, options, blank_of(job.spec))
     progress("rules", 1, 1)
@@ -103,7 +97,7 @@ def pack(
     figures, style = draw(plate, options), drawing_style(plate, shop)
     stem = safe_stem(plate.name)
     with _aside() as folder:
-        names = {f"{stem}{MASK_TAILS[each]}": each for each in sent}
+        names = _names(plate, sent)
         checks: list[Quantity] = []
         boxes: list[Box] = []
         for done, (name, kind) in enumerate(names.items()):
@@ -118,32 +112,21 @@ def pack(
         if not (accepted(findings) and all(check.passed for check in judged)):
             return Package(None, findings, judged)
         masks = tuple(provenance.written(folder, folder / name, kind) for name, kind in names.items())
-        papers = _papers(figures, shop, sent, masks, findings, judged, job)
-        for name, content in papers.items():
+        made = papers(Ordered(job, shop, figures, job.signature, findings, judged, sent, masks))
+        for name, content in made.items():
             write_bytes(folder / name, content)
-        files = (*masks, *(provenance.written(folder, folder / name, "paper") for name in papers))
-        manifest = {
-            "schema_version": _VERSION,
-            "maskfab_version": __version__,
-            "plate": plate.name,
-            "shop": shop.name,
-            "job_hash": job.digest,
-            "tone": TONE,
-            "parity": PARITY,
-            "drawing": {key: value for key, value in vars(options).items() if value is not None},
-            "drawn": list(figures.account.lines()),
-            "files": [vars(file) for file in files],
-        }
+        files = (*masks, *(provenance.written(folder, folder / name, "paper") for name in made))
+        manifest = {**facts(job, shop, figures), "files": [vars(file) for file in files]}
         write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
         _make_parents(zipped)
-        write_package(zipped, folder, [MANIFEST, *names, *papers], f"{stem}_{safe_stem(shop.name)}")
+        write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}")
     return Package(zipped, findings, judged, files)
 
 
 def _measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
     """The findings with the extent that the files have, not the one that was planned; the worst of them."""
     asked = extent_nm(shop)
-    if asked is None:
+    if asked is None or not boxes:
         return tuple(findings)
     judged = sorted((extent(box, asked) for box in boxes), key=lambda each: bool(each.passed))
     return tuple(replace(judged[0], source=each.source) if each.rule == "extent" else each for each in findings)
@@ -172,6 +155,9 @@ def _no_room(what: str) -> OutputError:
 
 def _check_target(target: Path, *, force: bool) -> None:
     """Refuse a zip before any work starts; folders above it may be missing, for they are made with it."""
+    if target.suffix.lower() != ".zip":
+        cure = f"Call it {target.name}.zip"
+        raise JobError("MF105", f"{target} is no name of a .zip, and a package is one", where="--out", cure=cure)
     parent = target.absolute().parent
     if parent.exists():
         check_file(target, force=force)
@@ -190,7 +176,7 @@ def _make_parents(target: Path) -> None:
 
 
 def verify_package(package: str | Path, job: Job | None = None, shop: Shop | None = None) -> tuple[Quantity, ...]:
-    """Check a package from its bytes alone: hashes, and the geometry of its mask files against its job drawn again.
+    """Check a package by making it again of its job and profile: hashes, geometry, papers, and what it says of itself.
 
     Args:
         package: the zip.
@@ -204,47 +190,66 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
     with _aside() as folder:
         names = unpack(Path(package), folder)
         manifest = _manifest(folder / MANIFEST)
-        listed = _listed(manifest)
-        checks = [_hash(folder, name, digest) for name, (_, digest) in listed.items()]
+        listed = {str(row["path"]): str(row["sha256"]) for row in manifest["files"]}
+        checks = [_hash(folder, name, digest) for name, digest in listed.items()]
         for name in sorted(set(names) - set(listed) - {MANIFEST}):
             checks.append(Quantity("unlisted", "", name, "", f"the manifest does not know {name}", None, "", False))
         try:
-            house = _packed_shop(folder, Path(package)) if shop is None else shop
+            house = _packed_shop(folder, Path(package), str(manifest.get("shop"))) if shop is None else shop
             made = _packed_job(folder, Path(package)) if job is None else job
             # A later version would sign its plates differently, which is no fault of this one.
             signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
-            plate = fitted(compose(made.spec, made.openings, signature, where=made.where), house)
+            whole = compose(made.spec, made.openings, signature, where=made.where)
+            plate = fitted(whole, house)
             figures, style = draw(plate, drawing_options(plate, house)), drawing_style(plate, house)
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
                 raise
             return (*checks, _failed("drawn_again", str(error)))
-        if job is None:
-            said = manifest.get("job_hash")
-            method = f"hash of {JOB_COPY} against the manifest"
-            checks.append(Quantity("job_hash", "", made.digest, "", method, limit=said, passed=made.digest == said))
         # By their suffixes: a mask that the manifest calls something else is a mask all the same.
         masks = [name for name in listed if name in names and name.lower().endswith(_MASK_SUFFIXES)]
+        readings: list[Quantity] = []
+        boxes: dict[str, Box] = {}
         for name in masks:
             try:
                 read = _read(folder / name)
             except InputError as error:
                 checks.append(_failed("readable", f"{name}: {error}"))
                 continue
-            checks += _spans(folder / name, read, style, house)
-            checks += [each for each in read_back(figures, folder / name, style, read) if each.passed is not None]
+            boxes[name] = file_box(folder / name, read, style)
+            checks += _spans(name, boxes[name], house)
+            readings += [each for each in read_back(figures, folder / name, style, read) if each.passed is not None]
+        checks += readings
         if not masks:
             listing = "mask files that the manifest lists"
             checks.append(Quantity("mask_files", "", 0, "", listing, limit=1, passed=False))
+        kinds = {name: kind for name, kind in _names(plate, PACKED).items() if name in listed}
+        sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
+        formats = tuple(kinds[file.path] for file in sent)
+        findings = check_shop(whole, house, formats, figures.options, blank_of(made.spec))
+        checks += [each.quantity(house.name) for each in findings if each.passed is False]
+        findings = _measured(findings, house, tuple(boxes.values()))
+        ordered = Ordered(made, house, figures, signature, findings, tuple(readings), formats, tuple(sent))
+        checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= boxes.keys())
     return tuple(checks)
 
 
-def _spans(path: Path, read: db.Layout, style: DrawingStyle, shop: Shop) -> Iterator[Quantity]:
+def _names(plate: Plate, formats: Sequence[Format]) -> dict[str, Format]:
+    """The mask files of a package in some formats, by name."""
+    return {f"{safe_stem(plate.name)}{MASK_TAILS[each]}": each for each in formats}
+
+
+def _as_listed(path: Path, kind: Format, digest: str) -> WrittenFile:
+    """The record of a mask file by the hash that the manifest gives it, which is held against the file elsewhere."""
+    return WrittenFile(path.name, kind, path.stat().st_size if path.is_file() else 0, digest)
+
+
+def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
     """What everything in a file spans, where the house asks for an exact extent."""
     asked = extent_nm(shop)
     if asked is not None:
-        found = extent(file_box(path, read, style), asked)
-        method = f"everything in {path.name}, texts and header included"
+        found = extent(box, asked)
+        method = f"everything in {name}, texts and header included"
         yield Quantity("extent", "", found.value, found.unit, method, limit=found.limit, passed=found.passed)
 
 
@@ -282,8 +287,8 @@ def _failed(name: str, problem: str) -> Quantity:
     return Quantity(name, "", "failed", "", problem, limit="ok", passed=False)
 
 
-def _packed_shop(folder: Path, package: Path) -> Shop:
-    """The profile that a package holds."""
+def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
+    """The profile that a package holds, under the name that its manifest gives it."""
     path = folder / PROFILE
     if not path.is_file():
         raise JobError(
@@ -293,7 +298,7 @@ def _packed_shop(folder: Path, package: Path) -> Shop:
             cure="Name the shop that it was packed for",
         )
     text = path.read_text(encoding="utf-8", errors="replace")
-    return parse_shop(text, path.stem, where=f"{package}: {PROFILE}")
+    return parse_shop(text, name, where=f"{package}: {PROFILE}")
 
 
 def _read(path: Path) -> db.Layout:
@@ -325,77 +330,19 @@ def _exposed(read: db.Layout) -> db.Layout:
     return layout
 
 
-def _papers(
-    figures: Figures,
-    shop: Shop,
-    sent: Sequence[Format],
-    masks: Sequence[WrittenFile],
-    findings: Sequence[Finding],
-    checks: Sequence[Quantity],
-    job: Job,
-) -> dict[str, bytes]:
-    """Order sheet, drawing, the house's profile, the job and the certificate, by file name."""
-    plate = figures.plate
-    remarks = [_remark(each) for each in findings if each.passed is None and each.place]
-    sheet = order_sheet(figures, shop, sent, [(file.path, file.sha256) for file in masks], remarks)
-    notes = (f"for {shop.title}", TONE, PARITY, job.signature)
-    certificate = _certificate(plate, shop, masks, findings, checks, job.digest)
-    return {
-        "order.txt": sheet.text().encode(),
-        "order.html": sheet.html().encode(),
-        "plate.svg": plate_drawing(plate, "svg", notes),
-        "plate.pdf": plate_drawing(plate, "pdf", notes),
-        PROFILE: dump_shop(shop).encode(),
-        JOB_COPY: (json.dumps(job.spec.dump(), indent=1) + "\n").encode(),
-        "certificate.json": (json.dumps(certificate, indent=1, ensure_ascii=False) + "\n").encode(),
-    }
-
-
-def _remark(finding: Finding) -> str:
-    """What the house has to decide, as the order asks it."""
-    if finding.rule == "corner_touches":
-        return (
-            f"Clear shapes meet by a corner only in {finding.value} places, first at {finding.place}: writers round "
-            "corners, so tell us whether these will join or part."
-        )
-    return f"{finding.rule}: {finding.value} {finding.unit} at {finding.place}; please confirm."
-
-
-def _certificate(
-    plate: Plate,
-    shop: Shop,
-    masks: Sequence[WrittenFile],
-    findings: Sequence[Finding],
-    checks: Sequence[Quantity],
-    job_hash: str,
-) -> dict[str, Any]:
-    return {
-        "plate": plate.name,
-        "shop": shop.name,
-        "sources": list(shop.sources),
-        "job_hash": job_hash,
-        "verdict": "pass",
-        "files": [vars(file) for file in masks],
-        "rules": [{key: value for key, value in vars(each).items() if key != "source"} for each in findings],
-        "checks": [{key: value for key, value in vars(each).items() if value is not None} for each in checks],
-    }
-
-
 def _manifest(path: Path) -> Mapping[str, Any]:
     try:
         manifest = json.loads(path.read_text(encoding="utf-8"))
         for row in manifest["files"]:
             str(row["path"]), str(row["format"]), str(row["sha256"])
+        json.dumps(manifest)  # what cannot be said again cannot be reported
+        if len({row["path"] for row in manifest["files"]}) < len(manifest["files"]):
+            raise ValueError("it lists a file twice")
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise SourceError(
             "MF422", f"its {MANIFEST} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
         ) from error
     return dict(manifest)
-
-
-def _listed(manifest: Mapping[str, Any]) -> dict[str, tuple[str, str]]:
-    """Format and SHA-256 of the files of a manifest, by name."""
-    return {str(row["path"]): (str(row["format"]), str(row["sha256"])) for row in manifest["files"]}
 
 
 def _hash(folder: Path, name: str, digest: str) -> Quantity:

@@ -309,7 +309,7 @@ def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
 def _within(rule: str, value: float | None, limits: tuple[float, float], unit: str, cure: str) -> Finding:
     limit = f"{limits[0]:g} to {limits[1]:g}"
     if value is None:
-        return Finding(rule, None, "not stated by the job", limit, unit, cure="State it in the order")
+        return Finding(rule, None, "not stated by the job", f"{limit} {unit}", cure="State it in the order")
     fits = limits[0] - 1e-9 <= value <= limits[1] + 1e-9
     return Finding(rule, fits, value, limit, unit, cure="" if fits else cure)
 

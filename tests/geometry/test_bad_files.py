@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import time
 
 import ezdxf
@@ -159,6 +160,84 @@ def test_an_array_that_reaches_beyond_a_metre_is_refused(tmp_path):
     assert refusal(tmp_path / "x.oas") == "MF313"
 
 
+def record(kind, *values, code="h"):
+    data = b"".join(struct.pack(f">{code}", value) for value in values)
+    return struct.pack(">HH", 4 + len(data), kind) + data
+
+
+def array_by_hand(columns, rows, *corners):
+    """GDSII of an array whose corners (origin, behind the last column, behind the last row) are as given."""
+    now = [2026, 1, 1, 0, 0, 0] * 2
+
+    def name(kind, text):
+        return struct.pack(">HH", 4 + len(text), kind) + text
+
+    # 1 nm is 1e-3 of the user's unit, and 1e-9 m.
+    unit = struct.pack(">HH", 20, 0x0305) + bytes.fromhex("3e4189374bc6a7f0 3944b82fa09b5a54")
+    head = [record(0x0002, 600), record(0x0102, *now), name(0x0206, b"LIB1"), unit]
+    box = record(0x1003, 0, 0, 1000, 0, 1000, 1000, 0, 1000, 0, 0, code="i")
+    dot = [record(0x0502, *now), name(0x0606, b"DOT1"), record(0x0800), record(0x0D02, 1), record(0x0E02, 0), box]
+    corner = record(0x1003, *(value for corner in corners for value in corner), code="i")
+    placed = [record(0x0B00), name(0x1206, b"DOT1"), record(0x1302, columns, rows), corner]
+    top = [record(0x0502, *now), name(0x0606, b"TOP1"), *placed]
+    end = [record(0x1100), record(0x0700)]
+    return b"".join([*head, *dot, *end, *top, *end, record(0x0400)])
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows", "corners"),
+    [
+        (2, 1, [(0, 0), (0, 0), (0, 0)]),
+        (2, 1, [(0, 0), (0, 0), (0, 2000)]),
+        (1, 3, [(0, 0), (2000, 0), (0, 0)]),
+        (2, 2, [(5, 5), (4005, 5), (5, 5)]),
+        (80, 80, [(0, 0), (0, 0), (0, 0)]),
+    ],
+)
+def test_an_array_whose_copies_lie_on_each_other_is_refused(tmp_path, columns, rows, corners):
+    path = tmp_path / "x.gds"
+    path.write_bytes(array_by_hand(columns, rows, *corners))
+    with pytest.raises(SourceError, match=rf"MF316 x\.gds has an array of {columns} x {rows} with steps of 0 nm"):
+        read_layout(path)
+
+
+def test_an_array_with_one_column_needs_no_step_along_it(tmp_path):
+    path = tmp_path / "x.gds"
+    path.write_bytes(array_by_hand(1, 3, (0, 0), (0, 0), (0, 6000)))
+    layout = read_layout(path)
+    assert count_shapes(layout) == 3
+    assert region(layout, CLEAR).area() == 3_000_000
+
+
+@pytest.mark.parametrize("suffix", ["gds", "oas"])
+@pytest.mark.parametrize("columns", [2, 100])
+@pytest.mark.parametrize("what", ["polygon", "reference"])
+def test_no_copy_that_lies_on_another_gets_lost(tmp_path, suffix, columns, what):
+    made = gdstk.Library(unit=1e-6, precision=1e-9)
+    dot, top = made.new_cell("DOT"), made.new_cell("TOP")
+    dot.add(gdstk.rectangle((0, 0), (1, 1), layer=1))
+    drawn = gdstk.rectangle((2, 2), (3, 3), layer=1) if what == "polygon" else gdstk.Reference(dot)
+    drawn.repetition = gdstk.Repetition(columns=columns, rows=1, spacing=(0, 0))
+    top.add(drawn, gdstk.Reference(dot, (9, 9)))
+    path = tmp_path / f"x.{suffix}"
+    (made.write_gds if suffix == "gds" else made.write_oas)(path)
+    if (what, suffix) == ("polygon", "gds"):  # which repeats no polygons
+        assert count_shapes(read_layout(path)) == columns + 1
+    else:
+        assert refusal(path) == "MF316"
+
+
+def test_zeros_may_stand_behind_the_end_of_gdsii_and_nothing_else(tmp_path):
+    path = library(tmp_path / "x.gds", SQUARE)
+    whole = path.read_bytes()
+    path.write_bytes(whole + bytes(-len(whole) % 2048))
+    assert region(read_layout(path), CLEAR).area() == 10_000**2
+    for behind in (b"garbage", b"garbage\0\0\0\0", whole, bytes(2048) + whole[-4:]):
+        path.write_bytes(whole + behind)
+        with pytest.raises(SourceError, match=r"MF303 x\.gds: \d+ bytes stand behind its end"):
+            read_layout(path)
+
+
 def tower(path, levels, copies):
     layout = db.Layout()
     below = layout.create_cell("LEVEL0")
@@ -283,15 +362,19 @@ def test_gerber_that_is_cut_off_is_refused(tmp_path):
 
 
 def picture(path, values, **tags):
+    """Of grey values [rows, columns], or of brightness and opacity in a third axis."""
     import OpenImageIO as oiio  # noqa: N813
 
-    values = np.asarray(values, dtype=np.uint8)
-    spec = oiio.ImageSpec(values.shape[1], values.shape[0], 1, oiio.UINT8)
+    values = np.atleast_3d(np.asarray(values, dtype=np.uint8))
+    spec = oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], oiio.UINT8)
+    if values.shape[2] == 2:
+        spec.alpha_channel, spec.channelnames = 1, ("Y", "A")
+        spec.attribute("oiio:UnassociatedAlpha", 1)
     for name, value in tags.items():
         spec.attribute(name, value)
     image = oiio.ImageOutput.create(str(path))
     assert image.open(str(path), spec)
-    assert image.write_image(values[:, :, None])
+    assert image.write_image(values)
     image.close()
     return path
 
@@ -319,6 +402,23 @@ def test_grey_pixels_are_counted(tmp_path):
 
 def test_a_picture_that_is_turned_by_its_tags_is_refused(tmp_path):
     assert refusal(picture(tmp_path / "x.tif", [[255, 0]], Orientation=6), dots_per_um=1.0) == "MF308"
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+def test_a_picture_that_can_be_seen_through_is_refused(tmp_path, suffix):
+    shape_in_alpha = picture(tmp_path / f"x.{suffix}", [[[255, 255], [255, 0]]])
+    assert refusal(shape_in_alpha, dots_per_um=1.0) == "MF308"
+    barely = picture(tmp_path / f"y.{suffix}", [[[255, 255], [0, 254]]])
+    assert refusal(barely, dots_per_um=1.0) == "MF308"
+    opaque = picture(tmp_path / f"z.{suffix}", [[[255, 255], [0, 255]]])
+    assert region(read_picture(opaque, 1.0), CLEAR).area() == 1_000_000
+
+
+@pytest.mark.parametrize("cut", [1, 12, 13])
+def test_a_png_that_ends_within_or_before_its_last_chunk_is_refused(tmp_path, cut):
+    path = picture(tmp_path / "x.png", [[255, 0], [0, 255]])
+    path.write_bytes(path.read_bytes()[:-cut])
+    assert refusal(path, dots_per_um=1.0) == "MF303"
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])

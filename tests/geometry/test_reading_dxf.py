@@ -54,7 +54,7 @@ BESIDE = {
     "an open line elsewhere": lambda m: m.add_lwpolyline(square(90, 0), dxfattribs={"layer": "FRAME"}),
     "a line elsewhere": lambda m: m.add_line((90, 0), (95, 0), dxfattribs={"layer": "FRAME"}),
     "a circle elsewhere": lambda m: m.add_circle((90, 0), 5, dxfattribs={"layer": "FRAME"}),
-    "a point": lambda m: m.add_point((90, 0), dxfattribs=ON_CLEAR),
+    "a point elsewhere": lambda m: m.add_point((90, 0), dxfattribs={"layer": "FRAME"}),
     "a text": lambda m: m.add_text("A", dxfattribs=ON_CLEAR),
 }
 
@@ -300,6 +300,17 @@ def test_a_block_that_is_not_there_is_refused(tmp_path):
         read_layout(drawing(tmp_path / "x.dxf", draw))
 
 
+@pytest.mark.parametrize("flags", [4, 8])
+def test_a_block_that_is_in_another_file_is_refused(tmp_path, flags):
+    def draw(modelspace):
+        closed(modelspace, square(0, 0))
+        modelspace.doc.add_xref_def("elsewhere.dxf", "PART", flags)
+        modelspace.add_blockref("PART", (0, 0))
+
+    with pytest.raises(SourceError, match=r"MF303 .* places blocks that it lacks: PART"):
+        read_layout(drawing(tmp_path / "x.dxf", draw))
+
+
 @pytest.mark.parametrize("suffix", ["gds", "oas"])
 @pytest.mark.parametrize("chain", ["A", "AB"])
 def test_a_cell_that_contains_itself_is_named(tmp_path, suffix, chain):
@@ -312,6 +323,105 @@ def test_a_cell_that_contains_itself_is_named(tmp_path, suffix, chain):
     with pytest.raises(SourceError, match=rf"MF303 x\.{suffix}: cell '[{chain}]' contains itself") as caught:
         read_layout(path)
     assert "Internal error" not in str(caught.value)
+
+
+# --- what is not seen, or not where it is drawn ----------------------------------------------------------------------
+
+UPRIGHT, FROM_BELOW = {"extrusion": (1, 0, 0)}, {"extrusion": (0, 0, -1)}
+
+
+def in_layout(name):
+    def draw(modelspace):
+        document = modelspace.doc
+        layout = document.layout(name) if name in document.layout_names() else document.new_layout(name)
+        closed(layout, square(50, 0))
+
+    return draw
+
+
+def in_block(where, layer="0", **placed):
+    def draw(modelspace):
+        modelspace.doc.blocks.new("PART").add_lwpolyline(square(0, 0), close=True, dxfattribs={"layer": layer})
+        space = modelspace.doc.layout("Layout1") if where == "paper" else modelspace
+        space.add_blockref("PART", (50, 0), dxfattribs=placed)
+
+    return draw
+
+
+def on_layer(change, layer="CLEAR"):
+    def draw(modelspace):
+        getattr(modelspace.doc.layers.add(layer), change)()
+        modelspace.add_lwpolyline(square(50, 0), close=True, dxfattribs={"layer": layer})
+
+    return draw
+
+
+UNSEEN = {
+    "paper space": (in_layout("Layout1"), "1 x LWPOLYLINE in paper space on layer 'CLEAR'"),
+    "another paper space": (in_layout("Layout2"), "1 x LWPOLYLINE in paper space on layer 'CLEAR'"),
+    "a block in paper space": (in_block("paper"), "1 x INSERT in paper space on layer '0'"),
+    "invisible": (lambda m: closed(m, square(50, 0), invisible=1), "1 x LWPOLYLINE made invisible"),
+    "an invisible block": (in_block("model", invisible=1), "1 x INSERT made invisible"),
+    "upright": (lambda m: closed(m, square(50, 0), **UPRIGHT), "1 x LWPOLYLINE out of the plane"),
+    "an upright block": (in_block("model", **UPRIGHT), "1 x INSERT out of the plane"),
+    "inclined": (lambda m: closed(m, square(50, 0), extrusion=(0, 0.01, 1)), "1 x LWPOLYLINE out of the plane"),
+    "frozen": (on_layer("freeze"), "2 x LWPOLYLINE on the frozen layer 'CLEAR'"),
+    "frozen holes": (on_layer("freeze", "CUT"), "1 x LWPOLYLINE on the frozen layer 'CUT'"),
+    "off": (on_layer("off"), "2 x LWPOLYLINE on the switched-off layer 'CLEAR'"),
+    "a line in paper space": (
+        lambda m: m.doc.layout("Layout1").add_line((0, 0), (1, 0), dxfattribs=ON_CLEAR),
+        "1 x LINE in paper space",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", UNSEEN)
+def test_what_is_drawn_out_of_sight_is_refused(tmp_path, what):
+    beside, said = UNSEEN[what]
+
+    def draw(modelspace):
+        closed(modelspace, square(0, 0))
+        beside(modelspace)
+
+    with pytest.raises(SourceError, match=rf"MF317 x\.dxf draws {said}.* model space"):
+        read_layout(drawing(tmp_path / "x.dxf", draw))
+
+
+def test_paper_space_of_r12_is_none_of_the_mask(tmp_path):
+    def draw(modelspace):
+        modelspace.add_polyline2d(square(0, 0), close=True, dxfattribs=ON_CLEAR)
+        modelspace.doc.layout("Layout1").add_polyline2d(square(50, 0), close=True, dxfattribs=ON_CLEAR)
+
+    with pytest.raises(SourceError, match=r"MF317 .* draws 1 x POLYLINE in paper space"):
+        read_layout(drawing(tmp_path / "x.dxf", draw, "R12"))
+
+
+def test_what_is_out_of_sight_on_other_layers_does_not_matter(tmp_path):
+    def draw(modelspace):
+        closed(modelspace, square(0, 0))
+        on_layer("freeze", "FRAME")(modelspace)
+        in_block("paper", layer="TITLE")(modelspace)
+        modelspace.doc.layers.add("SPARE").off()
+        modelspace.doc.layout("Layout1").add_viewport((0, 0), (10, 10), (0, 0), 10)
+
+    assert (read_clear(drawing(tmp_path / "x.dxf", draw)) ^ boxes((0, 0))).is_empty()
+
+
+def test_what_is_drawn_from_below_is_mirrored(tmp_path):
+    def draw(modelspace):
+        closed(modelspace, square(0, 0), **FROM_BELOW)
+        in_block("model", layer="CLEAR", **FROM_BELOW)(modelspace)
+
+    assert (read_clear(drawing(tmp_path / "x.dxf", draw)) ^ boxes((-10_000, 0), (-60_000, 0))).is_empty()
+
+
+def test_a_point_is_refused_as_a_line_is(tmp_path):
+    def draw(modelspace):
+        closed(modelspace, square(0, 0))
+        modelspace.add_point((50, 0), dxfattribs=ON_CLEAR)
+
+    with pytest.raises(SourceError, match=r"MF310 x\.dxf draws 1 x POINT on layer 'CLEAR'"):
+        read_layout(drawing(tmp_path / "x.dxf", draw))
 
 
 # --- texts -----------------------------------------------------------------------------------------------------------

@@ -75,6 +75,47 @@ def test_points_that_repeat_and_regions_without_area_are_counted(tmp_path):
     assert layout.top_cell().shapes(0).size() == 2
 
 
+@pytest.mark.parametrize("diameter", [5, 2000, 10_000, 100_000])
+@pytest.mark.parametrize("end", [None, (0, 0), (1, 0), (99, 77)])
+def test_no_corner_of_a_circle_repeats_another(tmp_path, diameter, end):
+    drawn = "X0Y0D03*\n" if end is None else "X0Y0D02*\nX{}Y{}D01*\n".format(*end)
+    layout = read_gerber(file(tmp_path, f"%ADD11C,{diameter / 1e6:.6f}*%\nD11*\n{drawn}"))
+    (polygon,) = (each.polygon for each in layout.top_cell().each_shape(0))
+    noted = left_out(layout)
+    assert noted.repeated_vertices == 0
+    assert noted.curves == (1 if end is None else 2)
+    assert polygon.bbox().height() == pytest.approx(diameter + (end or (0, 0))[1], abs=3)
+
+
+def test_a_circle_of_no_size_is_an_empty_polygon(tmp_path):
+    noted = left_out(read_gerber(file(tmp_path, "%ADD11C,0*%\nD11*\nX0Y0D03*\n" + box(0))))
+    assert (noted.repeated_vertices, noted.empty_polygons) == (0, 1)
+
+
+@pytest.mark.parametrize(
+    ("statement", "said"),
+    [
+        ("%FSLAX46Y46*%\n", r"format statement \(%FS\)"),
+        ("%MOMM*%\n", r"unit statement \(%MO\)"),
+        ("%FSLAX46Y46*%\n%MOMM*%\n", r"format statement \(%FS\) and its unit statement \(%MO\)"),
+    ],
+)
+@pytest.mark.parametrize("later", [False, True])
+def test_a_statement_that_is_missing_or_comes_too_late_is_named(tmp_path, statement, said, later):
+    path = tmp_path / "x.gbr"
+    for head in (HEAD, HEAD.replace("%ADD10C,0.002*%\n", "")):
+        path.write_text(f"{head.replace(statement, '')}{box(0)}{statement if later else ''}M02*\n")
+        with pytest.raises(SourceError, match=rf"MF303 x\.gbr: missing before .* is its {said} "):
+            read_gerber(path)
+
+
+@pytest.mark.parametrize("polarity", ["%TF.FilePolarity,Negative*%\n", "G04 #@! TF.FilePolarity,Negative*\n"])
+def test_a_file_that_says_it_is_negative_is_refused(tmp_path, polarity):
+    assert len(shapes(tmp_path, polarity.replace("Negative", "Positive") + box(0))) == 1
+    with pytest.raises(SourceError, match=r"MF315 x\.gbr says that its polarity is not positive"):
+        read_gerber(file(tmp_path, polarity + box(0)))
+
+
 def test_a_vertex_takes_few_bytes(tmp_path):
     turns, count = 40, 400
     sides = [(10 * k, 10 * (k % 2)) for k in range(turns)]

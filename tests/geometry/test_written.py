@@ -176,6 +176,23 @@ def test_a_process_that_dots_do_not_bear_is_refused(process, code):
     assert "job.toml: process" in str(problem.value)
 
 
+@pytest.mark.parametrize(
+    ("process", "gutter", "cure"),
+    [
+        (Process(0.0, 30.0), 0, "a cd_bias of more than -8 um and less than 8 um"),
+        (Process(0.0, -8.0), 0, "a cd_bias of more than -8 um and less than 8 um"),
+        (Process(0.0, 30.0), 400, "a cd_bias of more than -8 um and less than 0.4 um"),
+        (Process(1.0, 30.0), 0, "less than 8 um; its size and twice the corner radius are together at most a dot"),
+        (Process(4.0, 2.0), 0, "a corner radius of at most 3 um"),
+    ],
+)
+def test_the_cure_of_a_process_is_possible(process, gutter, cure):
+    with pytest.raises(JobError) as problem:
+        check_process(process, panel(gutter=gutter))
+    assert problem.value.cure.startswith("Use larger dots, or ")
+    assert problem.value.cure.endswith(cure)
+
+
 def test_cells_must_not_grow_across_their_gutter():
     check_process(Process(0.1, 0.2), panel(gutter=400))
     with pytest.raises(JobError, match=r"MF127.*gutter of 0\.2 um"):

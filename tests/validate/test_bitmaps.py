@@ -159,6 +159,25 @@ def test_a_picture_whose_pixels_are_larger_than_a_feature_is_refused():
         assert said in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("gutter_nm", "cure"),
+    [
+        (2, "Leave png and tiff out of export.formats: it would take 500,"),
+        (20, "Set it to at least 50"),
+        (14, "71.4286"),
+    ],
+)
+def test_the_cure_of_pixels_is_one_that_a_job_may_state(gutter_nm, cure):
+    """Gutters this narrow ask for more pixels than any picture may have, to show them or to follow every dot."""
+    (die,) = one_dot(gutter_nm=gutter_nm).dies
+    facing = replace(die.panel, opening=Opening("all", np.ones((5, 5), np.bool_), 8000))
+    narrow = replace(die, panel=replace(facing, orientations=np.zeros((2, 2), dtype=np.int8)))
+    with pytest.raises(JobError) as caught:
+        check_pixels((narrow,), 0.125, "job")
+    assert cure in caught.value.cure
+    assert ("follow" in caught.value.cure) == (gutter_nm == 20)
+
+
 def test_the_coarsest_picture_that_is_told_is_taken():
     """Dots of 7 um: 1/7 is rounded up, or it would be refused again. Gutters count where dots face each other."""
     (die,) = one_dot().dies

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 from klayout import db
+from PIL import Image
 from small_job import command, edited, write_job
 
 from maskfab.errors import JobError, SourceError
 from maskfab.export.dxf import write_dxf
+from maskfab.export.gds import write_gdsii
 from maskfab.export.gerber import write_gerber
 from maskfab.geometry.region import plate_layout, region
 from maskfab.model import CLEAR
@@ -200,7 +204,8 @@ def test_holes_on_a_layer_of_their_own_are_taken_away(job, plate, gds, tmp_path)
         for number in (1, 2):
             layout.top_cell().shapes(layout.layer(number, 0)).insert(hole)
 
-    assert failed(check(job, plate, edited(gds, tmp_path / "x.gds", cover))) == set()
+    path = edited(gds, tmp_path / "x.gds", cover)
+    assert failed(check_foreign(plate, job.camera, job.spec.limits, path, cut=True)) == set()
 
 
 def test_a_die_that_is_not_there_is_refused(plate):
@@ -243,3 +248,81 @@ def test_the_command_refuses_what_it_cannot_do(capsys, gds, tmp_path, arguments,
     answer = command(capsys, "verify", tmp_path / "x.gds", *spoken, "--quiet", "--json")
     assert answer.code == 2
     assert answer.document["error"]["code"] == code
+
+
+# --- files that are far from any design ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "shape",
+    [db.Text("nothing but a text", db.Trans(0, 0)), db.Box(0, 0, 0, 0)],
+    ids=["text", "no area"],
+)
+def test_a_file_in_which_nothing_is_clear_is_refused(job, plate, tmp_path, shape):
+    path = drawn_alone(tmp_path / "dark.gds", shape)
+    with pytest.raises(SourceError, match=r"MF30[69]"):
+        check_foreign(plate, job.camera, job.spec.limits, path)
+
+
+def test_a_black_picture_is_refused(job, plate, tmp_path):
+    path = tmp_path / "black.png"
+    Image.new("L", (40, 40)).save(path)
+    with pytest.raises(SourceError, match="MF309"):
+        check_foreign(plate, job.camera, job.spec.limits, path, How(dots_per_um=0.125))
+
+
+@pytest.mark.parametrize("side", [1, 1000, 100_000])
+def test_a_shape_at_the_end_of_the_world_is_unlike_the_design(job, plate, tmp_path, side):
+    far = 900_000_000
+    path = drawn_alone(tmp_path / "far.gds", db.Box(far, far, far + side, far + side))
+    found = check_foreign(plate, job.camera, job.spec.limits, path)
+    assert not found.alignment.alike
+
+
+def test_what_a_layer_takes_out_of_what_is_clear_fails_unless_the_house_takes_it_so(job, plate, gds, tmp_path):
+    """A square too many on 1/0 and once more on 2/0: houses that are told of one layer expose it."""
+    more = db.Box(3_000_000, 3_000_000, 3_100_000, 3_100_000)
+
+    def edit(layout):
+        for layer in (1, 2):
+            layout.top_cell().shapes(layout.layer(layer, 0)).insert(more)
+
+    path = edited(gds, tmp_path / "x.gds", edit)
+    rows = {
+        cut: {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path, cut=cut).quantities}[
+            "layer_taken_out"
+        ]
+        for cut in (False, True)
+    }
+    assert (rows[False].passed, rows[True].passed) == (False, True)
+    assert "[export] shop" in rows[False].method
+    stated = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path, How("1/0")).quantities}
+    assert stated["xor_area"].passed is False
+    assert "layer_taken_out" not in stated
+
+
+def test_layers_that_are_not_looked_at_are_named(job, plate, gds, tmp_path):
+    path = edited(
+        gds, tmp_path / "x.gds", lambda layout: layout.top_cell().shapes(layout.layer(1, 1)).insert(db.Box(0, 0, 9, 9))
+    )
+    (row,) = (
+        row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities if row.name == "other_layers"
+    )
+    assert row.passed is None
+    assert "1/1" in row.method
+    assert "CLEAR" not in row.method
+
+
+def test_who_holds_one_die_against_a_plate_is_told_how(job, plate, tmp_path):
+    path = tmp_path / "die.gds"
+    write_gdsii(plate_layout(replace(plate, dies=plate.dies[1:], furniture=(), gauges=(), notes=())), path)
+    rows = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities}
+    assert rows["lies"].passed is False
+    assert "--die" in rows["lies"].method
+
+
+def drawn_alone(path: Path, shape) -> Path:
+    layout = db.Layout()
+    layout.create_cell("TOP").shapes(layout.layer(1, 0)).insert(shape)
+    layout.write(str(path))
+    return path

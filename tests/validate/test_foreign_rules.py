@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
+import numpy as np
 import pytest
 from klayout import db
 from small_job import command, edited, write_job
@@ -250,3 +252,28 @@ def test_the_jobs_limit_on_vertices_reaches_the_check(capsys, gds, tmp_path):
     (vertices,) = [row for row in rows if row["name"] == "rule_vertices"]
     assert vertices["passed"] is False
     assert vertices["unit"] == "polygons over 5 vertices"
+
+
+@pytest.mark.parametrize(
+    ("corners", "width"),
+    [
+        ([(0, 0), (0, 40_000), (50_000, 0)], 0),
+        ([(0, 0), (40_000, 40_000), (70_000, 10_000), (30_000, -30_000)], 30_000 * 2**0.5),
+    ],
+    ids=["an acute corner", "turned by 45 degrees"],
+)
+def test_the_least_width_of_slanted_outlines(job, plate, tmp_path, corners, width):
+    path = drawn(tmp_path / "x.gds", db.Polygon([db.Point(*corner) for corner in corners]))
+    rows = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities}
+    assert rows["min_feature"].value == pytest.approx(width / 1e3, abs=1e-6)
+
+
+def test_round_outlines_do_not_take_edges_squared(job, plate, tmp_path):
+    """Seconds for what took minutes; the least distance between edges that turn by more than a quarter is told."""
+    angle = 2 * np.pi * np.arange(600) / 600
+    ring = np.rint(100_000 * np.stack([np.cos(angle), np.sin(angle)], axis=1)).astype(int).tolist()
+    path = drawn(tmp_path / "x.gds", db.Polygon([db.Point(*corner) for corner in ring]))
+    start = time.process_time()
+    rows = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities}
+    assert time.process_time() - start < 30
+    assert 140 < rows["min_feature"].value < 200

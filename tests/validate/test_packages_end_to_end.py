@@ -174,14 +174,19 @@ def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarc
     assert ("CLEAR minus CUT" in order) == (holes == "layer")
 
 
-def test_mask_files_of_a_package_stand_up_alone(capsys, tmp_path):
-    """A house that holds one of them against the job finds nothing wrong, holes on their own layer included."""
+@pytest.mark.parametrize("named", [True, False])
+def test_mask_files_of_a_package_stand_up_alone(capsys, tmp_path, named):
+    """Nothing is wrong if the job names the house; if it does not, that holes have a layer of their own is told."""
     shop = tmp_path / "nobody.toml"
     shop.write_text(PROFILE.format(holes="layer", hierarchy="cells"), encoding="utf-8")
-    job, package = packed(capsys, tmp_path, shop, ALL)
+    edits = (("[[die]]", f'[export]\nshop = "{shop}"\n\n[[die]]'),) if named else ()
+    job, package = packed(capsys, tmp_path, shop, ALL, edits)
     for path in masks(package, tmp_path).values():
         answer = command(capsys, "verify", path, "--against", job, "--json", "--quiet")
-        assert (answer.code, answer.document["verdict"]) == (0, "pass"), path.name
+        failed = {row["name"] for row in answer.document["quantities"] if row["passed"] is False}
+        # A Gerber file says itself what is taken out of what.
+        assert failed == (set() if named or path.suffix == ".gbr" else {"layer_taken_out"}), path.name
+        assert answer.document["verdict"] == ("fail" if failed else "pass")
 
 
 @pytest.mark.parametrize("kind", ["gdsii", "dxf_r12", "gerber"])
@@ -399,6 +404,131 @@ def test_masks_that_the_manifest_calls_something_else_are_compared_all_the_same(
         failed = {check.name for check in verify_package(path, *asked) if not check.passed}
         assert "readback_xor_area" in failed
         assert "sha256" not in failed
+
+
+def exchanged(file: str, old: bytes, new: bytes):
+    """An edit of one file of a package, which must change it."""
+
+    def edit(name: str, content: bytes) -> bytes:
+        if name.rpartition("/")[2] != file:
+            return content
+        assert old in content
+        return content.replace(old, new, 1)
+
+    return edit
+
+
+def stated(**said: object):
+    """An edit of what the manifest says; None takes a fact away."""
+
+    def edit(name: str, content: bytes) -> bytes:
+        if not name.endswith("manifest.json"):
+            return content
+        document = {**json.loads(content), **said}
+        return json.dumps({key: value for key, value in document.items() if value is not None}).encode()
+
+    return edit
+
+
+FORGED_PAPERS = {
+    "order.txt": (b"digitized data = clear", b"digitized data = dark"),
+    "order.html": (b"chrome up", b"chrome down"),
+    "plate.svg": (b"blank 27 mm", b"blank 28 mm"),
+    "plate.pdf": (b"/Type /Catalog", b"/Type/Catalog"),
+    "certificate.json": (b"true", b"false"),
+    "job.json": (b"{", b"{ "),
+    "shop.toml": (b"title =", b"title  ="),
+}
+
+
+@pytest.mark.parametrize("against", [False, True])
+@pytest.mark.parametrize("file", FORGED_PAPERS)
+def test_a_forged_paper_is_told_though_its_hash_is_true(capsys, whole, tmp_path, file, against):
+    job, package = whole
+    forged = repacked(package, tmp_path / "q.zip", exchanged(file, *FORGED_PAPERS[file]), honest=True)
+    options = ("--against", job, "--shop", "ualberta_mla150") if against else ()
+    assert told(capsys, forged, *options) == (1, f"SHA-256 of {file} as its job and profile make it")
+
+
+def test_a_package_lacks_no_paper_and_has_no_other(capsys, whole, tmp_path):
+    """Taken out, or put in, with a manifest that agrees."""
+    _, package = whole
+
+    def lists(edit):
+        return lambda name, content: (
+            json.dumps(edit(json.loads(content))).encode() if name.endswith("manifest.json") else content
+        )
+
+    def without(document):
+        return {**document, "files": [row for row in document["files"] if row["path"] != "order.txt"]}
+
+    lacking = repacked(package, tmp_path / "a.zip", lists(without))
+    held = {name: content for name, content in members(lacking).items() if not name.endswith("order.txt")}
+    with zipfile.ZipFile(tmp_path / "b.zip", "w") as archive:
+        for name, content in held.items():
+            archive.writestr(name, content)
+    assert told(capsys, tmp_path / "b.zip") == (1, "SHA-256 of order.txt as its job and profile make it")
+    row = {"path": "more.txt", "format": "paper", "bytes": 4, "sha256": hashlib.sha256(b"more").hexdigest()}
+    more = repacked(
+        package, tmp_path / "c.zip", lists(lambda document: {**document, "files": document["files"] + [row]})
+    )
+    with zipfile.ZipFile(more, "a") as archive:
+        archive.writestr("SMALL_ualberta_mla150/more.txt", b"more")
+    assert told(capsys, more) == (1, "more.txt: no package of this job holds it")
+
+
+@pytest.mark.parametrize(
+    ("said", "names"),
+    [
+        ({"tone": "digitized data = dark"}, {"tone"}),
+        ({"parity": None}, {"parity"}),
+        ({"plate": "OTHER"}, {"plate"}),
+        ({"job_hash": "0" * 64}, {"job_hash"}),
+        ({"shop": "pog"}, {"paper"}),
+        ({"drawn": ["nothing"]}, {"drawn"}),
+        ({"drawing": float("nan")}, {"drawing"}),
+        ({"schema_version": 1}, {"schema_version"}),
+        ({"more": {"a": [1]}}, {"more"}),
+    ],
+)
+def test_what_a_manifest_says_is_what_its_job_and_profile_make(whole, tmp_path, said, names):
+    job, package = whole
+    forged = repacked(package, tmp_path / "q.zip", stated(**said))
+    assert {check.name for check in verify_package(forged) if check.passed is False} == names
+    against = verify_package(forged, load(job), load_shop("ualberta_mla150"))
+    assert {check.name for check in against if check.passed is False} == ({"shop"} if "shop" in said else names)
+
+
+def test_a_manifest_tells_format_and_length_of_every_file(whole, tmp_path):
+    def edit(name: str, content: bytes) -> bytes:
+        return content.replace(b'"bytes": ', b'"bytes": 1') if name.endswith("manifest.json") else content
+
+    _, package = whole
+    failed = [check for check in verify_package(repacked(package, tmp_path / "q.zip", edit)) if not check.passed]
+    assert {check.name for check in failed} == {"files"}
+    assert len(failed) == len(members(package)) - 1
+
+
+def test_papers_of_another_version_are_notes_where_they_differ(whole, tmp_path):
+    """That the version is another is told by the plate itself, whose lettering names it."""
+    _, package = whole
+    same = verify_package(repacked(package, tmp_path / "a.zip", stated(matplotlib_version="3.1")))
+    assert {check.name for check in same if check.passed is not True} == {"matplotlib_version"}
+    edit = exchanged("plate.pdf", *FORGED_PAPERS["plate.pdf"])
+    drawn = repacked(tmp_path / "a.zip", tmp_path / "b.zip", edit, honest=True)
+    notes = [check for check in verify_package(drawn) if check.passed is not True]
+    assert [(check.name, check.passed) for check in notes] == [("matplotlib_version", None), ("paper", None)]
+    assert "plate.pdf" in notes[1].method
+    later = repacked(package, tmp_path / "c.zip", stated(maskfab_version="9", drawn=["x"], tone="dark"))
+    rows = verify_package(later)
+    assert {check.name for check in rows if check.passed is None} >= {"maskfab_version", "drawn", "paper"}
+    assert {check.name for check in rows if check.passed is False} >= {"readback_xor_area", "tone"}
+
+
+def test_a_package_that_its_house_would_refuse_is_told(whole, tmp_path):
+    job, package = whole
+    named = {check.name for check in verify_package(package, load(job), load_shop("gesim")) if check.passed is False}
+    assert named >= {"shop_blank", "shop", "paper"}
 
 
 def test_a_package_without_a_mask_is_no_proof(whole, tmp_path):

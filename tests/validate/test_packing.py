@@ -209,3 +209,63 @@ def test_a_shop_is_for_packages(capsys, packed):
     for subject in (job.parent, job):
         answer = command(capsys, "verify", subject, "--against", job, "--shop", "pog", "--json")
         assert (answer.code, answer.document["error"]["where"]) == (2, "--shop")
+
+
+def test_a_package_is_called_zip(capsys, packed, tmp_path):
+    job, _ = packed
+    out = tmp_path / "p.txt"
+    answer = command(capsys, "package", job, "--shop", "generic-chrome", "--out", out, "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["code"], answer.document["error"]["where"]) == (2, "MF105", "--out")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["p.txt", "p", "p.gds"])
+def test_a_package_is_known_by_its_content_whatever_it_is_called(capsys, packed, tmp_path, name):
+    (tmp_path / name).write_bytes(packed[1].read_bytes())
+    answer = command(capsys, "verify", tmp_path / name, "--json", "--quiet")
+    assert (answer.code, answer.document["verdict"]) == (0, "pass")
+
+
+@pytest.mark.parametrize(
+    ("subject", "options", "where"),
+    [
+        (".", ("--against",), "--against"),
+        (".", ("--layer", "1/0"), "--layer"),
+        ("m.gds", ("--dots-per-um", "3", "--against"), "--dots-per-um"),
+        ("m.gds", ("--unit", "mm", "--against"), "--unit"),
+        ("m.png", ("--layer", "5/0", "--cell", "X", "--against"), "--layer"),
+        ("m.TIF", ("--cell", "X", "--against"), "--cell"),
+    ],
+)
+def test_verify_refuses_options_without_a_meaning(capsys, packed, tmp_path, subject, options, where):
+    for name in ("m.gds", "m.png", "m.TIF"):
+        (tmp_path / name).write_bytes(b"")
+    job = (packed[0],) if options[-1] == "--against" else ()
+    error = command(capsys, "verify", tmp_path / subject, *options, *job, "--json", "--quiet").document["error"]
+    assert (error["code"], error["where"]) == ("MF105", where)
+    assert ("directory" in error["what"]) == (subject == ".")
+
+
+def test_a_tolerance_without_an_end_and_a_thickness_that_nobody_states_are_told_in_words(capsys, tmp_path):
+    shop = tmp_path / "mine.toml"
+    shop.write_text(
+        'title = "A house"\nsources = []\n[plate]\nglass_mm = [1.0, 2.0]\n'
+        "[tolerance]\ncd_um = [[10.0, 0.5], [inf, 2.54]]\n",
+        encoding="utf-8",
+    )
+    job, path = write_job(tmp_path), tmp_path / "p.zip"
+    answer = command(capsys, "package", job, "--shop", shop, "--out", path, "--quiet")
+    assert "glass: not stated by the job, 1 to 2 mm taken" in answer.stdout
+    with zipfile.ZipFile(path) as archive:
+        sheets = [archive.read(name).decode() for name in archive.namelist() if "/order." in name]
+    assert len(sheets) == 2
+    for sheet in sheets:
+        assert "widths up to 10 um: +-0.5 um; any width beyond: +-2.54 um" in sheet
+        assert "inf um" not in sheet
+
+
+def test_a_format_asked_for_twice_is_sent_once_and_verifies(tmp_path):
+    job, path = load(write_job(tmp_path)), tmp_path / "p.zip"
+    made = pack(job, load_shop("generic-chrome"), path, ("gdsii", "gdsii"))
+    assert [file.format for file in made.files].count("gdsii") == 1
+    assert all(check.passed for check in verify_package(path))

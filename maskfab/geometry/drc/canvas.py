@@ -107,9 +107,20 @@ def facing_edges(pairs: db.EdgePairs) -> Facing:
     gaps = np.maximum(0, np.maximum(one.min(axis=1) - two.max(axis=1), two.min(axis=1) - one.max(axis=1)))
     values = np.hypot(gaps[:, 0], gaps[:, 1])
     if not straight.all():
-        slanted = [pair.distance() for pair in pairs.each()]
-        values = np.where(straight, values, slanted)
+        values[~straight] = _distances(ends[~straight].astype(np.float64))
     return Facing(np.zeros(count, dtype=np.int64), points, boxes, values)
+
+
+def _distances(ends: Floats) -> Floats:
+    """Distances of the two edges of pairs [n, 4, 2] that do not cross: from an end of one to the other."""
+    found = []
+    for point, start, stop in ((0, 2, 3), (1, 2, 3), (2, 0, 1), (3, 0, 1)):
+        along, away = ends[:, stop] - ends[:, start], ends[:, point] - ends[:, start]
+        length = (along**2).sum(axis=1)
+        part = np.clip((away * along).sum(axis=1) / np.where(length > 0, length, 1), 0, 1)
+        found.append(np.hypot(*(away - part[:, None] * along).T))
+    least: Floats = np.min(found, axis=0)
+    return least
 
 
 def together(parts: Sequence[Facing]) -> Facing:
