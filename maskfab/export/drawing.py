@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import io
+import re
+import textwrap
 from collections.abc import Sequence
 from typing import Literal
 
@@ -18,6 +20,7 @@ from maskfab.model import Plate, Polygon
 _NM_PER_MM = 1e6
 _INK, _QUIET, _CHROME, _CLEAR = "#1f2328", "#7a828c", "#d9dde2", "#ffffff"
 _MOST_ROWS = 36
+_LINE = 84
 _WIDTH_IN, _HEIGHT_IN = 16.5, 11.7  # A3, landscape
 
 _styled = mpl.rc_context(
@@ -95,8 +98,10 @@ def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
     axes.text(0, y, _printed(plate.title), fontsize=11, va="top", weight="bold")
     y -= 1.6 * step
     for note in (f"plate {plate.name}; lengths in mm, origin at the plate's centre, y up", *notes):
-        axes.text(0, y, _printed(note), va="top", fontsize=7.5)
-        y -= step
+        # Seeds of many dies are one word, with commas in it.
+        for line in textwrap.wrap(re.sub(r",(?=\S)", ", ", _printed(note)), _LINE):
+            axes.text(0, y, line, va="top", fontsize=7.5)
+            y -= step
     y -= step
     columns = (("no.", 0.0), ("die", 0.06), ("centre x, y", 0.38), ("size", 0.62), ("pitch um", 0.85))
     for heading, x in columns:

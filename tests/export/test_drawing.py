@@ -1,0 +1,31 @@
+"""The drawing of a plate: what is written on it stays on the sheet."""
+
+from __future__ import annotations
+
+import re
+from xml.etree import ElementTree
+
+from maskfab.export.drawing import plate_drawing
+
+LONGEST = 90
+"""Letters of the title block's type that fit beside the plate."""
+
+
+def lines(svg: bytes) -> list[str]:
+    return ["".join(text.itertext()) for text in ElementTree.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")]
+
+
+def test_a_long_note_is_broken_and_nothing_of_it_is_lost(small_plate):
+    seeds = ",".join(f"DIE_NUMBER_{n}={n}" for n in range(30))
+    signature = f"maskfab 0.1.0 | job 0123456789abcdef | seeds {seeds}"
+    drawn = lines(plate_drawing(small_plate, "svg", (signature, "x" * 300)))
+    assert max(map(len, drawn)) <= LONGEST
+    words = re.sub(r"\s", "", "".join(drawn))
+    assert re.sub(r"\s", "", signature) in words
+    assert "x" * 300 in words
+
+
+def test_equal_plates_are_equal_bytes(small_plate):
+    for kind in ("svg", "pdf"):
+        assert plate_drawing(small_plate, kind, ("a",)) == plate_drawing(small_plate, kind, ("a",))
+        assert plate_drawing(small_plate, kind, ("a",)) != plate_drawing(small_plate, kind, ("b",))
