@@ -6,10 +6,12 @@ plate + [export] -> drawn -> files -> read by other libraries -> quantities
 from __future__ import annotations
 
 import os
+from collections import deque
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from itertools import chain
 from pathlib import Path
 from typing import TypeAlias
 
@@ -130,26 +132,39 @@ def read_back(
     Raises:
         SourceError: for a file that cannot be read, unless ``refused`` takes it.
     """
-    trips: list[RoundTrip] = []
-    quantities: list[Quantity] = []
+    trips: dict[int, RoundTrip] = {}
+    quantities: dict[int, tuple[Quantity, ...]] = {}
+    errors: dict[int, tuple[str, InputError]] = {}
+    waiting = deque(enumerate(made.products))
     with _ahead(made, folder) as coming:
-        for done, product in enumerate(made.products):
-            progress("read back", done, len(made.products))
+        while waiting:
+            number, product = waiting.popleft()
+            taken = coming.get(product.name)
+            # What is read beside is waited for when nothing else is left to do; but the first layout comes first.
+            others = any(each.name not in coming for _, each in waiting)
+            if taken and not taken.done() and others and (trips or product.kind != "mask"):
+                waiting.append((number, product))
+                continue
+            coming.pop(product.name, None)
+            progress("read back", len(quantities) + len(errors), len(made.products))
             try:
-                taken = coming.pop(product.name).result() if product.name in coming else _take(made, product, folder)
-                if isinstance(taken, db.Layout):
-                    trip = _trip(made, taken, folder / product.name, dots=not trips)
-                    quantities += trip.quantities()
-                    trips.append(trip if not trips else replace(trip, layout=db.Layout()))
+                found = taken.result() if taken else _take(made, product, folder)
+                if isinstance(found, db.Layout):
+                    trip = _trip(made, found, folder / product.name, dots=not trips)
+                    quantities[number] = trip.quantities()
+                    trips[number] = trip if not trips else replace(trip, layout=db.Layout())
                 else:
-                    quantities += taken
+                    quantities[number] = found
             except InputError as error:
                 if refused is None:
                     raise
-                refused.append((product.name, error))
+                errors[number] = product.name, error
             give_back()
     progress("read back", len(made.products), len(made.products))
-    return ReadBack(tuple(trips), tuple(quantities))
+    if refused is not None:
+        refused += [errors[number] for number in sorted(errors)]
+    rows = chain.from_iterable(quantities[number] for number in sorted(quantities))
+    return ReadBack(tuple(trips[number] for number in sorted(trips)), tuple(rows))
 
 
 @contextmanager
