@@ -383,9 +383,8 @@ def test_a_manifest_that_lists_other_places_reaches_none(capsys, whole, tmp_path
 
     job, package = whole
     forged = repacked(package, tmp_path / "q.zip", listed)
-    for options in ((), ("--against", job, "--shop", "ualberta_mla150")):
-        code, said = told(capsys, forged, *options)
-        assert (code, said) == (1, f"SHA-256 of {path}")
+    options = ("--against", job, "--shop", "ualberta_mla150") if path == "../p.zip" else ()
+    assert told(capsys, forged, *options) == (1, f"SHA-256 of {path}")
 
 
 @pytest.mark.parametrize(
@@ -450,8 +449,7 @@ FORGED_PAPERS = {
 }
 
 
-@pytest.mark.parametrize("against", [False, True])
-@pytest.mark.parametrize("file", FORGED_PAPERS)
+@pytest.mark.parametrize(("file", "against"), [*((file, False) for file in FORGED_PAPERS), ("certificate.json", True)])
 def test_a_forged_paper_is_told_though_its_hash_is_true(capsys, whole, tmp_path, file, against):
     job, package = whole
     forged = repacked(package, tmp_path / "q.zip", exchanged(file, *FORGED_PAPERS[file]), honest=True)
