@@ -234,7 +234,7 @@ def _differing(
         place = window.box.transformed(back).enlarged(1, 1)
         shapes = db.Region(read.top_cell().begin_shapes_rec_overlapping(index, place))
         if shapes.count() > _MOST_SHAPES:
-            return float(enough) if enough > 1 else 1.0
+            return max(enough, 1.0)
         shapes &= db.Region(place)
         here = db.Region(window.box)
         found = shapes.merged().transformed(trans) & here
