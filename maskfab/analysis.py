@@ -14,28 +14,29 @@ from klayout import db
 from maskfab.errors import JobError, SourceError
 from maskfab.export.gds import write_oasis
 from maskfab.geometry.reading import find_cell, find_layer, read_layout
-from maskfab.geometry.region import coverage, plate_layout, region
-from maskfab.geometry.stop import edges_in_stop
+from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.stop import edges_in_stop, stop_box
 from maskfab.layout import openings
 from maskfab.layout.plate import check_light, check_size, dot_on_grid
 from maskfab.layout.tiling import orientations
-from maskfab.model import CLEAR, Camera, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Tiling
+from maskfab.model import CLEAR, Camera, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Stop, Tiling
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.mtf import longest_lag_um
 from maskfab.optics.otf import lag_table
 from maskfab.optics.plan import sampling_camera
+from maskfab.optics.psf import pixel_margin
 from maskfab.optics.pupil import cut
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
 from maskfab.spec import SceneSection, check_optics, even_nm, is_table
 from maskfab.units import to_nm
+from maskfab.validate.apertures import aperture_in_stop, edge_distances
 from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
     measure,
     measure_pupils,
-    read_aperture,
     read_openings,
     stop_boundary,
 )
@@ -249,8 +250,7 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     camera, stop = request.camera, request.camera.stop
     box = whole.bbox()
     centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
-    reach = math.ceil(stop.diameter_um * 500) + 1
-    near = db.Box(centre[0] - reach, centre[1] - reach, centre[0] + reach, centre[1] + reach)
+    near = db.Box(*stop_box(stop, centre, _LARGEST_DOT_NM))
     inside = (whole & db.Region(near)).moved(-centre[0], -centre[1])
     edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
     if area <= 0:
@@ -260,11 +260,10 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
             where=f"cell {cell.name}, layer {layer}",
             cure="Name another --cell or --layer, or use a larger --stop",
         )
-    outline = stop_boundary(edges, area, camera)
-    lattice = _lattice(_coordinates_nm(inside, reach), request, dots)
+    lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
-    edge_nm = np.rint(1e3 * lattice.edges_um())
-    pupil = cut(read_aperture(lattice, lattice, coverage(inside, edge_nm, edge_nm)), stop)
+    outline = stop_boundary(edges, area, camera, pixel_margin(camera))
+    pupil = cut(aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)), stop)
     table = lag_table(pupil, longest_lag_um(camera))
     header = (
         metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
@@ -275,16 +274,15 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
         method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
         return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
 
-    found = measure_pupils(pupil, pupil, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    found = measure_pupils(pupil, None, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
     return Analysis(cell.name, found.psfs, found.mtfs, (*header, *found.quantities))
 
 
-def _coordinates_nm(inside: db.Region, reach: int) -> list[int]:
-    """Distances from the axis at which upright and level edges lie; where the window cut is none of the file's."""
-    if inside.area() == (2 * reach) ** 2:
-        return [_LARGEST_DOT_NM]  # no edge in sight: every grid is exact
-    upright = [e.x1 if e.x1 == e.x2 else e.y1 for e in inside.edges().each() if e.x1 == e.x2 or e.y1 == e.y2]
-    return sorted({abs(c) for c in upright if abs(c) != reach})
+def _coordinates_nm(inside: db.Region, stop: Stop) -> list[int]:
+    """Distances from the axis at which upright and level edges before the stop lie."""
+    twice, _ = edge_distances(inside, stop, (0.0, 0.0))
+    # Without an edge in sight every grid is exact.
+    return sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM]
 
 
 def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> Lattice:

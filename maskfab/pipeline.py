@@ -25,7 +25,6 @@ from maskfab.export.shops import shop_of
 from maskfab.export.staging import RESULT_MARK, check_target, staged
 from maskfab.geometry.drc import RuleResult, check_plate
 from maskfab.geometry.region import clear_shapes, plate_names
-from maskfab.geometry.stop import stop_box
 from maskfab.geometry.written import check_process
 from maskfab.layout.job import Job, load
 from maskfab.layout.populate import Populated
@@ -44,12 +43,13 @@ from maskfab.report import (
     written_figures,
 )
 from maskfab.spec.shop import Shop
+from maskfab.validate.apertures import light_box
 from maskfab.validate.bitmaps import check_pixels
 from maskfab.validate.display import display_quantities
 from maskfab.validate.features import judged, limits_as_rules, smallest_features
 from maskfab.validate.files import Drawn, drawn, read_back
 from maskfab.validate.memory import give_back
-from maskfab.validate.optics import axis_nm, measure, reach_box, read_openings
+from maskfab.validate.optics import measure, reach_box, read_openings
 from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.restored import Restored, photographer
 from maskfab.validate.scene import measure_scene, peak_bytes, reach_um, scene_plan
@@ -196,7 +196,7 @@ def measure_dies(
     """
 
     def one(die: Die) -> DieOptics:
-        return measure(_mask(die), camera, clear_shapes(layout, stop_box(camera.stop, axis_nm(die))))
+        return measure(_mask(die), camera, clear_shapes(layout, light_box(die, camera.stop)))
 
     return _each(plate.dies, one, "optics", progress, seconds, os.cpu_count() or 1)
 

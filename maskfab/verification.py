@@ -16,7 +16,6 @@ from maskfab.export.staging import RESULT_MARK
 from maskfab.geometry.reading import LAYOUT_SUFFIXES
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 from maskfab.geometry.region import clear_shapes
-from maskfab.geometry.stop import stop_box
 from maskfab.layout.job import load
 from maskfab.layout.plate import compose
 from maskfab.model import Camera, Die, Quantity, WrittenFile
@@ -36,8 +35,8 @@ from maskfab.pipeline import (
 )
 from maskfab.progress import Progress, silent
 from maskfab.report import data, design_data
+from maskfab.validate.apertures import light_box
 from maskfab.validate.files import read_back
-from maskfab.validate.optics import axis_nm
 from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.roundtrip import RoundTrip
 
@@ -112,7 +111,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
 
 
 def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:
-    shapes = clear_shapes(trip.layout, stop_box(camera.stop, axis_nm(die)))
+    shapes = clear_shapes(trip.layout, light_box(die, camera.stop))
     return not shapes.is_empty() if isinstance(shapes, db.Region) else len(shapes) > 0
 
 

@@ -218,8 +218,12 @@ def test_a_mask_of_odd_coordinates_is_seen_through_a_fine_grid_and_says_so(tmp_p
     assert "raster of 0.5 um" in difference.method
     assert 1e-8 < difference.value < 1e-2
     assert told(clean, "readback_psf_difference").value < 1e-7
-    assert told(found, "psf_energy_in_window").uncertainty > told(clean, "psf_energy_in_window").uncertainty
-    # The area is that of the polygons, which no raster has touched.
+    # What is told of the PSF is the polygons' own, which no raster has touched; so is the area.
+    monkeypatch.setattr("maskfab.analysis._FINEST_GRID", 400)
+    coarser = analyse(odd, Request(camera=CAMERA))
+    assert told(coarser, "readback_psf_difference").value > difference.value
+    for name in ("psf_energy_in_window", "ensquared_energy", "halo_energy", "streak_index"):
+        assert told(coarser, name).value == pytest.approx(told(found, name).value, rel=1e-9), name
     inside = sum(
         clipped_area(x0, y0, x1, y1, centre_of(rows), 200_000) for x0, x1 in rows for y0, y1 in rows
     )  # fmt: skip
@@ -236,6 +240,62 @@ def clipped_area(x0: int, y0: int, x1: int, y1: int, centre: float, radius: floa
     y = y0 + (np.arange(60) + 0.5) * (y1 - y0) / 60 - centre
     share = np.mean(x[:, None] ** 2 + y**2 < radius**2)
     return float(share * (x1 - x0) * (y1 - y0))
+
+
+def strehl_of_a_clear_square(folder: Path, diameter_um: float) -> tuple[float, float]:
+    """Peak Strehl, and its distance from the square of the open ratio, of a file whose middle is clear all over."""
+    path = drawn(folder / "clear.gds", [box(-3_000_000, -3_000_000, 3_000_000, 3_000_000)])
+    found = numbers(path, camera=Camera(10_000.0, Stop("circle", diameter_um), (530.0,), 4.0, 32.0))
+    return found["peak_strehl"], found["strehl_invariant_error"]
+
+
+@pytest.mark.parametrize("diameter_um", [900.0, 1500.0, 777.7])
+def test_nothing_in_the_way_is_a_peak_strehl_of_one_whatever_the_dots_at_the_rim(tmp_path, diameter_um):
+    assert strehl_of_a_clear_square(tmp_path, diameter_um) == pytest.approx((1, 0), abs=1e-8)
+
+
+@pytest.mark.slow
+def test_nothing_in_the_way_is_a_peak_strehl_of_one_behind_forty_stops(tmp_path):
+    for diameter_um in np.random.default_rng(5).uniform(400, 2999, 40):
+        assert strehl_of_a_clear_square(tmp_path, float(diameter_um)) == pytest.approx((1, 0), abs=1e-8), diameter_um
+
+
+def test_what_lies_beyond_the_stop_changes_nothing(tmp_path):
+    """Shapes off the grid that begin a hair outside of the rim, in dots that the rim cuts."""
+    dots = panel(MASK, 10)
+    beyond = [box(-202_003, -30_001, -200_100, 29_999), box(200_100, -1, 202_003, 17)]
+    moved = [[(x + 280_000, y + 280_000) for x, y in polygon] for polygon in beyond]
+    frame = [box(-100_000, -100_000, -99_000, -99_000), box(659_000, 659_000, 660_000, 660_000)]
+    bare, more = (
+        numbers(drawn(tmp_path / name, shapes), camera=CAMERA)
+        for name, shapes in (("bare.gds", dots + frame), ("more.gds", dots + frame + moved))
+    )
+    for name, value in bare.items():
+        assert more[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
+
+
+def test_the_energy_of_an_ellipse_in_a_square_is_that_of_its_field_in_closed_form(tmp_path):
+    """Its polygon's field, edge by edge in closed form, integrated over the square by Gauss-Legendre."""
+    angles = 2 * np.pi * np.arange(96) / 96
+    corners = np.rint(1e3 * np.stack([151 * np.cos(angles), 87 * np.sin(angles)], axis=1)).astype(int)
+    (found,) = (
+        q
+        for q in analyse(drawn(tmp_path / "ellipse.gds", [corners.tolist()]), Request(camera=CAMERA)).quantities
+        if q.name == "ensquared_energy"
+    )
+    side_um, scale = 10.0, 0.530 * 5000.0
+    nodes, weights = np.polynomial.legendre.leggauss(40)
+    u, v = np.meshgrid(side_um / 2 * nodes / scale, side_um / 2 * nodes / scale)
+    start = corners / 1e3 - (corners.max(axis=0) + corners.min(axis=0)) / 2e3
+    along = np.roll(start, -1, axis=0) - start
+    field = np.zeros(u.shape, dtype=complex)
+    for (x, y), (dx, dy) in zip(start + along / 2, along, strict=True):
+        field += (u * dy - v * dx) * np.sinc(u * dx + v * dy) * np.exp(-2j * np.pi * (u * x + v * y))
+    field *= 1j / (2 * np.pi * (u**2 + v**2))
+    area = abs(np.sum(start[:, 0] * along[:, 1] - start[:, 1] * along[:, 0])) / 2
+    exact = (side_um / 2) ** 2 * (weights @ abs(field) ** 2 @ weights) / (scale**2 * area)
+    assert found.method.startswith("energy within a square of 10 um")
+    assert abs(found.value - exact) <= found.uncertainty < 3e-8
 
 
 def test_a_coarser_grid_makes_the_error_grow(tmp_path):

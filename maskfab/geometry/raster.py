@@ -49,6 +49,18 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -
     return np.clip(shares, 0.0, 1.0)
 
 
+def outline_coverage(edges: Floats, x_edges: Floats, y_edges: Floats) -> Floats:
+    """Share of each grid cell that lies within closed outlines, float64 [ny, nx], row 0 lowest; up to rounding.
+
+    Args:
+        edges: float64 [n, 4] of x0, y0, x1, y1, what is covered on the left of each.
+        x_edges: float64 [nx + 1], ascending, in the same unit.
+        y_edges: float64 [ny + 1], ascending.
+    """
+    rising = edges[edges[:, 1] != edges[:, 3]][:, [2, 3, 0, 1]]
+    return np.clip(_edge_coverage(rising, x_edges, y_edges), 0.0, 1.0)
+
+
 def to_boxes(region: db.Region) -> Ints:
     """A Manhattan region as disjoint boxes: int64 [n, 4] of x0, y0, x1, y1 in nanometres."""
     boxes = (piece.bbox() for piece in region.decompose_trapezoids_to_region().each())

@@ -67,9 +67,9 @@ def _cut_edges(region: db.Region, stop: Stop, centre_nm: tuple[float, float]) ->
     return np.fromiter(corners, dtype=np.float64).reshape(-1, 4) * per_um, cut.area() * per_um**2
 
 
-def stop_box(stop: Stop, centre_nm: tuple[float, float]) -> Box:
-    """A square of whole nanometres that holds the stop and a little more."""
-    reach = int(stop.diameter_um * 505) + 1
+def stop_box(stop: Stop, centre_nm: tuple[float, float], margin_nm: int = 0) -> Box:
+    """A square of whole nanometres that holds the stop, a little more, and a margin."""
+    reach = int(stop.diameter_um * 505) + 1 + margin_nm
     x, y = (round(c) for c in centre_nm)
     return x - reach, y - reach, x + reach, y + reach
 

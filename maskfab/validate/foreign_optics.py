@@ -9,22 +9,22 @@ from dataclasses import replace
 import numpy as np
 from klayout import db
 
-from maskfab.geometry.region import clear_shapes, coverage, region
+from maskfab.geometry.region import clear_shapes, region
 from maskfab.geometry.stop import edges_in_stop, stop_box
-from maskfab.model import CLEAR, Box, Camera, Die, Mtf, Plate, Quantity
+from maskfab.model import CLEAR, Camera, Die, Mtf, Plate, Quantity
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.mtf import longest_lag_um
 from maskfab.optics.otf import lag_table
+from maskfab.optics.psf import pixel_margin
 from maskfab.optics.pupil import cut
+from maskfab.validate.apertures import aperture_in_stop, axis_nm, edge_distances, light_box
 from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
     READBACK_LIMIT,
     Measured,
-    axis_nm,
     measure,
     measure_pupils,
-    read_aperture,
     stop_boundary,
 )
 
@@ -44,7 +44,7 @@ def optics_of_like(die: Die, camera: Camera, design: db.Layout, laid: db.Layout,
         equal: whether the file is the design throughout this die.
     """
     bare = _bare(die)
-    box = stop_box(camera.stop, axis_nm(die))
+    box = light_box(die, camera.stop)
     shapes = clear_shapes(laid, box)
     if shapes.is_empty() if isinstance(shapes, db.Region) else not len(shapes):
         yield Quantity(
@@ -62,21 +62,19 @@ def optics_of_unlike(plate: Plate, camera: Camera, design: db.Layout, read: db.L
     """The PSF and MTF of whatever a file has before the stop, where the dies should be, or else in its own middle."""
     dark = True
     for die in plate.dies:
-        axis = axis_nm(die)
-        box = stop_box(camera.stop, axis)
-        found = _measured(read, box, axis, camera, die.panel.dot_nm, die.name)
+        found = _measured(read, axis_nm(die), camera, die.panel.dot_nm, die.name)
         if found is None:
             continue
         dark = False
         yield from found.quantities
-        expected = measure(_bare(die), camera, clear_shapes(design, box))
+        expected = measure(_bare(die), camera, clear_shapes(design, light_box(die, camera.stop)))
         yield from _mtf_differences(found.mtfs, expected.mtfs, die.name, "")
     if not dark:
         return
     middle = region(read, CLEAR).bbox().center()
     axis = float(middle.x), float(middle.y)
     dot_nm = min(die.panel.dot_nm for die in plate.dies)
-    found = _measured(read, stop_box(camera.stop, axis), axis, camera, dot_nm, None)
+    found = _measured(read, axis, camera, dot_nm, None)
     where = f"the middle of the file, ({middle.x / 1e3:g}, {middle.y / 1e3:g}) um, for it has nothing where dies are"
     if found is None:
         yield Quantity(
@@ -91,16 +89,15 @@ def _bare(die: Die) -> Die:
 
 
 def _measured(
-    read: db.Layout, box: Box, axis: tuple[float, float], camera: Camera, dot_nm: int, name: str | None
+    read: db.Layout, axis: tuple[float, float], camera: Camera, dot_nm: int, name: str | None
 ) -> Measured | None:
     """The optics of polygons of any kind about an axis; None where nothing is clear before the stop."""
-    shapes = region(read, CLEAR, box)
+    shapes = region(read, CLEAR, stop_box(camera.stop, axis, dot_nm))
     edges, area = edges_in_stop(shapes, camera.stop, axis)
     if area <= 0:
         return None
-    lattice, exact = _lattice(shapes, box, axis, camera, dot_nm)
-    x, y = (np.round(1e3 * lattice.edges_um() + centre, 6) for centre in axis)
-    pupil = cut(read_aperture(lattice, lattice, coverage(shapes, x, y)), camera.stop)
+    lattice, exact = _lattice(shapes, axis, camera, dot_nm)
+    pupil = cut(aperture_in_stop(lattice, lattice, shapes, edges, camera.stop, axis), camera.stop)
     table = lag_table(pupil, longest_lag_um(camera))
     raster = f"of a raster of {lattice.dot_um:g} um"
 
@@ -108,8 +105,8 @@ def _measured(
         method = f"relative L2 between the polygons' PSF and that {raster}"
         return Quantity("raster_psf_difference", "δ", error, "1", method, die=name, wavelength_nm=wavelength)
 
-    outline = stop_boundary(edges, area, camera)
-    found = measure_pupils(pupil, pupil, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
+    outline = stop_boundary(edges, area, camera, pixel_margin(camera))
+    found = measure_pupils(pupil, None, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
     told = [metrics.stop_open_ratio(area, camera, name, "area of the file's polygons inside the stop over the stop's")]
     about = f"; {raster}, on which every edge lies" if exact else f"; {raster}, finer than which nothing is resolved"
     for quantity in found.quantities:
@@ -120,19 +117,11 @@ def _measured(
     return replace(found, quantities=tuple(told))
 
 
-def _lattice(
-    shapes: db.Region, box: Box, axis: tuple[float, float], camera: Camera, largest_nm: int
-) -> tuple[Lattice, bool]:
+def _lattice(shapes: db.Region, axis: tuple[float, float], camera: Camera, largest_nm: int) -> tuple[Lattice, bool]:
     """A grid about the axis on which all edges lie, if one is coarse enough, else a fine one; and which of them."""
-    x, y = (2 * centre for centre in axis)
-    rim = {2 * each - centre for each, centre in zip(box, (x, y, x, y), strict=True)}
-    steps = set()
-    slanted = False
-    for edge in shapes.edges().each():
-        slanted = slanted or (edge.x1 != edge.x2 and edge.y1 != edge.y2)
-        steps |= {abs(2 * edge.x1 - x), abs(2 * edge.y1 - y)}
     # Half nanometres, for the middle of a die may lie between two.
-    step = math.gcd(*(int(each) for each in steps - {abs(each) for each in rim}))
+    distances, slanted = edge_distances(shapes, camera.stop, axis)
+    step = math.gcd(*distances)
     diameter_nm = 1e3 * camera.stop.diameter_um
     finest = math.ceil(2 * diameter_nm / _FINEST_GRID)
     exact = not slanted and (step == 0 or step >= min(finest, 2 * largest_nm))

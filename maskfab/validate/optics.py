@@ -4,34 +4,37 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
-from typing import TypeAlias
 
 import numpy as np
-from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.geometry.region import coverage
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Box, Camera, Die, DieOptics, Mtf, Psf, Quantity, Tiling
 from maskfab.optics import metrics
-from maskfab.optics.aperture import Aperture, Lattice, covered_aperture, panel_aperture, zeros
+from maskfab.optics.aperture import Aperture, panel_aperture
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.orders import order_quantities
 from maskfab.optics.otf import LagTable, lag_table
 from maskfab.optics.polygons import Boundary, boundary
-from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psfs, within
+from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psfs, point_step_um, within
 from maskfab.optics.psf_metrics import peak_to_side_lobe
 from maskfab.optics.pupil import Pupil, cut
 from maskfab.progress import Progress, silent
+from maskfab.validate.apertures import Shapes, aperture_in_stop, axis_nm, lines_nm, read_aperture
 
 Floats = NDArray[np.float64]
-Shapes: TypeAlias = db.Region | NDArray[np.int64]
 
 READBACK_LIMIT = 1e-6
 INVARIANT_LIMIT_ROUND = 1e-3
 INVARIANT_LIMIT_SQUARE = 1e-6
+
+POLYGON_ERROR = 1e-8
+"""Share of all light by which a PSF of polygons may err within its window, its transform and the stop's sides."""
+
+_SHARES = frozenset({"psf_energy_in_window", "ensquared_energy", "halo_energy"})
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +57,10 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     """
     stop = camera.stop
     designed = panel_aperture(die.panel, stop.diameter_um / 2)
-    read = _read_aperture(die, designed, shapes)
+    edges, area = edges_in_stop(shapes, stop, axis_nm(die))
+    read = aperture_in_stop(designed.x, designed.y, shapes, edges, stop, axis_nm(die))
     pupil = cut(read, stop)
     design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
-    edges, area = edges_in_stop(shapes, stop, axis_nm(die))
     outline = stop_boundary(edges, area, camera)
     table = lag_table(pupil, longest_lag_um(camera))
 
@@ -79,7 +82,7 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
 
 def measure_pupils(
     read: Pupil,
-    design: Pupil,
+    design: Pupil | None,
     table: LagTable,
     outline: Boundary,
     camera: Camera,
@@ -92,7 +95,8 @@ def measure_pupils(
 
     Args:
         read: the pupil that was read.
-        design: the pupil that the polygons are held against; ``read`` itself where there is no other.
+        design: the pupil that the polygons are held against, and whose points are told of. None where there is none:
+            then they are held against ``read``, a raster of them, and what is told of points and pixels is their own.
         table: the lag table of ``read``.
         outline: the polygons, cut by the stop.
         camera: what looks through them.
@@ -105,23 +109,29 @@ def measure_pupils(
     margin = pixel_margin(camera)
     lines = camera.wavelengths_nm
     progress("optics", 0, len(lines))
-    design_psfs = point_psfs(design, camera, margin)
-    read_psfs = design_psfs if read is design else point_psfs(read, camera, margin)
+    read_psfs = point_psfs(read, camera, margin)
+    matrix = read if design is None else design
+    matrix_psfs = read_psfs if matrix is read else point_psfs(matrix, camera, margin)
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
     quantities: list[Quantity] = []
-    for wavelength, design_psf, read_psf in zip(lines, design_psfs, read_psfs, strict=True):
-        points = within(design_psf, camera)
-        polygons = polygon_psf(outline, camera, points)
-        error = metrics.relative_difference(polygons, points)
-        pixels = pixel_psf(read_psf, camera)
+    for wavelength, matrix_psf, read_psf in zip(lines, matrix_psfs, read_psfs, strict=True):
+        of_matrix = within(matrix_psf, camera)
+        if design is None:
+            wide = polygon_psf(outline, camera, matrix_psf)
+            points = polygons = within(wide, camera)
+            pixels = pixel_psf(wide, camera)
+        else:
+            points, polygons = of_matrix, polygon_psf(outline, camera, of_matrix)
+            pixels = pixel_psf(read_psf, camera)
+        error = metrics.relative_difference(polygons, of_matrix)
         mtf = presampled_mtf(table, camera, wavelength)
         psfs += [polygons, pixels]
         mtfs.append(mtf)
         quantities += [
             *metrics.mtf_quantities(mtf, camera.pixel_um, die),
-            metrics.energy_in_window(pixels, error, die),
-            *metrics.strehl_quantities(points, camera, design.energy_um2, outline.area_um2, die, limit),
+            metrics.energy_in_window(pixels, error if design is not None else 0.0, die),
+            *metrics.strehl_quantities(of_matrix, camera, matrix.energy_um2, outline.area_um2, die, limit),
             difference(error, wavelength),
             *metrics.aliasing_quantities(lags, table, mtf, camera, die),
             *metrics.restoration_quantities(table, camera, wavelength, die),
@@ -131,7 +141,16 @@ def measure_pupils(
             quantities.append(peak_to_side_lobe(points, die))
         progress("optics", len(mtfs), len(lines))
     quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die)
+    if design is None:
+        quantities = [_of_polygons(quantity) for quantity in quantities]
     return Measured(tuple(psfs), tuple(mtfs), tuple(quantities))
+
+
+def _of_polygons(quantity: Quantity) -> Quantity:
+    """A share of light with what the polygons' own transform may add to its error."""
+    if quantity.name not in _SHARES or quantity.uncertainty is None:
+        return quantity
+    return replace(quantity, uncertainty=quantity.uncertainty + POLYGON_ERROR)
 
 
 def middle_nm(camera: Camera) -> float:
@@ -139,10 +158,11 @@ def middle_nm(camera: Camera) -> float:
     return camera.wavelengths_nm[len(camera.wavelengths_nm) // 2]
 
 
-def stop_boundary(edges_um: Floats, area_um2: float, camera: Camera) -> Boundary:
-    """Quadrature on polygons cut by the stop, good for the camera's window at every wavelength."""
+def stop_boundary(edges_um: Floats, area_um2: float, camera: Camera, margin: int = 0) -> Boundary:
+    """Quadrature on polygons cut by the stop for the camera's window and a margin of points, at every wavelength."""
     finest = min(image_scale_um2(camera, wavelength) for wavelength in camera.wavelengths_nm)
-    return boundary(edges_um, area_um2, camera.window_um / np.sqrt(2) / finest)
+    reach_um = camera.window_um / 2 + margin * point_step_um(camera)
+    return boundary(edges_um, area_um2, np.sqrt(2) * reach_um / finest)
 
 
 def polygon_psf(outline: Boundary, camera: Camera, like: Psf) -> Psf:
@@ -151,12 +171,6 @@ def polygon_psf(outline: Boundary, camera: Camera, like: Psf) -> Psf:
     field = outline.field(like.step_um / scale, like.values.shape[0])
     intensity = (field.real**2 + field.imag**2) / (scale**2 * outline.area_um2)
     return Psf(intensity, like.step_um, like.wavelength_nm, "point")
-
-
-def axis_nm(die: Die) -> tuple[float, float]:
-    """Where the optical axis meets the plate: the middle of the panel."""
-    x0, y0, x1, y1 = die.box_nm
-    return (x0 + x1) / 2, (y0 + y1) / 2
 
 
 def reach_box(die: Die, reach_um: float) -> Box:
@@ -178,32 +192,8 @@ def read_openings(die: Die, shapes: Shapes, reach_um: float) -> Aperture:
         shapes: everything clear there, as for :func:`measure`.
         reach_um: half the side of the square that is wanted.
     """
-    return _read_aperture(die, panel_aperture(die.panel, reach_um), shapes)
-
-
-def _read_aperture(die: Die, designed: Aperture, shapes: Shapes) -> Aperture:
-    """What was read back, as the exact share of every interval of the design's grid that is clear."""
-    x, y = (
-        centre + 1e3 * lattice.edges_um()
-        for centre, lattice in zip(axis_nm(die), (designed.x, designed.y), strict=True)
-    )
-    return read_aperture(designed.x, designed.y, coverage(shapes, _on_grid(x), _on_grid(y)))
-
-
-def read_aperture(x: Lattice, y: Lattice, covered: Floats) -> Aperture:
-    """An aperture from the share of every interval that is clear, [ny, nx].
-
-    Where every interval is clear or dark, none varies within, and zeros that take no memory spare a pass over them.
-    """
-    if ((covered == 0) | (covered == 1)).all():
-        return Aperture(x, y, covered, zeros((covered.shape[0], covered.shape[1])))
-    return covered_aperture(x, y, covered)
-
-
-def _on_grid(edges_nm: Floats) -> Floats:
-    """Edges that are whole nanometres but for rounding, made so; others are left alone."""
-    whole = np.rint(edges_nm)
-    return np.where(abs(edges_nm - whole) < 1e-4, whole, edges_nm)
+    designed = panel_aperture(die.panel, reach_um)
+    return read_aperture(designed.x, designed.y, coverage(shapes, *lines_nm(designed.x, designed.y, axis_nm(die))))
 
 
 def _difference(die: str, difference: float, wavelength: float) -> Quantity:

@@ -20,7 +20,8 @@ from maskfab.optics.pupil import cut
 from maskfab.optics.sampling import aliased_mtf
 from maskfab.optics.spectrum import Spectrum
 from maskfab.report.glossary import QUANTITIES
-from maskfab.validate.optics import middle_nm, read_aperture
+from maskfab.validate.apertures import read_aperture
+from maskfab.validate.optics import middle_nm
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 128.0)
 RING = np.array([[0, 1, 1, 0, 1], [1, 1, 0, 0, 1], [1, 0, 0, 1, 1], [0, 0, 1, 1, 0], [0, 0, 0, 0, 0]], dtype=bool)
