@@ -5,7 +5,8 @@ A mask that only dims treats every wavelength alike but for scale, so the transf
     OTF(ν) = Σ_k w_k C(λ_k f ν) / C(0),    Σ_k w_k = 1                      (Goodman, Fourier Optics, 6.3, by line)
 
 with w_k the share of the detected energy at λ_k: one lag table serves all of them. A band is turned into lines by
-composite Gauss-Legendre quadrature, doubled until the transfer function stands still.
+Gauss quadrature with the band's own energy as its weight, in equal panels of what is lit, doubled until the transfer
+function stands still: however narrow a line of the light, the weight has it exactly, and only C(λfν) is sampled.
 
 Notes:
     C is piecewise bilinear, so along λ it has a kink wherever a lag λfν crosses a dot's edge: about one per
@@ -24,6 +25,7 @@ from scipy import sparse
 from maskfab.errors import JobError
 from maskfab.model import Camera, frozen
 from maskfab.optics.aperture import Lattice
+from maskfab.optics.gauss import gauss_rules
 from maskfab.optics.otf import LagTable, neighbours
 
 Floats = NDArray[np.float64]
@@ -127,15 +129,14 @@ class Band:
         name: identifier for reports.
 
     Raises:
-        JobError: MF104 if the curves have no wavelength in common.
+        JobError: MF104 if no wavelength passes all of the curves.
     """
 
     curves: tuple[Curve, ...]
     name: str
 
     def __post_init__(self) -> None:
-        low, high = self.range_nm
-        if not low < high or not self.density(np.linspace(low, high, 4097)).any():
+        if not self._lit()[0].size:
             raise JobError(
                 "MF104",
                 f"the band {self.name} holds no light: {' x '.join(c.name for c in self.curves)} do not overlap",
@@ -155,14 +156,40 @@ class Band:
             product = product * curve.at(wavelengths_nm)
         return product
 
+    @property
+    def centroid_nm(self) -> float:
+        """Mean wavelength, weighted by energy."""
+        return self.quadrature(1).centroid_nm
+
     def quadrature(self, panels: int) -> Spectrum:
-        """Lines at the nodes of composite Gauss-Legendre quadrature, four in each of equal panels."""
-        nodes, weights = leggauss(_NODES_PER_PANEL)
-        low, high = self.range_nm
-        edges = np.linspace(low, high, panels + 1)
+        """Lines at the nodes of Gauss quadrature for the band's density, four in each of equal panels of what is lit.
+
+        With one panel, every polynomial of degree 7 in the wavelength has the band's own mean over the lines.
+        """
+        low, high = self._lit()
+        # Lit wavelengths end to end, so that a panel of light never is one of darkness.
+        ends = np.cumsum(high - low)
+        edges = np.unique(np.concatenate([[0.0], ends, ends[-1] * np.arange(1, panels) / panels]))
+        middles = (edges[1:] + edges[:-1]) / 2
+        skipped = (high - ends)[np.minimum(np.searchsorted(ends, middles), ends.size - 1)]
+        # Exact for the density, of one degree for each curve, times the polynomials of the rules.
+        nodes, weights = leggauss(_NODES_PER_PANEL + (len(self.curves) + 1) // 2)
         half = np.diff(edges)[:, None] / 2
-        places = ((edges[:-1, None] + half) + half * nodes).ravel()
-        return lines(places, (half * weights).ravel() * self.density(places), self.name)
+        places = (skipped + middles)[:, None] + half * nodes
+        energies = half * weights * self.density(places)
+        panel = np.minimum((middles * (panels / ends[-1])).astype(np.intp), panels - 1)
+        starts = np.flatnonzero(np.diff(panel, prepend=-1)) * nodes.size
+        found, shares = gauss_rules(places.ravel(), energies.ravel(), starts, _NODES_PER_PANEL)
+        return lines(found.ravel(), shares.ravel(), self.name)
+
+    def _lit(self) -> tuple[Floats, Floats]:
+        """Ends of the intervals between the curves' samples on which there is light, [k] each."""
+        low, high = self.range_nm
+        knots = np.unique(np.concatenate([[low, high], *(curve.wavelengths_nm for curve in self.curves)]))
+        knots = knots[(knots >= low) & (knots <= high)]
+        # Straight and not negative, a curve that is dark amid an interval is dark all over it.
+        lit = self.density((knots[1:] + knots[:-1]) / 2) > 0
+        return knots[:-1][lit], knots[1:][lit]
 
 
 @dataclass(frozen=True, eq=False)
