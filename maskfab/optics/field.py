@@ -295,13 +295,16 @@ def direct_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     y_kernels = _complex_kernels(pupil.y.edges_um(), v, orders)
     total: NDArray[np.complex128] = y_kernels[0].T.astype(kind) @ pupil.whole.astype(kind) @ x_kernels[0].astype(kind)
     total = total.astype(np.complex128, copy=False)
-    for q in range(orders):
-        for p in range(orders):
-            scale = (2 * q + 1) * (2 * p + 1)
-            rim = sparse.coo_array(
-                (scale * pupil.rim_moments[:, q, p], (pupil.rim_row, pupil.rim_column)), pupil.whole.shape
-            )
-            total += (rim.tocsr().T @ y_kernels[q]).T @ x_kernels[p]
+    if not pupil.rim_row.size:
+        return total
+    weight = 2 * np.arange(orders) + 1
+    moments = pupil.moments(orders) * weight[:, None] * weight
+    rows, columns = pupil.whole.shape
+    place = np.repeat(pupil.rim_column, orders), (pupil.rim_row[:, None] + rows * np.arange(orders)).ravel()
+    stacked = np.concatenate(y_kernels)
+    for p in range(orders):
+        rim = sparse.coo_array((moments[:, :, p].ravel(), place), (columns, orders * rows))
+        total += (rim.tocsr() @ stacked).T @ x_kernels[p]
     return total
 
 

@@ -7,6 +7,7 @@ The zeroth moment alone is the usual grey rim; the higher ones carry the curve.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal
 
 import numpy as np
@@ -21,6 +22,8 @@ Indices = NDArray[np.intp]
 Range = tuple[Indices, Indices]
 
 RIM_ORDERS = 10
+"""How many Legendre orders a cut dot gets at once, enough for most cameras; :meth:`Pupil.moments` gives any number."""
+
 _SLICE_NODES = 12
 _SLICES = 3
 _ROWS_AT_A_TIME = 128
@@ -77,14 +80,14 @@ class Pupil:
         spread[self.rim_row, self.rim_column] = self.rim_transmission**2 * np.clip(share * (1 - share), 0, None)
         return spread
 
-    @property
+    @cached_property
     def field_integral_um2(self) -> float:
         """Integral of the amplitude: the field on the axis."""
         widths, heights = np.diff(self.x.edges_um()), np.diff(self.y.edges_um())
         area = heights[self.rim_row] * widths[self.rim_column]
         return float(heights @ self.whole @ widths + area @ self.rim_moments[:, 0, 0])
 
-    @property
+    @cached_property
     def energy_um2(self) -> float:
         """Integral of the squared amplitude: all transmitted energy; the clear area if the mask is binary."""
         widths, heights = np.diff(self.x.edges_um()), np.diff(self.y.edges_um())
@@ -95,6 +98,13 @@ class Pupil:
         # A cut dot of amplitude t has t² where it is clear, and t times its share is its mean.
         area = heights[self.rim_row] * widths[self.rim_column]
         return float(sum(rows) @ widths + area @ (self.rim_transmission * self.rim_moments[:, 0, 0]))
+
+    def moments(self, orders: int) -> Floats:
+        """``rim_moments`` of so many orders, [k, orders, orders]; more than are stored are integrated afresh."""
+        if orders <= self.rim_moments.shape[1]:
+            return self.rim_moments[:, :orders, :orders]
+        x, y = self.x.edges_um(), self.y.edges_um()
+        return _moments(x, y, self.rim_row, self.rim_column, self.rim_transmission, self.stop, orders)
 
 
 def cut(aperture: Aperture, stop: Stop) -> Pupil:
@@ -107,9 +117,7 @@ def cut(aperture: Aperture, stop: Stop) -> Pupil:
     transmits = aperture.transmission[row, column] != 0
     row, column = row[transmits], column[transmits]
     transmission = aperture.transmission[row, column]
-    boxes = np.stack([x[column], x[column + 1], y[row], y[row + 1]], axis=1)
-    shape = _circle_moments if stop.shape == "circle" else _square_moments
-    moments = shape(boxes, stop.diameter_um / 2) * transmission[:, None, None]
+    moments = _moments(x, y, row, column, transmission, stop, RIM_ORDERS)
     return Pupil(aperture.x, aperture.y, whole, variance, row, column, moments, transmission, stop)
 
 
@@ -165,18 +173,23 @@ def _nearest_to_zero(edges: Floats) -> Floats:
     return np.where(straddles, 0.0, np.minimum(abs(edges[:-1]), abs(edges[1:])))
 
 
-def _square_moments(boxes: Floats, half: float) -> Floats:
-    """Moments of box x square: products of one-dimensional ones, exact by Gauss-Legendre."""
-    along_x = _clipped_moments(
-        boxes[:, 0], boxes[:, 1], np.full((len(boxes), 1), -half), np.full((len(boxes), 1), half)
-    )
-    along_y = _clipped_moments(
-        boxes[:, 2], boxes[:, 3], np.full((len(boxes), 1), -half), np.full((len(boxes), 1), half)
-    )
+def _moments(
+    x: Floats, y: Floats, row: Indices, column: Indices, transmission: Floats, stop: Stop, orders: int
+) -> Floats:
+    """Moments of transmission x stop over intervals of a grid with these edges, [k, orders, orders]."""
+    boxes = np.stack([x[column], x[column + 1], y[row], y[row + 1]], axis=1)
+    shape = _circle_moments if stop.shape == "circle" else _square_moments
+    return shape(boxes, stop.diameter_um / 2, orders) * transmission[:, None, None]
+
+
+def _square_moments(boxes: Floats, half: float, orders: int) -> Floats:
+    """Moments of box x square: products of one-dimensional ones, exact."""
+    ends = np.full((len(boxes), 1), half)
+    along_x, along_y = (_clipped_moments(boxes[:, k], boxes[:, k + 1], -ends, ends, orders) for k in (0, 2))
     return along_y[:, 0, :, None] * along_x[:, 0, None, :]
 
 
-def _circle_moments(boxes: Floats, radius: float) -> Floats:
+def _circle_moments(boxes: Floats, radius: float, orders: int) -> Floats:
     """Moments of box x disc, [k, orders, orders], by slices of constant y = R sin(theta).
 
     Over theta the half chord R cos(theta) is smooth even at the poles, so Gauss-Legendre between the angles at which
@@ -192,19 +205,19 @@ def _circle_moments(boxes: Floats, radius: float) -> Floats:
     first, last = angle(y0)[:, None], angle(y1)[:, None]
     kinks = np.clip(angle(np.concatenate([half_chords, -half_chords], axis=1)), first, last)
     breaks = np.sort(np.concatenate([kinks, np.linspace(first[:, 0], last[:, 0], _SLICES + 1, axis=1)], axis=1), axis=1)
-    nodes, weights = leggauss(_SLICE_NODES)
+    nodes, weights = leggauss(max(_SLICE_NODES, orders + 2))
     lower, length = breaks[:, :-1, None], np.diff(breaks, axis=1)[:, :, None]
     samples = (len(boxes), (breaks.shape[1] - 1) * nodes.size)
     theta = (lower + length * (nodes + 1) / 2).reshape(samples)
     y, half_chord = radius * np.sin(theta), radius * np.cos(theta)
     weight = (length * weights / 2).reshape(samples) * half_chord / (y1 - y0)[:, None]
-    along_x = _clipped_moments(x0, x1, -half_chord, half_chord)
+    along_x = _clipped_moments(x0, x1, -half_chord, half_chord, orders)
     eta = np.clip(2 * (y - y0[:, None]) / (y1 - y0)[:, None] - 1, -1, 1)
-    moments: Floats = np.einsum("ksq,ks,ksp->kqp", legvander(eta, RIM_ORDERS - 1), weight, along_x, optimize=True)
+    moments: Floats = np.einsum("ksq,ks,ksp->kqp", legvander(eta, orders - 1), weight, along_x, optimize=True)
     return moments
 
 
-def _clipped_moments(low: Floats, high: Floats, floor: Floats, ceiling: Floats) -> Floats:
+def _clipped_moments(low: Floats, high: Floats, floor: Floats, ceiling: Floats, orders: int) -> Floats:
     """Mean over [low, high] of P_p(xi) where floor < x < ceiling; [k], [k], [k, s], [k, s] -> [k, s, orders].
 
     Integrals of Legendre polynomials are (P_{p+1} - P_{p-1}) / (2p + 1), DLMF 18.16.1 and 14.10.5.
@@ -212,12 +225,12 @@ def _clipped_moments(low: Floats, high: Floats, floor: Floats, ceiling: Floats) 
     width = (high - low)[:, None]
     start = np.clip(2 * (np.clip(floor, low[:, None], high[:, None]) - low[:, None]) / width - 1, -1, 1)
     end = np.clip(2 * (np.clip(ceiling, low[:, None], high[:, None]) - low[:, None]) / width - 1, -1, 1)
-    orders = np.arange(RIM_ORDERS)
+    weights = 2 * np.arange(orders) + 1
 
     def antiderivative(xi: Floats) -> Floats:
-        values = legvander(xi, RIM_ORDERS)
-        below = np.concatenate([-np.ones_like(values[..., :1]), values[..., : RIM_ORDERS - 1]], axis=-1)
-        integral: Floats = (values[..., 1:] - below) / (2 * orders + 1)
+        values = legvander(xi, orders)
+        below = np.concatenate([-np.ones_like(values[..., :1]), values[..., : orders - 1]], axis=-1)
+        integral: Floats = (values[..., 1:] - below) / weights
         return integral
 
     return np.where((end > start)[..., None], (antiderivative(end) - antiderivative(start)) / 2, 0.0)

@@ -138,10 +138,11 @@ def _add_rim(pupil: Pupil, along_x: _Cell, along_y: _Cell, strength: Floats) -> 
     row, dot_y = np.divmod(pupil.rim_row, pupil.y.period)
     column, dot_x = np.divmod(pupil.rim_column, pupil.x.period)
     orders = along_x.rim.shape[1]
+    moments = pupil.moments(orders)
     place = row * pupil.x.cells + column
     order = np.argsort(place, kind="stable")
     for members in np.split(order, np.flatnonzero(np.diff(place[order])) + 1) if order.size else []:
-        across = pupil.rim_moments[members, :orders, :orders] @ along_x.rim[dot_x[members]]
+        across = moments[members] @ along_x.rim[dot_x[members]]
         up = along_y.rim[dot_y[members]]
         sources = up.reshape(-1, along_y.nodes).T @ across.reshape(-1, along_x.nodes)
         strength[row[members[0]], :, column[members[0]]] += sources
