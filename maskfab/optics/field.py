@@ -24,16 +24,17 @@ from scipy.special import spherical_jn
 
 from maskfab.errors import InternalError
 from maskfab.model import Scalar
-from maskfab.optics.basis import Factors, factors
+from maskfab.optics.interpolation import frequency_nodes
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.rim import rim_bands, rim_orders
 from maskfab.optics.waves import Positions, Precision, Reals, real_type, reduced_cycles, right_half
 
 Floats = NDArray[np.float64]
 Waves = tuple[Reals, Reals]
-Pair = tuple[Factors, Factors]
 
 _BLOCK = 64
+# Below this saving the longer chain of smaller products is no faster.
+_WORTHWHILE = 0.9
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,10 +55,8 @@ class ParityField:
 
     def intensity(self) -> Floats:
         """|F|² on the symmetric grid that the quadrant spans, [2 nv - 1, 2 nu - 1], or [2 nv, 2 nu] off axis."""
-        same = (self.even_even - self.odd_odd) ** 2
-        same += (self.odd_even + self.even_odd) ** 2
-        opposite = (self.even_even + self.odd_odd) ** 2
-        opposite += (self.odd_even - self.even_odd) ** 2
+        same = _sum_of_squares(self.even_even - self.odd_odd, self.odd_even + self.even_odd)
+        opposite = _sum_of_squares(self.even_even + self.odd_odd, self.odd_even - self.even_odd)
         return self._mirrored(same, opposite, same, opposite)
 
     def amplitude(self) -> NDArray[np.complex128]:
@@ -84,6 +83,14 @@ class ParityField:
         grid[below, left] = left_down[first:, first:][::-1, ::-1]
         grid[below, right] = right_down[first:][::-1]
         return grid
+
+
+def _sum_of_squares(one: Floats, other: Floats) -> Floats:
+    """Over ``one``: fresh memory costs more than the sums."""
+    one *= one
+    other *= other
+    one += other
+    return one
 
 
 def parity_of(above: NDArray[np.complex128], below: NDArray[np.complex128], on_axis: bool) -> ParityField:
@@ -113,17 +120,27 @@ class Term:
     core: Reals
     reach: tuple[int, ...]
 
-    def y_first(self, nu: int, nv: int) -> bool:
-        """Whether to sum along y before x, which leaves the other sum the columns."""
-        ny, nx = self.core.shape[2:]
-        return bool(nv * nx * (ny + nu) <= nu * ny * (nx + nv))
+    def work(self, nu: int, nv: int) -> int:
+        """Multiplications of one part of the field at [nv, nu] frequencies."""
+        return min(self._orders_of_sums(nu, nv))
 
-    def sum_rows(self, waves: Reals, odd_y: int, odd_x: int, out: Reals) -> None:
-        """Sum one part of the core along y, [ny, nv] waves into [nv, nx]."""
+    def part(self, along_y: Reals, along_x: Reals, odd_y: int, odd_x: int) -> Reals:
+        """One part of its field, [nv, nu], from waves along y [ny, nv] and x [nx, nu] of that parity."""
         core = self.core[odd_y, odd_x]
-        for k, rows in enumerate(self.reach):
+        y_first, x_first = self._orders_of_sums(along_x.shape[1], along_y.shape[1])
+        if x_first < y_first:
+            part: Reals = along_y.T @ (core @ along_x)
+            return part
+        rows = np.empty((along_y.shape[1], core.shape[1]), dtype=core.dtype)
+        for k, reach in enumerate(self.reach):
             columns = slice(k * _BLOCK, (k + 1) * _BLOCK)
-            np.matmul(waves[:rows].T, core[:rows, columns], out=out[:, columns])
+            np.matmul(along_y[:reach].T, core[:reach, columns], out=rows[:, columns])
+        return rows @ along_x
+
+    def _orders_of_sums(self, nu: int, nv: int) -> tuple[int, int]:
+        """Multiplications with the sum along y first, which leaves the other the columns, and along x first."""
+        ny, nx = self.core.shape[2:]
+        return nv * nx * (ny + nu), nu * ny * (nx + nv)
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,81 +170,34 @@ class PreparedField:
                 f"frequencies up to {u[-1]:g} and {v[-1]:g} cycles/um are beyond the {self.highest_u:g} and "
                 f"{self.highest_v:g} that the pupil was prepared for",
             )
-        shared = np.array_equal(u, v)
-        few = [self._factors(term, u, v, shared) for term in self.terms]
-        plain = [term for term, factored in zip(self.terms, few, strict=True) if factored is None]
-        of_u = _waves_by_source([term.x for term in plain], u, self.precision, {})
-        of_v = _waves_by_source([term.y for term in plain], v, self.precision, of_u if shared else {})
-        ways = [
-            _Way(term, of_v[id(term.y)], of_u[id(term.x)]) if factored is None else _ShortWay(term, *factored)
-            for term, factored in zip(self.terms, few, strict=True)
-        ]
-        ee, eo, oe, oo = (self._part(ways, v.size, u.size, y, x) for y in (0, 1) for x in (0, 1))
+        nodes_u, nodes_v = (
+            frequency_nodes(max(axis.reach_um for axis in axes), float(frequency[-1]), self.precision)
+            for axes, frequency in (([t.x for t in self.terms], u), ([t.y for t in self.terms], v))
+        )
+        onwards = v.size * nodes_u.count * (nodes_v.count + u.size)
+        if self._work(nodes_u.count, nodes_v.count) + onwards > _WORTHWHILE * self._work(u.size, v.size):
+            parts = self._parts(u, v)
+        else:
+            across = nodes_u.interpolation(u)
+            up = across if nodes_u == nodes_v and np.array_equal(u, v) else nodes_v.interpolation(v)
+            few = self._parts(nodes_u.frequency, nodes_v.frequency)
+            parts = up.transpose(0, 2, 1)[:, None] @ few @ across
+        (ee, eo), (oe, oo) = parts.astype(np.float64, copy=False)
         return ParityField(ee, eo, oe, oo, on_axis=bool(u[0] == 0))
 
-    def _factors(self, term: Term, u: Floats, v: Floats, shared: bool) -> tuple[Pair, Pair] | None:
-        """The term's waves along y and x in factors, where both are worth it."""
-        of_x = factors(term.x, u, self.precision)
-        of_y = of_x if shared and term.x is term.y else factors(term.y, v, self.precision)
-        return None if of_x is None or of_y is None else (of_y, of_x)
+    def _work(self, nu: int, nv: int) -> int:
+        return sum(term.work(nu, nv) for term in self.terms)
 
-    def _part(self, ways: Sequence[_Way | _ShortWay], nv: int, nu: int, odd_y: int, odd_x: int) -> Floats:
-        """One parity of the field, [nv, nu]: the inner sums of all terms side by side, then one outer product."""
-        sizes = [way.size(odd_x) for way in ways]
-        left = np.empty((nv, sum(sizes)), dtype=real_type(self.precision))
-        right = np.empty((sum(sizes), nu), dtype=left.dtype)
-        start = 0
-        for way, size in zip(ways, sizes, strict=True):
-            way.fill(odd_y, odd_x, left[:, start : start + size], right[start : start + size])
-            start += size
-        return (left @ right).astype(np.float64, copy=False)
-
-
-@dataclass(frozen=True, eq=False)
-class _Way:
-    """A term with its waves along y and x, [n, m] each, even and odd."""
-
-    term: Term
-    along_y: Waves
-    along_x: Waves
-
-    @property
-    def y_first(self) -> bool:
-        return self.term.y_first(self.along_x[0].shape[1], self.along_y[0].shape[1])
-
-    def size(self, odd_x: int) -> int:
-        """How many sums are left between the two products."""
-        return int(self.term.core.shape[3 if self.y_first else 2])
-
-    def fill(self, odd_y: int, odd_x: int, left: Reals, right: Reals) -> None:
-        """Write the factors whose product is the term's share, [nv, size] and [size, nu]."""
-        if self.y_first:
-            self.term.sum_rows(self.along_y[odd_y], odd_y, odd_x, left)
-            right[:] = self.along_x[odd_x]
-        else:
-            left[:] = self.along_y[odd_y].T
-            np.matmul(self.term.core[odd_y, odd_x], self.along_x[odd_x], out=right)
-
-
-@dataclass(frozen=True, eq=False)
-class _ShortWay:
-    """The same with the waves in factors, which shrink the core before the waves are met."""
-
-    term: Term
-    along_y: Pair
-    along_x: Pair
-
-    def size(self, odd_x: int) -> int:
-        """As for the other way."""
-        return int(self.along_x[odd_x].wave.shape[0])
-
-    def fill(self, odd_y: int, odd_x: int, left: Reals, right: Reals) -> None:
-        """As for the other way."""
-        of_y, of_x = self.along_y[odd_y], self.along_x[odd_x]
-        rows = np.empty((of_y.pattern.shape[1], self.term.core.shape[3]), dtype=left.dtype)
-        self.term.sum_rows(of_y.pattern, odd_y, odd_x, rows)
-        np.matmul(of_y.wave.T, rows @ of_x.pattern, out=left)
-        right[:] = of_x.wave
+    def _parts(self, u: Floats, v: Floats) -> Reals:
+        """The parts of the field that are even or odd in v and in u, [2, 2, nv, nu]."""
+        of_u = _waves_by_source([term.x for term in self.terms], u, self.precision, {})
+        known = of_u if np.array_equal(u, v) else {}
+        of_v = _waves_by_source([term.y for term in self.terms], v, self.precision, known)
+        parts = np.zeros((2, 2, v.size, u.size), dtype=real_type(self.precision))
+        for term in self.terms:
+            for odd_y, odd_x in np.ndindex(2, 2):
+                parts[odd_y, odd_x] += term.part(of_v[id(term.y)][odd_y], of_u[id(term.x)][odd_x], odd_y, odd_x)
+        return parts
 
 
 def _waves_by_source(
@@ -325,12 +295,14 @@ def fold(matrix: Reals) -> Reals:
     """
     rows, columns = matrix.shape
     up, right = rows // 2, columns // 2
-    across = np.empty((2, rows, columns - right), dtype=matrix.dtype)
-    np.add(matrix[:, right:], matrix[:, : columns - right][:, ::-1], out=across[0])
-    np.subtract(matrix[:, right:], matrix[:, : columns - right][:, ::-1], out=across[1])
     parts = np.empty((2, 2, rows - up, columns - right), dtype=matrix.dtype)
-    np.add(across[:, up:], across[:, : rows - up][:, ::-1], out=parts[0])
-    np.subtract(across[:, up:], across[:, : rows - up][:, ::-1], out=parts[1])
+    for half, side in zip(parts, (matrix[up:], matrix[: rows - up][::-1]), strict=True):
+        np.add(side[:, right:], side[:, : columns - right][:, ::-1], out=half[0])
+        np.subtract(side[:, right:], side[:, : columns - right][:, ::-1], out=half[1])
+    for odd_x in (0, 1):
+        odd = parts[0, odd_x] - parts[1, odd_x]
+        parts[0, odd_x] += parts[1, odd_x]
+        parts[1, odd_x] = odd
     if columns % 2:
         parts[:, :, :, 0] /= 2
     if rows % 2:

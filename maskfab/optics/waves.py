@@ -45,6 +45,15 @@ class Positions:
     first: int
     count: int
 
+    @property
+    def reach_um(self) -> float:
+        """How far from the axis light comes from at most."""
+        if not self.count:
+            return 0.0
+        coarse, fine = divmod(self.first + self.count - 1, self.fine_um.size)
+        outermost = float(self.coarse_um[coarse] + self.fine_um[fine])
+        return outermost if self.width_um is None else outermost + float(self.width_um.max()) / 2
+
     def waves(self, frequency: Floats, precision: Precision) -> tuple[Reals, Reals]:
         """Cosine and sine transforms of the sources, [count, frequencies] each; ``frequency`` in cycles per µm."""
         cosine, sine = (wave[:, None, :] for wave in _waves(self.coarse_um, frequency, precision))

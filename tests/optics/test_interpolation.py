@@ -1,0 +1,81 @@
+"""Fields at all frequencies of a window from those at few."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from optics_cases import noise, panel, pupil
+
+from maskfab.model import Stop
+from maskfab.optics.field import parity_field, prepare
+from maskfab.optics.interpolation import frequency_nodes
+from maskfab.optics.pupil import Pupil
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.floats(1.0, 1e4), st.floats(0.05, 300.0), st.integers(0, 10_000), st.sampled_from(["double", "single"]))
+def test_waves_of_any_source_follow_from_the_nodes(reach_um: float, cycles: float, seed: int, precision: str) -> None:
+    highest = cycles / reach_um
+    nodes = frequency_nodes(reach_um, highest, precision)  # type: ignore[arg-type]
+    rng = np.random.default_rng(seed)
+    x = reach_um * np.append(rng.random(20), [0.0, 1.0])[:, None]
+    u = highest * np.append(np.sort(rng.random(30)), [0.0, 1.0, nodes.frequency[0] / highest])
+    error = {"double": 2e-13 * max(1.0, cycles / 20), "single": 2e-6}[precision]
+    for parity, wave in enumerate((np.cos, np.sin)):
+        found = wave(2 * np.pi * x * nodes.frequency) @ nodes.interpolation(u)[parity].astype(np.float64)
+        assert abs(found - wave(2 * np.pi * x * u)).max() < error
+
+
+@pytest.mark.parametrize("cycles", [5.0, 20.0, 50.0, 200.0])
+def test_nodes_are_hardly_more_than_the_independent_waves(cycles: float) -> None:
+    """2UX and a few (Slepian); polynomials would need pi / 2 times as many."""
+    count = frequency_nodes(1.0, cycles, "double").count
+    assert 2 * cycles < count < 2.35 * cycles + 22
+
+
+@pytest.mark.parametrize("gutter_nm", [0, 5000])
+@pytest.mark.parametrize(
+    "frequency", [np.linspace(0.0, 0.011, 181), np.sort(np.random.default_rng(8).random(150)) / 70]
+)
+def test_the_field_by_few_frequencies_is_that_of_a_direct_sum(gutter_nm: int, frequency: np.ndarray) -> None:
+    """Rectangles summed one by one on a lattice that no path special-cases, the stop's rim among them whole."""
+    laid_out = panel(noise(13, 0.6, 3), dot_nm=9000, gutter_nm=gutter_nm, cells=18, seed=4)
+    source = pupil(laid_out, Stop("circle", 2000.0))
+    whole = Pupil.of_whole_dots(source.x, source.y, source.whole, source.stop)
+    prepared = prepare(whole, float(frequency[-1]), float(frequency[-1]))
+    reach = prepared.terms[0].x.reach_um
+    assert frequency_nodes(reach, float(frequency[-1]), "double").count < 0.6 * frequency.size
+    rows, columns = np.nonzero(source.whole)
+    x, y = source.x.edges_um(), source.y.edges_um()
+    found = prepared.field(frequency, frequency).amplitude()[-frequency.size :, -frequency.size :]
+    chosen = np.random.default_rng(0).integers(0, frequency.size, (12, 2))
+    for j, i in chosen:
+        v, u = frequency[j], frequency[i]
+        sides = [
+            (edges[at + 1] - edges[at]) * np.sinc((edges[at + 1] - edges[at]) * f)
+            for edges, at, f in ((x, columns, u), (y, rows, v))
+        ]
+        phase = u * (x[columns] + x[columns + 1]) / 2 + v * (y[rows] + y[rows + 1]) / 2
+        expected = (sides[0] * sides[1] * np.exp(-2j * np.pi * phase)).sum()
+        assert abs(found[j, i] - expected) < 1e-12 * abs(found).max()
+
+
+def test_a_window_met_for_the_first_time_costs_no_more_than_one_met_again() -> None:
+    """No factorisation to pay for: every new wavelength, window or lattice is as fast as the last."""
+    source = pupil(panel(noise(21, 0.2, 1), cells=24, seed=2), Stop("circle", 4000.0))
+    bare = Pupil.of_whole_dots(source.x, source.y, source.whole, source.stop)
+
+    def spent(highest: float) -> float:
+        frequency = np.linspace(0.0, highest, 257)
+        start = time.process_time()
+        parity_field(bare, frequency, frequency)
+        return time.process_time() - start
+
+    spent(0.02)
+    firsts = [spent(0.02 + 0.0004 * k) for k in range(1, 8)]
+    again = [spent(0.02) for _ in range(7)]
+    assert np.median(firsts) < 1.6 * np.median(again)
