@@ -8,8 +8,8 @@ lowest. Integer nanometres carry geometry, float micrometres carry optics; names
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from enum import StrEnum
 from typing import Literal, TypeVar
 
@@ -338,17 +338,87 @@ class Plate:
     notes: tuple[Note, ...]
 
 
+StopShape = Literal["circle", "square", "ellipse", "rectangle", "annulus", "polygon"]
+
+
 @dataclass(frozen=True)
 class Stop:
-    """The lens aperture in the plane of the openings: a circle of that diameter, or a square of that side."""
+    """The lens aperture in the plane of the openings, the optical axis at its origin.
 
-    shape: Literal["circle", "square"]
+    Attributes:
+        shape: circles, ellipses and annuli are ``round``; the others have corners.
+        diameter_um: side of the smallest square about the axis that holds it.
+        size_um: width and height where they may differ; None for a circle, a square and a polygon.
+        inner_share: of an annulus, its dark middle's diameter over its own.
+        outline_um: corners of a polygon, counter-clockwise.
+    """
+
+    shape: StopShape
     diameter_um: float
+    size_um: tuple[float, float] | None = None
+    inner_share: float = 0.0
+    outline_um: tuple[tuple[float, float], ...] = ()
+
+    @classmethod
+    def ellipse(cls, width_um: float, height_um: float) -> Stop:
+        return cls("ellipse", max(width_um, height_um), (width_um, height_um))
+
+    @classmethod
+    def rectangle(cls, width_um: float, height_um: float) -> Stop:
+        return cls("rectangle", max(width_um, height_um), (width_um, height_um))
+
+    @classmethod
+    def annulus(cls, diameter_um: float, inner_um: float) -> Stop:
+        return cls("annulus", diameter_um, None, inner_um / diameter_um)
+
+    @classmethod
+    def polygon(cls, corners_um: Sequence[tuple[float, float]]) -> Stop:
+        """A stop of straight sides that do not cross, its corners in either sense of rotation."""
+        outline = tuple((float(x), float(y)) for x, y in corners_um)
+        turned = outline if _signed_area(outline) > 0 else outline[::-1]
+        return cls("polygon", 2 * max(abs(c) for corner in outline for c in corner), outline_um=turned)
+
+    @property
+    def round(self) -> bool:
+        """Whether its edge is made of ellipses about the axis."""
+        return self.shape in ("circle", "ellipse", "annulus")
+
+    @property
+    def sides_um(self) -> tuple[float, float]:
+        """Width and height of a box about the axis that holds it."""
+        return self.size_um or (self.diameter_um, self.diameter_um)
+
+    @property
+    def corners_um(self) -> tuple[tuple[float, float], ...]:
+        """Corners counter-clockwise; none of a round stop."""
+        if self.round or self.outline_um:
+            return self.outline_um
+        x, y = (side / 2 for side in self.sides_um)
+        return (-x, -y), (x, -y), (x, y), (-x, y)
 
     @property
     def area_um2(self) -> float:
-        factor = np.pi / 4 if self.shape == "circle" else 1.0
-        return float(factor * self.diameter_um**2)
+        if self.outline_um:
+            return _signed_area(self.outline_um)
+        factor = np.pi / 4 * (1 - self.inner_share**2) if self.round else 1.0
+        width, height = self.sides_um
+        return float(factor * (width * height))
+
+    def scaled(self, across: float, up: float) -> Stop:
+        """The stop stretched along x and y."""
+        if self.outline_um:
+            return Stop.polygon([(x * across, y * up) for x, y in self.outline_um])
+        width, height = self.sides_um[0] * across, self.sides_um[1] * up
+        if width == height:
+            return replace(self, diameter_um=width, size_um=None if self.size_um is None else (width, height))
+        shape: StopShape = {"circle": "ellipse", "square": "rectangle"}.get(self.shape, self.shape)  # type: ignore[assignment]
+        return replace(self, shape=shape, diameter_um=max(width, height), size_um=(width, height))
+
+
+def _signed_area(outline: Sequence[tuple[float, float]]) -> float:
+    """Positive if the corners run counter-clockwise (the shoelace formula)."""
+    ends = (*outline[1:], *outline[:1])
+    return sum(x * v - u * y for (x, y), (u, v) in zip(outline, ends, strict=True)) / 2
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import tomllib
 from pathlib import Path
 from typing import Annotated
 
@@ -25,7 +26,8 @@ def analyse(
     layer: Annotated[str | None, typer.Option(help="Layer of a mask file, such as 1/0 or CLEAR.")] = None,
     cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
     unit: Unit = None,
-    stop: Annotated[str, typer.Option(help="Diameter of the lens stop.")] = "4 mm",
+    stop: Annotated[str, typer.Option(help="Diameter of the lens stop, or a table as in a job: "
+                                      "'{ shape = \"ellipse\", width = \"4 mm\", height = \"3.9 mm\" }'.")] = "4 mm",
     stop_shape: Annotated[str, typer.Option(help="circle or square.")] = "circle",
     focal: Annotated[str, typer.Option(help="Focal length.")] = "10 mm",
     wavelengths: Annotated[str, typer.Option(help="Lines, separated by commas.")] = "610 nm, 530 nm, 470 nm",
@@ -54,7 +56,7 @@ def analyse(
 
     described = {
         "focal": focal,
-        "stop": {"shape": stop_shape, "diameter": stop},
+        "stop": _table(stop) if stop.lstrip().startswith("{") else {"shape": stop_shape, "diameter": stop},
         "wavelengths": [line.strip() for line in wavelengths.split(",")],
         "pixel": pixel,
         "window": window,
@@ -117,6 +119,19 @@ def analyse(
         for path in paths if out is not None else ():
             typer.echo(path)
     leave(analysis.passed)
+
+
+def _table(text: str) -> object:
+    """An inline table as a job file has it."""
+    try:
+        return tomllib.loads(f"stop = {text}")["stop"]
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        raise JobError(
+            "MF101",
+            f"{text!r} is no table of TOML",
+            where="--stop",
+            cure='Write it as { shape = "ellipse", width = "4 mm", height = "3.9 mm" }, or give a diameter',
+        ) from error
 
 
 def _aberration(pair: str) -> list[int | float]:

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import Stop
+from maskfab.optics.stop_shape import inside
 from maskfab.units import NM_PER_UM
 
 MAX_SIDE = 4096
@@ -21,12 +22,8 @@ def cells_across(stop: Stop, dots: int, dot_nm: int) -> int:
 
 def stop_dots(stop: Stop, side: int, dot_nm: int) -> NDArray[np.bool_]:
     """Dots whose middles lie inside the stop, bool [side, side]; the stop is centred on the square of dots."""
-    away_um = np.abs(np.arange(side) - (side - 1) / 2) * dot_nm / NM_PER_UM
-    radius_um = stop.diameter_um / 2
-    if stop.shape == "square":
-        inside = away_um <= radius_um
-        return np.asarray(inside[:, None] & inside[None, :])
-    return np.asarray(away_um[:, None] ** 2 + away_um[None, :] ** 2 <= radius_um**2)
+    place_um = (np.arange(side) - (side - 1) / 2) * dot_nm / NM_PER_UM
+    return inside(stop, place_um, place_um[:, None])
 
 
 def lags_within(reach: float, table: int) -> NDArray[np.int64]:

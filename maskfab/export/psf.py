@@ -15,7 +15,7 @@ import numpy as np
 from maskfab import __version__
 from maskfab.export.exr import Fact, Facts, write_channels
 from maskfab.layout.job import Job
-from maskfab.model import Camera, Die, DieOptics, Plate, Psf
+from maskfab.model import Camera, Die, DieOptics, Plate, Psf, Stop
 
 AXES = (
     "x to the right and y upwards, as the plate's files draw them; the first row of pixels is the uppermost; "
@@ -87,8 +87,21 @@ def camera_facts(camera: Camera) -> dict[str, Fact]:
         "focal_um": camera.focal_um,
         "stop": camera.stop.shape,
         "stop_um": camera.stop.diameter_um,
+        **stop_facts(camera.stop),
         "sensor_pixel_um": camera.pixel_um,
     }
+
+
+def stop_facts(stop: Stop) -> dict[str, Fact]:
+    """What shape and diameter do not say of a stop: its sides, its dark middle, its corners."""
+    facts: dict[str, Fact] = {}
+    if stop.size_um is not None:
+        facts |= {"stop_width_um": stop.size_um[0], "stop_height_um": stop.size_um[1]}
+    if stop.inner_share:
+        facts["stop_inner_um"] = stop.inner_share * stop.diameter_um
+    if stop.outline_um:
+        facts["stop_corners_um"] = "; ".join(f"{x:.12g} {y:.12g}" for x, y in stop.outline_um)
+    return facts
 
 
 def write_psf(psf: Psf, path: Path, facts: Facts, software: str) -> None:

@@ -10,16 +10,19 @@ from maskfab.model import Box, Stop
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+Flags = NDArray[np.bool_]
 
 _RIM_VERTICES = 4096
 _LARGEST_COORDINATE = 2_000_000_000
+_FINEST, _FINEST_OF_SIDES = 50, 2000
 
 
 def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
     """Boundary of shapes ∩ stop about the stop's centre.
 
-    The circle becomes a regular polygon of 4096 sides and the circle's own area; coordinates are refined to a
-    fraction of a nanometre first, so that neither the sides nor their rounding shows at 1e-7.
+    A circle becomes a regular polygon of 4096 sides and the circle's own area, an ellipse that polygon stretched;
+    coordinates are refined to a fraction of a nanometre first, so that neither the sides nor their rounding shows at
+    1e-7.
 
     Args:
         shapes: what is clear, in nanometres; see :func:`stop_box` for how much of it is needed. Either a region, or
@@ -34,15 +37,7 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
     if isinstance(shapes, db.Region):
         return _cut_edges(shapes & db.Region(db.Box(*stop_box(stop, centre_nm))), stop, centre_nm)
     corners = shapes - np.tile(centre_nm, 2)
-    far = np.maximum(abs(corners[:, :2]), abs(corners[:, 2:]))
-    near = np.where(corners[:, :2] * corners[:, 2:] < 0, 0.0, np.minimum(abs(corners[:, :2]), abs(corners[:, 2:])))
-    reach = stop.diameter_um * 500
-    if stop.shape == "circle":
-        # Sides of the polygon that stands for the circle come this much closer to its middle.
-        inside = np.hypot(*far.T) < reach * np.cos(np.pi / _RIM_VERTICES) - 1
-        outside = np.hypot(*near.T) > reach * (1 + 1 / _RIM_VERTICES) + 1
-    else:
-        inside, outside = far.max(axis=1) <= reach, near.max(axis=1) >= reach
+    inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *corners.T)
     cut = db.Region()
     for box in shapes[~inside & ~outside].tolist():
         cut.insert(db.Box(*box))
@@ -54,12 +49,14 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
 
 
 def _cut_edges(region: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
-    scale = 2 * max(1, min(50, int(_LARGEST_COORDINATE / (1.1 * stop.diameter_um * 1e3))))
+    # Of a circle every other corner is rounded outwards; a polygon's few sides need a finer grid.
+    finest = _FINEST_OF_SIDES if stop.outline_um else _FINEST
+    scale = 2 * max(1, min(finest, int(_LARGEST_COORDINATE / (1.1 * stop.diameter_um * 1e3))))
     whole = [int(np.floor(c)) for c in centre_nm]
     local = region.moved(-whole[0], -whole[1])
     local.transform(db.ICplxTrans(float(scale)))
     local.move(*(round((w - c) * scale) for w, c in zip(whole, centre_nm, strict=True)))
-    cut = local & db.Region(_stop_polygon(stop, scale))
+    cut = local & stop_region(stop, 1e3 * scale)
     cut.merge()
     per_um = 1e-3 / scale
     # KLayout has the clear side on the right of an edge, the field formula on the left.
@@ -74,12 +71,71 @@ def stop_box(stop: Stop, centre_nm: tuple[float, float], margin_nm: int = 0) -> 
     return x - reach, y - reach, x + reach, y + reach
 
 
-def _stop_polygon(stop: Stop, scale: int) -> db.Polygon:
-    half = stop.diameter_um / 2 * 1e3 * scale
-    if stop.shape == "square":
-        return db.Polygon(db.Box(round(-half), round(-half), round(half), round(half)))
+def stop_region(stop: Stop, per_um: float) -> db.Region:
+    """The stop about the origin, in so many database units per micrometre."""
+    if not stop.round:
+        return db.Region(_polygon(np.array(stop.corners_um) * per_um))
     turn = 2 * np.pi / _RIM_VERTICES
-    equal_area = half * np.sqrt(turn / np.sin(turn))
     angle = turn * (np.arange(_RIM_VERTICES) + 0.5)
-    corners = zip(np.rint(equal_area * np.cos(angle)), np.rint(equal_area * np.sin(angle)), strict=True)
-    return db.Polygon([db.Point(int(px), int(py)) for px, py in corners])
+    half = np.array(stop.sides_um) / 2 * per_um
+    rim = half * np.sqrt(turn / np.sin(turn)) * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    outline = db.Region(_polygon(rim))
+    return outline - db.Region(_polygon(rim * stop.inner_share)) if stop.inner_share else outline
+
+
+def _polygon(corners: Floats) -> db.Polygon:
+    return db.Polygon([db.Point(int(px), int(py)) for px, py in np.rint(corners)])
+
+
+def whole_or_away(stop: Stop, x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> tuple[Flags, Flags]:
+    """Which boxes the region that stands for a stop surely holds, and which lie surely outside.
+
+    Args:
+        stop: the stop, scaled to nanometres.
+        x0, y0, x1, y1: ends of boxes about the stop's middle, in nanometres, of shapes that broadcast.
+    """
+    if stop.outline_um:
+        return _beside_polygon(x0, y0, x1, y1, np.array(stop.outline_um))
+    (far_x, near_x), (far_y, near_y) = (_far_and_near(low, high) for low, high in ((x0, x1), (y0, y1)))
+    width, height = stop.sides_um
+    if not stop.round:
+        inside = (far_x <= width / 2) & (far_y <= height / 2)
+        return np.asarray(inside), np.asarray((near_x >= width / 2) | (near_y >= height / 2))
+    across, up = stop.diameter_um / width, stop.diameter_um / height
+    far, near = np.hypot(far_x * across, far_y * up), np.hypot(near_x * across, near_y * up)
+    # Sides of the polygon that stands for the circle come this much closer to its middle.
+    low, high = np.cos(np.pi / _RIM_VERTICES), 1 + 1 / _RIM_VERTICES
+    reach, hole = stop.diameter_um / 2, stop.diameter_um / 2 * stop.inner_share
+    slack = max(across, up)
+    inside, outside = far < reach * low - slack, near > reach * high + slack
+    if hole:
+        inside, outside = inside & (near > hole * high + slack), outside | (far < hole * low - slack)
+    return np.asarray(inside), np.asarray(outside)
+
+
+def _far_and_near(low: Floats, high: Floats) -> tuple[Floats, Floats]:
+    """The largest and the least distance from 0 along one axis."""
+    far, near = np.maximum(abs(low), abs(high)), np.minimum(abs(low), abs(high))
+    return far, np.where((low < 0) & (high > 0), 0.0, near)
+
+
+def _beside_polygon(x0: Floats, y0: Floats, x1: Floats, y1: Floats, corners: Floats) -> tuple[Flags, Flags]:
+    """The same for a polygon: no side, rounded by a nanometre, comes near, and the box's middle is inside or not."""
+    middle_x, middle_y, half_x, half_y = (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2
+    shape = np.broadcast(middle_x, middle_y, half_x, half_y).shape
+    met, within = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)
+    for (px, py), (qx, qy) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+        length = np.hypot(qx - px, qy - py)
+        across, up = (qx - px) / length, (qy - py) / length
+        # Box and side are apart if they are so along an axis or along the side's normal.
+        off_x, off_y = middle_x - (px + qx) / 2, middle_y - (py + qy) / 2
+        met |= (
+            (abs(off_x) < half_x + abs(qx - px) / 2 + 1)
+            & (abs(off_y) < half_y + abs(qy - py) / 2 + 1)
+            & (abs(off_x * up - off_y * across) < half_x * abs(up) + half_y * abs(across) + 1)
+        )
+        if py != qy:
+            within ^= ((py <= middle_y) != (qy <= middle_y)) & (
+                middle_x > px + (middle_y - py) * ((qx - px) / (qy - py))
+            )
+    return within & ~met, ~within & ~met

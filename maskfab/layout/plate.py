@@ -24,6 +24,8 @@ from maskfab.layout.furniture.templated import templated
 from maskfab.layout.hexagonal import hexagonal_sheet
 from maskfab.layout.tiling import orientations
 from maskfab.model import Die, Note, Opening, Panel, Plate, Point, Stop, Tiling
+from maskfab.optics.aperture import panel_aperture
+from maskfab.optics.pupil import cut
 from maskfab.spec import DieSection, JobSpec, PlateSection
 from maskfab.units import NM_PER_UM, UM_PER_INCH, to_nm
 
@@ -93,13 +95,14 @@ def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, section: P
         )
     given = None if die.map is None else maps.parse(spec.maps[die.map], f"{where}.map")
     rows, columns = (cells, cells) if given is None else maps.panel_shape(given, cells, cells)
-    if min(rows, columns) * pitch_nm < spec.camera.stop.diameter * 1e3:
+    stop = spec.camera.camera().stop
+    if min(rows, columns) * pitch_nm < stop.diameter_um * 1e3:
         raise JobError(
             "MF114",
             f"die {die.name!r} is {min(rows, columns) * pitch_nm / 1e3:g} um wide, less than the stop of "
-            f"{spec.camera.stop.diameter:g} um",
+            f"{stop.diameter_um:g} um",
             where=where,
-            cure="Use a larger plate.die_size or a smaller camera.stop.diameter",
+            cure="Use a larger plate.die_size or a smaller camera.stop",
         )
     check_size(cells, opening.dots, f"die {die.name!r}", where=where)
     if die.tiling is Tiling.HEXAGONAL:
@@ -109,7 +112,7 @@ def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, section: P
     else:
         chosen = maps.placed(given, rows, columns, die.seed, openings=len(held), where=f"{where}.map")
     panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
-    check_light(panel, spec.camera.camera().stop, where=where)
+    check_light(panel, stop, where=where)
     return panel
 
 
@@ -143,6 +146,16 @@ def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
 
 def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
     """Refuse a stop, centred on the panel, that nothing clear lies in (MF309)."""
+    if stop.shape not in ("circle", "square"):
+        if cut(panel_aperture(panel, stop.diameter_um / 2), stop).energy_um2 > 0:
+            return
+        raise SourceError(
+            "MF309",
+            f"nothing of the opening {panel.opening.name!r} is clear inside a stop, the {stop.shape} of "
+            f"{stop.diameter_um:g} um",
+            where=where,
+            cure="Use a larger stop",
+        )
     pitch_um = panel.pitch_nm / NM_PER_UM
     if stop.diameter_um >= 3 * pitch_um:
         return  # it holds a whole cell, wherever it lies

@@ -30,6 +30,7 @@ from maskfab.optics.field import parity_field
 from maskfab.optics.phase_field import Waves, phased, phased_psf, window_frequency
 from maskfab.optics.psf import odd_samples, point_step_um
 from maskfab.optics.pupil import Pupil
+from maskfab.optics.stop_shape import stop_strehl
 
 Floats = NDArray[np.float64]
 
@@ -141,9 +142,8 @@ def defocus_error(
     edge = edge_defocus_waves(camera, wavelength_nm, object_um, focus_um)
     if camera.stop.shape == "circle":
         return phase_error(mean, clear_stop_strehl(edge))
-    nodes, weights = np.polynomial.legendre.leggauss(32 + 4 * math.ceil(abs(edge)))
-    along_side = complex(np.exp(2j * np.pi * edge * nodes**2) @ weights / 2)
-    return phase_error(mean, min(1.0, abs(along_side) ** 4))
+    blur = defocus_waves(camera, wavelength_nm, object_um, focus_um)
+    return phase_error(mean, stop_strehl(camera.stop, blur, 32 + 4 * math.ceil(abs(edge))))
 
 
 def stretch_sensitivity(psf: Psf) -> float:

@@ -11,6 +11,7 @@ from scipy.special import jv
 from maskfab.model import Camera, Stop
 from maskfab.optics.ensemble import MeanPsf, decorrelation_error
 from maskfab.optics.gap import Place, shift_um
+from maskfab.optics.stop_shape import perimeter_um, widest_um
 
 Floats = NDArray[np.float64]
 
@@ -28,8 +29,8 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
 
         ⟨s⟩ = sqrt(λg)/2 e^{iπ/4} e^{iη} [(1 - 2iη) J0(η) - 2η J1(η)],   η = π s² / (2λg).
 
-    A square stop, whose overlap is direction-dependent, is treated as the round one of the same perimeter-to-area
-    ratio, which is the one of the same D.
+    Other stops, whose overlap is direction-dependent, are treated as the round one of the same perimeter-to-area ratio;
+    for a square that is the one of the same D.
     """
     moved = np.asarray(distance_um, dtype=np.float64)
     span = wavelength_nm * 1e-3 * gap_um
@@ -39,7 +40,7 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
         mean: NDArray[np.complex128] = np.sqrt(span) / 2 * np.exp(0.25j * np.pi) * rice
     else:
         mean = moved.astype(np.complex128)
-    return np.asarray(np.clip(abs(1 - 4 * mean / (np.pi * stop.diameter_um)), 0, 1))
+    return np.asarray(np.clip(abs(1 - mean * (perimeter_um(stop) / (np.pi * stop.area_um2))), 0, 1))
 
 
 def shift_error(mean: MeanPsf, camera: Camera, gap_um: float, image_um: Place) -> float:
@@ -58,10 +59,12 @@ def shift_error(mean: MeanPsf, camera: Camera, gap_um: float, image_um: Place) -
     if camera.stop.shape == "circle":
         s = min(moved / camera.stop.diameter_um, 1.0)
         share = 2 / math.pi * (math.acos(s) - s * math.sqrt(1 - s**2))
-    else:
+    elif camera.stop.shape in ("square", "rectangle"):
+        width, height = camera.stop.sides_um
         across, up = shift_um(camera, gap_um, image_um)
-        side = camera.stop.diameter_um
-        share = max(0.0, 1 - abs(across) / side) * max(0.0, 1 - abs(up) / side)
+        share = max(0.0, 1 - abs(across) / width) * max(0.0, 1 - abs(up) / height)
+    else:
+        share = max(0.0, 1 - moved * widest_um(camera.stop) / camera.stop.area_um2)
     return decorrelation_error(mean.variance, mean.psf.values, share)
 
 

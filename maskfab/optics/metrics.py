@@ -320,7 +320,7 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
         die: whose numbers these are.
     """
     half = pixels.step_um * pixels.values.shape[0] / 2
-    highest = cutoff(camera, points.wavelength_nm) * (1.0 if camera.stop.shape == "circle" else math.sqrt(2))
+    highest = cutoff(camera, points.wavelength_nm) * (1.0 if camera.stop.round else math.sqrt(2))
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
     return [
         ensquared_energy(pixels, core, highest, die),

@@ -21,7 +21,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
@@ -36,6 +35,7 @@ from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.scene import Scene
+from maskfab.optics.stop_shape import stop_strehl, widest_um
 
 Floats = NDArray[np.float64]
 
@@ -189,9 +189,7 @@ def _lens_share(camera: Camera, wavefront: Wavefront) -> float:
     """The share of a clear pupil that even aberrations turn out of phase, sqrt(1 - Strehl), at the worst line."""
     even = replace(wavefront, terms=tuple(each for each in wavefront.terms if noll_degrees(each[0])[0] % 2 == 0))
     strehls = [
-        marechal_strehl(even.rms_waves(line))
-        if camera.stop.shape == "circle"
-        else _square_strehl(even, camera.stop, line)
+        marechal_strehl(even.rms_waves(line)) if camera.stop.shape == "circle" else _strehl(even, camera.stop, line)
         for line in camera.wavelengths_nm
     ]
     return math.sqrt(1 - min(strehls))
@@ -210,11 +208,11 @@ def _defocus_share(camera: Camera, scene: Scene) -> float:
 def _aberrations(means: list[MeanPsf], camera: Camera, wavefront: Wavefront, uneven: float) -> Estimate:
     if not any(wave for term, wave in wavefront.terms if term > 1):
         return NOTHING
-    if camera.stop.shape == "square":
-        # The polynomials belong to the inscribed circle: in the corners, which Marechal does not see, they grow.
-        strehls = [_square_strehl(wavefront, camera.stop, mean.psf.wavelength_nm) for mean in means]
+    if camera.stop.shape != "circle":
+        # The polynomials belong to a circle: Marechal does not see the corners of a square, where they grow.
+        strehls = [_strehl(wavefront, camera.stop, mean.psf.wavelength_nm) for mean in means]
         worst = max(math.sqrt(1 - strehl) for strehl in strehls)
-        return Estimate(PHASE_SAFETY * worst, "Strehl ratio over the square stop, any tiling", PHASE_SAFETY)
+        return Estimate(PHASE_SAFETY * worst, f"Strehl ratio over the {camera.stop.shape}, any tiling", PHASE_SAFETY)
     worst = max(
         math.hypot(
             aberration_error(wavefront, mean.psf.wavelength_nm, mean),
@@ -225,11 +223,8 @@ def _aberrations(means: list[MeanPsf], camera: Camera, wavefront: Wavefront, une
     return Estimate(PHASE_SAFETY * worst, "Marechal's Strehl ratio on the mean PSF", PHASE_SAFETY)
 
 
-def _square_strehl(wavefront: Wavefront, stop: Stop, wavelength_nm: float) -> float:
-    nodes, weights = leggauss(64)
-    place = nodes * stop.diameter_um / 2
-    turn = np.exp(2j * np.pi * wavefront.waves(stop, wavelength_nm)(place, place[:, None]))
-    return min(1.0, float(abs(weights @ turn @ weights / 4) ** 2))
+def _strehl(wavefront: Wavefront, stop: Stop, wavelength_nm: float) -> float:
+    return stop_strehl(stop, wavefront.waves(stop, wavelength_nm))
 
 
 def _shift(means: list[MeanPsf], camera: Camera, scene: Scene, image_um: float) -> Estimate:
@@ -241,15 +236,10 @@ def _shift(means: list[MeanPsf], camera: Camera, scene: Scene, image_um: float) 
         for place in ((image_um, 0.0), (diagonal, diagonal))
     )
     moved = shift_um(camera, scene.gap_um, (image_um, 0.0))[0]
-    lost = min(1.0, 4 * moved / (math.pi * camera.stop.diameter_um) * _corner(camera))
+    lost = min(1.0, moved * widest_um(camera.stop) / camera.stop.area_um2)
     ordered = max(_order_change(mean, np.asarray(lost)) for mean in means)
     method = "share of the stop's openings that are new, speckle and orders"
     return Estimate(math.hypot(GAP_SAFETY * stated, ordered), method, GAP_SAFETY)
-
-
-def _corner(camera: Camera) -> float:
-    """A square stop loses most along its diagonal: sqrt(2) s/D, where a round one loses 4 s / (πD)."""
-    return 1.0 if camera.stop.shape == "circle" else math.pi / 4 * math.sqrt(2)
 
 
 def _diffraction(means: list[MeanPsf], camera: Camera, gap_um: float) -> Estimate:

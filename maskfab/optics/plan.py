@@ -143,12 +143,13 @@ def _check_field(panel: Panel, camera: Camera, scene: Scene) -> None:
 def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
     """Most waves per micrometre along an axis, by differences over the stop."""
     radius = camera.stop.diameter_um / 2
-    if camera.stop.shape == "circle":
+    half_x, half_y = (side / 2 for side in camera.stop.sides_um)
+    if camera.stop.round:
         angle = np.linspace(0, 2 * np.pi, 64, endpoint=False)
-        rings = np.linspace(0, radius, 33)[:, None]
-        x, y = rings * np.cos(angle), rings * np.sin(angle)
+        rings = np.linspace(0, 1, 33)[:, None]
+        x, y = half_x * rings * np.cos(angle), half_y * rings * np.sin(angle)
     else:
-        x, y = np.meshgrid(*2 * [np.linspace(-radius, radius, 65)])
+        x, y = np.meshgrid(*(np.linspace(-half, half, 65) for half in (half_x, half_y)))
     lens, h = scene.wavefront(camera).waves(camera.stop, wavelength_nm), 1e-3 * radius
     steepest = 0.0
     for distance in (scene.nearest_um, scene.farthest_um, scene.focus_um):

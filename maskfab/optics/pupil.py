@@ -6,7 +6,7 @@ The zeroth moment alone is the usual grey rim; the higher ones carry the curve.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Literal
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import Stop, frozen
 from maskfab.optics.aperture import Aperture, Lattice, zeros
+from maskfab.optics.polygon_stop import legendre_integrals, polygon_cover, polygon_moments
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -110,10 +111,7 @@ class Pupil:
 def cut(aperture: Aperture, stop: Stop) -> Pupil:
     """The part of an aperture inside a centred stop."""
     x, y = aperture.x.edges_um(), aperture.y.edges_um()
-    (first, last), (begin, end) = _circle_ranges(x, y, stop) if stop.shape == "circle" else _square_ranges(x, y, stop)
-    whole = _within(aperture.transmission, first, last)
-    variance = zeros(whole.shape) if not any(aperture.variance.strides) else _within(aperture.variance, first, last)
-    row, column = _between(begin, end, first, last)
+    whole, variance, row, column = _parted(aperture, stop)
     transmits = aperture.transmission[row, column] != 0
     row, column = row[transmits], column[transmits]
     transmission = aperture.transmission[row, column]
@@ -121,11 +119,49 @@ def cut(aperture: Aperture, stop: Stop) -> Pupil:
     return Pupil(aperture.x, aperture.y, whole, variance, row, column, moments, transmission, stop)
 
 
+def _parted(aperture: Aperture, stop: Stop) -> tuple[Floats, Floats, Indices, Indices]:
+    """Transmission and variance of the intervals inside the stop, 0 elsewhere; rows and columns of those it cuts."""
+    x, y = aperture.x.edges_um(), aperture.y.edges_um()
+    varies = any(aperture.variance.strides)
+    if stop.outline_um:
+        inside, row, column = polygon_cover(x, y, np.array(stop.outline_um))
+        whole, variance = (np.where(inside, values, 0.0) for values in (aperture.transmission, aperture.variance))
+        return whole, variance if varies else zeros(whole.shape), row, column
+    ranges = _ellipse_ranges if stop.round else _box_ranges
+    (first, last), (begin, end) = ranges(x, y, stop)
+    whole = _within(aperture.transmission, first, last)
+    variance = _within(aperture.variance, first, last) if varies else zeros(whole.shape)
+    row, column = _between(begin, end, first, last)
+    if stop.inner_share:
+        (first, last), (begin, end) = _ellipse_ranges(x, y, _middle(stop))
+        whole = _without(whole, begin, end)
+        variance = _without(variance, begin, end) if varies else variance
+        place = np.union1d(
+            row * x.size + column, np.ravel_multi_index(_between(begin, end, first, last), (y.size, x.size))
+        )
+        row, column = np.divmod(place, x.size)
+    return whole, variance, row, column
+
+
+def _middle(stop: Stop) -> Stop:
+    """The dark middle of an annulus."""
+    return replace(stop.scaled(stop.inner_share, stop.inner_share), inner_share=0.0)
+
+
 def _within(values: Floats, first: Indices, last: Indices) -> Floats:
     """The values in columns first to last - 1 of every row, zero elsewhere; read-only."""
     kept = np.zeros(values.shape)
     for j in np.flatnonzero(first < last):
         kept[j, first[j] : last[j]] = values[j, first[j] : last[j]]
+    kept.flags.writeable = False
+    return kept
+
+
+def _without(values: Floats, begin: Indices, end: Indices) -> Floats:
+    """The values, zero in columns begin to end - 1 of every row; read-only."""
+    kept = values.copy()
+    for j in np.flatnonzero(begin < end):
+        kept[j, begin[j] : end[j]] = 0.0
     kept.flags.writeable = False
     return kept
 
@@ -140,19 +176,26 @@ def _between(begin: Indices, end: Indices, first: Indices, last: Indices) -> tup
     return row, column
 
 
-def _circle_ranges(x: Floats, y: Floats, stop: Stop) -> tuple[Range, Range]:
-    """Columns of every row that lie wholly inside the circle, and those that lie in it at least in part."""
+def _ellipse_ranges(x: Floats, y: Floats, stop: Stop) -> tuple[Range, Range]:
+    """Columns of every row that lie wholly inside the ellipse, and those that lie in it at least in part."""
     radius2 = (stop.diameter_um / 2) ** 2
+    x, y = (edges * scale for edges, scale in zip((x, y), _to_circle(stop), strict=True))
     inside = _at_most(_farthest(x) ** 2, radius2 - _farthest(y) ** 2, "right")
     touched = _at_most(_nearest_to_zero(x) ** 2, radius2 - _nearest_to_zero(y) ** 2, "left")
     return inside, touched
 
 
-def _square_ranges(x: Floats, y: Floats, stop: Stop) -> tuple[Range, Range]:
-    half = stop.diameter_um / 2
+def _to_circle(stop: Stop) -> tuple[float, float]:
+    """Stretches along x and y that make an ellipse the circle of its longer side."""
+    width, height = stop.sides_um
+    return stop.diameter_um / width, stop.diameter_um / height
+
+
+def _box_ranges(x: Floats, y: Floats, stop: Stop) -> tuple[Range, Range]:
+    half_x, half_y = (side / 2 for side in stop.sides_um)
     tolerance = 1e-9 * stop.diameter_um
-    inside = np.where(_farthest(y) <= half + tolerance, half + tolerance, -1.0)
-    touched = np.where(_nearest_to_zero(y) < half - tolerance, half - tolerance, -1.0)
+    inside = np.where(_farthest(y) <= half_y + tolerance, half_x + tolerance, -1.0)
+    touched = np.where(_nearest_to_zero(y) < half_y - tolerance, half_x - tolerance, -1.0)
     return _at_most(_farthest(x), inside, "right"), _at_most(_nearest_to_zero(x), touched, "left")
 
 
@@ -176,16 +219,27 @@ def _nearest_to_zero(edges: Floats) -> Floats:
 def _moments(
     x: Floats, y: Floats, row: Indices, column: Indices, transmission: Floats, stop: Stop, orders: int
 ) -> Floats:
-    """Moments of transmission x stop over intervals of a grid with these edges, [k, orders, orders]."""
+    """Moments of cut dots, [k, orders, orders]."""
     boxes = np.stack([x[column], x[column + 1], y[row], y[row + 1]], axis=1)
-    shape = _circle_moments if stop.shape == "circle" else _square_moments
-    return shape(boxes, stop.diameter_um / 2, orders) * transmission[:, None, None]
+    return _stop_moments(boxes, stop, orders) * transmission[:, None, None]
 
 
-def _square_moments(boxes: Floats, half: float, orders: int) -> Floats:
-    """Moments of box x square: products of one-dimensional ones, exact."""
-    ends = np.full((len(boxes), 1), half)
-    along_x, along_y = (_clipped_moments(boxes[:, k], boxes[:, k + 1], -ends, ends, orders) for k in (0, 2))
+def _stop_moments(boxes: Floats, stop: Stop, orders: int) -> Floats:
+    """Moments of box x stop, [k, orders, orders]; stretching both alike leaves them as they are."""
+    if stop.outline_um:
+        return polygon_moments(boxes, np.array(stop.outline_um), orders)
+    if not stop.round:
+        return _box_moments(boxes, stop, orders)
+    moments = _circle_moments(boxes * np.repeat(_to_circle(stop), 2), stop.diameter_um / 2, orders)
+    return moments - _stop_moments(boxes, _middle(stop), orders) if stop.inner_share else moments
+
+
+def _box_moments(boxes: Floats, stop: Stop, orders: int) -> Floats:
+    """Moments of box x rectangle: products of one-dimensional ones, exact by Gauss-Legendre."""
+    ends = (np.full((len(boxes), 1), side / 2) for side in stop.sides_um)
+    along_x, along_y = (
+        _clipped_moments(boxes[:, k], boxes[:, k + 1], -end, end, orders) for k, end in zip((0, 2), ends, strict=True)
+    )
     return along_y[:, 0, :, None] * along_x[:, 0, None, :]
 
 
@@ -218,19 +272,9 @@ def _circle_moments(boxes: Floats, radius: float, orders: int) -> Floats:
 
 
 def _clipped_moments(low: Floats, high: Floats, floor: Floats, ceiling: Floats, orders: int) -> Floats:
-    """Mean over [low, high] of P_p(xi) where floor < x < ceiling; [k], [k], [k, s], [k, s] -> [k, s, orders].
-
-    Integrals of Legendre polynomials are (P_{p+1} - P_{p-1}) / (2p + 1), DLMF 18.16.1 and 14.10.5.
-    """
+    """Mean over [low, high] of P_p(xi) where floor < x < ceiling; [k], [k], [k, s], [k, s] -> [k, s, orders]."""
     width = (high - low)[:, None]
     start = np.clip(2 * (np.clip(floor, low[:, None], high[:, None]) - low[:, None]) / width - 1, -1, 1)
     end = np.clip(2 * (np.clip(ceiling, low[:, None], high[:, None]) - low[:, None]) / width - 1, -1, 1)
-    weights = 2 * np.arange(orders) + 1
-
-    def antiderivative(xi: Floats) -> Floats:
-        values = legvander(xi, orders)
-        below = np.concatenate([-np.ones_like(values[..., :1]), values[..., : orders - 1]], axis=-1)
-        integral: Floats = (values[..., 1:] - below) / weights
-        return integral
-
-    return np.where((end > start)[..., None], (antiderivative(end) - antiderivative(start)) / 2, 0.0)
+    integral = legendre_integrals(end, orders) - legendre_integrals(start, orders)
+    return np.where((end > start)[..., None], integral / 2, 0.0)

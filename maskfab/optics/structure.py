@@ -117,7 +117,7 @@ def _whole_strengths(pupil: Pupil, along_x: _Cell, along_y: _Cell) -> Floats:
     of_rows = np.ascontiguousarray(along_y.whole[: pupil.y.dots].T)
     for j in range(pupil.y.cells):
         rows = slice(j * pupil.y.period, j * pupil.y.period + pupil.y.dots)
-        chord = radius if pupil.stop.shape == "square" else np.sqrt(max(radius**2 - nearest[j] ** 2, 0.0))
+        chord = np.sqrt(max(radius**2 - nearest[j] ** 2, 0.0)) if pupil.stop.round else radius
         met = np.flatnonzero((left < chord) & (left + width > -chord))
         begin, end = (int(met[0]), int(met[-1]) + 1) if met.size and nearest[j] < radius else (0, 0)
         if pupil.whole[rows, : begin * pupil.x.period].any() or pupil.whole[rows, end * pupil.x.period :].any():

@@ -6,14 +6,15 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
 from maskfab import __version__
 from maskfab.errors import InternalError
+from maskfab.export.psf import stop_facts
 from maskfab.layout.feasibility import Feasibility
-from maskfab.model import Camera, Die, Plate, Quantity, Report, Tiling, WrittenFile
+from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
 from maskfab.optics.plan import document as plan_document
 from maskfab.report.design_data import design_schema
 from maskfab.report.display_data import display_document, display_schema
@@ -126,7 +127,17 @@ def schema() -> Document:
     camera = _object(
         {
             "focal_um": number,
-            "stop": _object({"shape": {"enum": ["circle", "square"]}, "diameter_um": number}),
+            "stop": _object(
+                {
+                    "shape": {"enum": list(get_args(StopShape))},
+                    "diameter_um": number | {"description": "side of the square about the axis that holds it"},
+                    "stop_width_um": number,
+                    "stop_height_um": number,
+                    "stop_inner_um": number,
+                    "stop_corners_um": {"type": "string", "description": "x and y of every corner"},
+                },
+                optional=("stop_width_um", "stop_height_um", "stop_inner_um", "stop_corners_um"),
+            ),
             "wavelengths_nm": {"type": "array", "items": number},
             "pixel_um": number,
             "window_um": number,
@@ -221,7 +232,7 @@ def _object(properties: Mapping[str, Any], optional: Sequence[str] = ()) -> Docu
 def _camera(camera: Camera) -> Document:
     return {
         "focal_um": camera.focal_um,
-        "stop": {"shape": camera.stop.shape, "diameter_um": camera.stop.diameter_um},
+        "stop": {"shape": camera.stop.shape, "diameter_um": camera.stop.diameter_um, **stop_facts(camera.stop)},
         "wavelengths_nm": camera.wavelengths_nm,
         "pixel_um": camera.pixel_um,
         "window_um": camera.window_um,

@@ -3,16 +3,21 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
-from maskfab.model import Camera, Process, Stop, Tiling
+from maskfab.errors import JobError
+from maskfab.model import Camera, Process, Stop, StopShape, Tiling
 from maskfab.spec.design_values import Method, ObjectiveName, Weight
 from maskfab.spec.display_values import Area, ThreeColours
 from maskfab.spec.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, Formats, SignedLength
 from maskfab.spec.pareto_values import Counts
+from maskfab.spec.problems import refusing
 from maskfab.spec.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, Spectrum
+from maskfab.spec.stop_values import Corners
 from maskfab.spec.values import DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Wavelength
 
 
@@ -30,10 +35,65 @@ class JobSection(Section):
 
 
 class StopSection(Section):
-    """camera.stop: the lens aperture."""
+    """camera.stop: the lens aperture, the optical axis in its middle or, for a polygon, at the corners' origin.
 
-    shape: Literal["circle", "square"] = "circle"
-    diameter: Length
+    A circle and a square have a ``diameter``, an annulus an ``inner`` one as well, an ellipse and a rectangle ``width``
+    and ``height``, a polygon ``corners``: pairs of x and y in either sense of rotation, its sides not crossing.
+    """
+
+    shape: StopShape = "circle"
+    diameter: Length | None = None
+    inner: Length | None = None
+    width: Length | None = None
+    height: Length | None = None
+    corners: Corners | None = None
+
+    @model_validator(mode="after")
+    def _of_its_shape(self) -> StopSection:
+        """The keys of the shape, all of them and no others."""
+        return refusing(_whole, self)  # type: ignore[no-any-return]
+
+    def stop(self) -> Stop:
+        """The stop of the model."""
+        if self.corners is not None:
+            return Stop.polygon(self.corners)
+        if self.width is not None and self.height is not None:
+            return (
+                Stop.ellipse(self.width, self.height)
+                if self.shape == "ellipse"
+                else Stop.rectangle(self.width, self.height)
+            )
+        assert self.diameter is not None
+        return Stop.annulus(self.diameter, self.inner) if self.inner is not None else Stop(self.shape, self.diameter)
+
+
+_STOP_KEYS: Mapping[str, tuple[str, ...]] = MappingProxyType(
+    {
+        "circle": ("diameter",),
+        "square": ("diameter",),
+        "annulus": ("diameter", "inner"),
+        "ellipse": ("width", "height"),
+        "rectangle": ("width", "height"),
+        "polygon": ("corners",),
+    }
+)
+
+
+def _whole(section: StopSection) -> StopSection:
+    wanted = _STOP_KEYS[section.shape]
+    stated = {key for key in type(section).model_fields if key != "shape" and getattr(section, key) is not None}
+    missing, spare = [key for key in wanted if key not in stated], sorted(stated.difference(wanted))
+    if missing or spare:
+        problem = f"lacks {' and '.join(missing)}" if missing else f"has {' and '.join(spare)}, which means nothing"
+        cure = f"Give {' and '.join(wanted)}, and nothing else"
+        raise JobError("MF105", f"a stop of the shape {section.shape!r} {problem}", cure=cure)
+    if section.inner is not None and section.diameter is not None and section.inner >= section.diameter:
+        raise JobError(
+            "MF132",
+            f"an annulus of {section.diameter:g} um with a dark middle of {section.inner:g} um passes nothing",
+            cure="Give an inner diameter below the outer one",
+        )
+    return section
 
 
 class CameraSection(Section):
@@ -47,8 +107,7 @@ class CameraSection(Section):
 
     def camera(self) -> Camera:
         """The camera of the model."""
-        stop = Stop(self.stop.shape, self.stop.diameter)
-        return Camera(self.focal, stop, self.wavelengths, self.pixel, self.window)
+        return Camera(self.focal, self.stop.stop(), self.wavelengths, self.pixel, self.window)
 
 
 class PlateSection(Section):

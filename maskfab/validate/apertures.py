@@ -12,7 +12,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.geometry.raster import coverage, outline_coverage
-from maskfab.geometry.stop import edges_in_stop, stop_box
+from maskfab.geometry.stop import edges_in_stop, stop_box, whole_or_away
 from maskfab.model import Box, Die, Stop
 from maskfab.optics.aperture import Aperture, Lattice, covered_aperture, zeros
 
@@ -88,7 +88,7 @@ def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> 
     start, span = edges[:, :2].astype(np.float64), (edges[:, 2:] - edges[:, :2]).astype(np.float64)
     along = np.clip(-(start * span).sum(axis=1) / np.maximum((span**2).sum(axis=1), 1.0), 0.0, 1.0)
     nearest = start + along[:, None] * span
-    if stop.shape == "circle":
+    if stop.round:
         seen = edges[np.hypot(*nearest.T) < 1e3 * stop.diameter_um - 1]
     else:
         low, high = np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])
@@ -100,9 +100,8 @@ def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> 
 
 def _beyond(stop: Stop, x0: Floats, x1: Floats, y0: Floats, y1: Floats) -> NDArray[np.bool_]:
     """Whether intervals reach beyond a centred stop."""
-    far = np.maximum(abs(x0), abs(x1)), np.maximum(abs(y0), abs(y1))
-    reach = np.hypot(*far) if stop.shape == "circle" else np.maximum(*far)
-    return np.asarray(reach > stop.diameter_um / 2)
+    inside, _ = whole_or_away(stop.scaled(1e3, 1e3), *(1e3 * each for each in (x0, y0, x1, y1)))
+    return ~inside
 
 
 def _on_grid(edges_nm: Floats) -> Floats:

@@ -64,7 +64,7 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     outline = stop_boundary(edges, area, camera)
     table = lag_table(pupil, longest_lag_um(camera))
 
-    limit = INVARIANT_LIMIT_ROUND if stop.shape == "circle" else INVARIANT_LIMIT_SQUARE
+    limit = INVARIANT_LIMIT_SQUARE if stop.shape in ("square", "rectangle") else INVARIANT_LIMIT_ROUND
     quantities = [
         Quantity(
             "open_ratio", "ρ", die.panel.open_ratio, "1", "clear share of one cell of the design, exact", die=die.name

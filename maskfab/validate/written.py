@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.geometry.raster import coverage
-from maskfab.geometry.stop import edges_in_stop
+from maskfab.geometry.stop import edges_in_stop, stop_region, whole_or_away
 from maskfab.geometry.written import (
     CONFIGURATIONS,
     UNITS_PER_UM,
@@ -41,6 +41,7 @@ from maskfab.optics.mtf import area_under_radial_min, longest_lag_um, presampled
 from maskfab.optics.otf import lag_table
 from maskfab.optics.psf import point_psfs
 from maskfab.optics.pupil import Pupil, cut
+from maskfab.optics.stop_shape import inside
 from maskfab.validate.optics import middle_nm, polygon_psf, stop_boundary
 
 Floats = NDArray[np.float64]
@@ -51,7 +52,6 @@ _ARC_SIDES = 16
 _CLOSE_UP_DOTS = 3
 _FINE_SIDE, _LARGEST_SIDE = 2400, 6000
 _MOST_PARTS = 8
-_RIM_SIDES = 4096
 _PATH_ERROR = 1e-8
 _ARC_ERROR = 1e-4
 
@@ -261,9 +261,8 @@ def _lines(lattice: Lattice) -> Floats:
 def _kissing(vertices: _Vertices, stop: Stop) -> tuple[int, tuple[float, float]]:
     """How many corners kiss inside the stop, and where the nearest of them to the axis is, or else any corner."""
     x, y = vertices.x_um, vertices.y_um[..., None, None]
-    half = stop.diameter_um / 2
-    distance = np.hypot(x, y) if stop.shape == "circle" else np.maximum(abs(x), abs(y))
-    kissing = (distance < half) & np.isin(vertices.held, (6, 9))
+    distance = np.hypot(x, y) if stop.round else np.maximum(abs(x), abs(y))
+    kissing = inside(stop, x, y) & np.isin(vertices.held, (6, 9))
     count = int(kissing.sum())
     chosen = kissing if count else ~np.isin(vertices.held, (0, 3, 5, 10, 12, 15))
     nearest = np.zeros(chosen.shape, dtype=np.bool_)
@@ -290,34 +289,30 @@ def _edges_in_stop(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop
     """
     half = vertices.dot_um / 2
     x, y = vertices.x_um[None, None], vertices.y_um[..., None, None]
-    far_x, far_y = abs(x) + half, abs(y) + half
-    near_x, near_y = np.maximum(abs(x) - half, 0), np.maximum(abs(y) - half, 0)
-    reach = stop.diameter_um / 2
-    if stop.shape == "circle":
-        inside = np.hypot(far_x, far_y) < reach * np.cos(np.pi / _RIM_SIDES) - 1e-3
-        outside = np.hypot(near_x, near_y) > reach * (1 + 1 / _RIM_SIDES) + 1e-3
-    else:
-        inside, outside = np.maximum(far_x, far_y) <= reach, np.maximum(near_x, near_y) >= reach
+    ends = [1e3 * (at + side) for side in (-half, half) for at in (x, y)]
+    whole_tile, outside = whole_or_away(stop.scaled(1e3, 1e3), *ends)
     held = vertices.held
-    facing = _facing(inside)
+    facing = _facing(whole_tile)
     rim = db.Region()
     parts: list[Floats] = []
     area = 0.0
     for configuration in range(1, CONFIGURATIONS):
         corner, here = corners[configuration], held == configuration
-        whole = here & inside
+        whole = here & whole_tile
         parts.append(_placed(corner.outline_um, vertices, whole))
         parts += [
             _placed(border, vertices, whole & side) for border, side in zip(corner.border_um, facing, strict=True)
         ]
         area += corner.area_um2 * int(whole.sum())
         pieces = list(corner.region.each())
-        for dx, dy in np.rint(_positions(vertices, here & ~inside & ~outside) * UNITS_PER_UM).astype(np.int64).tolist():
+        for dx, dy in (
+            np.rint(_positions(vertices, here & ~whole_tile & ~outside) * UNITS_PER_UM).astype(np.int64).tolist()
+        ):
             for piece in pieces:
                 rim.insert(piece.moved(dx, dy))
     # The rim keeps the corners' finer grid: a thousand of its units stand for a micrometre there.
     finer = UNITS_PER_UM / 1000
-    cut_edges, cut_area = edges_in_stop(rim, Stop(stop.shape, stop.diameter_um * finer), (0.0, 0.0))
+    cut_edges, cut_area = edges_in_stop(rim, stop.scaled(finer, finer), (0.0, 0.0))
     return np.concatenate([*parts, cut_edges / finer]), area + cut_area / finer**2
 
 
@@ -388,15 +383,8 @@ def _part_lattices(vertices: _Vertices, parts: int, margin: int) -> _Parts:
 
 def _stop_share(parts: _Parts, stop: Stop) -> _Parts:
     """The share of every part that the stop leaves; a circle is a polygon of its area."""
-    half = stop.diameter_um / 2 * UNITS_PER_UM
-    outline = db.Polygon(db.Box(*(round(sign * half) for sign in (-1, -1, 1, 1))))
-    if stop.shape == "circle":
-        turn = 2 * np.pi / _RIM_SIDES
-        angle = turn * (np.arange(_RIM_SIDES) + 0.5)
-        corners = np.rint(half * np.sqrt(turn / np.sin(turn)) * np.stack([np.cos(angle), np.sin(angle)], axis=1))
-        outline = db.Polygon([db.Point(int(x), int(y)) for x, y in corners])
     x, y = (lattice.edges_um() * UNITS_PER_UM for lattice in (parts.x, parts.y))
-    return replace(parts, stop=coverage(db.Region(outline), x, y))
+    return replace(parts, stop=coverage(stop_region(stop, UNITS_PER_UM), x, y))
 
 
 def _paired(lattice: Lattice) -> Lattice:
