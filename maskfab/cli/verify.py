@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from maskfab.cli.options import Json, Quiet, Unit, unit_um
-from maskfab.cli.printing import leave, print_json, print_table, summarise
+from maskfab.cli.printing import leave, plain, print_json, print_table, summarise
 from maskfab.cli.watch import watched
 from maskfab.errors import JobError
 
@@ -33,13 +33,24 @@ def verify(
     dots_per_um: Annotated[float | None, typer.Option(min=1e-6, max=1e6, help="Pixels of an image in a micrometre; "
                                                       "default: what its tags say.")] = None,
     unit: Unit = None,
+    tone: Annotated[str | None, typer.Option(metavar="clear|dark", help="What a mask file draws; default: what is "
+                                             "clear.")] = None,
+    ignore: Annotated[list[str] | None, typer.Option(metavar="LAYER", help="Layer of a mask file that is not written, "
+                                                     "though it holds shapes; as often as needed.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Read a finished directory or a package again and repeat every check, or hold a mask file against a job."""
     from maskfab.export.package import is_package
 
-    reading = {"--die": die, "--layer": layer, "--cell": cell, "--dots-per-um": dots_per_um, "--unit": unit}
+    reading: dict[str, object] = {
+        "--die": die,
+        "--layer": layer,
+        "--cell": cell,
+        "--dots-per-um": dots_per_um,
+        "--unit": unit,
+    }
+    reading |= {"--tone": tone, "--ignore": ignore or None}
     said = [name for name, value in reading.items() if value is not None]
     if is_package(subject):
         _check_meant(said, (), "a package")
@@ -65,13 +76,20 @@ def verify(
         from maskfab.validate.foreign import How
 
         _check_meant(said, _meant(subject), subject.name)
-        _foreign(subject, against, die, How(layer, cell, dots_per_um, unit_um(unit)), as_json, quiet)
+        how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), _is_dark(tone))
+        _foreign(subject, against, die, how, as_json, quiet)
         return
     from maskfab.verification import verify as verify_directory
 
     with watched(quiet) as progress:
         checks = verify_directory(subject, progress)
     _tell(checks, {}, as_json)
+
+
+def _is_dark(tone: str | None) -> bool:
+    if tone not in {None, "clear", "dark"}:
+        raise JobError("MF105", f"there is no tone {tone!r}", where="--tone", cure="Use clear or dark")
+    return tone == "dark"
 
 
 def _meant(file: Path) -> Sequence[str]:
@@ -82,10 +100,10 @@ def _meant(file: Path) -> Sequence[str]:
     from maskfab.geometry.reading import LAYOUT_SUFFIXES
     from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 
-    kind, every = file.suffix.lower(), ("--die", "--unit")
+    kind, every = file.suffix.lower(), ("--die", "--unit", "--tone")
     if kind in IMAGE_SUFFIXES:
         return (*every, "--dots-per-um")
-    return (*every, "--layer", "--cell", *(() if kind in LAYOUT_SUFFIXES else ("--dots-per-um",)))
+    return (*every, "--layer", "--cell", "--ignore", *(() if kind in LAYOUT_SUFFIXES else ("--dots-per-um",)))
 
 
 def _check_meant(said: Sequence[str], meant: Sequence[str], subject: str) -> None:
@@ -154,6 +172,9 @@ def _foreign(
         print_json(
             {
                 "verdict": "pass" if passed else "fail",
+                "layer": found.layers.clear or None,
+                "tone": "dark" if found.dark else "clear",
+                "other_layers": list(found.layers.others),
                 "file": str(path),
                 "against": str(against),
                 "die": die,
@@ -161,15 +182,25 @@ def _foreign(
             }
         )
     else:
+        typer.echo(plain(_read_as(found)))
         print_table(found.quantities, dies=True)
         summarise(checks)
     leave(passed)
+
+
+def _read_as(found: Foreign) -> str:
+    """What of a file was looked at, in one line."""
+    layers = found.layers
+    of_layer = f" on layer {layers.clear}" if layers.clear else ""
+    beside = f"; not looked at, though they hold shapes: {', '.join(layers.others)}" if layers.others else ""
+    return f"{found.path.name}: what is drawn{of_layer} is {'opaque' if found.dark else 'clear'}{beside}"
 
 
 def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:
     from maskfab.export.shops import shop_of
     from maskfab.layout.job import load
     from maskfab.validate.foreign import check_foreign, only_die
+    from maskfab.validate.foreign_layers import Ordered
 
     job = load(against)
     house = shop_of(job.spec, job.where)
@@ -183,5 +214,5 @@ def _checked(path: Path, against: Path, die: str | None, how: How, progress: Pro
         how,
         progress,
         max_vertices=drawing.max_vertices if drawing is not None and stated else None,
-        cut=house is not None and house.polygons.holes == "layer",
+        ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
     )

@@ -139,23 +139,24 @@ def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
     Raises:
         SourceError: MF306, with the layers that are there, if the layer is not or if None could mean several.
     """
-    used = [info for info in sorted(layout.layer_infos(), key=_layer_label) if _has_shapes(layout, info)]
-    there = _listed([_layer_label(info) for info in used]) or "none with shapes"
+    used = [info for info in sorted(layout.layer_infos(), key=layer_label) if _has_shapes(layout, info)]
+    there = _listed([layer_label(info) for info in used]) or "none with shapes"
     if layer is None:
         clear = layer_info(CLEAR)
         usual = [info for info in used if info.is_equivalent(clear)]
         if usual or len(used) == 1:
             return (usual or used)[0]
         raise SourceError(
-            "MF306", f"the layout has no layer {_layer_label(clear)}; layers: {there}", cure="Name one of these"
+            "MF306", f"the layout has no layer {layer_label(clear)}; layers: {there}", cure="Name one of these"
         )
     for info in layout.layer_infos():
-        if layer in _layer_names(info):
+        if layer in layer_names(info):
             return info
     raise SourceError("MF306", f"the layout has no layer {layer!r}; layers: {there}", cure="Name one of these")
 
 
-def _layer_names(info: db.LayerInfo) -> set[str]:
+def layer_names(info: db.LayerInfo) -> set[str]:
+    """All that a layer may be called: its name, its numbers, and its number alone if its datatype is 0."""
     names = {info.name} if info.name else set()
     if info.layer >= 0:
         names.add(f"{info.layer}/{info.datatype}")
@@ -164,7 +165,8 @@ def _layer_names(info: db.LayerInfo) -> set[str]:
     return names
 
 
-def _layer_label(info: db.LayerInfo) -> str:
+def layer_label(info: db.LayerInfo) -> str:
+    """Numbers and name of a layer, as far as it has them."""
     numbers = f"{info.layer}/{info.datatype}" if info.layer >= 0 else ""
     return " ".join(part for part in (numbers, info.name) if part)
 
@@ -502,11 +504,14 @@ def _checked_dxf_unit(path: Path, data: bytes) -> int:
     return int(said[1]) if said else 0
 
 
+GERBER_SUFFIXES = frozenset({".gbr", ".ger"})
+"""What files without layers end in."""
+
 _READERS: dict[str, Callable[[Path], db.Layout]] = {
     **dict.fromkeys((".gds", ".gdsii", ".gds2"), _read_gdsii),
     **dict.fromkeys((".oas", ".oasis"), _read_oasis),
     ".dxf": _read_dxf,
-    **dict.fromkeys((".gbr", ".ger"), read_gerber),
+    **dict.fromkeys(sorted(GERBER_SUFFIXES), read_gerber),
 }
 
 LAYOUT_SUFFIXES = frozenset(_READERS)

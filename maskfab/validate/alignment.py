@@ -79,11 +79,12 @@ class Alignment:
         """Whether the file is the design at all."""
         return self.differing < UNLIKE
 
-    def faults(self, *, positioned: bool = True) -> tuple[str, ...]:
+    def faults(self, *, positioned: bool = True, dark: bool = False) -> tuple[str, ...]:
         """What the file is instead of lying as the design does; empty if it does.
 
         Args:
             positioned: False for files that do not say where they lie, in which a shift is no fault.
+            dark: whether the file is meant to draw what is opaque.
         """
         if not self.alike:
             return (f"unlike the design, {self.differing:.0%} of which differs in every position",)
@@ -95,8 +96,9 @@ class Alignment:
             drawn = 1 / (self.scale * self.unit_scale)
             what = next((_UNITS[unit] for unit in _UNITS if abs(drawn / unit - 1) < 1e-9), f"scaled by {drawn:g}")
             said.append(f"{what} (state --unit {self.unit})" if self.unit else what)
-        if self.inverted:
-            said.append("of the other tone, drawn where the design is opaque")
+        if self.inverted != dark:
+            where = "opaque" if self.inverted else "clear"
+            said.append(f"of the other tone, drawn where the design is {where}")
         if positioned and self.shift_nm != (0, 0):
             placed = self.trans.inverted().disp
             x, y = (round(value, 3) / 1e3 for value in (placed.x, placed.y))

@@ -13,10 +13,9 @@ from typing import Literal
 from klayout import db
 
 from maskfab.errors import JobError, SourceError
-from maskfab.export.figures import CUT
-from maskfab.geometry.reading import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.geometry.reading import GERBER_SUFFIXES, read_layout, rounding_nm
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES, read_picture
-from maskfab.geometry.reading_limits import count_shapes, count_texts, left_out, note_left_out
+from maskfab.geometry.reading_limits import count_shapes, left_out
 from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
 from maskfab.model import CLEAR, Camera, Plate, Quantity
 from maskfab.progress import Progress, silent
@@ -25,19 +24,13 @@ from maskfab.validate.alignment import Alignment, align
 from maskfab.validate.drawn_unit import in_drawn_unit
 from maskfab.validate.features import judged
 from maskfab.validate.foreign_drawing import drawn_figures, named_cells, reach, slanted
+from maskfab.validate.foreign_layers import LayersRead, Ordered, clear_only, draws
 from maskfab.validate.foreign_optics import optics_of_like, optics_of_unlike
 from maskfab.validate.foreign_rules import asked, rules_of_like, rules_of_unlike
 from maskfab.validate.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare
 
 MOST_INVERTED = 2_000_000
 _TOLD_PLACES = 4
-_TOLD_LAYERS = 8
-_UNTOLD = (
-    "mask houses do not unless they are told so: name one in [export] shop that takes holes on a layer of their own, "
-    "or say --layer"
-)
-_PASSED_OVER_KEY = "maskfab_passed_over"
-_TAKEN_OUT_KEY = "maskfab_taken_out"
 
 
 @dataclass(frozen=True)
@@ -49,12 +42,16 @@ class How:
         cell: the plate's cell; the only top cell if None.
         dots_per_um: pixels of an image in a micrometre; what its tags say if None.
         unit_um: one unit of a DXF; what its header says if None.
+        ignored: layers that are not written, though they hold shapes.
+        dark: whether what the file draws is chrome, and the rest clear.
     """
 
     layer: str | None = None
     cell: str | None = None
     dots_per_um: float | None = None
     unit_um: float | None = None
+    ignored: tuple[str, ...] = ()
+    dark: bool = False
 
 
 @dataclass(frozen=True, eq=False)
@@ -66,12 +63,19 @@ class Foreign:
         alignment: how it lies.
         trip: the comparison once it lies as the design does; None where it is not the design at all.
         quantities: everything that is told.
+        layers: what was read as clear.
     """
 
     path: Path
     alignment: Alignment
     trip: RoundTrip | None
     quantities: tuple[Quantity, ...]
+    layers: LayersRead
+
+    @property
+    def dark(self) -> bool:
+        """Whether what the file draws was found to be what is opaque."""
+        return self.alignment.inverted
 
 
 def only_die(plate: Plate, name: str) -> Plate:
@@ -100,7 +104,7 @@ def check_foreign(
     progress: Progress = silent,
     *,
     max_vertices: int | None = None,
-    cut: bool = False,
+    ordered: Ordered | None = None,
 ) -> Foreign:
     """Read a file and compare it with a plate: position, tone, geometry, CDs, rules, and the optics of every die.
 
@@ -112,29 +116,29 @@ def check_foreign(
         how: what the file does not say itself.
         progress: told where the work stands.
         max_vertices: of a polygon, as the job draws them; None where it leaves that open.
-        cut: whether the job's mask house takes holes on a layer of their own, as :data:`CUT` is.
+        ordered: what the job says of layers.
 
     Raises:
         SourceError: MF301 to MF317 if the file cannot be read as it stands; MF309 if nothing of it is clear.
     """
     progress("read", 0, 1)
-    how = how or How()
-    read = _read(path, how)
-    if _is_dark(read):
+    how, ordered = how or How(), ordered or Ordered()
+    read, layers = _read(path, how, ordered)
+    if not draws(read, read.find_layer(layer_info(CLEAR))):
         raise SourceError(
             "MF309",
             f"nothing of {path.name} is clear",
             where=str(path),
             cure="Name the layer that is clear with --layer, or export it again",
         )
-    design = _clear_only(plate_layout(plate), None, None, path)
+    design = plate_layout(plate)
+    clear_only(design, path)
     progress("align", 0, 1)
     alignment = align(plate, design, read)
     read, alignment = in_drawn_unit(
-        plate, design, read, alignment, lambda unit_um: _read(path, replace(how, unit_um=unit_um))
+        plate, design, read, alignment, lambda unit_um: _read(path, replace(how, unit_um=unit_um), ordered)[0]
     )
-    positioned = path.suffix.lower() not in IMAGE_SUFFIXES
-    quantities = [*_of_file(path, read), *_layers(path, read, cut), _lies(plate, path, alignment, positioned)]
+    quantities = [*layers.quantities(path.name, ordered), _lies(plate, path, alignment, how), *_of_file(path, read)]
     quantities += named_cells(read)
     if not alignment.alike:
         progress("rules", 0, 1)
@@ -143,7 +147,7 @@ def check_foreign(
         quantities.append(reach(plate, _bounds(read), 1.0))
         progress("optics", 0, 1)
         quantities += optics_of_unlike(plate, camera, design, read)
-        return Foreign(path, alignment, None, tuple(quantities))
+        return Foreign(path, alignment, None, tuple(quantities), layers)
     wanted, box = asked(plate, limits, alignment.scale), _bounds(read).transformed(alignment.trans)
     simple = alignment.scale == 1 and not alignment.inverted
     # What is turned over, or scaled and rounded, is no longer drawn as the file draws it.
@@ -164,61 +168,15 @@ def check_foreign(
         equal = next(check.xor_area_um2 for check in trip.dies if check.name == die.name) == 0
         quantities += optics_of_like(die, camera, design, laid, equal)
     progress("optics", len(plate.dies), len(plate.dies))
-    return Foreign(path, alignment, trip, tuple(quantities))
+    return Foreign(path, alignment, trip, tuple(quantities), layers)
 
 
-def _read(path: Path, how: How) -> db.Layout:
+def _read(path: Path, how: How, ordered: Ordered) -> tuple[db.Layout, LayersRead]:
     if path.suffix.lower() in IMAGE_SUFFIXES and how.unit_um is None:
-        return read_picture(path, how.dots_per_um)
-    return _clear_only(read_layout(path, how.unit_um), how.layer, how.cell, path)
-
-
-def _clear_only(layout: db.Layout, layer: str | None, cell: str | None, path: Path) -> db.Layout:
-    """One top cell with what is clear, on the layer CLEAR, and nothing else; notes about the file stay.
-
-    Without a stated layer, what lies on the layer CUT is taken out of it, as a house does that is told to.
-    """
-    try:
-        root, info = find_cell(layout, cell), find_layer(layout, layer)
-    except SourceError as error:
-        raise SourceError(error.code, error.what, where=str(path), cure=error.cure) from None
-    for index in [each.cell_index() for each in layout.top_cells() if each.cell_index() != root.cell_index()]:
-        _drop_above(layout, index, root.cell_index())
-    cut = layout.find_layer(layer_info(CUT))
-    taken_out = layer is None and cut is not None and not root.bbox(cut).empty()
-    if taken_out:
-        exposed = (region(layout, info) - region(layout, CUT)).merged(True, 1)
-        layout.flatten(root.cell_index(), -1, True)
-        root.shapes(layout.find_layer(info)).clear()
-        root.shapes(layout.find_layer(info)).insert(exposed)
-    kept = layout.find_layer(info)
-    passed_over = sorted(
-        f"{each.layer}/{each.datatype} {each.name}".strip() if each.layer >= 0 else each.name
-        for each in layout.layer_infos()
-        if not each.is_equivalent(info)
-        and not (taken_out and each.is_equivalent(layer_info(CUT)))
-        and not root.bbox(layout.find_layer(each)).empty()
-    )
-    layout.add_meta_info(db.LayoutMetaInfo(_PASSED_OVER_KEY, passed_over, "layers with shapes that are not looked at"))
-    layout.add_meta_info(db.LayoutMetaInfo(_TAKEN_OUT_KEY, taken_out, "whether CUT was taken out of CLEAR"))
-    note_left_out(layout, replace(left_out(layout), texts=count_texts(layout, kept)))
-    for index in layout.layer_indexes():
-        if index != kept:
-            layout.delete_layer(index)
-    layout.set_info(kept, layer_info(CLEAR))
-    return layout
-
-
-def _drop_above(layout: db.Layout, index: int, kept: int) -> None:
-    """Delete a top cell and everything below it that is neither a cell nor part of it."""
-    if kept not in layout.cell(index).called_cells():
-        layout.prune_cell(index, -1)
-        return
-    below = list(layout.cell(index).each_child_cell())
-    layout.delete_cell(index)
-    for child in below:
-        if child != kept and layout.is_valid_cell_index(child) and layout.cell(child).is_top():
-            _drop_above(layout, child, kept)
+        return read_picture(path, how.dots_per_um), LayersRead()
+    layout = read_layout(path, how.unit_um)
+    layers = clear_only(layout, path, how.layer, how.cell, how.ignored, ordered)
+    return layout, layers if path.suffix.lower() not in GERBER_SUFFIXES else replace(layers, clear="")
 
 
 def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:
@@ -279,13 +237,6 @@ def _bounds(read: db.Layout) -> db.Box:
     return read.top_cell().bbox(read.find_layer(layer_info(CLEAR)))
 
 
-def _is_dark(read: db.Layout) -> bool:
-    polygons = read.top_cell().begin_shapes_rec(read.find_layer(layer_info(CLEAR)))
-    polygons.shape_flags = db.Shapes.SRegions
-    polygons.reset()
-    return bool(polygons.at_end())
-
-
 def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
     noted = left_out(read)
     name = path.name
@@ -302,22 +253,9 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
         yield Quantity(what, "", count, "", method, limit=0 if wrong else None, passed=count == 0 if wrong else None)
 
 
-def _layers(path: Path, read: db.Layout, cut: bool) -> Iterator[Quantity]:
-    """Whether another layer takes part in what is clear, and which layers are not looked at."""
-    if read.meta_info_value(_TAKEN_OUT_KEY):
-        name = f"{CUT.number}/{CUT.datatype}"
-        method = f"{path.name} has shapes on {name}, which are taken out of what is clear for all that follows, as "
-        method += "the job's mask house does" if cut else _UNTOLD
-        yield Quantity("layer_taken_out", "", name, "", method, limit=name if cut else "none", passed=cut)
-    passed_over = read.meta_info_value(_PASSED_OVER_KEY) or []
-    if passed_over:
-        shown = ", ".join(passed_over[:_TOLD_LAYERS]) + (", ..." if len(passed_over) > _TOLD_LAYERS else "")
-        method = f"other layers of {path.name} with shapes, of which nothing is looked at: {shown}"
-        yield Quantity("other_layers", "", len(passed_over), "", method)
-
-
-def _lies(plate: Plate, path: Path, alignment: Alignment, positioned: bool) -> Quantity:
-    faults = alignment.faults(positioned=positioned)
+def _lies(plate: Plate, path: Path, alignment: Alignment, how: How) -> Quantity:
+    positioned = path.suffix.lower() not in IMAGE_SUFFIXES
+    faults = alignment.faults(positioned=positioned, dark=how.dark)
     right = "as the design"
     method = f"{path.name} held against the design in every position, unit and tone"
     if alignment.unit:
@@ -326,6 +264,8 @@ def _lies(plate: Plate, path: Path, alignment: Alignment, positioned: bool) -> Q
         method += "; a file of one die alone is verified with --die"
     elif faults and alignment.alike:
         method += "; undone for all that follows, save for sizes, which are the file's own, and how it is drawn"
+    if alignment.alike and alignment.inverted != how.dark:
+        method += "; say --tone if the house is told that what is drawn is " + ("clear" if how.dark else "opaque")
     return Quantity("lies", "", " and ".join(faults) or right, "", method, limit=right, passed=not faults)
 
 

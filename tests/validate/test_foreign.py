@@ -13,12 +13,13 @@ from PIL import Image
 from small_job import command, edited, write_job
 
 from maskfab.errors import JobError, SourceError
-from maskfab.export.dxf import write_dxf
+from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.gds import write_gdsii
 from maskfab.export.gerber import write_gerber
 from maskfab.geometry.region import plate_layout, region
 from maskfab.model import CLEAR
 from maskfab.validate.foreign import How, check_foreign, only_die
+from maskfab.validate.foreign_layers import Ordered
 
 
 def placed(trans):
@@ -33,6 +34,21 @@ def placed(trans):
 
 def flat_clear(layout):
     return db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(1, 0))).merged()
+
+
+def inverted(layout):
+    """Draw what is opaque instead."""
+    rest = db.Region(db.Box(-11_000_000, -11_000_000, 11_000_000, 11_000_000)) - flat_clear(layout)
+    for cell in layout.each_cell():
+        cell.clear()
+    layout.top_cells()[0].shapes(layout.layer(1, 0)).insert(rest)
+    for cell in layout.top_cells()[1:]:
+        cell.delete()
+
+
+def rows_of(found):
+    """Every quantity by its name; of dies the last."""
+    return {quantity.name: quantity for quantity in found.quantities}
 
 
 def told(found):
@@ -104,15 +120,7 @@ def test_a_plate_in_another_unit_is_told(job, plate, gds, tmp_path, factor, said
 
 
 def test_a_plate_of_the_other_tone_is_told_and_compared_all_the_same(job, plate, gds, tmp_path):
-    def invert(layout):
-        rest = db.Region(db.Box(-11_000_000, -11_000_000, 11_000_000, 11_000_000)) - flat_clear(layout)
-        for cell in layout.each_cell():
-            cell.clear()
-        layout.top_cells()[0].shapes(layout.layer(1, 0)).insert(rest)
-        for cell in layout.top_cells()[1:]:
-            cell.delete()
-
-    found = check(job, plate, edited(gds, tmp_path / "x.gds", invert))
+    found = check(job, plate, edited(gds, tmp_path / "x.gds", inverted))
     assert told(found)["lies"] == "of the other tone, drawn where the design is opaque"
     assert failed(found) == {"lies"}
 
@@ -205,7 +213,8 @@ def test_holes_on_a_layer_of_their_own_are_taken_away(job, plate, gds, tmp_path)
             layout.top_cell().shapes(layout.layer(number, 0)).insert(hole)
 
     path = edited(gds, tmp_path / "x.gds", cover)
-    assert failed(check_foreign(plate, job.camera, job.spec.limits, path, cut=True)) == set()
+    ordered = Ordered(cut=True)
+    assert failed(check_foreign(plate, job.camera, job.spec.limits, path, ordered=ordered)) == set()
 
 
 def test_a_die_that_is_not_there_is_refused(plate):
@@ -289,28 +298,98 @@ def test_what_a_layer_takes_out_of_what_is_clear_fails_unless_the_house_takes_it
 
     path = edited(gds, tmp_path / "x.gds", edit)
     rows = {
-        cut: {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path, cut=cut).quantities}[
+        cut: rows_of(check_foreign(plate, job.camera, job.spec.limits, path, ordered=Ordered(cut=cut)))[
             "layer_taken_out"
         ]
         for cut in (False, True)
     }
     assert (rows[False].passed, rows[True].passed) == (False, True)
     assert "[export] shop" in rows[False].method
-    stated = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path, How("1/0")).quantities}
+    stated = rows_of(check(job, plate, path, layer="1/0"))
     assert stated["xor_area"].passed is False
+    assert stated["other_layers"].passed is False
     assert "layer_taken_out" not in stated
 
 
-def test_layers_that_are_not_looked_at_are_named(job, plate, gds, tmp_path):
-    path = edited(
-        gds, tmp_path / "x.gds", lambda layout: layout.top_cell().shapes(layout.layer(1, 1)).insert(db.Box(0, 0, 9, 9))
-    )
-    (row,) = (
-        row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities if row.name == "other_layers"
-    )
-    assert row.passed is None
-    assert "1/1" in row.method
-    assert "CLEAR" not in row.method
+@pytest.fixture(scope="module")
+def two_layers(gds, tmp_path_factory):
+    """The plate, and a square as large as a dot on another datatype."""
+    path = tmp_path_factory.mktemp("layers") / "x.gds"
+    square = db.Box(40_000, 40_000, 48_000, 48_000)
+    return edited(gds, path, lambda layout: layout.top_cell().shapes(layout.layer(1, 5)).insert(square))
+
+
+def test_shapes_on_a_layer_that_the_job_has_not_fail_unless_it_is_said_that_they_are_not_written(
+    job, plate, two_layers
+):
+    found = check(job, plate, two_layers)
+    assert failed(found) == {"other_layers"}
+    assert "1/5" in rows_of(found)["other_layers"].method
+    assert found.layers.others == ("1/5",)
+    assert failed(check(job, plate, two_layers, ignored=("1/5",))) == set()
+    assert failed(check(job, plate, two_layers, ignored=("1/4", "5"))) == {"other_layers"}
+
+
+def test_texts_and_the_layers_that_the_job_has_for_people_are_no_fault(job, plate, gds, tmp_path):
+    def label(layout):
+        layout.top_cell().shapes(layout.layer(63, 0)).insert(db.Text("CHECKED", db.Trans(0, 0)))
+        layout.top_cell().shapes(layout.layer(10, 0)).insert(db.Box(0, 0, 9, 9))
+
+    found = check(job, plate, edited(gds, tmp_path / "x.gds", label))
+    assert failed(found) == set()
+    assert "10/0" in rows_of(found)["passed_over"].method
+
+
+@pytest.mark.parametrize("layer", [(7, 0), (1, 3)])
+def test_a_plate_on_another_layer_than_ordered_fails_unless_that_layer_is_stated(job, plate, tmp_path, layer):
+    path = tmp_path / "moved.oas"
+    layout = plate_layout(plate)
+    layout.set_info(layout.find_layer(1, 0), db.LayerInfo(*layer))
+    for index in layout.layer_indexes():
+        if not layout.get_info(index).is_equivalent(db.LayerInfo(*layer)):
+            layout.delete_layer(index)
+    layout.write(str(path))
+    found, name = check(job, plate, path), "/".join(map(str, layer))
+    assert failed(found) == {"layer"}
+    row = rows_of(found)["layer"]
+    assert (row.value, row.limit.split()[0]) == (name, "1/0")
+    assert failed(check(job, plate, path, layer=name)) == set()
+
+
+def test_a_house_calls_its_layers_as_it_likes(job, plate, tmp_path):
+    names = {"CLEAR": "MASK_1", "NOTE": "TEXT", "OUTLINE": "FRAME"}
+    write_dxf(plate, tmp_path / "x.dxf", "R2010", style=DrawingStyle(layer_names=names))
+    ordered = Ordered(names)
+    found = check_foreign(plate, job.camera, job.spec.limits, tmp_path / "x.dxf", ordered=ordered)
+    assert failed(found) == set()
+    assert found.layers.clear == "MASK_1"
+    with pytest.raises(SourceError, match="MF306"):
+        check(job, plate, tmp_path / "x.dxf")
+
+
+def test_a_tone_that_is_stated_is_asked_of_the_file(job, plate, gds, tmp_path):
+    path = edited(gds, tmp_path / "x.gds", inverted)
+    assert failed(check(job, plate, path)) == {"lies"}
+    assert failed(check(job, plate, path, dark=True)) == set()
+    right = check(job, plate, gds, dark=True)
+    assert failed(right) == {"lies"}
+    assert told(right)["lies"] == "of the other tone, drawn where the design is clear"
+    assert "--tone" in rows_of(right)["lies"].method
+
+
+def test_the_first_line_and_the_document_tell_layer_and_tone(capsys, two_layers, tmp_path):
+    job = write_job(tmp_path)
+    shown = command(capsys, "verify", two_layers, "--against", job, "--quiet")
+    first = shown.stdout.splitlines()[0]
+    assert "1/0" in first
+    assert "is clear" in first
+    assert "1/5" in first
+    answer = command(capsys, "verify", two_layers, "--against", job, "--ignore", "1/5", "--quiet", "--json")
+    keys = [*answer.document][:4]
+    assert keys == ["verdict", "layer", "tone", "other_layers"]
+    assert [answer.document[key] for key in keys] == ["pass", "1/0 CLEAR", "clear", []]
+    grey = command(capsys, "verify", two_layers, "--against", job, "--tone", "grey", "--json")
+    assert (grey.code, grey.document["error"]["code"]) == (2, "MF105")
 
 
 def test_who_holds_one_die_against_a_plate_is_told_how(job, plate, tmp_path):
