@@ -70,6 +70,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF315": "A Gerber file has a command that maskfab does not read.",
         "MF316": "Reading a file takes too long, or its readers disagree.",
         "MF317": "A drawing has shapes that not every program shows, or shows where they are.",
+        "MF318": "A picture does not say which of its values is white.",
         "MF401": "The output directory cannot be written.",
         "MF402": "The output directory is not empty.",
         "MF403": "The directory is not one that maskfab finished.",

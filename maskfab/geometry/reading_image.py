@@ -14,16 +14,18 @@ from numpy.typing import NDArray
 from maskfab.errors import SourceError
 from maskfab.geometry.reading_limits import ROUNDING_KEY, LeftOut, note_left_out
 from maskfab.geometry.region import DBU_UM, layer_info
+from maskfab.geometry.tiff_tone import check_tiff_tone
 from maskfab.model import CLEAR
 
 MOST_PIXELS = 400_000_000
 MOST_RUNS = 20_000_000
 
-IMAGE_SUFFIXES = (".png", ".tif", ".tiff")
+TIFF_SUFFIXES = (".tif", ".tiff")
+IMAGE_SUFFIXES = (".png", *TIFF_SUFFIXES)
 _WHITE, _HALF = 255, 128
 _MAGIC = {
     ".png": (b"\x89PNG\r\n\x1a\n",),
-    **dict.fromkeys((".tif", ".tiff"), (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")),
+    **dict.fromkeys(TIFF_SUFFIXES, (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")),
 }
 _PNG_AROUND = 12
 _UM_PER_UNIT = {"in": 25400.0, "inch": 25400.0, "cm": 1e4, "m": 1e6, "mm": 1e3}
@@ -38,7 +40,8 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
 
     Raises:
         SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF308 turned, of several
-            pages or transparent, MF313 too large, MF314 its resolution is not known or not the same along x and y.
+            pages or transparent, MF313 too large, MF314 its resolution is not known or not the same along x and y,
+            MF318 it does not say what is white.
     """
     values, stated = read_levels(path)
     pixel_nm = 1e3 / (dots_per_um or stated or _unknown(path))
@@ -62,7 +65,8 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
 
     Raises:
         SourceError: MF301 missing, MF302 empty, MF303 damaged, MF304 not what its suffix says, MF308 turned, of several
-            pages or transparent, MF313 too large, MF314 its resolution is not the same along x and y.
+            pages or transparent, MF313 too large, MF314 its resolution is not the same along x and y, MF318 it does not
+            say what is white.
     """
     if not path.is_file():
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
@@ -76,6 +80,8 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
         )
     if path.suffix.lower() == ".png" and not _ends(path):
         raise _damaged(path, "it ends without IEND")
+    if path.suffix.lower() in TIFF_SUFFIXES:
+        check_tiff_tone(path)
     return _pixels(path)
 
 

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError, SourceError
+from maskfab.geometry.tiff_tone import check_tiff_tone
 from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
@@ -77,7 +78,7 @@ def from_image(path: Path) -> Mask:
     """Mask of an image of one pixel per dot: clear where the mean of the colour channels is at least one half.
 
     Raises:
-        SourceError: MF303 damaged.
+        SourceError: MF303 damaged, MF318 a TIFF that does not say what is white.
         OpeningError: MF201 not square, MF202 a brightness that is not finite, or no colour channel.
         JobError: MF115 too large.
     """
@@ -87,6 +88,8 @@ def from_image(path: Path) -> Mask:
     image = oiio.ImageInput.open(where)
     if image is None:
         raise _damaged(where, str(oiio.geterror()))
+    if image.format_name() == "tiff":
+        check_tiff_tone(path)
     try:
         spec = image.spec()
         check_square(spec.height, spec.width, where)
