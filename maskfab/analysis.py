@@ -30,7 +30,7 @@ from maskfab.optics.pupil import cut
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
-from maskfab.spec import SceneSection, check_optics, even_nm, is_table
+from maskfab.spec import SceneSection, check_lens, check_optics, even_nm, is_table
 from maskfab.units import to_nm
 from maskfab.validate.apertures import aperture_in_stop, edge_distances
 from maskfab.validate.optics import (
@@ -111,6 +111,7 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     Raises:
         SourceError, OpeningError, JobError: if the file or the request is at fault.
     """
+    check_lens(request.camera, where="--stop")
     path = Path(path)
     if request.unit_um is not None and path.suffix.lower() not in LAYOUT_SUFFIXES:
         raise JobError("MF105", f"{path.name} has no unit that could be stated", where="--unit", cure="Leave it out")
@@ -128,6 +129,7 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
 
 def analyse_opening(opening: Opening, request: Request, progress: Progress = silent) -> Analysis:
     """The same for an opening that is already loaded."""
+    check_lens(request.camera, where="the request")
     dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
     gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
     if request.seed is not None and request.seed < 0:
@@ -162,11 +164,12 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     result = measure(die, camera, read)
     progress("optics", 1, 1)
     if scene is None or plan is None:
-        return Analysis(opening.name, result.psfs, result.mtfs, result.quantities)
+        return Analysis(opening.name, result.psfs, result.mtfs, (*metrics.model_notes(camera), *result.quantities))
     progress("scene", 0, 1)
     seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan)
     progress("scene", 1, 1)
-    return Analysis(opening.name, result.psfs, result.mtfs, (*result.quantities, *seen.quantities), seen)
+    quantities = (*metrics.model_notes(camera), *result.quantities, *seen.quantities)
+    return Analysis(opening.name, result.psfs, result.mtfs, quantities, seen)
 
 
 def _load(path: Path, request: Request) -> Opening:
@@ -266,6 +269,7 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     pupil = cut(aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)), stop)
     table = lag_table(pupil, longest_lag_um(camera))
     header = (
+        *metrics.model_notes(camera),
         metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
         metrics.mtf_volume(table, area, None, INVARIANT_LIMIT_ROUND),
     )

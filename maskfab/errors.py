@@ -46,6 +46,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF125": "There is no plate template of that name.",
         "MF126": "A plate's template and the job contradict each other, or marks and dies would overlap.",
         "MF127": "A writing process rounds or moves edges by more than the dots or the gutter bear.",
+        "MF131": "The lens stop is wider than any lens of that focal length.",
         "MF132": "A lens stop's outline crosses itself, or holds no area.",
         "MF201": "The rows of an opening's grid differ in length or number.",
         "MF202": "An opening has values other than clear and opaque.",

@@ -29,6 +29,7 @@ from maskfab.geometry.written import check_process
 from maskfab.layout.job import Job, load
 from maskfab.layout.populate import Populated
 from maskfab.model import Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
+from maskfab.optics.metrics import model_notes
 from maskfab.optics.mtf import area_under_radial_min
 from maskfab.optics.plan import Plan
 from maskfab.progress import Progress, silent
@@ -375,7 +376,7 @@ def assemble(
 ) -> Report:
     """Gather what was measured; every judged quantity is also a check."""
     of_dies = {item.die.name: die_quantities(item, read, job) for item in optics}
-    of_plate = tuple(quantity for quantity in read if quantity.die is None)
+    of_plate = (*model_notes(job.camera), *(quantity for quantity in read if quantity.die is None))
     for die in built.plate.dies:
         if die.name in built.found and die.name in of_dies:
             of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)

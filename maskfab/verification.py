@@ -19,6 +19,7 @@ from maskfab.geometry.region import clear_shapes
 from maskfab.layout.job import load
 from maskfab.layout.plate import compose
 from maskfab.model import Camera, Die, Quantity, WrittenFile
+from maskfab.optics.metrics import model_notes
 from maskfab.pipeline import (
     JOB_COPY,
     REPORT,
@@ -67,6 +68,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         of_shop = shop_quantities(job, made)
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
+    checks += model_notes(job.camera)
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
     refused: list[tuple[str, InputError]] = []
     back = read_back(made, folder, progress, refused)

@@ -481,8 +481,10 @@ ANALYSES = {
     "negative pitch": (["o.txt", "--pitch", "-8 um"], "MF104", ["'-8 um'", "--pitch"]),
     "wavelength": (["ring.toml", "--wavelengths", "530 nm, 100 nm"], "MF112", ["100 nm", "200 nm"]),
     "window": (["ring.toml", "--window", "400 um"], "MF113", ["400 um", "331.2 um"]),
-    "too many dots": (["ring.toml", "--stop", "50 mm"], "MF115", ["6250 dots", "6000"]),
-    "too many cells": (["dot.txt", "--dot", "8 um", "--stop", "40 mm"], "MF115", ["5000 cells", "1000"]),
+    "too many dots": (["ring.toml", "--stop", "50 mm", "--focal", "50 mm"], "MF115", ["6250 dots", "6000"]),
+    "too many cells": (
+        ["dot.txt", "--dot", "8 um", "--stop", "40 mm", "--focal", "5 cm"], "MF115", ["5000 cells", "1000"],
+    ),
 }  # fmt: skip
 
 

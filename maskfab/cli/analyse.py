@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from maskfab.cli.options import Json, Quiet, Unit, unit_um
-from maskfab.cli.printing import leave, print_json, print_table
+from maskfab.cli.printing import leave, print_json, print_table, tell_notes
 from maskfab.cli.watch import watched
 from maskfab.errors import JobError
 
@@ -52,6 +52,7 @@ def analyse(
     from maskfab.analysis import Request, described_scene
     from maskfab.analysis import analyse as analyse_file
     from maskfab.model import Tiling
+    from maskfab.optics.metrics import model_notes
     from maskfab.spec import CameraSection, SceneSection, parse_section
 
     described = {
@@ -116,6 +117,7 @@ def analyse(
         print_json({"name": analysis.name, "quantities": [quantity_document(q) for q in analysis.quantities]})
     else:
         print_table(analysis.quantities)
+        tell_notes(model_notes(request.camera))
         for path in paths if out is not None else ():
             typer.echo(path)
     leave(analysis.passed)

@@ -57,16 +57,24 @@ def summarise(checks: Sequence[Quantity]) -> None:
     judged = [check for check in checks if check.passed is not None]
     failed = [check for check in judged if not check.passed]
     for check in checks:
-        place = f" [{check.die}]" if check.die else ""
         if check.passed is None:
-            typer.echo(
-                plain(f"NOTE {check.name}{place} = {f'{check.value} {check.unit}'.rstrip()}: {check.method}"), err=True
-            )
+            tell_notes([check])
         elif not check.passed:
-            told = f"FAIL {check.name}{place} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
-            typer.echo(plain(told), err=True)
+            told = f"{check.name}{_place(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
+            typer.echo(plain(f"FAIL {told}"), err=True)
     verdict = "FAIL" if failed else "PASS"
     typer.echo(f"{verdict}: {len(judged) - len(failed)} of {len(judged)} checks pass", err=True)
+
+
+def tell_notes(notes: Iterable[Quantity]) -> None:
+    """Quantities without a verdict that a user must see, on stderr."""
+    for note in notes:
+        told = f"{note.name}{_place(note)} = {f'{note.value} {note.unit}'.rstrip()}: {note.method}"
+        typer.echo(plain(f"NOTE {told}"), err=True)
+
+
+def _place(quantity: Quantity) -> str:
+    return f" [{quantity.die}]" if quantity.die else ""
 
 
 def tell_opening(opening: Opening, path: Path, as_json: bool) -> None:

@@ -22,11 +22,13 @@ def run(
 ) -> None:
     """Make a plate: mask files, read back, measured, judged by the house that [export] names, with a report."""
     from maskfab.layout.job import load
+    from maskfab.optics.metrics import model_notes
     from maskfab.pipeline import REPORT
     from maskfab.pipeline import run as run_job
 
     with watched(quiet) as progress:
-        result = run_job(load(job), out, force=force, progress=progress)
+        loaded = load(job)
+        result = run_job(loaded, out, force=force, progress=progress)
     report = result.report
     if not quiet:
         _tell_times(report.seconds)
@@ -35,7 +37,7 @@ def run(
     else:
         for path in sorted(result.directory.iterdir()):
             typer.echo(path)
-        summarise(report.checks)
+        summarise([*model_notes(loaded.camera), *report.checks])
     leave(report.passed)
 
 

@@ -65,6 +65,11 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "Clear share of the lens stop. It differs a little from the open ratio, as the rim of the stop cuts cells.",
             "Change the opening, or the stop.",
         ),
+        "paraxial_model_error": Term(
+            "Error of the paraxial model",
+            "How far a scalar, paraxial PSF is from that of a real lens this fast, which no error bar holds.",
+            "Use a slower lens, or take what is reported for the trend only.",
+        ),
         "auc_radial_min": Term(
             "Area under the radial-minimum MTF",
             "Mean, from 0 to half a cycle per pixel, of the lowest MTF over all directions. "

@@ -22,8 +22,9 @@ def check_dies(spec: JobSpec, where: str) -> None:
     """Dies of different names, tiled with a seed where chance is asked for, on the grid of 1 nm, before a fit camera.
 
     Raises:
-        JobError: MF105 to MF115, see :func:`check_optics` for the last.
+        JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_optics` for the camera.
     """
+    check_lens(spec.camera.camera(), where=f"{where}: camera.stop")
     for name, count in Counter(die.name for die in spec.die).items():
         if count > 1:
             raise JobError(
@@ -239,6 +240,25 @@ def even_nm(value_um: float, *, where: str, name: str) -> int:
             cure=f"Use {value_um + 1e-3:g} um",
         )
     return value_nm
+
+
+def check_lens(camera: Camera, *, where: str) -> None:
+    """Refuse a stop through which no lens of its focal length can bring light to a focus.
+
+    By the sine condition the numerical aperture is D / 2f, the sine of an angle.
+
+    Raises:
+        JobError: MF131 if D / 2f exceeds 1.
+    """
+    width, widest = camera.stop.diameter_um, 2 * camera.focal_um
+    if width > widest:
+        raise JobError(
+            "MF131",
+            f"a stop of {width:g} um before a focal length of {camera.focal_um:g} um has the numerical aperture "
+            f"{width / widest:.3g}; in air the limit is 1",
+            where=where,
+            cure=f"Use a stop of at most {widest:g} um, or a longer focal length",
+        )
 
 
 def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
