@@ -23,9 +23,12 @@ _ON_LINE = 1e-9
 
 def legendre_integrals(xi: Floats, orders: int) -> Floats:
     """Integrals of P_0, P_1, ... from -1 to each place, [..., orders]: (P_{p+1} - P_{p-1}) / (2p + 1), DLMF 14.10.5."""
-    values = legvander(xi, orders)
-    below = np.concatenate([-np.ones_like(values[..., :1]), values[..., : orders - 1]], axis=-1)
-    integral: Floats = (values[..., 1:] - below) / (2 * np.arange(orders) + 1)
+    integral = np.zeros((*xi.shape, orders))
+    integral[..., 0] = xi + 1
+    # At -1 and 1, where many are, the other orders vanish.
+    inside = abs(xi) != 1
+    values = legvander(xi[inside], orders)
+    integral[inside, 1:] = (values[:, 2:] - values[:, :-2]) / (2 * np.arange(1, orders) + 1)
     return integral
 
 
