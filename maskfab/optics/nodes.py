@@ -17,7 +17,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.polynomial.chebyshev import chebvander
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
 from scipy.special import jv
@@ -46,10 +45,10 @@ class Nodes:
     @property
     def position_um(self) -> Floats:
         """float64 [count], ascending; mirror images of each other about the middle."""
-        return (self.low_um + self.high_um) / 2 + (self.high_um - self.low_um) / 2 * self._cosines()
+        return (self.low_um + self.high_um) / 2 + (self.high_um - self.low_um) / 2 * -np.cos(self._angles)
 
     def moments(self, low_um: Floats, high_um: Floats, orders: int, quadrature: int) -> Floats:
-        """Chebyshev moments of Legendre profiles on parts of the interval.
+        """Strengths of the nodes from Legendre profiles on parts of the interval.
 
         Args:
             low_um, high_um: [k] ends of the parts.
@@ -57,28 +56,29 @@ class Nodes:
             quadrature: Gauss-Legendre nodes on each part; ``orders`` + 2 or more.
 
         Returns:
-            float64 [k, orders, count]: (2 p + 1) ∫ P_p T_n dx over the part, T_n the interval's own polynomials.
-            Moments of a transmission, means of it times P_p, times these are its integrals against every T_n.
+            float64 [k, orders, count]: (2 p + 1) ∫ P_p l_n dx over the part, l_n the nodes' Lagrange polynomials.
+            Moments of a transmission, means of it times P_p, times these are its sources at the nodes.
         """
         nodes, weights = leggauss(quadrature)
         across = (high_um - low_um)[:, None]
         x = (low_um + high_um)[:, None] / 2 + across / 2 * nodes
-        local = np.clip((2 * x - self.low_um - self.high_um) / (self.high_um - self.low_um), -1, 1)
-        profile = legvander(nodes, orders - 1) * weights[:, None] / 2 * (2 * np.arange(orders) + 1)
-        chebyshev = chebvander(local.ravel(), self.count - 1).T.reshape(-1, nodes.size)
-        within = (chebyshev @ profile).reshape(self.count, -1, orders)
-        moments: Floats = np.ascontiguousarray(within.transpose(1, 2, 0)) * across[:, :, None]
+        local = (2 * x - self.low_um - self.high_um) / (self.high_um - self.low_um)
+        profile = (legvander(nodes, orders - 1) * weights[:, None] / 2 * (2 * np.arange(orders) + 1)).T
+        moments: Floats = profile @ self._lagrange(local) * across[:, :, None]
         return moments
 
-    def strengths(self) -> Floats:
-        """Strengths of the nodes from Chebyshev moments, [moment, node]: coefficients of the Lagrange polynomials."""
-        coefficients = np.asarray(2 / self.count * chebvander(self._cosines(), self.count - 1).T, dtype=np.float64)
-        coefficients[0] /= 2
-        return coefficients
+    def _lagrange(self, local: Floats) -> Floats:
+        """The nodes' Lagrange polynomials at places in [-1, 1], [..., count] (Berrut and Trefethen, 4.2)."""
+        apart = local[..., None] + np.cos(self._angles)
+        apart[apart == 0] = np.finfo(np.float64).tiny
+        sign = np.where(np.arange(self.count) % 2, -1.0, 1.0)
+        values: Floats = sign * np.sin(self._angles) / apart
+        values /= values.sum(axis=-1, keepdims=True)
+        return values
 
-    def _cosines(self) -> Floats:
-        angles = np.pi * (np.arange(self.count, dtype=np.float64) + 0.5) / self.count
-        return -np.cos(angles)
+    @property
+    def _angles(self) -> Floats:
+        return np.pi * (np.arange(self.count, dtype=np.float64) + 0.5) / self.count
 
 
 def nodes_for(low_um: float, high_um: float, highest: float, tolerance: float = NODE_TOLERANCE) -> Nodes:

@@ -93,17 +93,15 @@ def _left_out(pupil: Pupil, area_um2: Floats) -> Floats:
 
 @dataclass(frozen=True, eq=False)
 class _Side:
-    """One axis of a band: its nodes, and the Chebyshev moments of the intervals that it holds.
+    """One axis of a band: its nodes, and what the intervals that it holds send to them.
 
     Attributes:
         positions: of the nodes.
-        strengths: float64 [count, count] strengths of nodes from Chebyshev moments.
         index: intp [k] numbers of the intervals, ascending.
         moments: float64 [k, orders, count], see :meth:`Nodes.moments`.
     """
 
     positions: Positions
-    strengths: Floats
     index: NDArray[np.intp]
     moments: Floats
 
@@ -117,7 +115,7 @@ def _side(edges: Floats, index: NDArray[np.intp], highest: float, orders: int) -
     low, high = edges[held], edges[held + 1]
     nodes = nodes_for(float(low[0]), float(high[-1]), highest)
     moments = nodes.moments(low, high, orders, orders + 2)
-    return _Side(points(nodes.position_um), nodes.strengths(), held, moments)
+    return _Side(points(nodes.position_um), held, moments)
 
 
 def _folded(index: NDArray[np.intp], count: int) -> NDArray[np.intp]:
@@ -144,4 +142,4 @@ def _band(pupil: Pupil, chosen: NDArray[np.intp], along_x: _Side, along_y: _Side
     # Mirror images add in the even part and subtract in the odd one.
     halves = np.stack([quadrants[0] + quadrants[1], quadrants[0] - quadrants[1]])
     parts = np.stack([halves[:, 0] + halves[:, 1], halves[:, 0] - halves[:, 1]], axis=1)
-    return Band(along_x.positions, along_y.positions, along_y.strengths.T @ parts @ along_x.strengths)
+    return Band(along_x.positions, along_y.positions, parts)

@@ -95,9 +95,8 @@ class _Cell:
 def _cell(lattice: Lattice, highest: float, orders: int) -> _Cell:
     nodes = cell_nodes(lattice, highest)
     edges = lattice.dot_um * np.arange(lattice.dots + 1, dtype=np.float64)
-    strengths = nodes.strengths()
     quadrature = max(_DOT_QUADRATURE, orders + 2)
-    rim = nodes.moments(edges[:-1], edges[1:], orders, quadrature) @ strengths
+    rim = nodes.moments(edges[:-1], edges[1:], orders, quadrature)
     whole = np.concatenate([rim[:, 0], np.zeros((1 if lattice.has_gutter else 0, nodes.count))])
     total = lattice.cells * nodes.count
     cell, first = divmod(total // 2, nodes.count)
