@@ -15,6 +15,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.geometry.raster import coverage, disjoint, placed_boxes, to_boxes
+from maskfab.geometry.reading_limits import count_shapes
 from maskfab.geometry.unit import UnitKey, unit_key, unit_name, unit_shapes
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Polygon
 
@@ -32,6 +33,7 @@ __all__ = [
 ]
 
 DBU_UM = 0.001
+_MOST_TURNED = 5_000_000
 NAME_LENGTH = 32
 
 
@@ -99,6 +101,29 @@ def clear_shapes(layout: db.Layout, box_nm: Box) -> db.Region | NDArray[np.int64
     index = layout.find_layer(layer_info(CLEAR))
     boxes = None if index is None else placed_boxes(layout.top_cell(), index, db.Box(*box_nm))
     return boxes if boxes is not None and disjoint(boxes) else region(layout, CLEAR, box_nm)
+
+
+def clear_box(layout: db.Layout) -> db.Box:
+    """The smallest box that holds all that is clear; empty if nothing is.
+
+    A cell's own box, turned by other than quarters, is larger than what it holds, and again at every level. So where
+    cells are turned so, their polygons are asked, if they are few enough.
+    """
+    index = layout.find_layer(layer_info(CLEAR))
+    if index is None:
+        return db.Box()
+    if not any(_slants(each) for cell in layout.each_cell() for each in cell.each_inst()):
+        return layout.top_cell().bbox(index)
+    if count_shapes(layout, [index]) > _MOST_TURNED:
+        return layout.top_cell().bbox(index)
+    drawn = db.Region(layout.top_cell().begin_shapes_rec(index))
+    drawn.merged_semantics = False
+    return drawn.extents().bbox()
+
+
+def _slants(reference: db.Instance) -> bool:
+    """Whether a reference turns by other than quarters, scaled or not."""
+    return bool(reference.is_complex() and not reference.cplx_trans.is_ortho())
 
 
 def layer_info(layer: Layer) -> db.LayerInfo:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from klayout import db
 
-from maskfab.geometry.region import layer_info
+from maskfab.geometry.region import clear_box, layer_info
 from maskfab.model import CLEAR, Plate
 
 UNLIKE = 0.5
@@ -115,10 +115,10 @@ def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
         read: the file, one top cell; only the layer CLEAR of both counts.
     """
     windows = [window for window in _windows(plate, design) if not window.clear.is_empty()]
-    whole, file_box = (_bounds(layout) for layout in (design, read))
+    whole, file_box = (clear_box(layout) for layout in (design, read))
     if file_box.empty() or not windows:
         return Alignment(0, 1.0, (0, 0), False, 1.0)
-    best = Alignment(0, 1.0, (0, 0), False, _differing(read, windows, _trans(0, 1.0, (0, 0)), False))
+    best = Alignment(0, 1.0, (0, 0), False, _differing(read, file_box, windows, _trans(0, 1.0, (0, 0)), False))
     if best.differing == 0:
         return best
     for turn in (0, 4, 1, 2, 3, 5, 6, 7):
@@ -129,7 +129,7 @@ def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
             for inverted in (False, True):
                 for shift in _shifts(plate, whole, turned, inverted):
                     trial = _trans(turn, scale, shift)
-                    differing = _differing(read, windows, trial, inverted, best.differing * _BETTER)
+                    differing = _differing(read, file_box, windows, trial, inverted, best.differing * _BETTER)
                     if differing < best.differing * _BETTER:
                         best = Alignment(turn, scale, shift, inverted, differing)
                         if differing == 0:
@@ -171,11 +171,6 @@ def _windows(plate: Plate, design: db.Layout) -> Iterator[_Window]:
         yield _Window(box, (shapes & db.Region(box)).merged())
 
 
-def _bounds(layout: db.Layout) -> db.Box:
-    index = layout.find_layer(layer_info(CLEAR))
-    return db.Box() if index is None else layout.top_cell().bbox(index)
-
-
 def _trans(turn: int, scale: float, shift: tuple[int, int]) -> db.ICplxTrans:
     return db.ICplxTrans(scale, 90.0 * (turn % 4), turn >= 4, *shift)
 
@@ -199,7 +194,7 @@ def likely_unit_scale(alignment: Alignment, design: db.Layout, read: db.Layout) 
     if alignment.alike:
         scales = [alignment.scale]
     else:
-        whole, file_box = (_bounds(layout) for layout in (design, read))
+        whole, file_box = (clear_box(layout) for layout in (design, read))
         scales = [] if file_box.empty() else [scale for turn in (0, 1) for scale in _scales(whole, file_box, turn)]
     return next((1 / unit for scale in scales for unit in _UNITS if abs(scale * unit - 1) < 1e-9), 1.0)
 
@@ -224,12 +219,17 @@ def _shifts(plate: Plate, whole: db.Box, turned: db.Box, inverted: bool) -> list
 
 
 def _differing(
-    read: db.Layout, windows: list[_Window], trans: db.ICplxTrans, inverted: bool, enough: float = 2.0
+    read: db.Layout,
+    file_box: db.Box,
+    windows: list[_Window],
+    trans: db.ICplxTrans,
+    inverted: bool,
+    enough: float = 2.0,
 ) -> float:
     """Share of the clear area in all windows that differs; given up as soon as it is more than ``enough``."""
     index = read.find_layer(layer_info(CLEAR))
     back = trans.inverted()
-    frame = db.Region(read.top_cell().bbox(index).transformed(trans))
+    frame = db.Region(file_box.transformed(trans))
     clear = sum(window.clear.area() for window in windows)
     differing = 0
     for window in windows:

@@ -16,7 +16,7 @@ from maskfab.errors import JobError, SourceError
 from maskfab.geometry.reading import GERBER_SUFFIXES, read_layout, rounding_nm
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES, read_picture
 from maskfab.geometry.reading_limits import count_shapes, left_out
-from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
+from maskfab.geometry.region import DBU_UM, clear_box, layer_info, plate_layout, region
 from maskfab.model import CLEAR, Camera, Plate, Quantity
 from maskfab.progress import Progress, silent
 from maskfab.spec import LimitsSection
@@ -144,11 +144,11 @@ def check_foreign(
         progress("rules", 0, 1)
         wanted = asked(plate, limits)
         quantities += [*rules_of_unlike(read, wanted), *drawn_figures(read, path, max_vertices), slanted(read, None)]
-        quantities.append(reach(plate, _bounds(read), 1.0))
+        quantities.append(reach(plate, clear_box(read), 1.0))
         progress("optics", 0, 1)
         quantities += optics_of_unlike(plate, camera, design, read)
         return Foreign(path, alignment, None, tuple(quantities), layers)
-    wanted, box = asked(plate, limits, alignment.scale), _bounds(read).transformed(alignment.trans)
+    wanted, box = asked(plate, limits, alignment.scale), clear_box(read).transformed(alignment.trans)
     simple = alignment.scale == 1 and not alignment.inverted
     # What is turned over, or scaled and rounded, is no longer drawn as the file draws it.
     drawn = [] if simple else list(drawn_figures(read, path, max_vertices))
@@ -230,11 +230,6 @@ def _laid(plate: Plate, read: db.Layout, alignment: Alignment) -> db.Layout:
         part.create_cell("DIE").copy_tree(read.cell(clipped))
         return part
     return read
-
-
-def _bounds(read: db.Layout) -> db.Box:
-    """Of all that a file makes clear, in its own coordinates."""
-    return read.top_cell().bbox(read.find_layer(layer_info(CLEAR)))
 
 
 def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:

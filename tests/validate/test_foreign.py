@@ -311,6 +311,36 @@ def test_what_a_layer_takes_out_of_what_is_clear_fails_unless_the_house_takes_it
     assert "layer_taken_out" not in stated
 
 
+def in_turned_cells(*angles: float, beside=None):
+    """Put the plate below cells turned one after the other, with a shape in the innermost of them."""
+
+    def edit(layout):
+        old = layout.top_cell().cell_index()
+        if beside is not None:
+            layout.top_cell().shapes(layout.layer(1, 0)).insert(beside)
+        for level, angle in enumerate(angles):
+            above = layout.create_cell(f"TURNED_{level}")
+            above.insert(db.CellInstArray(old, db.ICplxTrans(1.0, angle, False, 0, 0)))
+            old = above.cell_index()
+
+    return edit
+
+
+def test_cells_turned_by_half_right_angles_and_back_reach_no_further(job, plate, gds, tmp_path):
+    path = edited(gds, tmp_path / "x.gds", in_turned_cells(45, -45))
+    assert failed(check(job, plate, path)) == set()
+
+
+def test_what_reaches_beyond_the_blank_does_so_in_turned_cells_too(job, plate, gds, tmp_path):
+    """By as much: a square whose corner is 100 um outside."""
+    corner = plate.blank_nm // 2 + 100_000
+    square = db.Box(corner - 40_000, corner - 40_000, corner, corner)
+    path = edited(gds, tmp_path / "x.gds", in_turned_cells(45, 45, -90, beside=square))
+    found = check(job, plate, path)
+    assert failed(found) >= {"rule_extent", "xor_area"}
+    assert told(found)["rule_extent"] == pytest.approx(100, abs=2e-3)
+
+
 @pytest.fixture(scope="module")
 def two_layers(gds, tmp_path_factory):
     """The plate, and a square as large as a dot on another datatype."""
