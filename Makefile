@@ -3,17 +3,19 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: plate test lint bench fuzz docs clean
+.PHONY: plate test test-all lint bench fuzz docs clean
 
 plate: $(VENV)/run.stamp
 	$(BIN)/maskfab run layouts/upc12.toml --out build/upc12 --force
 
-test: $(VENV)/dev.stamp
+# Slow sweeps, marked so, are left to test-all.
+test: CHOSEN := -m "not slow"
+test test-all: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check maskfab tests
 	$(BIN)/ruff check maskfab tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto $(CHOSEN)
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format maskfab tests

@@ -256,6 +256,7 @@ def test_a_relaxed_design_writes_an_opening_beside_its_job(capsys, tmp_path, few
     assert (tmp_path / "again.toml").read_bytes() == (tmp_path / "found.toml").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_searched_design_writes_its_map_too_and_says_what_it_found(capsys, tmp_path, few_scenes):
     answer = command(capsys, "design", design_job(tmp_path, SEARCH))
     assert answer.code == 0

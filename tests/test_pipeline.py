@@ -388,6 +388,7 @@ write_files(job, draw_files(job, job.plate()), folder, silent)
 """
 
 
+@pytest.mark.slow
 def test_two_processes_write_the_same_bytes_in_every_format(tmp_path):
     path, here, there = write_job(tmp_path, ("[plate]", EVERY_FORMAT)), tmp_path / "here", tmp_path / "there"
     seed = "1" if os.environ.get("PYTHONHASHSEED") != "1" else "2"
@@ -567,6 +568,7 @@ def test_a_process_that_does_nothing_changes_nothing(tmp_path):
             assert written.value == pytest.approx(drawn.value, rel=5e-3)
 
 
+@pytest.mark.slow
 def test_a_bias_widens_what_is_clear_or_narrows_it_by_its_sign(tmp_path):
     ratios = []
     for name, bias in (("narrow", "-0.2 um"), ("wide", "0.2 um")):

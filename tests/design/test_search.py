@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sweeps import sweep
 
 from maskfab.design import compact
 from maskfab.design import search as searching
@@ -178,6 +179,7 @@ def test_a_map_of_another_pitch(scenes: tuple[Scene, ...]) -> None:
     assert min(found.designed.gain_db) > 0
 
 
+@pytest.mark.slow
 def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Scene, ...]) -> None:
     """The longer list cannot end at a lower value, and what it chose is a shape of the scan that keeps the rules."""
     rules = Constraints(9, dots=6, kissing="cell")
@@ -286,7 +288,7 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(
 
 
 @pytest.mark.parametrize(
-    ("dots", "pitch", "clear_dots"), [(1, "14 um", 1), (2, "32 um", 1), (6, "84 um", 9), (20, "500 um", 399)]
+    ("dots", "pitch", "clear_dots"), sweep([(1, "14 um", 1), (2, "32 um", 1), (6, "84 um", 9), (20, "500 um", 399)], 3)
 )
 def test_any_pitch_and_number_of_dots(scenes: tuple[Scene, ...], dots: int, pitch: str, clear_dots: int) -> None:
     found = search(section(dots=dots, pitch=pitch, clear_dots=clear_dots), scenes, "x", budget_s=1.0)

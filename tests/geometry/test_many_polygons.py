@@ -108,6 +108,7 @@ def seconds_of(work) -> float:
     return time.process_time() - start + started
 
 
+@pytest.mark.slow
 def test_a_verdict_on_very_many_polygons_takes_what_a_million_can_afford(tmp_path):
     """A million takes 70 s and 1.5 GB; what the program itself takes, however small the file, counts besides.
 

@@ -156,6 +156,7 @@ def joint_error(each: Case) -> float:
     return max(errors)
 
 
+@pytest.mark.slow
 def test_plans_err_no_more_than_they_say_when_all_that_they_leave_out_comes_together() -> None:
     ratios = {}
     for each in (*CASES, *COMBINED):

@@ -242,6 +242,7 @@ def test_the_others_are_read_where_one_cannot_be(made, folder, tmp_path):
     assert all(isinstance(row, Quantity) and row.passed is not False for row in back.quantities)
 
 
+@pytest.mark.slow
 def test_files_that_are_read_beside_the_others_are_told_in_their_places(made, folder, tmp_path):
     """Gerber and STEP, damaged or whole, come where they stand among the files, and their rows with them."""
     chosen = [named(made, end) for end in (".gds", ".gbr", ".oas", "RANDOM.step", "DENSE.step", "DENSE.glb")]

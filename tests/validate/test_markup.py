@@ -21,6 +21,7 @@ import pytest
 from klayout import db
 from lxml import etree
 from small_job import command, write_job
+from sweeps import sweep
 
 from maskfab.cli.printing import plain
 from maskfab.export.shops import load_shop
@@ -206,6 +207,7 @@ def test_every_other_file_of_the_result_is_well_formed_and_inert(finished):
     assert step.count("'") % 2 == 0
 
 
+@pytest.mark.slow
 def test_a_finished_directory_of_such_texts_verifies(capsys, finished):
     answer = command(capsys, "verify", finished[0], "--quiet", "--json")
     assert (answer.code, answer.document["verdict"]) == (0, "pass")
@@ -241,7 +243,7 @@ tone_words = {{ clear = {text} }}
 """
 
 
-@pytest.mark.parametrize("text", [*MARKUP.values(), *UNSEEN.values()], ids=[*MARKUP, *UNSEEN])
+@pytest.mark.parametrize("text", sweep([*MARKUP.values(), *UNSEEN.values()], 2), ids=[*MARKUP, *UNSEEN])
 def test_the_papers_of_a_package_are_inert_whatever_its_profile_says(capsys, tmp_path, text):
     pages, orders = [], []
     for name, said in (("hostile", text), ("harmless", "a house")):

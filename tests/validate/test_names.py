@@ -54,8 +54,8 @@ def test_dies_that_differ_in_case_only_are_refused(capsys, tmp_path, pair):
     "names",
     [
         ("SMALL", "TITLE", "SMALL"),  # the plate's own, and a mark's
-        ("R2010", "RING_D8000_G0_R0", "CLEAR"),
-        ("report", "json", "R12"),
+        pytest.param(("R2010", "RING_D8000_G0_R0", "CLEAR"), marks=pytest.mark.slow),
+        pytest.param(("report", "json", "R12"), marks=pytest.mark.slow),
     ],
 )
 def test_names_of_other_things_give_each_file_and_cell_a_name_of_its_own(capsys, tmp_path, names):

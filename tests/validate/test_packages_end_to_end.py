@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 from klayout import db
 from small_job import command, listing, write_job
+from sweeps import sweep
 
 from maskfab.export.shops import load_shop, shop_names
 from maskfab.layout.job import load
@@ -133,7 +134,7 @@ def test_what_reads_packages_here_reads_what_is_known():
     assert gerber_regions(head + "%LPD*%\n" + square.format(-30, 0)).bbox() == db.Box(-30, -30, 0, 0)
 
 
-@pytest.mark.parametrize("name", shop_names())
+@pytest.mark.parametrize("name", sweep(shop_names(), 2))
 def test_what_a_house_gets_is_the_plate_in_every_format(capsys, tmp_path, name):
     formats = sent_to(name)
     edits = FIVE_INCH if name in {"gesim", "mems_exchange_gca3600"} else ()
@@ -154,7 +155,9 @@ def test_what_a_house_gets_is_the_plate_in_every_format(capsys, tmp_path, name):
 
 @pytest.mark.parametrize(
     ("holes", "hierarchy"),
-    [("layer", "cells"), ("layer", "flat"), ("layer", "merged"), ("keyhole", "cells"), ("trapezoids", "merged")],
+    sweep(
+        [("layer", "cells"), ("trapezoids", "merged"), ("layer", "flat"), ("layer", "merged"), ("keyhole", "cells")], 2
+    ),
 )
 def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarchy):
     shop = tmp_path / "nobody.toml"
@@ -174,7 +177,7 @@ def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarc
     assert ("CLEAR minus CUT" in order) == (holes == "layer")
 
 
-@pytest.mark.parametrize("named", [True, False])
+@pytest.mark.parametrize("named", sweep([True, False], 1))
 def test_mask_files_of_a_package_stand_up_alone(capsys, tmp_path, named):
     """Nothing is wrong if the job names the house; if it does not, that holes have a layer of their own is told."""
     shop = tmp_path / "nobody.toml"
@@ -189,7 +192,7 @@ def test_mask_files_of_a_package_stand_up_alone(capsys, tmp_path, named):
         assert answer.document["verdict"] == ("fail" if failed else "pass")
 
 
-@pytest.mark.parametrize("kind", ["gdsii", "dxf_r12", "gerber"])
+@pytest.mark.parametrize("kind", sweep(["gdsii", "dxf_r12", "gerber"], 1))
 def test_a_hole_that_the_file_lacks_is_told_by_the_package_and_by_the_file(capsys, tmp_path, kind):
     """Hashes made right again: only geometry can tell."""
     shop = tmp_path / "nobody.toml"
@@ -297,6 +300,7 @@ def test_a_package_that_is_cut_off_is_refused(capsys, whole, tmp_path, share):
     assert (code, said in {"MF303", "MF422"}) == (2, True)
 
 
+@pytest.mark.slow
 def test_every_member_that_is_changed_missing_or_added_is_named(capsys, whole, tmp_path):
     _, package = whole
     for member in (name for name in members(package) if not name.endswith("manifest.json")):
@@ -372,7 +376,9 @@ def test_a_member_that_says_less_than_it_holds_is_refused(capsys, whole, tmp_pat
     assert told(capsys, path) == (2, "MF303")
 
 
-@pytest.mark.parametrize("path", ["../p.zip", "/etc/hostname", "SMALL_ualberta_mla150/order.txt", ".", "", "x\x00y"])
+@pytest.mark.parametrize(
+    "path", sweep(["../p.zip", "/etc/hostname", "SMALL_ualberta_mla150/order.txt", ".", "", "x\x00y"], 2)
+)
 def test_a_manifest_that_lists_other_places_reaches_none(capsys, whole, tmp_path, path):
     def listed(name: str, content: bytes) -> bytes:
         if not name.endswith("manifest.json"):
@@ -395,6 +401,7 @@ def test_a_manifest_that_is_none_is_refused(capsys, whole, tmp_path, manifest):
     assert told(capsys, repacked(whole[1], tmp_path / "q.zip", edit)) == (2, "MF422")
 
 
+@pytest.mark.slow
 def test_masks_that_the_manifest_calls_something_else_are_compared_all_the_same(whole_gerber, tmp_path):
     """Somebody else's polygons under true hashes, listed as paper."""
     job, package = whole_gerber
@@ -486,17 +493,20 @@ def test_a_package_lacks_no_paper_and_has_no_other(capsys, whole, tmp_path):
 
 @pytest.mark.parametrize(
     ("said", "names"),
-    [
-        ({"tone": "digitized data = dark"}, {"tone"}),
-        ({"parity": None}, {"parity"}),
-        ({"plate": "OTHER"}, {"plate"}),
-        ({"job_hash": "0" * 64}, {"job_hash"}),
-        ({"shop": "pog"}, {"paper"}),
-        ({"drawn": ["nothing"]}, {"drawn"}),
-        ({"drawing": float("nan")}, {"drawing"}),
-        ({"schema_version": 1}, {"schema_version"}),
-        ({"more": {"a": [1]}}, {"more"}),
-    ],
+    sweep(
+        [
+            ({"tone": "digitized data = dark"}, {"tone"}),
+            ({"parity": None}, {"parity"}),
+            ({"plate": "OTHER"}, {"plate"}),
+            ({"job_hash": "0" * 64}, {"job_hash"}),
+            ({"shop": "pog"}, {"paper"}),
+            ({"drawn": ["nothing"]}, {"drawn"}),
+            ({"drawing": float("nan")}, {"drawing"}),
+            ({"schema_version": 1}, {"schema_version"}),
+            ({"more": {"a": [1]}}, {"more"}),
+        ],
+        quick=2,
+    ),
 )
 def test_what_a_manifest_says_is_what_its_job_and_profile_make(whole, tmp_path, said, names):
     job, package = whole
@@ -516,6 +526,7 @@ def test_a_manifest_tells_format_and_length_of_every_file(whole, tmp_path):
     assert len(failed) == len(members(package)) - 1
 
 
+@pytest.mark.slow
 def test_papers_of_another_version_are_notes_where_they_differ(whole, tmp_path):
     """That the version is another is told by the plate itself, whose lettering names it."""
     _, package = whole

@@ -12,6 +12,7 @@ import pytest
 from ezdxf import bbox
 from klayout import db
 from small_job import command, write_job
+from sweeps import sweep
 
 from maskfab.errors import OutputError
 from maskfab.export.shops import load_shop, parse_shop
@@ -108,7 +109,7 @@ def test_an_extent_is_measured_in_the_file(gesim, tmp_path, old, new):
 # --- figures that share an edge --------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("shape", ["dot", "bar"])
+@pytest.mark.parametrize("shape", sweep(["dot", "bar"], 1))
 def test_no_two_figures_of_a_file_share_an_edge_where_the_house_minds(tmp_path, shape):
     """A plain bar needs no cut, and no mark of ours, code included, has one."""
     job, path = load(write_job(tmp_path, *TEMPLATE, opening=opening(shape))), tmp_path / "p.zip"
@@ -149,6 +150,7 @@ def test_a_job_for_such_a_house_writes_stencils_too(tmp_path):
 # --- names of layers -------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_layers_are_called_as_the_profile_says(capsys, tmp_path):
     text = '[names]\nforbidden_layers = ["CLEAR", "NOTE"]\n'
     named = 'layers = { CLEAR = "MASK_1", CUT = "MASK_2", NOTE = "TEXT" }\n[polygons]\nholes = "layer"\n'

@@ -264,6 +264,7 @@ def test_a_tolerance_without_an_end_and_a_thickness_that_nobody_states_are_told_
         assert "inf um" not in sheet
 
 
+@pytest.mark.slow
 def test_a_format_asked_for_twice_is_sent_once_and_verifies(tmp_path):
     job, path = load(write_job(tmp_path)), tmp_path / "p.zip"
     made = pack(job, load_shop("generic-chrome"), path, ("gdsii", "gdsii"))

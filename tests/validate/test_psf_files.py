@@ -115,11 +115,13 @@ def test_the_header_says_what_made_it(out, measured):
     assert "DateTime" not in entries
 
 
+@pytest.mark.slow
 def test_two_runs_write_the_same_bytes(out, tmp_path):
     again = finished(tmp_path, ASKED, LINES)
     assert [name for name in NAMES if (out / name).read_bytes() != (again / name).read_bytes()] == []
 
 
+@pytest.mark.slow
 def test_two_analyses_write_the_same_bytes(capsys, tmp_path):
     opening = write_job(tmp_path).parent / "ring.toml"
     for name in ("one", "two"):

@@ -30,6 +30,7 @@ def test_the_open_stop_has_its_blue_figure_of_merit(step: PublishedStep) -> None
     assert green > 0.7
 
 
+@pytest.mark.slow
 def test_its_gradient_points_where_ours_does(step: PublishedStep) -> None:
     unit = torch.rand(21, 21, generator=torch.Generator().manual_seed(0))
     loss = invertibility_of(tiled_stop(21, 8000, TURNED, PAPER_CAMERA), own_sum=True)

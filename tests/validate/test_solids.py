@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from sweeps import sweep
 
 from maskfab.errors import SourceError
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
@@ -20,6 +21,7 @@ from maskfab.validate.solids import check_plate_solid, check_solid
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
 everywhere = pytest.mark.parametrize("format_", WRITERS)
+but_step_when_quick = pytest.mark.parametrize("format_", sweep(reversed(WRITERS), 3))
 
 
 def written(die, folder, format_, **options):
@@ -38,7 +40,7 @@ def failed(quantities):
 
 
 @everywhere
-@pytest.mark.parametrize("n", [0, 1, 2])
+@pytest.mark.parametrize("n", sweep([0, 1, 2], 1))
 def test_a_written_die_comes_back_exactly(small_plate, tmp_path, format_, n):
     """Openings with holes and kissing corners; with a gutter and without; periodic and random."""
     die = small_plate.dies[n]
@@ -51,7 +53,7 @@ def test_a_written_die_comes_back_exactly(small_plate, tmp_path, format_, n):
     assert {row.die for row in rows} == {die.name}
 
 
-@everywhere
+@but_step_when_quick
 def test_several_openings_an_odd_pitch_and_other_thicknesses(tmp_path, format_):
     rng = np.random.default_rng(5)
     one, two = (Opening(name, rng.random((7, 7)) < 0.4, 4031) for name in ("one", "two"))
@@ -64,7 +66,7 @@ def test_several_openings_an_odd_pitch_and_other_thicknesses(tmp_path, format_):
     assert {"solid_vertex_error", "solid_volume_error"} <= thin
 
 
-@everywhere
+@but_step_when_quick
 def test_a_hexagonal_sheet_is_one_large_cell(tmp_path, format_):
     ring = np.zeros((7, 7), dtype=np.bool_)
     ring[2:5, 2:5] = True
@@ -74,7 +76,7 @@ def test_a_hexagonal_sheet_is_one_large_cell(tmp_path, format_):
     assert failed(check_solid(die, written(die, tmp_path, format_))) == set()
 
 
-@everywhere
+@but_step_when_quick
 def test_one_turned_cell_is_found(small_plate, tmp_path, format_):
     die = small_plate.dies[1]
     turns = die.panel.orientations.copy()
@@ -96,7 +98,7 @@ def test_one_closed_dot_is_found(small_plate, tmp_path, format_):
     assert values(rows)["solid_wrong_cells"] == 20
 
 
-@everywhere
+@but_step_when_quick
 def test_a_die_off_its_place_is_found(small_plate, tmp_path, format_):
     """A panel whose middle is 2 nm off: nothing but the places differ."""
     die = small_plate.dies[0]
@@ -113,7 +115,7 @@ class _Shifted(Die):
         return x + 2, y
 
 
-@everywhere
+@but_step_when_quick
 def test_a_lost_row_is_found(small_plate, tmp_path, format_):
     die = small_plate.dies[1]
     fewer = replace(die, panel=replace(die.panel, orientations=die.panel.orientations[:3]))
@@ -123,7 +125,7 @@ def test_a_lost_row_is_found(small_plate, tmp_path, format_):
     assert format_ == "stl" or values(rows)["solid_instances"] == 15
 
 
-@everywhere
+@but_step_when_quick
 def test_files_that_are_missing_empty_or_cut_are_refused(small_plate, tmp_path, format_):
     die = small_plate.dies[0]
     with pytest.raises(SourceError, match="MF301"):
@@ -153,6 +155,7 @@ def edited(path, pattern, change):
     return path
 
 
+@pytest.mark.slow
 def test_damage_to_one_face_of_a_step_shows(small_plate, tmp_path):
     """A face taken out of the shell leaves a solid that is not closed."""
     path = written(small_plate.dies[0], tmp_path, "step")
@@ -214,7 +217,7 @@ def test_a_step_file_that_ends_its_reader_is_refused(small_plate, tmp_path, monk
         check_solid(small_plate.dies[0], path)
 
 
-@pytest.mark.parametrize("entity", ["VERTEX_POINT", "ADVANCED_FACE", "MANIFOLD_SOLID_BREP"])
+@pytest.mark.parametrize("entity", sweep(["VERTEX_POINT", "ADVANCED_FACE", "MANIFOLD_SOLID_BREP"], 1))
 def test_a_step_file_with_a_dangling_reference_is_refused(small_plate, tmp_path, entity):
     path = written(small_plate.dies[0], tmp_path, "step")
     path = edited(path, rf"({entity}\('[^']*',\(?)#\d+", r"\g<1>#999999")
@@ -222,6 +225,7 @@ def test_a_step_file_with_a_dangling_reference_is_refused(small_plate, tmp_path,
         check_solid(small_plate.dies[0], path)
 
 
+@pytest.mark.slow
 def test_places_are_those_of_the_librarys_own_assembly(small_plate, tmp_path):
     """The quick reader against OCP's translation of the whole file, name by name."""
     from OCP.IFSelect import IFSelect_ReturnStatus
@@ -284,6 +288,7 @@ def test_places_are_those_of_the_librarys_own_assembly(small_plate, tmp_path):
     assert shades[f"{die.name}_GLASS"] == pytest.approx(0.3)
 
 
+@pytest.mark.slow
 def test_a_plate_names_its_dies_and_puts_them_in_their_places(small_plate, tmp_path):
     path = tmp_path / "plate.step"
     write_plate_step(small_plate, path)

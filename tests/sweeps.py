@@ -1,0 +1,14 @@
+"""Sweeps of which a few cases run in every test run, and all of them in ``make test-all``."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import pytest
+
+
+def sweep(cases: Iterable[Any], quick: int) -> list[Any]:
+    """The cases of a parametrized test, all but the first ``quick`` of them marked as slow."""
+    listed = [case if isinstance(case, tuple) else (case,) for case in cases]
+    return [pytest.param(*case, marks=[pytest.mark.slow] if n >= quick else []) for n, case in enumerate(listed)]
