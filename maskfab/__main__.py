@@ -13,7 +13,9 @@ def main() -> None:
         print(f"maskfab {__version__}")
         return
     from maskfab.cli import run_command_line
+    from maskfab.threads import one_thread_by_default
 
+    one_thread_by_default()
     sys.exit(run_command_line(sys.argv[1:]))
 
 

@@ -31,6 +31,7 @@ from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
 from maskfab.spec import SceneSection, check_lens, check_optics, even_nm, is_table
+from maskfab.threads import one_thread
 from maskfab.units import to_nm
 from maskfab.validate.apertures import aperture_in_stop, edge_distances
 from maskfab.validate.optics import (
@@ -102,6 +103,7 @@ def described_scene(section: SceneSection, where: str) -> Scene:
     return Scene.of(section, {name: curves_text(Path(name), where) for name in named}, where=where)
 
 
+@one_thread
 def analyse(path: str | Path, request: Request, progress: Progress = silent) -> Analysis:
     """PSF, MTF and invariants of an opening or a mask file.
 
@@ -127,6 +129,7 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     return analyse_opening(_load(path, request), request, progress)
 
 
+@one_thread
 def analyse_opening(opening: Opening, request: Request, progress: Progress = silent) -> Analysis:
     """The same for an opening that is already loaded."""
     check_lens(request.camera, where="the request")

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TypeVar
 
 from klayout import db
-from threadpoolctl import threadpool_limits
 
 from maskfab import __version__, provenance, resources
 from maskfab.export.fitting import blank_of
@@ -44,6 +43,7 @@ from maskfab.report import (
     written_figures,
 )
 from maskfab.spec.shop import Shop
+from maskfab.threads import one_thread
 from maskfab.validate.apertures import light_box
 from maskfab.validate.bitmaps import check_pixels
 from maskfab.validate.display import display_quantities
@@ -81,6 +81,7 @@ class Result:
     report: Report
 
 
+@one_thread
 def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress: Progress = silent) -> Result:
     """Make a plate: lay the job out, write its mask files, read them back, measure them, and report.
 
@@ -355,7 +356,7 @@ def _each(
             seconds[f"{stage} {die.name}"] = round(time.perf_counter() - start, 3)
         return result
 
-    with threadpool_limits(1), ThreadPoolExecutor(workers) as pool:
+    with ThreadPoolExecutor(workers) as pool:
         for result in pool.map(timed, dies):
             results.append(result)
             give_back()

@@ -36,6 +36,7 @@ from maskfab.pipeline import (
 )
 from maskfab.progress import Progress, silent
 from maskfab.report import data, design_data
+from maskfab.threads import one_thread
 from maskfab.validate.apertures import light_box
 from maskfab.validate.files import read_back
 from maskfab.validate.psf_files import check_psf_file
@@ -45,6 +46,7 @@ _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
 
+@one_thread
 def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity, ...]:
     """Repeat every check of an output directory: hashes, geometry, optics, and the numbers of its report.
 
