@@ -11,7 +11,7 @@ Notes:
     W reaches a little beyond its region, by about 1 / (1/h - 2B): what the window cuts off of it is bounded by the
     energy outside the window times the largest |W| there. Close to the window's rim, or for samples too coarse to
     leave room between B and 1/h - B, whole samples are counted instead; that is wrong by at most the energy of the
-    pixels that the rim crosses (for points: about that of the samples next to it). The smaller bound decides, and is
+    pixels that the rim crosses (for points: of the two next to it on either side). The smaller bound decides, and is
     the uncertainty.
 """
 
@@ -27,6 +27,7 @@ from scipy.special import erfc, j0, j1
 
 from maskfab.errors import JobError
 from maskfab.model import Psf, Quantity
+from maskfab.optics.psf import pixel_sum_error
 
 Floats = NDArray[np.float64]
 
@@ -87,7 +88,7 @@ def halo_energy(psf: Psf, radius_um: float, highest: float, die: str | None = No
 def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None = None) -> Quantity:
     """Share of all transmitted energy within a square about the axis, sides along the pixels.
 
-    For pixel means and an odd number of whole pixels this is a plain sum, and exact.
+    For pixel means and an odd number of whole pixels this is a plain sum, and as good as they are.
 
     Args:
         psf: any kind.
@@ -147,13 +148,15 @@ def _energy_in_circle(psf: Psf, radius: float, highest: float) -> tuple[float, f
 def _energy_in_square(psf: Psf, side: float, highest: float) -> tuple[float, float]:
     axis, area = _axis(psf), psf.step_um**2
     inside = abs(axis) <= side / 2
-    # A cell of pixel means is crossed or not; a point stands for no cell, so those next to the rim count as well.
-    reach = psf.step_um * (0.5 * (1 - 1e-9) if psf.kind == "pixel" else 0.75)
+    # A cell of pixel means is crossed or not; a point stands for no cell, so the next two on either side count as well:
+    # where the rim runs along a dark fringe, what is missed lies beside it.
+    reach = psf.step_um * (0.5 * (1 - 1e-9) if psf.kind == "pixel" else 1.5)
     outer, inner = abs(axis) < side / 2 + reach, abs(axis) <= side / 2 - reach
     total, most, least = (float(psf.values[np.ix_(part, part)].sum() * area) for part in (inside, outer, inner))
     counted = total, most - least
     if psf.kind == "pixel" or not _room(psf, highest):
-        return counted[0], max(counted[1], 1e-12)
+        # Whole pixels cross nothing, and err as their means do.
+        return counted[0], counted[1] + (pixel_sum_error(psf, highest) if psf.kind == "pixel" else 0.0)
     half = (psf.values.shape[0] / 2) * psf.step_um
     fine = np.arange(0.0, 2 * half, psf.step_um / 4)
     weight = _box_weights(axis, side, psf.step_um, highest)

@@ -16,7 +16,7 @@ from maskfab.optics.aperture import Lattice
 from maskfab.optics.encircled import ensquared_energy, halo_energy
 from maskfab.optics.mtf import area_under_radial_min, frequency_at
 from maskfab.optics.otf import LagTable, neighbours
-from maskfab.optics.psf import cutoff, image_scale_um2
+from maskfab.optics.psf import cutoff, image_scale_um2, pixel_sum_error
 from maskfab.optics.psf_metrics import (
     colour_distance,
     edge_colour_difference,
@@ -136,8 +136,15 @@ def _per_pixel(quantity: Quantity, pixel_um: float) -> Quantity:
     )
 
 
-def energy_in_window(psf: Psf, uncertainty: float, die: str | None) -> Quantity:
-    """Share of all transmitted energy inside the PSF's window."""
+def energy_in_window(psf: Psf, camera: Camera, difference: float, die: str | None) -> Quantity:
+    """Share of all transmitted energy inside the PSF's window.
+
+    Args:
+        psf: averaged over pixels.
+        camera: for the highest frequency, with which the pixels' own error grows.
+        difference: of the PSF to that of the polygons.
+        die: whose number this is.
+    """
     width = psf.step_um * psf.values.shape[0]
     return Quantity(
         "psf_energy_in_window",
@@ -145,7 +152,7 @@ def energy_in_window(psf: Psf, uncertainty: float, die: str | None) -> Quantity:
         psf.energy_in_window,
         "1",
         f"sum of the pixel-integrated PSF over {width:g} um x {width:g} um; the rest lies outside",
-        uncertainty=uncertainty,
+        uncertainty=difference + pixel_sum_error(psf, cutoff(camera, psf.wavelength_nm)),
         die=die,
         wavelength_nm=psf.wavelength_nm,
     )

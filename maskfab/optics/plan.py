@@ -37,7 +37,7 @@ class Plan:
         price: what that takes.
         ingredients: what is modelled and what is left out, and how large that is.
         step_um, samples: of the point PSF, along each axis of the window.
-        pixel_margin: samples beyond the window that the pixel filter gathers; its own error is 1e-8.
+        pixel_margin: samples beyond the window that the pixel filter gathers.
         wavelengths: how many are computed.
         depths: distances at which the PSF is computed.
         phase_tolerance: to hand to a phased PSF; 0 where there is none.

@@ -130,7 +130,7 @@ def measure_pupils(
         mtfs.append(mtf)
         quantities += [
             *metrics.mtf_quantities(mtf, camera.pixel_um, die),
-            metrics.energy_in_window(pixels, error if design is not None else 0.0, die),
+            metrics.energy_in_window(pixels, camera, error if design is not None else 0.0, die),
             *metrics.strehl_quantities(of_matrix, camera, matrix.energy_um2, outline.area_um2, die, limit),
             difference(error, wavelength),
             *metrics.aliasing_quantities(lags, table, mtf, camera, die),
