@@ -75,6 +75,8 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF401": "The output directory cannot be written.",
         "MF402": "The output directory is not empty.",
         "MF403": "The directory is not one that maskfab finished.",
+        "MF404": "The place for a result changed while the work was done.",
+        "MF405": "A result that was replaced was changed at that moment.",
         "MF410": "A cell has no chrome to make a solid of.",
         "MF411": "An STL would be larger than its limit.",
         "MF412": "A die has more cells or vertices than its format of solids bears.",

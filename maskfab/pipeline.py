@@ -16,12 +16,13 @@ from typing import TypeVar
 from klayout import db
 
 from maskfab import __version__, provenance, resources
+from maskfab.export.finished import RESULT_MARK
 from maskfab.export.fitting import blank_of
 from maskfab.export.markers import write_markers
 from maskfab.export.products import TITLES
 from maskfab.export.psf import PsfFile, psf_files
 from maskfab.export.shops import shop_of
-from maskfab.export.staging import RESULT_MARK, check_target, staged
+from maskfab.export.staging import check_target, staged
 from maskfab.geometry.drc import RuleResult, check_plate
 from maskfab.geometry.region import clear_shapes, plate_names
 from maskfab.geometry.written import check_process
@@ -95,8 +96,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         InputError: for bad input, before anything is written.
     """
     job = job if isinstance(job, Job) else load(job)
-    target = Path(out)
-    check_target(target, force=force)
+    place = check_target(Path(out), force=force)
     named_shop(job)
     clock = _Clock()
     with clock.stage("layout"):
@@ -112,7 +112,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
     with clock.stage("process"):
         written = measure_process(job, plate, progress, clock.seconds)
-    with staged(target, force=force) as folder:
+    with staged(place) as folder:
         with clock.stage("write"):
             files = write_files(job, made, folder, progress)
         with clock.stage("read back"):
@@ -140,7 +140,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
         (folder / PAGE).write_text(html.render(document, pictures), encoding="utf-8")
         _write_manifest(job, files, folder)
-    return Result(target, report)
+    return Result(place.asked, report)
 
 
 def draw_files(job: Job, plate: Plate) -> Drawn:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +13,8 @@ from klayout import db
 
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
-from maskfab.export.staging import RESULT_MARK
+from maskfab.export.finished import RESULT_MARK
+from maskfab.export.staging import put_back
 from maskfab.geometry.reading import LAYOUT_SUFFIXES
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 from maskfab.geometry.region import clear_shapes
@@ -57,6 +59,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         OutputError: MF403 if the directory is not one that maskfab finished.
     """
     folder = Path(directory)
+    put_back(Path(os.path.realpath(folder)))
     manifest = _manifest(folder)
     checks = [*_hashes(folder, manifest), *_unlisted(folder, manifest)]
     try:

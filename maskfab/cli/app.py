@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import os
+import signal
 import sys
+import threading
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from typing import Annotated, Any
 
 import typer
@@ -28,7 +31,10 @@ from maskfab.cli.simulate import simulate
 from maskfab.cli.verify import verify
 from maskfab.errors import InternalError, JobError, MaskfabError
 
-_EPILOG = "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 our own fault."
+_EPILOG = (
+    "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 our own fault; "
+    "128 + n ended by signal n."
+)
 
 _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
     (run, "Example: maskfab run layouts/upc12.toml --out build/upc12"),
@@ -105,9 +111,12 @@ for _verb, _examples in _VERBS:
 def run_command_line(arguments: Sequence[str]) -> int:
     """Run one command; every failure becomes an exit code and one message."""
     try:
-        command = typer.main.get_command(app)
-        code = command.main(list(arguments), prog_name="maskfab", standalone_mode=False, obj=list(arguments))
+        with _ended_by_signals():
+            command = typer.main.get_command(app)
+            code = command.main(list(arguments), prog_name="maskfab", standalone_mode=False, obj=list(arguments))
         return code if isinstance(code, int) else 0
+    except _Ended as ended:
+        return 128 + ended.number
     except typer.Exit as leaving:
         return leaving.exit_code
     except typer.Abort:
@@ -129,6 +138,36 @@ def run_command_line(arguments: Sequence[str]) -> int:
             "MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file"
         )
         return _tell(problem, "--json" in arguments)
+
+
+class _Ended(BaseException):
+    """A signal to end came; no handler of errors takes it for one."""
+
+    def __init__(self, number: int) -> None:
+        self.number = number
+
+
+@contextmanager
+def _ended_by_signals() -> Iterator[None]:
+    """Let SIGTERM and SIGHUP end the work as Ctrl-C does, so that nothing half-written is left; each only once."""
+
+    def end(number: int, _: object) -> None:
+        for each in before:
+            signal.signal(each, signal.SIG_IGN)
+        raise _Ended(number)
+
+    before: dict[int, Any] = {}
+    # What somebody else handles, or ignores as nohup does, stays so; and only the main thread may ask.
+    if threading.current_thread() is threading.main_thread():
+        numbers = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
+        before = {each: signal.SIG_DFL for each in numbers if each and signal.getsignal(each) is signal.SIG_DFL}
+    for each in before:
+        signal.signal(each, end)
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 def _tell(error: MaskfabError, as_json: bool) -> int:

@@ -62,7 +62,7 @@ def design(
     if found.cells is not None:
         written["map"] = maps.dumps(found.cells)
     for name, text in written.items():
-        write_text(targets[name], text)
+        write_text(targets[name], text, replace=force)
     paths = {name: targets[name] for name in written}
     notes = [*found.notes]
     if found.cut:

@@ -56,7 +56,7 @@ def pareto(
         raise JobError("MF109", "two openings have one name", where=f"{job}: pareto.compare", cure="Rename one of them")
     rules = None if spec.emitters is None else DisplayRules.of(spec.emitters, None, None, where=str(job)).emitters
     rules_of(section, compared, rules)
-    check_target(out, force=force)
+    place = check_target(out, force=force)
     command = f"maskfab pareto {job.as_posix()} --out {out.as_posix()}"
     command += "" if images is None else f" --images {images.as_posix()}"
     command += "" if budget is None else f" --budget '{budget}'"
@@ -74,7 +74,7 @@ def pareto(
         progress("files", 0, 1)
         named = openings(found, section, command)
         digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
-        paths = report.write(out, found, named, digest, force=force)
+        paths = report.write(place, found, named, digest)
         progress("files", 1, 1)
     if as_json:
         print_json({**report.document(found, named, digest), "path": str(out)})

@@ -74,5 +74,5 @@ def shape(
     command = shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})])
     provenance = {"author": "maskfab", "command": command, "version": __version__, **facts}
     opening = Opening(name or out.stem, mask, dot_nm, provenance, emitters)
-    write_text(out, dumps(opening))
+    write_text(out, dumps(opening), replace=force)
     tell_opening(opening, out, as_json)

@@ -82,7 +82,7 @@ def simulate(
     if picture is not None:
         from maskfab.report.design_figures import sheet
 
-        write_bytes(picture, sheet(truth_of(scenes[0], crop), scenes[0].name, shown))
+        write_bytes(picture, sheet(truth_of(scenes[0], crop), scenes[0].name, shown), replace=force)
     base = reference or names[0]
     if as_json:
         print_json(_document(table, base, protocol, [scene.name for scene in scenes]))

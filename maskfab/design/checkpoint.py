@@ -14,7 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.errors import OutputError, SourceError
+from maskfab.aside import partial
+from maskfab.errors import SourceError
 
 State = Mapping[str, NDArray[np.generic]]
 _KEY = "run"
@@ -31,18 +32,10 @@ def save(path: Path, run: str, state: State) -> None:
     Raises:
         OutputError: MF401 if the file cannot be written.
     """
-    aside = path.with_name(f".{path.name}.part")
-    try:
-        with aside.open("wb") as file:
-            np.savez(file, allow_pickle=False, **{_KEY: np.array(run)}, **state)
-            file.flush()
-            os.fsync(file.fileno())
-        aside.replace(path)
-    except OSError as error:
-        aside.unlink(missing_ok=True)
-        raise OutputError(
-            "MF401", f"the checkpoint cannot be written: {error.strerror}", where=str(path), cure="Choose another place"
-        ) from error
+    with partial(path) as aside, aside.open("wb") as file:
+        np.savez(file, allow_pickle=False, **{_KEY: np.array(run)}, **state)
+        file.flush()
+        os.fsync(file.fileno())
 
 
 def load(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:

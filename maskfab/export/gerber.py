@@ -14,8 +14,9 @@ from itertools import chain
 from pathlib import Path
 
 from maskfab import __version__
+from maskfab.aside import partial
 from maskfab.export.figures import CUT, Figures, as_figures
-from maskfab.export.partial import check_size, partial
+from maskfab.export.size import check_size
 from maskfab.export.stream import Gap, written
 from maskfab.model import CLEAR, Plate, Polygon
 

@@ -9,6 +9,7 @@ from typing import Any
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
+from maskfab.aside import partial
 from maskfab.errors import OutputError
 
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
@@ -20,15 +21,13 @@ def write_image(pixels: NDArray[Any], header: Any, path: Path) -> None:
     Raises:
         OutputError: MF401 if the file cannot be written; nothing is left under its name.
     """
-    aside = path.with_name(f".{path.name}.partial{path.suffix}")
-    output = oiio.ImageOutput.create(str(aside))
-    written = output is not None and output.open(str(aside), header) and output.write_image(pixels)
-    if output is not None:
-        written = output.close() and written
-    if not (written and is_whole(aside)):
-        aside.unlink(missing_ok=True)
-        raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out, with more room")
-    os.replace(aside, path)
+    with partial(path) as aside:
+        output = oiio.ImageOutput.create(str(aside))
+        written = output is not None and output.open(str(aside), header) and output.write_image(pixels)
+        if output is not None:
+            written = output.close() and written
+        if not (written and is_whole(aside)):
+            raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out, with more room")
 
 
 def is_whole(path: Path) -> bool:

@@ -10,8 +10,8 @@ import zlib
 from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
+from maskfab.aside import partial
 from maskfab.errors import SourceError
-from maskfab.export.partial import partial
 
 MANIFEST = "manifest.json"
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -38,13 +38,16 @@ def safe_stem(name: str) -> str:
     return f"{stem}_" if _RESERVED.fullmatch(stem) else stem
 
 
-def write_package(target: Path, folder: Path, names: Sequence[str], stem: str) -> None:
+def write_package(target: Path, folder: Path, names: Sequence[str], stem: str, *, replace: bool = True) -> None:
     """Zip files of a folder, sorted, undated, under the folder ``stem`` of the zip.
 
     Raises:
-        OutputError: MF401 if ``target`` cannot be written; nothing is left under its name.
+        OutputError: MF401 or MF404 as :func:`maskfab.aside.partial`, which ``replace`` is for.
     """
-    with partial(target) as aside, zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive:
+    with (
+        partial(target, replace=replace) as aside,
+        zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive,
+    ):
         for name in sorted(names):
             member = zipfile.ZipInfo(f"{stem}/{name}", _DATE)
             member.compress_type, member.create_system, member.external_attr = zipfile.ZIP_DEFLATED, _UNIX, _READABLE

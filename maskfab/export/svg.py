@@ -11,8 +11,9 @@ from itertools import chain
 from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
+from maskfab.aside import partial
 from maskfab.export.figures import CUT, DieFigures, Figures, Grid, as_figures
-from maskfab.export.partial import check_size, partial
+from maskfab.export.size import check_size
 from maskfab.geometry.polygonize import points
 from maskfab.model import CLEAR, Box, Layer, Plate, Polygon
 

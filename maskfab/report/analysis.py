@@ -8,14 +8,14 @@ from maskfab import __version__
 from maskfab.analysis import Analysis
 from maskfab.export.exr import Facts
 from maskfab.export.psf import psf_facts, write_psf
-from maskfab.export.staging import staged
+from maskfab.export.staging import check_target, staged
 from maskfab.report import figures, scene_figures
 
 
 def write(analysis: Analysis, target: Path, facts: Facts) -> list[Path]:
     """Write everything into a new directory, and return the paths; ``facts`` go into the headers of PSFs."""
     signature = f"maskfab {__version__} | {analysis.name}"
-    with staged(target, force=False) as folder:
+    with staged(check_target(target, force=False)) as folder:
         for psf in analysis.psfs:
             name = f"psf_{psf.kind}_{psf.wavelength_nm:.12g}nm.exr"
             write_psf(psf, folder / name, {**psf_facts(psf), **facts}, signature)

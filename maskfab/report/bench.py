@@ -14,7 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from maskfab import provenance
-from maskfab.export.staging import staged
+from maskfab.export.staging import check_target, staged
 from maskfab.validate.accuracy import Timing
 from maskfab.validate.cases import Outcome
 
@@ -103,7 +103,7 @@ def case_document(outcomes: Sequence[Outcome]) -> dict[str, Any]:
 
 def write(target: Path, document: dict[str, Any], figure: bytes) -> list[Path]:
     """Put a race's figure and numbers into a new directory."""
-    with staged(target, force=False) as folder:
+    with staged(check_target(target, force=False)) as folder:
         (folder / "bench.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")
         (folder / "bench.png").write_bytes(figure)
     return sorted(target.iterdir())

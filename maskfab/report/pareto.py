@@ -11,7 +11,8 @@ from typing import Any
 
 from maskfab import __version__, provenance
 from maskfab.design.pareto import Judged, Pareto
-from maskfab.export.staging import RESULT_MARK, staged
+from maskfab.export.finished import RESULT_MARK
+from maskfab.export.staging import Place, staged
 from maskfab.imaging.protocol import LEVELS
 from maskfab.layout.openings import dumps
 from maskfab.model import Opening
@@ -69,13 +70,13 @@ def table(found: Pareto, named: Named) -> str:
     return buffer.getvalue()
 
 
-def write(target: Path, found: Pareto, named: Named, job_hash: str, *, force: bool) -> list[Path]:
+def write(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path]:
     """Write everything into a directory that appears whole, and return the paths.
 
     Raises:
-        OutputError: MF401, MF402 if it cannot be written, or is not empty and not to be replaced.
+        OutputError: MF401 or MF404 as :func:`maskfab.export.staging.staged`.
     """
-    with staged(target, force=force) as folder:
+    with staged(place) as folder:
         for name, (_, opening) in named.items():
             _text(folder / f"{name}.toml", dumps(opening))
         _text(folder / TABLE, table(found, named))
@@ -87,7 +88,7 @@ def write(target: Path, found: Pareto, named: Named, job_hash: str, *, force: bo
             for path in sorted(folder.iterdir())
         ]
         _text(folder / RESULT_MARK, _json({"maskfab_version": __version__, "job_hash": job_hash, "files": files}))
-    return sorted(target.iterdir())
+    return sorted(place.asked.iterdir())
 
 
 def _numbers(each: Judged) -> dict[str, Any]:

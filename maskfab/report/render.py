@@ -11,7 +11,7 @@ import numpy as np
 
 from maskfab import __version__, provenance
 from maskfab.export.pictures import write_exr, write_png
-from maskfab.export.staging import staged
+from maskfab.export.staging import check_target, staged
 from maskfab.imaging.display import show
 from maskfab.imaging.score import Judged
 from maskfab.progress import Progress, silent
@@ -59,7 +59,7 @@ def write(
         OutputError: MF401, MF402 if the directory cannot be written or is not empty.
     """
     total = sum(len(each.images) for each in panels)
-    with staged(target, force=False) as folder:
+    with staged(check_target(target, force=False)) as folder:
         done = 0
         for each in panels:
             for title, image in each.images.items():

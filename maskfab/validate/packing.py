@@ -119,7 +119,7 @@ def pack(
         manifest = {**facts(job, shop, figures), "files": [vars(file) for file in files]}
         write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
         _make_parents(zipped)
-        write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}")
+        write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}", replace=force)
     return Package(zipped, findings, judged, files)
 
 

@@ -305,7 +305,7 @@ def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
 def test_a_target_that_cannot_be_written_is_told_as_such_even_beside_the_temporary_folder(monkeypatch, tmp_path):
     from maskfab.validate import packing
 
-    def full(target, *_):
+    def full(target, *_, **__):
         raise OutputError("MF401", f"{target} cannot be written: No space left on device", cure="Choose another --out")
 
     monkeypatch.setattr(packing, "write_package", full)

@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
+from maskfab.aside import partial
 from maskfab.errors import OutputError
-from maskfab.export.solid.aside import aside
 from maskfab.export.solid.tiles import (
     Mesh,
     Stack,
@@ -121,7 +121,7 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     data = b"".join(blocks)
-    with aside(path) as place, place.open("wb") as file:
+    with partial(path) as place, place.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(data)))
         file.write(struct.pack("<I4s", len(text), b"JSON") + text)
         file.write(struct.pack("<I4s", len(data), b"BIN\0") + data)
@@ -143,7 +143,7 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
     objects = [(f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))]
     objects += [(f"{die.name}_{names[cell]}", mesh) for cell, mesh in chrome.items()]
     index = {cell: n for n, cell in enumerate(chrome, 2)}
-    with aside(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
+    with partial(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
         _store(package, "[Content_Types].xml", _CONTENT_TYPES)
         _store(package, "_rels/.rels", _RELATIONS)
         parts = [
@@ -211,7 +211,7 @@ def write_stl(
     records = {cell: _stl_records(mesh) for cell, mesh in chrome.items()}
     said = "; ".join(("unit mm", *stack.remarks()[1:], *comments))
     head = said.encode("ascii", "replace")[:80].ljust(80)
-    with aside(path) as place, place.open("wb") as file:
+    with partial(path) as place, place.open("wb") as file:
         file.write(head + struct.pack("<I", triangles))
         for centres, cells in zip(centres_nm(die), die.panel.orientations.tolist(), strict=True):
             for (x, y), cell in zip(centres, cells, strict=True):

@@ -16,8 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
+from maskfab.aside import partial
 from maskfab.errors import OutputError
-from maskfab.export.solid.aside import aside
 from maskfab.export.solid.quiet import quiet
 from maskfab.export.solid.step_colours import Shade, add_colours
 from maskfab.export.solid.tiles import (
@@ -184,7 +184,7 @@ class _Assembly:
         header.SetOriginatingSystem(TCollection_HAsciiString(f"maskfab {__version__}"))
         header.SetAuthorisation(TCollection_HAsciiString(""))
         _number_occurrences(model)
-        with aside(path) as place:
+        with partial(path) as place:
             if writer.Write(str(place)) != IFSelect_ReturnStatus.IFSelect_RetDone:
                 raise OutputError("MF401", f"{path} cannot be written", cure="Choose another --out")
             add_colours(place, model, self._shades)

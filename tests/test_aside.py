@@ -4,8 +4,9 @@ import errno
 
 import pytest
 
+from maskfab.aside import partial
 from maskfab.errors import OutputError
-from maskfab.export.partial import check_size, partial
+from maskfab.export.size import check_size
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path):
