@@ -13,6 +13,7 @@ from klayout import db
 
 from maskfab.errors import JobError, SourceError
 from maskfab.export.gds import write_oasis
+from maskfab.geometry.bounded import allow, bounded
 from maskfab.geometry.reading import find_cell, find_layer, read_layout
 from maskfab.geometry.region import plate_layout, region
 from maskfab.geometry.stop import edges_in_stop, stop_box
@@ -48,6 +49,12 @@ LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"
 
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000
+_SECONDS_OF_OPTICS, _USUAL_STOP_UM = 60, 4000.0
+_SHAPES_PER_SECOND = 4_000
+_MEMORY_OF_OPTICS, _MEMORY_PER_SHAPE = 2_000_000_000, 4_000
+
+MOST_SHAPES_SEEN = 3_000_000
+"""Before the stop of a mask file; the optics of a million take a minute."""
 
 
 @dataclass(frozen=True)
@@ -111,7 +118,8 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     a plate. A layout file is taken as it is, its bounding box centred on the optical axis, unless a tiling is given.
 
     Raises:
-        SourceError, OpeningError, JobError: if the file or the request is at fault.
+        SourceError, OpeningError, JobError: if the file or the request is at fault; MF313 and MF322 for a mask file
+            of too many shapes, or that takes longer than one like it may.
     """
     check_lens(request.camera, where="--stop")
     path = Path(path)
@@ -125,7 +133,7 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
                 where="--tiling",
                 cure="If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out",
             )
-        return _analyse_mask(path, request, progress)
+        return bounded(path, lambda tell: _analyse_mask(path, request, tell), progress)
     return analyse_opening(_load(path, request), request, progress)
 
 
@@ -252,12 +260,13 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
         layer = find_layer(layout, request.layer)
     except SourceError as problem:  # these two know the layout, but not its file
         raise SourceError(problem.code, problem.what, where=str(path), cure=problem.cure) from None
-    whole = region(layout, layer, cell=cell.name)
     camera, stop = request.camera, request.camera.stop
-    box = whole.bbox()
+    index = layout.find_layer(layer)
+    box = _polygons_box(layout, index, cell)
     centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
-    near = db.Box(*stop_box(stop, centre, _LARGEST_DOT_NM))
-    inside = (whole & db.Region(near)).moved(-centre[0], -centre[1])
+    near = stop_box(stop, centre, _LARGEST_DOT_NM)
+    _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), stop)
+    inside = region(layout, layer, near, cell.name).moved(-centre[0], -centre[1])
     edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
     if area <= 0:
         raise SourceError(
@@ -283,6 +292,33 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
 
     found = measure_pupils(pupil, None, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
     return Analysis(cell.name, found.psfs, found.mtfs, (*header, *found.quantities))
+
+
+def _polygons_box(layout: db.Layout, index: int, cell: db.Cell) -> db.Box:
+    """What encloses all polygons on a layer of a cell; its texts are dropped."""
+    for each in layout.each_cell():
+        shapes = each.shapes(index)
+        for text in list(shapes.each(db.Shapes.STexts)):
+            shapes.erase(text)
+    return cell.bbox(index)
+
+
+def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> None:
+    """Give the optics of so many shapes the time and memory that they need.
+
+    Raises:
+        SourceError: MF313 if they are too many.
+    """
+    count = db.Region(shapes).count()
+    if count > MOST_SHAPES_SEEN:
+        raise SourceError(
+            "MF313",
+            f"{path.name} has {count:.3g} shapes before the stop; the limit is {MOST_SHAPES_SEEN:.0e}",
+            where=str(path),
+            cure="Use a smaller --stop, or draw the mask with fewer shapes",
+        )
+    seconds = _SECONDS_OF_OPTICS * max(1.0, stop.diameter_um / _USUAL_STOP_UM) ** 2
+    allow(seconds + count / _SHAPES_PER_SECOND, _MEMORY_OF_OPTICS + count * _MEMORY_PER_SHAPE)
 
 
 def _coordinates_nm(inside: db.Region, stop: Stop) -> list[int]:

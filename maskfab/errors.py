@@ -72,6 +72,8 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF316": "Reading a file takes too long, or its readers disagree.",
         "MF317": "A drawing has shapes that not every program shows, or shows where they are.",
         "MF318": "A picture does not say which of its values is white.",
+        "MF322": "Working with a file takes more time or memory than a file like it may.",
+        "MF323": "A library of polygons gives up on a file.",
         "MF401": "The output directory cannot be written.",
         "MF402": "The output directory is not empty.",
         "MF403": "The directory is not one that maskfab finished.",

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -198,6 +199,7 @@ def _read_as(found: Foreign) -> str:
 
 def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:
     from maskfab.export.shops import shop_of
+    from maskfab.geometry.bounded import bounded
     from maskfab.layout.job import load
     from maskfab.validate.foreign import check_foreign, only_die
     from maskfab.validate.foreign_layers import Ordered
@@ -206,13 +208,18 @@ def _checked(path: Path, against: Path, die: str | None, how: How, progress: Pro
     house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export
     stated = drawing is not None and "max_vertices" in drawing.model_fields_set
-    return check_foreign(
-        plate if die is None else only_die(plate, die),
-        job.camera,
-        job.spec.limits,
-        path,
-        how,
-        progress,
-        max_vertices=drawing.max_vertices if drawing is not None and stated else None,
-        ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
-    )
+
+    def checked(tell: Progress) -> Foreign:
+        found = check_foreign(
+            plate if die is None else only_die(plate, die),
+            job.camera,
+            job.spec.limits,
+            path,
+            how,
+            tell,
+            max_vertices=drawing.max_vertices if drawing is not None and stated else None,
+            ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
+        )
+        return replace(found, trip=None)  # whose layout stays in the process that read it
+
+    return bounded(path, checked, progress)

@@ -158,9 +158,18 @@ def from_layout(
     is centred on the origin.
 
     Raises:
-        SourceError: what :mod:`maskfab.geometry.reading` raises, and MF309 where the layer is bare.
+        SourceError: what :mod:`maskfab.geometry.reading` and :func:`maskfab.geometry.bounded.bounded` raise, and MF309
+            where the layer is bare.
         OpeningError: MF205 a polygon is off the dot grid or outside the pixel.
     """
+    from maskfab.geometry.bounded import bounded
+
+    return bounded(path, lambda _tell: _of_polygons(path, dots, dot_nm, layer, cell, unit_um))
+
+
+def _of_polygons(
+    path: Path, dots: int, dot_nm: int, layer: str | None, cell: str | None, unit_um: float | None
+) -> Mask:
     from maskfab.geometry.raster import coverage
     from maskfab.geometry.reading import find_cell, find_layer, read_layout, rounding_nm
     from maskfab.geometry.region import region

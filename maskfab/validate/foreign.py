@@ -13,6 +13,7 @@ from typing import Literal
 from klayout import db
 
 from maskfab.errors import JobError, SourceError
+from maskfab.geometry.bounded import SHAPES_PER_SECOND, allow, bounded
 from maskfab.geometry.reading import GERBER_SUFFIXES, read_layout, rounding_nm
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES, read_picture
 from maskfab.geometry.reading_limits import count_shapes, left_out
@@ -26,10 +27,16 @@ from maskfab.validate.features import judged
 from maskfab.validate.foreign_drawing import drawn_figures, named_cells, reach, slanted
 from maskfab.validate.foreign_layers import LayersRead, Ordered, clear_only, draws
 from maskfab.validate.foreign_optics import optics_of_like, optics_of_unlike
-from maskfab.validate.foreign_rules import asked, rules_of_like, rules_of_unlike
+from maskfab.validate.foreign_rules import Asked, asked, rules_of_like, rules_of_unlike
 from maskfab.validate.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare
 
 MOST_INVERTED = 2_000_000
+_SECONDS_PER_DIE = 4
+"""That its optics may take of the processor, see :mod:`maskfab.geometry.bounded`; they take one."""
+
+_SECONDS_OF_RULES = 5
+"""The same for the rules of a file that is not the design."""
+
 _TOLD_PLACES = 4
 
 
@@ -133,6 +140,7 @@ def check_foreign(
         )
     design = plate_layout(plate)
     clear_only(design, path)
+    allow(count_shapes(design) / SHAPES_PER_SECOND)
     progress("align", 0, 1)
     alignment = align(plate, design, read)
     read, alignment = in_drawn_unit(
@@ -143,8 +151,9 @@ def check_foreign(
     if not alignment.alike:
         progress("rules", 0, 1)
         wanted = asked(plate, limits)
-        quantities += [*rules_of_unlike(read, wanted), *drawn_figures(read, path, max_vertices), slanted(read, None)]
+        quantities += [*_rules_alone(path, read, wanted), *drawn_figures(read, path, max_vertices), slanted(read, None)]
         quantities.append(reach(plate, clear_box(read), 1.0))
+        allow(_SECONDS_PER_DIE * len(plate.dies))
         progress("optics", 0, 1)
         quantities += optics_of_unlike(plate, camera, design, read)
         return Foreign(path, alignment, None, tuple(quantities), layers)
@@ -164,6 +173,7 @@ def check_foreign(
         drawn = list(drawn_figures(laid, path, max_vertices, design, equal=trip.xor_area_um2 == 0))
     quantities += [*drawn, slanted(laid, design), reach(plate, box, wanted.size)]
     for done, die in enumerate(plate.dies):
+        allow(_SECONDS_PER_DIE)
         progress("optics", done, len(plate.dies))
         equal = next(check.xor_area_um2 for check in trip.dies if check.name == die.name) == 0
         quantities += optics_of_like(die, camera, design, laid, equal)
@@ -177,6 +187,15 @@ def _read(path: Path, how: How, ordered: Ordered) -> tuple[db.Layout, LayersRead
     layout = read_layout(path, how.unit_um)
     layers = clear_only(layout, path, how.layer, how.cell, how.ignored, ordered)
     return layout, layers if path.suffix.lower() not in GERBER_SUFFIXES else replace(layers, clear="")
+
+
+def _rules_alone(path: Path, read: db.Layout, wanted: Asked) -> tuple[Quantity, ...]:
+    """The rules of a file that is not the design, or that they take too long: it fails without them."""
+    try:
+        return bounded(path, lambda _tell: tuple(rules_of_unlike(read, wanted)), seconds=_SECONDS_OF_RULES)
+    except SourceError as error:
+        told = f"not looked at: {error.what}"
+        return (Quantity("design_rules", "", None, "", told, limit="looked at", passed=False),)
 
 
 def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:

@@ -28,7 +28,10 @@ from maskfab.validate.features import smallest_features
 Ints = NDArray[np.int64]
 
 MOST_LOOKED = 200_000
-"""Shapes that are flattened for the rules."""
+"""Shapes that are flattened for the rules of a file that is the design, or nearly."""
+
+MOST_LOOKED_ALONE = 15_000
+"""The same for a file that is not: it fails, whatever its rules."""
 
 _TOLD = 4
 _SAMPLE = 1000
@@ -114,7 +117,7 @@ def rules_of_like(plate: Plate, design: db.Layout, laid: db.Layout, wanted: Aske
     rules = wanted.rules
     known = _of_plate(plate, rules)
     marks = _of_plate(replace(plate, dies=()), rules)
-    places, beyond = _cropped(_differing(design, laid, rules.reach_nm), (design, laid))
+    places, beyond = _cropped(_differing(design, laid, rules.reach_nm), (design, laid), MOST_LOOKED)
     found, expected = (_look(layout, places, rules) for layout in (laid, design))
     for name, before in known.items():
         here, there = found.get(name, NOTHING), expected.get(name, NOTHING)
@@ -138,7 +141,7 @@ def rules_of_like(plate: Plate, design: db.Layout, laid: db.Layout, wanted: Aske
 def rules_of_unlike(read: db.Layout, wanted: Asked) -> Iterator[Quantity]:
     """The rows of a file that is not the design at all, in its own coordinates, and its smallest features."""
     index = read.find_layer(layer_info(CLEAR))
-    places, beyond = _cropped(db.Region(read.top_cell().bbox(index)), (read,))
+    places, beyond = _cropped(db.Region(read.top_cell().bbox(index)), (read,), MOST_LOOKED_ALONE)
     for name, broken in _look(read, places, wanted.rules).items():
         yield _row(name, wanted, broken, 0, "of the file alone", beyond)
     clear = merged(_shapes(read, places) & places)
@@ -211,10 +214,10 @@ def _differing(design: db.Layout, laid: db.Layout, reach_nm: int) -> db.Region:
     return db.Region([polygon.bbox() for polygon in differing.merged().each()]).merged()
 
 
-def _cropped(places: db.Region, layouts: tuple[db.Layout, ...]) -> tuple[db.Region, str]:
+def _cropped(places: db.Region, layouts: tuple[db.Layout, ...], most: int) -> tuple[db.Region, str]:
     """The places, or as large a part of them as holds few enough shapes; and what that leaves out, in words."""
     box, whole = places.bbox(), True
-    while any(_shapes(layout, places).count() > MOST_LOOKED for layout in layouts):
+    while any(_shapes(layout, places).count() > most for layout in layouts):
         x, y = box.center().x, box.center().y
         if box.width() >= box.height():
             halves = db.Box(box.left, box.bottom, x, box.top), db.Box(x, box.bottom, box.right, box.top)
@@ -229,7 +232,7 @@ def _cropped(places: db.Region, layouts: tuple[db.Layout, ...]) -> tuple[db.Regi
     if whole:
         return places, ""
     low, high = _at((box.left, box.bottom)), _at((box.right, box.top))
-    return places, f"; of more than {MOST_LOOKED} shapes, only those from {low} to {high} were looked at"
+    return places, f"; of more than {most} shapes, only those from {low} to {high} were looked at"
 
 
 def _shapes(layout: db.Layout, places: db.Region) -> db.Region:

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pytest
+from fuzz_originals import FEW
 from klayout import db
 from small_job import command, edited, write_job
 
-from maskfab.validate import foreign_rules
+from maskfab.geometry import bounded
+from maskfab.validate import foreign, foreign_rules
 from maskfab.validate.foreign import check_foreign
 
 DOT = 8000
@@ -217,7 +220,7 @@ def test_a_hole_of_a_point_is_told_and_not_stumbled_over(job, tmp_path):
 
 
 def test_of_too_many_shapes_a_part_is_looked_at_and_that_is_said(job, tmp_path, monkeypatch):
-    monkeypatch.setattr(foreign_rules, "MOST_LOOKED", 50)
+    monkeypatch.setattr(foreign_rules, "MOST_LOOKED_ALONE", 50)
     lines = [db.Box(x, 0, x + 3000, 90_000) for x in range(0, 1_600_000, 8000)]
     rows = held(job, drawn(tmp_path / "x.gds", *lines))
     assert 20 <= rows["rule_width"].value <= 51
@@ -277,3 +280,24 @@ def test_round_outlines_do_not_take_edges_squared(job, plate, tmp_path):
     rows = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities}
     assert time.process_time() - start < 15
     assert 140 < rows["min_feature"].value < 200
+
+
+def overlapping(path):
+    """A few bytes that say one square 160 000 times, each nearly upon the last."""
+    layout = db.Layout()
+    layer, top, cell = layout.layer(1, 0), layout.create_cell("TOP"), layout.create_cell("C")
+    cell.shapes(layer).insert(db.Box(0, 0, 5000, 5000))
+    top.insert(db.CellInstArray(cell.cell_index(), db.Trans(), db.Vector(7, 3), db.Vector(3, 7), 400, 400))
+    layout.write(str(path))
+    return path
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
+def test_few_bytes_that_mean_work_without_end_are_refused_in_time(capsys, tmp_path, monkeypatch):
+    monkeypatch.setattr(bounded, "SECONDS", 1)
+    monkeypatch.setattr(foreign, "_SECONDS_OF_RULES", 1)
+    path = overlapping(tmp_path / "few.oas")
+    assert path.stat().st_size < 1000
+    shown = command(capsys, "verify", path, "--against", write_job(tmp_path, *FEW), "--quiet")
+    assert shown.code in (1, 2)
+    assert "processor time that it may take" in shown.stdout + shown.stderr

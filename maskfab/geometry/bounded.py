@@ -1,0 +1,169 @@
+"""Work on somebody else's file in a copy of this process, which ends it when it takes more than a file like it may.
+
+The libraries that read and merge polygons cannot be interrupted: a few bytes that repeat, nest or overlap keep them
+busy for hours, or fill memory. So the work is done in a copy of the process whose processor time and memory the system
+limits, and its answer comes back. Where the work finds that the file is honest, it asks for as much more as that takes.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import signal
+import traceback
+import warnings
+from collections.abc import Callable
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from maskfab.errors import SourceError
+from maskfab.progress import Progress, silent
+
+Answer = TypeVar("Answer")
+
+SECONDS = 5
+"""Of the processor, for any file."""
+
+BYTES_PER_SECOND = 100_000
+"""Of a file, which may take so much longer; whole files of polygons take a third of it."""
+
+SHAPES_PER_SECOND = 10_000
+"""Of the design that the file is held against; they take a fifth of it."""
+
+MEMORY = 1_500_000_000
+MEMORY_PER_BYTE = 64
+
+_WALL_PER_PROCESSOR = 30
+_OUT_OF_MEMORY = "bad_alloc"
+_OUT_OF_TIME = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
+_CURE = "Write it again as plain polygons, with fewer copies and no overlaps"
+
+
+def bounded(
+    path: Path, work: Callable[[Progress], Answer], progress: Progress = silent, *, seconds: int | None = None
+) -> Answer:
+    """What the work returns, done within limits; on systems that cannot copy a process, done without any.
+
+    Args:
+        path: the file that the work reads: the larger, the longer it may take.
+        work: anything whose answer can be pickled; told what to tell of its progress.
+        progress: told what the work tells.
+        seconds: of the processor, for a small file; :data:`SECONDS` if None.
+
+    Raises:
+        SourceError: MF322 if it takes longer, or more memory, or ends the process; MF323 if a library throws.
+        Exception: whatever the work raises.
+    """
+    if "fork" not in multiprocessing.get_all_start_methods():
+        return work(progress)
+    size = path.stat().st_size if path.is_file() else 0
+    limit = math.ceil((SECONDS if seconds is None else seconds) + size / BYTES_PER_SECOND)
+    here, there = multiprocessing.Pipe(duplex=False)
+    copy = multiprocessing.get_context("fork").Process(
+        target=_work, args=(there, work, limit, MEMORY + MEMORY_PER_BYTE * size)
+    )
+    with warnings.catch_warnings():
+        # Of threads that would not be there in the copy; those of the libraries are at rest, or begin anew.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        copy.start()
+    there.close()
+    stage, ended = "read", None
+    try:
+        while here.poll(_WALL_PER_PROCESSOR * limit):
+            kind, told = here.recv()
+            if kind == "progress":
+                stage = told[0]
+                progress(*told)
+            elif kind == "raised":
+                raise _said(path, told)
+            else:
+                answer: Answer = told
+                return answer
+    except EOFError:
+        copy.join()
+        ended = copy.exitcode
+    finally:
+        copy.kill()
+        copy.join()
+        here.close()
+    if ended is None or -ended in _OUT_OF_TIME:
+        raise _too_much(path, f"does not come to an end of the stage {stage!r} in the processor time that it may take")
+    raise _too_much(path, f"ends the process in the stage {stage!r}, or needs more memory than it may take")
+
+
+def allow(seconds: float, memory: int = 0) -> None:
+    """Let the work of :func:`bounded` take so much more; outside of it, nothing is limited and nothing changes."""
+    for kind, more in (("RLIMIT_CPU", math.ceil(seconds)), ("RLIMIT_DATA", memory)):
+        limits = _limits(kind)
+        if limits is not None and limits[0] >= 0:
+            _set_limit(kind, limits[0] + more)
+
+
+def limit_memory(memory: int) -> None:
+    """Let the system refuse this process more than so many further bytes."""
+    try:
+        held = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5]) * os.sysconf("SC_PAGESIZE")
+    except (OSError, ValueError, IndexError):
+        return  # no Linux, and no system that counts what this limit is of
+    _set_limit("RLIMIT_DATA", held + memory)
+
+
+def limit_processor(seconds: int) -> None:
+    """Let the system end this process after so many seconds of the processor; more can be allowed later."""
+    _set_limit("RLIMIT_CPU", seconds)
+
+
+def _said(path: Path, error: Exception) -> Exception:
+    """What the libraries throw in their own language, and a lack of memory, as errors of the file."""
+    said = str(error).strip().splitlines()
+    if isinstance(error, MemoryError) or (said and _OUT_OF_MEMORY in said[0]):
+        return _too_much(path, "needs more memory than it may take")
+    if type(error) is RuntimeError:
+        what = f"{path.name}: the library of polygons gives up on its shapes ({said[0][:200] if said else 'no reason'})"
+        return SourceError("MF323", what, where=str(path), cure=_CURE)
+    return error
+
+
+def _too_much(path: Path, what: str) -> SourceError:
+    return SourceError("MF322", f"{path.name} {what}", where=str(path), cure=_CURE)
+
+
+def _limits(kind: str) -> tuple[int, int] | None:
+    """What holds now, and what can be asked for at most; below 0 stands for any."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return None
+    return resource.getrlimit(getattr(resource, kind))
+
+
+def _set_limit(kind: str, value: int) -> None:
+    limits = _limits(kind)
+    if limits is not None:
+        import resource
+
+        most = limits[1]
+        resource.setrlimit(getattr(resource, kind), (value if most < 0 else min(value, most), most))
+
+
+def _work(there: Connection, work: Callable[[Progress], Any], seconds: int, memory: int) -> None:
+    """The life of the copy."""
+
+    def tell(stage: str, done: int, total: int) -> None:
+        there.send(("progress", (stage, done, total)))
+
+    # An interrupt is the affair of who waits, who ends this copy.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    limit_processor(seconds)
+    limit_memory(memory)
+    kind: Literal["raised", "answer"] = "answer"
+    try:
+        told = work(tell)
+    except Exception as error:
+        kind, told = "raised", error
+        error.add_note(traceback.format_exc())
+    there.send((kind, told))
+    there.close()
