@@ -109,6 +109,37 @@ def mean_psf(
     return MeanPsf(psf, np.clip(scatter, 0, None) / unit**2, random / unit)
 
 
+def layout_psf(panel: Panel, pilot: Psf, camera: Camera) -> MeanPsf:
+    """One layout as a sample of its own ensemble, for tilings whose cells are not drawn one by one.
+
+    The field is that of grey mean cells, which repeat, and a rest s that is taken for random, whatever it is: a sample
+    of E|s|² is |s|², one of its square |s|⁴ / 2. A rest that repeats on cells of its own, as every other one mirrored,
+    counts as random too, which errs on the side of more variance. Openings that meet the stop with one cell only, as
+    the sheet of a hexagonal tiling does, are held against a clear stop dimmed to their mean.
+
+    Args:
+        panel: what is laid out.
+        pilot: its PSF at points over the camera's window.
+        camera: stop, focal length and window.
+    """
+    stop, scale = camera.stop, image_scale_um2(camera, pilot.wavelength_nm)
+    frame = panel_aperture(panel, stop.diameter_um / 2)
+    x, y = frame.x, frame.y
+    place = np.ix_(y.dot_index().ravel(), x.dot_index().ravel())
+    held = frame.transmission[place].reshape(y.cells, y.dots, x.cells, x.dots)
+    cells = x.cells * y.cells
+    mean_cell = held.mean(axis=(0, 2)) if cells > 1 else np.full((y.dots, x.dots), held.mean())
+    grey = _tiled(frame, mean_cell)
+    rest = cut(Aperture(x, y, frame.transmission - grey, np.zeros_like(grey)), stop)
+    reach = pilot.values.shape[0] // 2
+    frequency = pilot.step_um * np.arange(reach + 1, dtype=np.float64) / scale
+    energy = cut(frame, stop).energy_um2
+    # The mean of few cells is close to each: what is left of them is too little by a share of one.
+    random = parity_field(rest, frequency, frequency).intensity() / (scale**2 * energy) * (cells / max(cells - 1, 1))
+    repeated = np.clip(pilot.values - random, 0, None)
+    return MeanPsf(pilot, random**2 / 2 + 2 * random * repeated, np.minimum(random, pilot.values))
+
+
 def mean_lag_table(
     panel: Panel, stop: Stop, reach_um: float = np.inf, elements: tuple[int, ...] = ALL_ORIENTATIONS
 ) -> LagTable:

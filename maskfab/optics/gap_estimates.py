@@ -9,11 +9,17 @@ from numpy.typing import NDArray
 from scipy.special import jv
 
 from maskfab.model import Camera, Stop
+from maskfab.optics.aperture import Aperture
 from maskfab.optics.ensemble import MeanPsf, decorrelation_error
 from maskfab.optics.gap import Place, shift_um
-from maskfab.optics.stop_shape import perimeter_um, widest_um
+from maskfab.optics.pupil import Pupil
+from maskfab.optics.stop_shape import edge_points, perimeter_um, widest_um
 
 Floats = NDArray[np.float64]
+
+_RIM_POINTS = 2048
+_STRIP_LAYERS = 8
+_DIRECTIONS = 24
 
 
 def fresnel_number(width_um: float, gap_um: float, wavelength_nm: float) -> float:
@@ -41,6 +47,48 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
     else:
         mean = moved.astype(np.complex128)
     return np.asarray(np.clip(abs(1 - mean * (perimeter_um(stop) / (np.pi * stop.area_um2))), 0, 1))
+
+
+def rim_crowding(openings: Aperture, inside: Pupil, distance_um: float) -> float:
+    """How much more clear area a stop trades when it moves by a distance than even openings would have it, at least 1.
+
+    The clear area of the strips along the rim that the stop loses on one side and gains on the other, over their whole
+    area times the open share of the stop; the worst of many directions. Cells that are few or sparse stand on the rim
+    as it happens: a strip then holds several times its share of the light, or none.
+
+    Args:
+        openings: as far as the stop reaches, and that distance beyond.
+        inside: what the stop leaves of them.
+        distance_um: positive.
+    """
+    stop, clear_um2 = inside.stop, inside.field_integral_um2
+    if not clear_um2:
+        return 1.0
+    place, outward, length = edge_points(stop, _RIM_POINTS)
+    angle = 2 * np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
+    across = outward @ np.stack([np.cos(angle), np.sin(angle)])
+    layer = distance_um / _STRIP_LAYERS
+    traded = np.zeros(_DIRECTIONS)
+    for k in range(_STRIP_LAYERS):
+        # The strip is as deep as the move along the rim's normal: of its last layer it holds a part.
+        held = layer * np.clip(_STRIP_LAYERS * abs(across) - k, 0, 1)
+        for side in (1, -1):
+            clear = _seen(openings, place + side * (k + 0.5) * layer * outward)
+            traded += (clear * length) @ (held * (side * across > 0))
+    even = clear_um2 / stop.area_um2 * distance_um * (length @ abs(across))
+    return max(1.0, float((traded / even).max()))
+
+
+def _seen(openings: Aperture, place: Floats) -> Floats:
+    """Transmission at points [..., 2]; 0 beyond the openings."""
+    index = []
+    inside = np.ones(place.shape[:-1], dtype=np.bool_)
+    for axis, lattice in enumerate((openings.x, openings.y)):
+        edges = lattice.edges_um()
+        found = np.searchsorted(edges, place[..., axis], side="right") - 1
+        inside &= (found >= 0) & (found < edges.size - 1)
+        index.append(np.clip(found, 0, edges.size - 2))
+    return np.where(inside, openings.transmission[index[1], index[0]], 0.0)
 
 
 def shift_error(mean: MeanPsf, camera: Camera, gap_um: float, image_um: Place) -> float:

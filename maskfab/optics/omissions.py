@@ -6,7 +6,10 @@ made from PSFs at infinity and mean PSFs (:mod:`maskfab.optics.ensemble`), not f
 
 Notes:
     Shifts and diffraction change the repeating part of a PSF too, which the ensemble's variance does not hold. A share
-    1 - ρ of the stop's openings is new, so orders change by twice that share of their amplitude at most.
+    1 - ρ of the stop's openings is new, more where they crowd its rim, so orders change by twice that share of their
+    amplitude at most.
+    Only cells drawn one by one have a closed mean. Of other layouts all that does not repeat from cell to cell is taken
+    for random, which is too much where it repeats on larger cells, and never too little.
     The residues of cut dots add up in phase near the axis, where light is: taken as random they come out up to six
     times too small. So the grey rim is tried, which costs one cheap PSF; its safety is for the lines between.
     An even phase changes the orders of an even pupil to second order only. A periodic panel is not even where the stop
@@ -26,11 +29,12 @@ from numpy.typing import NDArray
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Camera, Panel, Psf, Stop, Tiling
 from maskfab.optics.aberration import Wavefront, aberration_error, marechal_strehl, noll_degrees
+from maskfab.optics.aperture import Aperture, panel_aperture
 from maskfab.optics.band_lines import band_errors
 from maskfab.optics.depth import clear_stop_strehl, defocus_error, edge_defocus_waves, scale_error
-from maskfab.optics.ensemble import MeanPsf, mean_psf
+from maskfab.optics.ensemble import MeanPsf, layout_psf, mean_psf
 from maskfab.optics.gap import shift_um
-from maskfab.optics.gap_estimates import common_share, gap_error, shift_error
+from maskfab.optics.gap_estimates import common_share, gap_error, rim_crowding, shift_error
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import Pupil
@@ -110,11 +114,12 @@ def elements(panel: Panel) -> tuple[int, ...]:
 
 
 def _mean(panel: Panel, camera: Camera, pilot: Psf) -> MeanPsf:
-    """The mean PSF of the layouts that could have been drawn; a panel whose cells are not drawn one by one is its own
-    mean, and repeats in every layout."""
-    chosen = elements(panel)
-    if panel.tiling.independent or len(chosen) == 1:
-        return mean_psf(panel, camera, pilot.wavelength_nm, chosen)
+    """The mean PSF of the layouts that could have been drawn, as far as one layout's own PSF tells it where cells are
+    not drawn one by one; a panel of which nothing is drawn is its own mean."""
+    if panel.tiling.independent:
+        return mean_psf(panel, camera, pilot.wavelength_nm, elements(panel))
+    if panel.tiling.seeded or panel.others:
+        return layout_psf(panel, pilot, camera)
     nothing = np.zeros_like(pilot.values)
     return MeanPsf(pilot, nothing, nothing)
 
@@ -139,6 +144,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     bands = [band_errors(pupil, camera, band, target / 4) for band in scene.bands]
     counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
+    openings = panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.pitch_nm / 1e3)
     uneven = panel.pitch_nm / 1e3 / camera.stop.diameter_um if not panel.tiling.independent else 0.0
     return Estimates(
         scale=_scale(pilots, sampled, scene),
@@ -146,11 +152,11 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
         aberrations=_aberrations(
             means, sampled, scene.wavefront(camera), min(1.0, uneven + _defocus_share(sampled, scene))
         ),
-        shift=_shift(means, sampled, scene, scene.field_um) if moved else NOTHING,
-        diffraction=_diffraction(means, sampled, scene.gap_um) if scene.gap_um else NOTHING,
+        shift=_shift(means, openings, pupil, sampled, scene, scene.field_um) if moved else NOTHING,
+        diffraction=_diffraction(means, openings, pupil, sampled, scene.gap_um) if scene.gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled),
         layout=_layout(means),
-        places={n: _between(means, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
+        places={n: _between(means, openings, pupil, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
         bands={count: max((each[count] for each in bands), default=0.0) for count in counts},
         in_bands=len(bands),
         range_nm=ends,
@@ -227,7 +233,9 @@ def _strehl(wavefront: Wavefront, stop: Stop, wavelength_nm: float) -> float:
     return stop_strehl(stop, wavefront.waves(stop, wavelength_nm))
 
 
-def _shift(means: list[MeanPsf], camera: Camera, scene: Scene, image_um: float) -> Estimate:
+def _shift(
+    means: list[MeanPsf], openings: Aperture, pupil: Pupil, camera: Camera, scene: Scene, image_um: float
+) -> Estimate:
     """The openings' shadow moved as for an image point that far from the axis, in the worse of two directions."""
     diagonal = image_um / math.sqrt(2)
     stated = max(
@@ -236,20 +244,22 @@ def _shift(means: list[MeanPsf], camera: Camera, scene: Scene, image_um: float) 
         for place in ((image_um, 0.0), (diagonal, diagonal))
     )
     moved = shift_um(camera, scene.gap_um, (image_um, 0.0))[0]
-    lost = min(1.0, moved * widest_um(camera.stop) / camera.stop.area_um2)
+    lost = min(1.0, rim_crowding(openings, pupil, moved) * moved * widest_um(camera.stop) / camera.stop.area_um2)
     ordered = max(_order_change(mean, np.asarray(lost)) for mean in means)
     method = "share of the stop's openings that are new, speckle and orders"
     return Estimate(math.hypot(GAP_SAFETY * stated, ordered), method, GAP_SAFETY)
 
 
-def _diffraction(means: list[MeanPsf], camera: Camera, gap_um: float) -> Estimate:
+def _diffraction(means: list[MeanPsf], openings: Aperture, pupil: Pupil, camera: Camera, gap_um: float) -> Estimate:
     errors = []
     for mean in means:
         count = mean.psf.values.shape[0]
         offset = mean.psf.step_um * (np.arange(count, dtype=np.float64) - count // 2)
         moved = gap_um / camera.focal_um * np.hypot(offset[:, None], offset)
         share = common_share(camera.stop, moved, gap_um, mean.psf.wavelength_nm)
-        errors.append(math.hypot(GAP_SAFETY * gap_error(mean, camera, gap_um), _order_change(mean, 1 - share)))
+        crowding = rim_crowding(openings, pupil, math.sqrt(1e-3 * mean.psf.wavelength_nm * gap_um))
+        lost = np.minimum(1.0, crowding * (1 - share))
+        errors.append(math.hypot(GAP_SAFETY * gap_error(mean, camera, gap_um), _order_change(mean, lost)))
     method = "stop seen across the gap, moved by its diffraction angles and blurred by sqrt(λg)"
     return Estimate(max(errors), method, GAP_SAFETY)
 
@@ -260,11 +270,13 @@ def _order_change(mean: MeanPsf, lost: Floats) -> float:
     return float(ORDER_SAFETY * np.linalg.norm(2 * lost * ordered) / np.linalg.norm(mean.psf.values))
 
 
-def _between(means: list[MeanPsf], camera: Camera, scene: Scene, places: int) -> float:
+def _between(
+    means: list[MeanPsf], openings: Aperture, pupil: Pupil, camera: Camera, scene: Scene, places: int
+) -> float:
     """Error half a diagonal away from the nearest of n x n places; the axis alone is the shift's own row."""
     if places in (PLACES[0], PLACES[-1]):
         return 0.0
-    return _shift(means, camera, scene, math.sqrt(2) * scene.field_um / (places - 1)).error
+    return _shift(means, openings, pupil, camera, scene, math.sqrt(2) * scene.field_um / (places - 1)).error
 
 
 def _layout(means: list[MeanPsf]) -> Estimate:

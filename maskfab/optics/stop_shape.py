@@ -55,6 +55,36 @@ def widest_um(stop: Stop) -> float:
     return float(abs(across @ np.stack([np.cos(angle), np.sin(angle)])).sum(axis=0).max() / 2)
 
 
+def edge_points(stop: Stop, count: int) -> tuple[Floats, Floats, Floats]:
+    """Places along the stop's edge, outward normals [n, 2] each, and the length that each stands for, [n].
+
+    There are about ``count`` of them, twice as many where there is an inner edge, whose normals point to the axis.
+    """
+    if not stop.round:
+        places, normals, lengths = [], [], []
+        for (px, py), (qx, qy) in _sides(stop):
+            length = math.hypot(qx - px, qy - py)
+            points = math.ceil(count * length / perimeter_um(stop))
+            along = ((np.arange(points) + 0.5) / points)[:, None]
+            places.append(np.array([px, py]) + along * np.array([qx - px, qy - py]))
+            normals.append(np.full((points, 2), (qy - py, px - qx)) / length)
+            lengths.append(np.full(points, length / points))
+        return np.concatenate(places), np.concatenate(normals), np.concatenate(lengths)
+    angle = 2 * np.pi * (np.arange(count) + 0.5) / count
+    turn = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    width, height = stop.sides_um
+    across = turn * np.array([height, width]) * (np.pi / count)
+    length_um = np.hypot(*across.T)
+    place, outward = turn * np.array([width, height]) / 2, across / length_um[:, None]
+    if not stop.inner_share:
+        return place, outward, length_um
+    return (
+        np.concatenate([place, stop.inner_share * place]),
+        np.concatenate([outward, -outward]),
+        np.concatenate([length_um, stop.inner_share * length_um]),
+    )
+
+
 def stop_nodes(stop: Stop, count: int = _NODES) -> tuple[Floats, Floats, Floats]:
     """Places x, y and weights whose sums are integrals over the stop; weights of a polygon may be negative.
 

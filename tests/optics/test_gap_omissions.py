@@ -1,0 +1,178 @@
+"""What leaving out a gap is said to cost, for every tiling, against the moved and the propagated PSF."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from optics_cases import camera, noise, panel, pupil
+
+from maskfab.layout.hexagonal import hexagonal_sheet
+from maskfab.layout.tiling import orientations
+from maskfab.model import Opening, Panel, Stop, Tiling
+from maskfab.optics.aperture import Aperture, panel_aperture
+from maskfab.optics.ensemble import layout_psf, mean_psf
+from maskfab.optics.gap import gap_psf, shifted_psf
+from maskfab.optics.gap_estimates import rim_crowding
+from maskfab.optics.metrics import relative_difference
+from maskfab.optics.omissions import estimate
+from maskfab.optics.psf import point_psf
+from maskfab.optics.pupil import cut
+from maskfab.optics.scene import Scene
+from maskfab.optics.stop_shape import edge_points, perimeter_um
+
+LINE = 530.0
+
+
+def spot(dots: int, row: int, column: int, rows: int, columns: int) -> np.ndarray:
+    mask = np.zeros((dots, dots), dtype=np.bool_)
+    mask[row : row + rows, column : column + columns] = True
+    return mask
+
+
+ANGLE = spot(21, 3, 4, 15, 2) | spot(21, 3, 4, 2, 11)
+MASKS = {
+    "spot": spot(21, 2, 13, 4, 4),
+    "angle": ANGLE,
+    "low spot": spot(21, 1, 9, 2, 4),
+    "noise": noise(15, 0.1, 8),
+    "dense": noise(7, 0.6, 4),
+}
+TILINGS = ("random", "map", "halves", "blue_noise", "hexagonal", "others", "others turned", "rot90", "periodic")
+
+
+def laid(tiling: str, mask: np.ndarray, width_um: float, seed: int = 1) -> Panel:
+    """A panel at least that wide of dots of 8 um."""
+    dots = mask.shape[0]
+    cells = 2 * math.ceil(width_um / (16.0 * dots))
+    draw = np.random.default_rng(seed)
+    opening, others = Opening("a", mask, 8000), (Opening("b", noise(dots, 0.3, 77), 8000),)
+    if tiling == "hexagonal":
+        sheet = hexagonal_sheet(opening, cells * dots, seed)
+        return Panel(sheet, 8000, 0, np.zeros((1, 1), dtype=np.int8), Tiling.HEXAGONAL, seed)
+    kind = {"halves": "map", "others": "periodic", "others turned": "rot90"}.get(tiling, tiling)
+    if tiling == "map":
+        chosen = draw.integers(8, size=(cells, cells))
+    elif tiling == "halves":
+        chosen = np.where(np.arange(cells) < cells // 2, 0, 5) * np.ones((cells, 1), dtype=int)
+    else:
+        chosen = orientations(Tiling(kind), cells, cells, seed, openings=2 if "others" in tiling else 1)
+    held = others if "others" in tiling else ()
+    return Panel(opening, 8000, 0, chosen.astype(np.int8), Tiling(kind), seed, others=held)
+
+
+def check(tiling: str, mask: str, shape: str, diameter_um: float, gap_um: float, field_um: float) -> None:
+    setting = camera(diameter_um, "square" if shape == "square" else "circle", (LINE,), 96.0)
+    design = laid(tiling, MASKS[mask], diameter_um + 120)
+    clear, source = panel_aperture(design), pupil(design, setting.stop)
+    plain = point_psf(source, setting, LINE)
+    found = estimate(design, source, setting, Scene(gap_um=gap_um, field_um=field_um), 0.1)
+    reaches = {"shift": field_um, "3 x 3": field_um * math.sqrt(2) / 2}
+    foretold = {"shift": found.shift.error, "3 x 3": found.places[3], "diffraction": found.diffraction.error}
+    real = {
+        name: max(
+            relative_difference(
+                plain, shifted_psf(clear, setting, LINE, gap_um, (reach * math.cos(turn), reach * math.sin(turn)))
+            )
+            for turn in (0.0, 0.9, 2.2)
+        )
+        for name, reach in reaches.items()
+    }
+    still, spread = (gap_psf(clear, setting, LINE, gap, samples_per_dot=2) for gap in (0.0, gap_um))
+    real["diffraction"] = relative_difference(still, spread)
+    for name, error in real.items():
+        print(
+            f"{tiling:13} {mask:8} {shape} {diameter_um:g} um {name:11} foretold {foretold[name]:.3f} real {error:.3f}"
+        )
+    assert {name for name, error in real.items() if error > foretold[name]} == set()
+
+
+@pytest.mark.parametrize(
+    ("tiling", "mask", "shape", "diameter_um", "gap_um", "field_um"),
+    [
+        ("blue_noise", "spot", "circle", 600.0, 100.0, 300.0),
+        ("blue_noise", "spot", "circle", 300.0, 400.0, 300.0),
+        ("hexagonal", "spot", "circle", 300.0, 100.0, 300.0),
+        ("hexagonal", "angle", "square", 500.0, 20.0, 300.0),
+        ("map", "angle", "circle", 600.0, 400.0, 100.0),
+        ("others", "spot", "square", 400.0, 100.0, 1000.0),
+        ("halves", "angle", "circle", 400.0, 100.0, 300.0),
+        ("rot90", "low spot", "square", 500.0, 300.0, 200.0),
+        ("periodic", "low spot", "circle", 350.0, 50.0, 800.0),
+        ("periodic", "spot", "square", 400.0, 300.0, 200.0),
+    ],
+)
+def test_a_gap_costs_no_more_than_foretold(
+    tiling: str, mask: str, shape: str, diameter_um: float, gap_um: float, field_um: float
+) -> None:
+    check(tiling, mask, shape, diameter_um, gap_um, field_um)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tiling", TILINGS)
+@pytest.mark.parametrize("mask", ["spot", "angle", "noise"])
+@pytest.mark.parametrize(("shape", "diameter_um"), [("circle", 300.0), ("circle", 700.0), ("square", 500.0)])
+@pytest.mark.parametrize(("gap_um", "field_um"), [(100.0, 1000.0), (400.0, 100.0)])
+def test_a_gap_costs_no_more_than_foretold_anywhere(
+    tiling: str, mask: str, shape: str, diameter_um: float, gap_um: float, field_um: float
+) -> None:
+    check(tiling, mask, shape, diameter_um, gap_um, field_um)
+
+
+def test_a_layout_tells_the_scatter_of_its_ensemble() -> None:
+    """Drawn cell by cell, where the closed form is known; a layout that repeats has none."""
+    setting = camera(400.0, window_um=96.0)
+    mean = mean_psf(laid("random", ANGLE, 500.0), setting, LINE)
+    single = []
+    for seed in range(6):
+        design = laid("random", ANGLE, 500.0, seed)
+        pilot = point_psf(pupil(design, setting.stop), setting, LINE)
+        single.append(layout_psf(design, pilot, setting))
+    assert np.mean([each.variance.sum() for each in single]) == pytest.approx(mean.variance.sum(), rel=0.3)
+    assert np.mean([each.random_share.sum() for each in single]) == pytest.approx(mean.random_share.sum(), rel=0.2)
+    repeated = panel(ANGLE, cells=4)
+    still = layout_psf(repeated, point_psf(pupil(repeated, setting.stop), setting, LINE), setting)
+    assert still.scatter < 1e-12
+
+
+def crowding(clear: np.ndarray, stop: Stop) -> float:
+    """Of dots of 1 um about the axis, for a move by 4 um."""
+    lattice = panel_aperture(panel(clear, dot_nm=1000, cells=1))
+    openings = Aperture(lattice.x, lattice.y, clear.astype(np.float64), np.zeros(clear.shape))
+    return rim_crowding(openings, cut(openings, stop), 4.0)
+
+
+@pytest.mark.parametrize("shape", ["circle", "square"])
+def test_crowding_of_the_rim(shape: str) -> None:
+    stop = Stop("square" if shape == "square" else "circle", 100.0)
+    place = np.arange(160) - 79.5
+    distance = np.maximum(abs(place), abs(place[:, None])) if shape == "square" else np.hypot(place, place[:, None])
+    assert crowding(distance < 1000, stop) == pytest.approx(1.0, abs=0.03)
+    # Light about the rim only: the whole stop over the part of it that is clear.
+    hollow = (100**2 if shape == "square" else np.pi * 50**2) / ((distance > 40) & (distance < 50)).sum()
+    assert crowding(distance > 40, stop) == pytest.approx(hollow, rel=0.05)
+    assert crowding(distance < 40, stop) == 1.0
+    lone = (distance < 10) | ((distance > 30) & (abs(place) < 15) & (place[:, None] > 0))
+    turned = [crowding(np.rot90(lone, k), stop) for k in range(4)]
+    assert min(turned) > 1.3
+    assert max(turned) < 1.05 * min(turned)
+
+
+@pytest.mark.parametrize(
+    "stop",
+    [
+        Stop("circle", 100.0),
+        Stop.ellipse(100.0, 60.0),
+        Stop.rectangle(40.0, 100.0),
+        Stop.annulus(100.0, 30.0),
+        Stop.polygon([(-50, -40), (50, -40), (0, 45)]),
+    ],
+    ids=lambda stop: stop.shape,
+)
+def test_edge_points_close_and_hold_the_stops_area(stop: Stop) -> None:
+    place, outward, length = edge_points(stop, 600)
+    np.testing.assert_allclose(np.hypot(*outward.T), 1, rtol=1e-12)
+    np.testing.assert_allclose(length @ outward, 0, atol=1e-9)
+    assert length @ (place * outward).sum(axis=1) / 2 == pytest.approx(stop.area_um2, rel=1e-4)
+    assert length.sum() == pytest.approx(perimeter_um(stop), rel=1e-3)
