@@ -38,6 +38,8 @@ def verify(
                                              "clear.")] = None,
     ignore: Annotated[list[str] | None, typer.Option(metavar="LAYER", help="Layer of a mask file that is not written, "
                                                      "though it holds shapes; as often as needed.")] = None,
+    tolerance: Annotated[str | None, typer.Option(help="Width up to which a difference of a mask file is a sliver and "
+                                                  "no fault, such as '1 nm'.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
@@ -51,7 +53,7 @@ def verify(
         "--dots-per-um": dots_per_um,
         "--unit": unit,
     }
-    reading |= {"--tone": tone, "--ignore": ignore or None}
+    reading |= {"--tone": tone, "--ignore": ignore or None, "--tolerance": tolerance}
     said = [name for name, value in reading.items() if value is not None]
     if is_package(subject):
         _check_meant(said, (), "a package")
@@ -74,10 +76,12 @@ def verify(
     if subject.is_dir():
         _check_meant((*(() if against is None else ("--against",)), *said), (), f"{subject.name}, which is a directory")
     if against is not None:
+        from maskfab.units import parse_length_um
         from maskfab.validate.foreign import How
 
         _check_meant(said, _meant(subject), subject.name)
-        how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), _is_dark(tone))
+        wide = 0.0 if tolerance is None else 1e3 * parse_length_um(tolerance, where="--tolerance")
+        how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), _is_dark(tone), wide)
         _foreign(subject, against, die, how, as_json, quiet)
         return
     from maskfab.verification import verify as verify_directory
@@ -101,7 +105,7 @@ def _meant(file: Path) -> Sequence[str]:
     from maskfab.geometry.reading import LAYOUT_SUFFIXES
     from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 
-    kind, every = file.suffix.lower(), ("--die", "--unit", "--tone")
+    kind, every = file.suffix.lower(), ("--die", "--unit", "--tone", "--tolerance")
     if kind in IMAGE_SUFFIXES:
         return (*every, "--dots-per-um")
     return (*every, "--layer", "--cell", "--ignore", *(() if kind in LAYOUT_SUFFIXES else ("--dots-per-um",)))

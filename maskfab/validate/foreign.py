@@ -21,10 +21,11 @@ from maskfab.geometry.region import DBU_UM, clear_box, layer_info, plate_layout,
 from maskfab.model import CLEAR, Camera, Plate, Quantity
 from maskfab.progress import Progress, silent
 from maskfab.spec import LimitsSection
+from maskfab.units import NM_PER_UM
 from maskfab.validate.alignment import Alignment, align
 from maskfab.validate.drawn_unit import in_drawn_unit
 from maskfab.validate.features import judged
-from maskfab.validate.foreign_drawing import drawn_figures, named_cells, reach, slanted
+from maskfab.validate.foreign_drawing import Known, drawn_figures, named_cells, reach, slanted
 from maskfab.validate.foreign_layers import LayersRead, Ordered, clear_only, draws
 from maskfab.validate.foreign_optics import optics_of_like, optics_of_unlike
 from maskfab.validate.foreign_rules import Asked, asked, rules_of_like, rules_of_unlike
@@ -38,6 +39,7 @@ _SECONDS_OF_RULES = 5
 """The same for the rules of a file that is not the design."""
 
 _TOLD_PLACES = 4
+_MOST_TOLERATED = 0.01
 
 
 @dataclass(frozen=True)
@@ -51,6 +53,7 @@ class How:
         unit_um: one unit of a DXF; what its header says if None.
         ignored: layers that are not written, though they hold shapes.
         dark: whether what the file draws is chrome, and the rest clear.
+        tolerance_nm: differences no wider than this are slivers, and no fault.
     """
 
     layer: str | None = None
@@ -59,6 +62,7 @@ class How:
     unit_um: float | None = None
     ignored: tuple[str, ...] = ()
     dark: bool = False
+    tolerance_nm: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -126,10 +130,12 @@ def check_foreign(
         ordered: what the job says of layers.
 
     Raises:
-        SourceError: MF301 to MF317 if the file cannot be read as it stands; MF309 if nothing of it is clear.
+        SourceError: MF301 to MF318 if the file cannot be read as it stands; MF309 if nothing of it is clear.
+        JobError: MF104 for a tolerance that would hide faults.
     """
     progress("read", 0, 1)
     how, ordered = how or How(), ordered or Ordered()
+    _check_tolerance(plate, how.tolerance_nm)
     read, layers = _read(path, how, ordered)
     if not draws(read, read.find_layer(layer_info(CLEAR))):
         raise SourceError(
@@ -165,20 +171,32 @@ def check_foreign(
     cds = _own_cds(plate, design, read, alignment)
     laid = _laid(plate, read, alignment)
     progress("compare", 0, 1)
-    trip = compare(plate, design, laid, path)
-    quantities += _of_geometry(replace(trip, cds=cds), limits)
+    trip = compare(plate, design, laid, path, tolerance_nm=how.tolerance_nm)
+    quantities += _of_geometry(replace(trip, cds=cds), limits, how.tolerance_nm)
     progress("rules", 0, 1)
-    quantities += rules_of_like(plate, design, laid, wanted)
+    quantities += rules_of_like(plate, design, laid, trip.slivers.faults, wanted)
     if simple:
-        drawn = list(drawn_figures(laid, path, max_vertices, design, equal=trip.xor_area_um2 == 0))
+        known = Known(design, trip.differing, how.tolerance_nm)
+        drawn = list(drawn_figures(laid, path, max_vertices, known))
     quantities += [*drawn, slanted(laid, design), reach(plate, box, wanted.size)]
     for done, die in enumerate(plate.dies):
         allow(_SECONDS_PER_DIE)
         progress("optics", done, len(plate.dies))
-        equal = next(check.xor_area_um2 for check in trip.dies if check.name == die.name) == 0
+        equal = (trip.differing & db.Region(db.Box(*die.box_nm))).is_empty()
         quantities += optics_of_like(die, camera, design, laid, equal)
     progress("optics", len(plate.dies), len(plate.dies))
     return Foreign(path, alignment, trip, tuple(quantities), layers)
+
+
+def _check_tolerance(plate: Plate, tolerance_nm: float) -> None:
+    largest = min(die.panel.dot_nm for die in plate.dies) * _MOST_TOLERATED
+    if tolerance_nm > largest:
+        raise JobError(
+            "MF104",
+            f"a tolerance of {tolerance_nm:g} nm is more than {largest:g} nm, a hundredth of the smallest dot",
+            where="--tolerance",
+            cure="State a smaller one: 1 nm is what fractures into trapezoids need",
+        )
 
 
 def _read(path: Path, how: How, ordered: Ordered) -> tuple[db.Layout, LayersRead]:
@@ -283,22 +301,38 @@ def _lies(plate: Plate, path: Path, alignment: Alignment, how: How) -> Quantity:
     return Quantity("lies", "", " and ".join(faults) or right, "", method, limit=right, passed=not faults)
 
 
-def _of_geometry(trip: RoundTrip, limits: LimitsSection) -> Iterator[Quantity]:
-    name = trip.path.name
+def _of_geometry(trip: RoundTrip, limits: LimitsSection, tolerance_nm: float) -> Iterator[Quantity]:
+    name, slivers = trip.path.name, trip.slivers
     shown = [str(difference) for difference in trip.differences[:_TOLD_PLACES]]
     more = len(trip.differences) - len(shown)
     where = ": " + "; ".join(shown) + (f" and {more} more" if more else "") if shown else ""
+    than = f" in parts wider than {tolerance_nm:g} nm" if tolerance_nm else ""
     yield Quantity(
         "xor_area",
         "A_xor",
         trip.xor_area_um2,
         "um^2",
-        f"area that only one of {name} and the design makes clear{where}",
+        f"area that only one of {name} and the design makes clear{than}{where}",
         limit=0.0,
         passed=trip.xor_area_um2 == 0,
     )
+    if tolerance_nm:
+        area = slivers.slivers.area() / NM_PER_UM**2
+        widest = f", the widest of at most {slivers.widest_nm:.3g} nm" if area else ""
+        method = f"area that only one of {name} and the design makes clear in {slivers.slivers.count()} slivers of up "
+        yield Quantity(
+            "sliver_area", "", area, "um^2", method + f"to {tolerance_nm:g} nm, as --tolerance allows{widest}"
+        )
     drawn_alike = {"readback_xor_area", "polygons"}
     for quantity in trip.quantities():
         # How many polygons draw the same area is the drawer's affair.
         if quantity.die is not None or quantity.name not in drawn_alike:
-            yield judged(quantity, limits)
+            yield judged(_tolerated(quantity, tolerance_nm), limits)
+
+
+def _tolerated(quantity: Quantity, tolerance_nm: float) -> Quantity:
+    """A CD that is as far off as the tolerance lets an edge be passes."""
+    off, limit = quantity.value, quantity.limit
+    if not quantity.name.startswith("cd_") or not isinstance(off, int) or not isinstance(limit, int):
+        return quantity
+    return replace(quantity, passed=abs(off - limit) <= tolerance_nm)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
 from klayout import db
@@ -12,6 +13,7 @@ from maskfab.geometry.drc.extent import checked_extent
 from maskfab.geometry.drc.names import checked_names
 from maskfab.geometry.reading_limits import count_shapes
 from maskfab.geometry.region import NAME_LENGTH, layer_info
+from maskfab.geometry.slivers import sift
 from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.units import NM_PER_UM
 
@@ -46,13 +48,38 @@ def named_cells(read: db.Layout) -> Iterator[Quantity]:
         )
 
 
+@dataclass(frozen=True, eq=False)
+class Known:
+    """What is known of a file that lies upon a design.
+
+    Attributes:
+        design: its layout, in which nothing overlaps.
+        differing: what only one of them makes clear, merged.
+        tolerance_nm: what overlaps by no more than this is no fault.
+    """
+
+    design: db.Layout
+    differing: db.Region
+    tolerance_nm: float = 0.0
+
+    @property
+    def clear_nm2(self) -> int | None:
+        """Area of all that the file makes clear; None where references of the design are scaled."""
+        index = self.design.find_layer(layer_info(CLEAR))
+        area = _drawn_area(self.design, index)
+        if area is None or self.differing.is_empty():
+            return area
+        places = self.differing.extents().merged()
+        near = db.RecursiveShapeIterator(self.design, self.design.top_cell(), index, places, True)
+        lost = (self.differing & db.Region(near)).area()
+        return area + int(self.differing.area()) - 2 * int(lost)
+
+
 def drawn_figures(
     layout: db.Layout,
     path: Path,
     max_vertices: int | None,
-    design: db.Layout | None = None,
-    *,
-    equal: bool = False,
+    known: Known | None = None,
 ) -> Iterator[Quantity]:
     """What is drawn more than once, and outlines of too many vertices, in the layout's own coordinates.
 
@@ -60,10 +87,9 @@ def drawn_figures(
         layout: one top cell.
         path: its file.
         max_vertices: what the job draws at most; None where it does not say.
-        design: a layout that the file lies upon, so that little differs; None where there is none.
-        equal: whether nothing does.
+        known: the design that it lies upon, and how little it differs; None where there is none.
     """
-    yield _overlaps(layout, path, None if design is None else _clear_area(layout, design, equal))
+    yield _overlaps(layout, path, known)
     most = max_vertices if max_vertices is not None else GDSII_VERTICES
     judged = max_vertices is not None or path.suffix.lower() in _GDSII_SUFFIXES
     long = list(_long_outlines(layout, most))
@@ -118,35 +144,24 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     )
 
 
-def _overlaps(layout: db.Layout, path: Path, clear_nm2: int | None) -> Quantity:
+def _overlaps(layout: db.Layout, path: Path, known: Known | None) -> Quantity:
     """Where the areas of all shapes sum up to what is clear, none overlap."""
     index = layout.find_layer(layer_info(CLEAR))
+    tolerance_nm = 0.0 if known is None else known.tolerance_nm
     what = f"areas of {path.name} that are drawn more than once"
+    what += f" and wider than {tolerance_nm:g} nm" if tolerance_nm else ""
+    clear_nm2 = None if known is None else known.clear_nm2
     if clear_nm2 is not None and _drawn_area(layout, index) == clear_nm2:
         return Quantity("rule_overlap", "", 0, "places", what, limit=0, passed=True)
     if count_shapes(layout, [index]) > MOST_FLAT:
         what += f"; not looked for among more than {MOST_FLAT} shapes"
         return Quantity("rule_overlap", "", None, "places", what)
     # In hierarchy klayout takes two references to one cell at one place for one.
-    twice = list(db.Region(layout.top_cell().begin_shapes_rec(index)).merged(True, 2).each())
+    twice = list(sift(db.Region(layout.top_cell().begin_shapes_rec(index)).merged(True, 2), tolerance_nm).faults.each())
     area = sum(polygon.area() for polygon in twice) / _NM2_PER_UM2
     boxes = sorted((polygon.bbox() for polygon in twice), key=lambda box: (box.bottom, box.left))
     told = f": {area:g} um^2, at {_listed(boxes)} um" if boxes else ""
     return Quantity("rule_overlap", "", len(boxes), "places", what + told, limit=0, passed=not boxes)
-
-
-def _clear_area(layout: db.Layout, design: db.Layout, equal: bool) -> int | None:
-    """Area of all that a layout makes clear, in nm²: that of the design, which overlaps nowhere, and what differs."""
-    area = _drawn_area(design, design.find_layer(layer_info(CLEAR)))
-    if equal or area is None:
-        return area
-    store = db.DeepShapeStore()
-    drawn, known = (
-        db.Region(each.top_cell().begin_shapes_rec(each.find_layer(layer_info(CLEAR))), store)
-        for each in (layout, design)
-    )
-    more, less = (db.Region(list(part.each())).area() for part in (drawn - known, known - drawn))
-    return int(area + more - less)
 
 
 def _drawn_area(layout: db.Layout, index: int) -> int | None:

@@ -105,19 +105,22 @@ def asked(plate: Plate, limits: LimitsSection, scale: float = 1.0) -> Asked:
     return Asked(rules, frozenset(names | ({"notch"} if "space" in names else set())), size)
 
 
-def rules_of_like(plate: Plate, design: db.Layout, laid: db.Layout, wanted: Asked) -> Iterator[Quantity]:
+def rules_of_like(
+    plate: Plate, design: db.Layout, laid: db.Layout, differing: db.Region, wanted: Asked
+) -> Iterator[Quantity]:
     """The rows of a file that is the design, or nearly.
 
     Args:
         plate: the design.
         design: its layout.
         laid: the file, lying as the design does.
+        differing: what only one of them makes clear, where rules are looked at.
         wanted: what is asked of it.
     """
     rules = wanted.rules
     known = _of_plate(plate, rules)
     marks = _of_plate(replace(plate, dies=()), rules)
-    places, beyond = _cropped(_differing(design, laid, rules.reach_nm), (design, laid), MOST_LOOKED)
+    places, beyond = _cropped(_round(differing, rules.reach_nm), (design, laid), MOST_LOOKED)
     found, expected = (_look(layout, places, rules) for layout in (laid, design))
     for name, before in known.items():
         here, there = found.get(name, NOTHING), expected.get(name, NOTHING)
@@ -202,16 +205,10 @@ def _at(box: Iterable[int]) -> str:
     return f"({x / NM_PER_UM:g}, {y / NM_PER_UM:g}) um"
 
 
-def _differing(design: db.Layout, laid: db.Layout, reach_nm: int) -> db.Region:
+def _round(differing: db.Region, reach_nm: int) -> db.Region:
     """Boxes round all that differs, wide enough for every rule."""
-    store = db.DeepShapeStore()
-    deep = [
-        db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(layer_info(CLEAR))), store)
-        for layout in (design, laid)
-    ]
-    differing = db.Region(list((deep[0] ^ deep[1]).each()))
-    differing.size(reach_nm)
-    return db.Region([polygon.bbox() for polygon in differing.merged().each()]).merged()
+    wide = differing.sized(reach_nm)
+    return db.Region([polygon.bbox() for polygon in wide.merged().each()]).merged()
 
 
 def _cropped(places: db.Region, layouts: tuple[db.Layout, ...], most: int) -> tuple[db.Region, str]:

@@ -19,6 +19,7 @@ from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.reading import find_cell, read_layout, rounding_nm
 from maskfab.geometry.region import coverage, layer_info, placed_boxes, region
 from maskfab.geometry.rules import corner_touches
+from maskfab.geometry.slivers import Sifted, sift
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Plate, Point, Quantity
 from maskfab.units import NM_PER_UM
 
@@ -102,6 +103,8 @@ class RoundTrip:
         differences: one for each die or piece of furniture and layer that differs; empty if all is well.
         dies: in plate order.
         cds: in the order of the plate's gauges.
+        differing: all that only one of file and plate makes clear, merged.
+        slivers: of that, what is no wider than the tolerance and so no difference.
     """
 
     path: Path
@@ -112,6 +115,8 @@ class RoundTrip:
     differences: tuple[Difference, ...]
     dies: tuple[DieCheck, ...]
     cds: tuple[CdCheck, ...]
+    differing: db.Region
+    slivers: Sifted
 
     @property
     def xor_area_um2(self) -> float:
@@ -229,11 +234,19 @@ def compare(
     dots: bool = True,
     drawn_polygons: int | None = None,
     layer_names: Mapping[str, str] | None = None,
+    tolerance_nm: float = 0.0,
 ) -> RoundTrip:
-    """The same of a layout that was read already; ``path`` names it. It has one top cell."""
+    """The same of a layout that was read already; ``path`` names it. It has one top cell.
+
+    What differs on the layer CLEAR and is no wider than ``tolerance_nm`` is told apart, see
+    :mod:`maskfab.geometry.slivers`, and no difference.
+    """
     _settle(read, layer_names)
     compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
     differing = {layer: _xor(design, read, layer) for layer in (*compared, *_further_layers(read))}
+    clear = differing.get(CLEAR, db.Region())
+    sifted = sift(clear, tolerance_nm)
+    differing[CLEAR] = sifted.faults
     differences = tuple(
         difference for layer, shapes in differing.items() for difference in _named(plate, layer, shapes)
     )
@@ -244,10 +257,12 @@ def compare(
         drawn_polygons=_count_polygons(design) if drawn_polygons is None else drawn_polygons,
         rounding_nm=rounding_nm(read),
         differences=differences,
-        dies=tuple(_check_die(die, read, differing, dots) for die in plate.dies),
+        dies=tuple(_check_die(die, read, differing, dots, tolerance_nm) for die in plate.dies),
         cds=tuple(
             CdCheck(gauge, clear_length_nm(design, gauge), clear_length_nm(read, gauge)) for gauge in plate.gauges
         ),
+        differing=clear,
+        slivers=sifted,
     )
 
 
@@ -331,13 +346,18 @@ def _bounds(polygon: tuple[Point, ...]) -> Box:
     return min(xs), min(ys), max(xs), max(ys)
 
 
-def _check_die(die: Die, read: db.Layout, differing: dict[Layer, db.Region], dots: bool) -> DieCheck:
+def _check_die(
+    die: Die, read: db.Layout, differing: dict[Layer, db.Region], dots: bool, tolerance_nm: float
+) -> DieCheck:
     box = db.Region(db.Box(*die.box_nm))
     xor_area = sum((shapes & box).area() for shapes in differing.values() if not shapes.is_empty()) / _NM2_PER_UM2
     if not dots:
         return DieCheck(die.name, xor_area, None, None)
     clear = _read_raster(die, read)
-    return DieCheck(die.name, xor_area, int(np.count_nonzero(clear != die_raster(die))), corner_touches(clear > 0.5))
+    # As much as slivers along all four sides of a dot make of it.
+    slack = 4 * tolerance_nm / die.panel.dot_nm
+    wrong = np.count_nonzero(abs(clear - die_raster(die)) > slack)
+    return DieCheck(die.name, xor_area, int(wrong), corner_touches(clear > 0.5))
 
 
 def _read_raster(die: Die, read: db.Layout) -> NDArray[np.float64]:

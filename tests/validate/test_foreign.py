@@ -17,7 +17,7 @@ from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.gds import write_gdsii
 from maskfab.export.gerber import write_gerber
 from maskfab.geometry.region import plate_layout, region
-from maskfab.model import CLEAR
+from maskfab.model import CLEAR, Furniture
 from maskfab.validate.foreign import How, check_foreign, only_die
 from maskfab.validate.foreign_layers import Ordered
 
@@ -339,6 +339,67 @@ def test_what_reaches_beyond_the_blank_does_so_in_turned_cells_too(job, plate, g
     found = check(job, plate, path)
     assert failed(found) >= {"rule_extent", "xor_area"}
     assert told(found)["rule_extent"] == pytest.approx(100, abs=2e-3)
+
+
+def widened(plate, by_nm):
+    """Move the right side of the bars of a gauge, and that of dots of a die."""
+
+    def edit(layout):
+        for cell in (layout.cell("CD_X_1X"), next(c for c in layout.each_cell() if c.name.startswith("RING"))):
+            shapes = cell.shapes(layout.layer(1, 0))
+            box = next(shapes.each()).bbox()
+            shapes.insert(db.Box(box.right, box.bottom, box.right + by_nm, box.top))
+            shape = db.Region(shapes).merged(True, 1)
+            shapes.clear()
+            shapes.insert(shape)
+
+    return edit
+
+
+def test_edges_off_by_the_tolerance_are_slivers_and_off_by_twice_that_faults(job, plate, gds, tmp_path):
+    one, two = (edited(gds, tmp_path / f"{by_nm}.gds", widened(plate, by_nm)) for by_nm in (1, 2))
+    strict = check(job, plate, one)
+    assert failed(strict) >= {"xor_area", "cd_x_1x", "readback_xor_area", "readback_wrong_dots"}
+    found = check(job, plate, one, tolerance_nm=1.0)
+    assert failed(found) & {"xor_area", "cd_x_1x", "readback_xor_area", "readback_wrong_dots"} == set()
+    sliver = rows_of(found)["sliver_area"]
+    assert sliver.value == pytest.approx(told(strict)["xor_area"])
+    assert "the widest of at most 1 nm" in sliver.method
+    wide = check(job, plate, two, tolerance_nm=1.0)
+    assert failed(wide) >= {"xor_area", "cd_x_1x", "readback_xor_area"}
+    assert rows_of(wide)["sliver_area"].value == 0
+
+
+ARMS = [
+    db.Polygon([db.Point(0, 0), db.Point(x, y), db.Point(x + 3001, y + 4007)]).moved(5_000_000, 5_000_000)
+    for x, y in ((90_001, 20_003), (-70_001, 50_021), (-30_007, -80_009), (61_001, -47_013))
+]
+
+
+def in_trapezoids(shift):
+    """Slanted arms beside the plate, as trapezoids on the nanometre grid."""
+    pieces = db.Region(ARMS).decompose_trapezoids_to_region().moved(shift, 0)
+    return lambda layout: layout.top_cell().shapes(layout.layer(1, 0)).insert(pieces)
+
+
+def test_a_fracture_into_trapezoids_differs_by_slivers_alone(job, plate, gds, tmp_path):
+    """Corners that it makes on slanted edges are rounded. Arms as a whole off by 2 nm are a fault all the same."""
+    arms = tuple(tuple((point.x, point.y) for point in arm.each_point_hull()) for arm in ARMS)
+    marked = replace(plate, furniture=(*plate.furniture, Furniture("ARMS", "resolution", CLEAR, arms)))
+    right, off = (edited(gds, tmp_path / f"{shift}.gds", in_trapezoids(shift)) for shift in (0, 2))
+    strict = check(job, marked, right)
+    assert "xor_area" in failed(strict)
+    found = check(job, marked, right, tolerance_nm=1.0)
+    assert failed(found) == set()
+    assert 0 < rows_of(found)["sliver_area"].value == pytest.approx(told(strict)["xor_area"])
+    assert "xor_area" in failed(check(job, marked, off, tolerance_nm=1.0))
+
+
+def test_a_tolerance_that_would_hide_faults_is_refused(capsys, gds, tmp_path):
+    job = write_job(tmp_path)
+    for tolerance, code in (("1 um", "MF104"), ("-1 nm", "MF104"), ("1", "MF103")):
+        answer = command(capsys, "verify", gds, "--against", job, "--tolerance", tolerance, "--json")
+        assert (answer.code, answer.document["error"]["code"]) == (2, code), tolerance
 
 
 @pytest.fixture(scope="module")
