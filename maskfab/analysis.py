@@ -20,9 +20,24 @@ from maskfab.geometry.stop import edges_in_stop, stop_box
 from maskfab.layout import openings
 from maskfab.layout.plate import check_light, check_size, dot_on_grid
 from maskfab.layout.tiling import orientations
-from maskfab.model import CLEAR, Camera, Die, Mtf, Opening, Panel, Plate, Psf, Quantity, Stop, Tiling
+from maskfab.model import (
+    CLEAR,
+    UNSTATED,
+    Camera,
+    Die,
+    MaskBlank,
+    Mtf,
+    Opening,
+    Panel,
+    Plate,
+    Psf,
+    Quantity,
+    Stop,
+    Tiling,
+)
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
+from maskfab.optics.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.mtf import longest_lag_um
 from maskfab.optics.otf import lag_table
 from maskfab.optics.plan import sampling_camera
@@ -70,6 +85,7 @@ class Request:
         unit_um: one unit of a DXF; what it says itself if None.
         scene, accuracy: what the camera looks at, and the admissible error of its PSF; None for the standard numbers
             alone.
+        blank: what the plate is made of, as far as it is known.
     """
 
     camera: Camera
@@ -83,6 +99,7 @@ class Request:
     unit_um: float | None = None
     scene: Scene | None = None
     accuracy: float = 1e-3
+    blank: MaskBlank = UNSTATED
 
 
 @dataclass(frozen=True, eq=False)
@@ -174,13 +191,14 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     progress("optics", 0, 1)
     result = measure(die, camera, read)
     progress("optics", 1, 1)
+    bar = bar_of_panel(panel, camera, request.blank, None)
+    standard = (*metrics.model_notes(camera), *result.quantities, *bar)
     if scene is None or plan is None:
-        return Analysis(opening.name, result.psfs, result.mtfs, (*metrics.model_notes(camera), *result.quantities))
+        return Analysis(opening.name, result.psfs, result.mtfs, standard)
     progress("scene", 0, 1)
     seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan)
     progress("scene", 1, 1)
-    quantities = (*metrics.model_notes(camera), *result.quantities, *seen.quantities)
-    return Analysis(opening.name, result.psfs, result.mtfs, quantities, seen)
+    return Analysis(opening.name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
 
 
 def _load(path: Path, request: Request) -> Opening:
@@ -291,7 +309,8 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
         return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
 
     found = measure_pupils(pupil, None, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
-    return Analysis(cell.name, found.psfs, found.mtfs, (*header, *found.quantities))
+    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
+    return Analysis(cell.name, found.psfs, found.mtfs, (*header, *found.quantities, *bar))
 
 
 def _polygons_box(layout: db.Layout, index: int, cell: db.Cell) -> db.Box:

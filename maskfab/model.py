@@ -422,6 +422,40 @@ def _signed_area(outline: Sequence[tuple[float, float]]) -> float:
 
 
 @dataclass(frozen=True)
+class Glass:
+    """The plate's glass, and which side of it the chrome is on."""
+
+    thickness_um: float
+    index: float
+    chrome: Literal["lens", "away"]
+
+    @property
+    def gap_um(self) -> float:
+        """The air over which light spreads as much as from the chrome through the glass: t/n, 0 on the lens's side."""
+        return self.thickness_um / self.index if self.chrome == "away" else 0.0
+
+
+@dataclass(frozen=True)
+class MaskBlank:
+    """What a plate is made of, as far as a job states it.
+
+    Attributes:
+        optical_density: of the opaque film, -log10 of the share of light that it passes; None if not stated.
+        film_phase_waves: by how much light that leaks through the film lags behind that of the openings; None if not
+            stated, and only with a density.
+        glass: None if not stated.
+    """
+
+    optical_density: float | None = None
+    film_phase_waves: float | None = None
+    glass: Glass | None = None
+
+
+UNSTATED = MaskBlank()
+"""A plate of which a job says nothing."""
+
+
+@dataclass(frozen=True)
 class Camera:
     """What looks through the panel.
 

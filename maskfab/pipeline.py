@@ -28,8 +28,9 @@ from maskfab.geometry.region import clear_shapes, plate_names
 from maskfab.geometry.written import check_process
 from maskfab.layout.job import Job, load
 from maskfab.layout.populate import Populated
-from maskfab.model import Camera, Die, DieOptics, Plate, Quantity, Report, WrittenFile
+from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.metrics import model_notes
+from maskfab.optics.model_bar import bar_of_panel
 from maskfab.optics.mtf import area_under_radial_min
 from maskfab.optics.plan import Plan
 from maskfab.progress import Progress, silent
@@ -118,7 +119,8 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         with clock.stage("read back"):
             back = read_back(made, folder, progress)
         with clock.stage("optics"):
-            optics = measure_dies(plate, job.camera, back.trips[0].layout, progress, clock.seconds)
+            layout = back.trips[0].layout
+            optics = measure_dies(plate, job.camera, layout, progress, clock.seconds, job.blank)
             psfs = psfs_as_files(job, made, optics)
             files += write_psfs(psfs, folder)
         with clock.stage("scene"):
@@ -189,16 +191,25 @@ def write_psfs(psfs: Sequence[PsfFile], folder: Path) -> tuple[WrittenFile, ...]
 
 
 def measure_dies(
-    plate: Plate, camera: Camera, layout: db.Layout, progress: Progress, seconds: dict[str, float] | None = None
+    plate: Plate,
+    camera: Camera,
+    layout: db.Layout,
+    progress: Progress,
+    seconds: dict[str, float] | None = None,
+    blank: MaskBlank = UNSTATED,
 ) -> list[DieOptics]:
-    """The optics of every die from a layout that was read back; dies in parallel, one BLAS thread each.
+    """The optics of every die from a layout that was read back of a plate made of
+    ``blank``, and what they leave out; dies in parallel, one BLAS thread each.
 
     With one thread each sum is done in one order, which makes equal runs equal to the last bit. The time of every die
     is added to ``seconds``.
     """
 
     def one(die: Die) -> DieOptics:
-        return measure(_mask(die), camera, clear_shapes(layout, light_box(die, camera.stop)))
+        mask = _mask(die)
+        found = measure(mask, camera, clear_shapes(layout, light_box(die, camera.stop)))
+        bar = bar_of_panel(mask.panel, camera, blank, die.name)
+        return replace(found, quantities=(*found.quantities, *bar))
 
     return _each(plate.dies, one, "optics", progress, seconds, os.cpu_count() or 1)
 

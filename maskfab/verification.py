@@ -84,7 +84,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         return tuple(checks)
     seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
     lit = replace(plate, dies=tuple(seen))
-    optics = measure_dies(lit, job.camera, trips[0].layout, progress)
+    optics = measure_dies(lit, job.camera, trips[0].layout, progress, None, job.blank)
     for psf in psfs_as_files(job, made, optics, str(manifest["maskfab_version"])):
         try:
             read += check_psf_file(psf, folder)

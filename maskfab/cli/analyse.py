@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from maskfab.cli.options import Json, Quiet, Unit, unit_um
-from maskfab.cli.printing import leave, print_json, print_table, tell_notes
+from maskfab.cli.printing import leave, print_json, print_methods, print_table, tell_notes
 from maskfab.cli.watch import watched
 from maskfab.errors import JobError
 
@@ -29,6 +29,9 @@ def analyse(
     stop: Annotated[str, typer.Option(help="Diameter of the lens stop, or a table as in a job: "
                                       "'{ shape = \"ellipse\", width = \"4 mm\", height = \"3.9 mm\" }'.")] = "4 mm",
     stop_shape: Annotated[str, typer.Option(help="circle or square.")] = "circle",
+    plate: Annotated[str | None, typer.Option(help="Chrome and glass as in a job's [plate]: '{ optical_density = 4, "
+                                              "film_phase = 0.4, glass = { thickness = \"2.3 mm\", index = 1.46, "
+                                              "chrome = \"lens\" } }'.")] = None,
     focal: Annotated[str, typer.Option(help="Focal length.")] = "10 mm",
     wavelengths: Annotated[str, typer.Option(help="Lines, separated by commas.")] = "610 nm, 530 nm, 470 nm",
     pixel: Annotated[str, typer.Option(help="Side of a sensor pixel.")] = "2 um",
@@ -53,11 +56,12 @@ def analyse(
     from maskfab.analysis import analyse as analyse_file
     from maskfab.model import Tiling
     from maskfab.optics.metrics import model_notes
-    from maskfab.spec import CameraSection, SceneSection, parse_section
+    from maskfab.optics.model_bar import MODEL_BAR
+    from maskfab.spec import BlankSection, CameraSection, SceneSection, parse_section
 
     described = {
         "focal": focal,
-        "stop": _table(stop) if stop.lstrip().startswith("{") else {"shape": stop_shape, "diameter": stop},
+        "stop": _table(stop, "--stop") if stop.lstrip().startswith("{") else {"shape": stop_shape, "diameter": stop},
         "wavelengths": [line.strip() for line in wavelengths.split(",")],
         "pixel": pixel,
         "window": window,
@@ -88,6 +92,9 @@ def analyse(
         unit_um=unit_um(unit),
         scene=described_scene(section, "the command line") if stated else None,
         accuracy=section.accuracy,
+        blank=parse_section(
+            BlankSection, {} if plate is None else _table(plate, "--plate"), where="--plate"
+        ).mask_blank(),
     )
     if out is not None:
         from maskfab.export.staging import check_target
@@ -116,24 +123,29 @@ def analyse(
 
         print_json({"name": analysis.name, "quantities": [quantity_document(q) for q in analysis.quantities]})
     else:
-        print_table(analysis.quantities)
+        print_table([q for q in analysis.quantities if not q.name.startswith(MODEL_BAR)])
+        left_out = [q for q in analysis.quantities if q.name.startswith(MODEL_BAR)]
+        print_methods("not modelled, by size", sorted(left_out, key=lambda q: -float(q.value or 0)))
         tell_notes(model_notes(request.camera))
         for path in paths if out is not None else ():
             typer.echo(path)
     leave(analysis.passed)
 
 
-def _table(text: str) -> object:
+def _table(text: str, option: str) -> dict[str, Any]:
     """An inline table as a job file has it."""
     try:
-        return tomllib.loads(f"stop = {text}")["stop"]
+        found = tomllib.loads(f"{option[2:]} = {text}")[option[2:]]
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise JobError(
             "MF101",
             f"{text!r} is no table of TOML",
-            where="--stop",
-            cure='Write it as { shape = "ellipse", width = "4 mm", height = "3.9 mm" }, or give a diameter',
+            where=option,
+            cure="Write it as --help shows",
         ) from error
+    if not isinstance(found, dict):
+        raise JobError("MF105", f"{text!r} is no table", where=option, cure="Write it as --help shows")
+    return found
 
 
 def _aberration(pair: str) -> list[int | float]:

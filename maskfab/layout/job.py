@@ -13,7 +13,7 @@ from maskfab.layout import maps, openings
 from maskfab.layout.feasibility import DisplayRules
 from maskfab.layout.plate import compose
 from maskfab.layout.populate import Populated, populate
-from maskfab.model import Camera, Opening, Plate
+from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Plate
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
@@ -45,6 +45,11 @@ class Job:
     @property
     def camera(self) -> Camera:
         return self.spec.camera.camera()
+
+    @property
+    def blank(self) -> MaskBlank:
+        """What the plate is made of, as far as the job states it."""
+        return UNSTATED if self.spec.plate is None else self.spec.plate.mask_blank()
 
     @cached_property
     def scene(self) -> Scene | None:

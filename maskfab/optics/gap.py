@@ -174,6 +174,57 @@ def gap_psf(
     distance = camera.focal_um if distance_um is None else distance_um
     moved = shift_um(camera, gap_um, image_um, distance)
     _check_cover(openings, camera.stop, moved)
+    sample, stop, before, after = _cut_fields(
+        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, moved, distance
+    )
+    energy = cut(moved_aperture(openings, moved, camera.stop.diameter_um / 2), camera.stop).energy_um2
+    energy += sample**2 * (_power(after, stop) - _power(before, stop))
+    middle = stop.shape[0]
+    place = sample * (np.arange(middle, dtype=np.float64) - middle // 2)
+    if waves is not None:
+        after *= _turned(waves, place, stop > 0)
+    step, scale = point_step_um(camera), wavelength_nm * 1e-3 * distance
+    reach = odd_samples(camera.window_um, step) // 2 + margin
+    u = step * np.arange(-reach, reach + 1, dtype=np.float64) / scale
+    kernel = sample * np.exp(-2j * np.pi * u[:, None] * place)
+    field = kernel @ after @ kernel.T
+    return Psf(abs(field) ** 2 / (scale**2 * energy), step, wavelength_nm, "point")
+
+
+def gap_change(openings: Aperture, camera: Camera, wavelength_nm: float, gap_um: float, u: Floats) -> float:
+    """Relative L2 change of the PSF on the axis by diffraction over a gap, as far as one sample for each dot tells it.
+
+    Both PSFs are of the same samples, so that these add to neither; where the openings do not go on beyond the stop,
+    what would come from there is missing.
+
+    Args:
+        openings: everything clear in front of the stop, and some of what lies beyond.
+        camera: lens and stop.
+        wavelength_nm: the line.
+        gap_um: from panel to stop.
+        u: float64 [n] frequencies along either axis at which the two are compared, cycles per micrometre.
+
+    Raises:
+        JobError: MF115 as for :func:`gap_psf`.
+    """
+    sample, stop, before, after = _cut_fields(openings, camera, wavelength_nm, gap_um, AXIS, 1, AXIS, camera.focal_um)
+    place = sample * (np.arange(stop.shape[0], dtype=np.float64) - stop.shape[0] // 2)
+    kernel = np.exp(-2j * np.pi * u[:, None] * place)
+    plain, spread = (abs(kernel @ part @ kernel.T) ** 2 / _power(part, stop) for part in (before, after))
+    return float(np.linalg.norm(spread - plain) / np.linalg.norm(plain))
+
+
+def _cut_fields(
+    openings: Aperture,
+    camera: Camera,
+    wavelength_nm: float,
+    gap_um: float,
+    image_um: Place,
+    samples_per_dot: int,
+    moved: Place,
+    distance: float,
+) -> tuple[float, Floats, Complexes, Complexes]:
+    """Distance of samples, the stop on them, and the amplitude behind it without the gap's diffraction and with it."""
     wavelength, radius = wavelength_nm * 1e-3, camera.stop.diameter_um / 2
     sample = openings.x.dot_um / samples_per_dot
     top = 0.5 / sample
@@ -192,16 +243,7 @@ def gap_psf(
     transfer = _transfer(wavelength, carrier, gap_um, sample, count)
     middle = stop.shape[0]
     before, after = (_in_stop_plane(part, sample, middle) * stop for part in (spectrum, spectrum * transfer))
-    energy = cut(aperture, camera.stop).energy_um2 + sample**2 * (_power(after, stop) - _power(before, stop))
-    place = sample * (np.arange(middle, dtype=np.float64) - middle // 2)
-    if waves is not None:
-        after *= _turned(waves, place, stop > 0)
-    step, scale = point_step_um(camera), wavelength * distance
-    reach = odd_samples(camera.window_um, step) // 2 + margin
-    u = step * np.arange(-reach, reach + 1, dtype=np.float64) / scale
-    kernel = sample * np.exp(-2j * np.pi * u[:, None] * place)
-    field = kernel @ after @ kernel.T
-    return Psf(abs(field) ** 2 / (scale**2 * energy), step, wavelength_nm, "point")
+    return sample, stop, before, after
 
 
 def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float:

@@ -53,6 +53,32 @@ def _written(reading: str, corners: str) -> dict[str, Term]:
     }
 
 
+_STATE = "State it in [plate]: the worst is assumed."
+_BAR: Mapping[str, Term] = MappingProxyType(
+    {
+        "model_bar": Term(
+            "Model bar",
+            "How far the true PSF may be from the one shown by what is not modelled, all rows below added. Numerical "
+            "errors, which stand beside each number, are far smaller.",
+        ),
+        "model_chrome_leak": Term("Chrome leak", "Light through the opaque film, in step with the openings'.", _STATE),
+        "model_foreshortening": Term("Foreshortening", "Openings and stop are narrower for light from the side."),
+        "model_tangent_for_sine": Term(
+            "Tangent for sine", "Where a lens without distortion images a direction, against where diffraction puts it."
+        ),
+        "model_tangent_off_axis": Term(
+            "Tangent off axis", "The same at the largest image height that the scene asks for."
+        ),
+        "model_vector_field": Term("Vector field", "Light is no scalar: steep rays add as vectors."),
+        "model_lens_apodisation": Term("Lens apodisation", "The lens passes steep rays weaker or stronger."),
+        "model_glass": Term("Glass", "Light spreads in the glass between the chrome and the lens.", _STATE),
+        "model_ghosts": Term(
+            "Ghosts", "Light that glass and chrome throw to and fro.", "Ask for low-reflection chrome."
+        ),
+        "model_cd_bias": Term("CD bias", "Clear features come out wider or narrower than drawn.", "Measure the plate."),
+    }
+)
+
 QUANTITIES: Mapping[str, Term] = MappingProxyType(
     {
         "open_ratio": Term(
@@ -60,6 +86,7 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
             "Clear share of a display pixel, its wiring gutter included.",
             "Open or close dots of the opening, or change the gutter.",
         ),
+        **_BAR,
         "stop_open_ratio": Term(
             "Open ratio in the stop",
             "Clear share of the lens stop. It differs a little from the open ratio, as the rim of the stop cuts cells.",

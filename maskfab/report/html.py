@@ -11,6 +11,7 @@ from typing import Any, Literal
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
+from maskfab.optics.model_bar import MODEL_BAR
 from maskfab.report import figures
 from maskfab.report.glossary import QUANTITIES, WORDS, term
 from maskfab.report.numbers import number, short
@@ -147,6 +148,7 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         wavelengths=_wavelengths,
         lines=_lines,
         plain=_plain,
+        left_out=_left_out,
         asked=_asked,
         modelled=_modelled,
         takes=_takes,
@@ -270,7 +272,16 @@ def _lines(die: Mapping[str, Any], folded: bool) -> list[Line]:
 
 def _plain(die: Mapping[str, Any], folded: bool) -> list[Row]:
     """A die's numbers that do not depend on the wavelength; those that are folded, or the others."""
-    return [row for row in die["quantities"] if "wavelength_nm" not in row and _is_folded(row) == folded]
+    return [
+        row
+        for row in die["quantities"]
+        if "wavelength_nm" not in row and _is_folded(row) == folded and not row["name"].startswith(MODEL_BAR)
+    ]
+
+
+def _left_out(die: Mapping[str, Any]) -> list[Row]:
+    """What is not modelled of a die, the largest first."""
+    return [row for row in die["quantities"] if row["name"].startswith(MODEL_BAR)]
 
 
 def _asked(asked: Row) -> list[tuple[str, str]]:

@@ -11,6 +11,7 @@ from maskfab.spec.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
 from maskfab.spec.sections import (
     DRAWING_KEYS,
     AnyDesign,
+    BlankSection,
     CameraSection,
     DesignSection,
     DieSection,
@@ -40,6 +41,7 @@ __all__ = [
     "MASK_FORMATS",
     "MOST_DOTS_PER_UM",
     "AnyDesign",
+    "BlankSection",
     "CameraSection",
     "DesignSection",
     "DieSection",

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from types import MappingProxyType
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from maskfab.errors import JobError
-from maskfab.model import Camera, Process, Stop, StopShape, Tiling
+from maskfab.model import Camera, Glass, MaskBlank, Process, Stop, StopShape, Tiling
 from maskfab.spec.design_values import Method, ObjectiveName, Weight
 from maskfab.spec.display_values import Area, ThreeColours
 from maskfab.spec.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, Formats, SignedLength
@@ -110,7 +110,42 @@ class CameraSection(Section):
         return Camera(self.focal, self.stop.stop(), self.wavelengths, self.pixel, self.window)
 
 
-class PlateSection(Section):
+class GlassSection(Section):
+    """plate.glass: its thickness, its refractive index, and whether the chrome is towards the lens or away from it."""
+
+    thickness: Length
+    index: float = Field(ge=1, le=4, allow_inf_nan=False)
+    chrome: Literal["lens", "away"]
+
+
+class BlankSection(Section):
+    """What [plate] says of chrome and glass; what it leaves out is no part of the model but of the model's bar.
+
+    ``optical_density`` is that of the chrome, ``film_phase`` by how many waves the light that leaks through it lags
+    behind that of the openings, at every line.
+    """
+
+    optical_density: float | None = Field(default=None, gt=0, le=12, allow_inf_nan=False)
+    film_phase: float | None = Field(default=None, ge=-1, le=1, allow_inf_nan=False)
+    glass: GlassSection | None = None
+
+    @model_validator(mode="after")
+    def _phase_of_something(self) -> Self:
+        return refusing(_with_density, self)  # type: ignore[no-any-return]
+
+    def mask_blank(self) -> MaskBlank:
+        """What the plate is made of, in the model's terms."""
+        glass = None if self.glass is None else Glass(self.glass.thickness, self.glass.index, self.glass.chrome)
+        return MaskBlank(self.optical_density, self.film_phase, glass)
+
+
+def _with_density(section: BlankSection) -> BlankSection:
+    if section.film_phase is not None and section.optical_density is None:
+        raise JobError("MF105", "film_phase is that of a leak which nothing states", cure="Add optical_density")
+    return section
+
+
+class PlateSection(BlankSection):
     """[plate]: the blank and how dies are arranged on it.
 
     ``template`` names a file of export_templates/plates/ that says the blank, its writable area and the marks on it;

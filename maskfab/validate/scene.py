@@ -22,6 +22,7 @@ from maskfab.optics.band_lines import band_lines
 from maskfab.optics.field_grid import deblurring_residual, field_places, residual_blur
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, moved_aperture
 from maskfab.optics.metrics import NOISE_TO_SIGNAL, relative_difference
+from maskfab.optics.model_bar import off_axis_bar, rows_of
 from maskfab.optics.off_axis import sagittal_cut, tangential_cut, window_modulation
 from maskfab.optics.omissions import PLACES
 from maskfab.optics.plan import Plan, sampling_camera
@@ -89,6 +90,8 @@ def measure_scene(die: Die, camera: Camera, scene: Scene, openings: Aperture, pl
     quantities = [*shown.errors(), *shown.of_field(field), *shown.of_depth(depth), _nearest(plan, die.name)]
     if colours:
         quantities += metrics.colour_quantities(colours, die.name)
+    pupil = cut(moved_aperture(openings, AXIS, camera.stop.diameter_um / 2), camera.stop)
+    quantities += rows_of(off_axis_bar(pupil, camera, scene.field_um), die.name)
     return SceneOptics(die, scene, plan, field, depth, colours, tuple(quantities))
 
 

@@ -6,6 +6,8 @@ from html.parser import HTMLParser
 
 import pytest
 
+from maskfab.model import UNSTATED, Stop
+from maskfab.optics.model_bar import bar_of_panel
 from maskfab.report import figures, html
 from maskfab.report.data import to_document
 
@@ -214,3 +216,17 @@ def test_rows_of_files_are_folded_unless_they_failed(document):
     often, rarely = section.split("<details>")
     assert re.findall(named, often) == ["open_ratio", "solid_volume_error", "bitmap_xor_area"]
     assert re.findall(named, rarely) == ["solid_wrong_cells", "bitmap_xor_area"]
+
+
+def test_what_is_not_modelled_stands_apart_the_largest_first(run):
+    name = run.plate.dies[0].name
+    camera = replace(run.camera, stop=Stop("circle", 300.0))
+    bar = bar_of_panel(run.plate.dies[0].panel, camera, UNSTATED, name)
+    with_bar = replace(run.report, dies={**run.report.dies, name: (*run.report.dies[name], *bar)})
+    document = to_document(with_bar, run.plate, run.camera)
+    assert [row["name"] for row in document["dies"][0]["quantities"][-len(bar) :]] == [each.name for each in bar]
+    page = html.render(document, {})
+    (section,) = re.findall(r"<h3>Not modelled, by size</h3>.*?</table>", page, re.DOTALL)
+    assert re.findall(r'<td title="(model_\w+)">', section) == [each.name for each in bar]
+    assert page.count('title="model_chrome_leak"') == 1
+    assert "Not modelled" not in html.render(to_document(run.report, run.plate, run.camera), {})
