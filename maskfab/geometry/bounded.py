@@ -93,6 +93,13 @@ def bounded(
     raise _too_much(path, f"ends the process in the stage {stage!r}, or needs more memory than it may take")
 
 
+def gave_up(path: Path, error: RuntimeError) -> SourceError:
+    """MF323 for what klayout throws at shapes that it cannot work with."""
+    said = (str(error).strip() or "no reason told").splitlines()[0][:200]
+    what = f"{path.name}: the library of polygons gives up on its shapes ({said})"
+    return SourceError("MF323", what, where=str(path), cure=_CURE)
+
+
 def allow(seconds: float, memory: int = 0) -> None:
     """Let the work of :func:`bounded` take so much more; outside of it, nothing is limited and nothing changes."""
     for kind, more in (("RLIMIT_CPU", math.ceil(seconds)), ("RLIMIT_DATA", memory)):
@@ -117,13 +124,9 @@ def limit_processor(seconds: int) -> None:
 
 def _said(path: Path, error: Exception) -> Exception:
     """What the libraries throw in their own language, and a lack of memory, as errors of the file."""
-    said = str(error).strip().splitlines()
-    if isinstance(error, MemoryError) or (said and _OUT_OF_MEMORY in said[0]):
+    if isinstance(error, MemoryError) or _OUT_OF_MEMORY in str(error):
         return _too_much(path, "needs more memory than it may take")
-    if type(error) is RuntimeError:
-        what = f"{path.name}: the library of polygons gives up on its shapes ({said[0][:200] if said else 'no reason'})"
-        return SourceError("MF323", what, where=str(path), cure=_CURE)
-    return error
+    return gave_up(path, error) if type(error) is RuntimeError else error
 
 
 def _too_much(path: Path, what: str) -> SourceError:

@@ -17,6 +17,7 @@ import re
 import sys
 import warnings
 from collections.abc import Iterator
+from functools import lru_cache
 from itertools import chain, groupby, islice
 from pathlib import Path
 from typing import Any
@@ -34,12 +35,22 @@ _LARGEST_NM = 2**31 - 1
 _FROM_CIRCLE_NM = 1.0
 _CLOSED = 1e-9
 _AT_A_TIME = 128
-_LARGEST_MEMORY = 3 << 30
+_LARGEST_MEMORY = 3 << 29
 _MEMORY_PER_BYTE = 256
+_SECONDS = 4
+_BYTES_PER_SECOND = 100_000
+_FARTHEST_NM = 1_000_000_000
+"""As for every layout, see :mod:`maskfab.geometry.reading_limits`, which takes too long to import here."""
+
+MOST_CURVES = 200_000
+"""Flashes and strokes, which are of one kind in a mask file: a region says the same in less time and memory."""
+
+MOST_CORNERS = 20_000_000
 _NM_PER_UNIT = {"mm": 1e6, "in": 25.4e6}
 _NUMBER = r"\d+(?:\.\d*)?|\.\d+"
 _STROKE = r"(?:G01)?(?:X[+-]?\d+)?(?:Y[+-]?\d+)?D0?[123]"
 _STROKES = re.compile(rf"(?:\s*+{_STROKE}\*)++")
+_FLASHES = re.compile(r"D0?3\*")
 _PLAIN = re.compile(rf"(?:G04.*|G01|G75|G36|G37|M02|(?:G54)?D[1-9]\d+|{_STROKE})", re.DOTALL)
 _EXTENDED = re.compile(
     rf"(?:FSLAX[1-6][3-7]Y[1-6][3-7]|MO(?:MM|IN)|LP[DC]|IPPOS|T[FAOD][^%*]*|"
@@ -58,13 +69,15 @@ def content(path: Path) -> tuple[list[Run], int]:
 
     Raises:
         SourceError: MF303 damaged, MF308 without gerbonara, MF310 open regions, MF311 arcs, MF315 a command whose
-            effect is not certain.
+            effect is not certain, MF313 too many flashes, strokes or corners, or beyond a metre.
     """
     try:
         text = path.read_bytes().decode("utf-8")
     except UnicodeDecodeError as error:
         raise _damaged(path, "it is no text") from error
     _check_commands(path, text)
+    if len(flashes := _FLASHES.findall(text)) > MOST_CURVES:
+        raise _too_many(path, f"{len(flashes)} flashes", f"{MOST_CURVES}")
     outlines = _Outlines(path)
     try:
         return list(outlines.runs(_objects(path, text))), outlines.curves
@@ -74,6 +87,15 @@ def content(path: Path) -> tuple[list[Run], int]:
 
 def _damaged(path: Path, what: str) -> SourceError:
     return SourceError("MF303", f"{path.name}: {what}", where=str(path), cure="Write or copy it again")
+
+
+def _too_many(path: Path, what: str, most: str) -> SourceError:
+    return SourceError(
+        "MF313",
+        f"{path.name} has {what}; the limit is {most}",
+        where=str(path),
+        cure="Draw them as regions, or one die at a time",
+    )
 
 
 def _check_commands(path: Path, text: str) -> None:
@@ -182,6 +204,7 @@ class _Outlines:
     def __init__(self, path: Path) -> None:
         self._path = path
         self.curves = 0
+        self._corners = 0
 
     def runs(self, objects: list[Any]) -> Iterator[Run]:
         for dark, run in groupby(objects, key=lambda each: bool(each.polarity_dark)):
@@ -192,6 +215,14 @@ class _Outlines:
             corners, sizes = (np.concatenate(each) for each in zip(*parts, strict=True))
             if not (np.abs(corners) <= _LARGEST_NM).all():  # NaN included
                 raise _damaged(self._path, "a coordinate lies beyond 2.1 m")
+            if not (np.abs(corners) <= _FARTHEST_NM).all():  # near two metres klayout's booleans overflow
+                reach = np.abs(corners).max() / 1e9
+                raise SourceError(
+                    "MF313",
+                    f"{self._path.name} reaches {reach:.3g} m from its origin; the limit is 1 m",
+                    where=str(self._path),
+                    cure="Check its unit, and what lies far outside",
+                )
             yield dark, corners, sizes
 
     def _regions(self, regions: list[Any]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
@@ -245,9 +276,21 @@ class _Outlines:
         if not radius <= _LARGEST_NM:
             raise _damaged(self._path, "a circle is larger than 2.1 m")
         self.curves += 1
-        step = 2 * math.acos(max(0.0, 1 - _FROM_CIRCLE_NM / max(radius, 1.0)))
-        angles = np.linspace(start, stop, max(8, math.ceil((stop - start) / step)) + 1)
-        return np.stack([x + radius * np.cos(angles), y + radius * np.sin(angles)], axis=1)
+        if self.curves > 2 * MOST_CURVES:  # a stroke has two round ends
+            raise _too_many(self._path, f"over {MOST_CURVES} strokes", f"{MOST_CURVES}")
+        arc = _arc(radius, start, stop)
+        self._corners += len(arc)
+        if self._corners > MOST_CORNERS:
+            raise _too_many(self._path, f"over {MOST_CORNERS:.0e} corners of circles", f"{MOST_CORNERS:.0e}")
+        return arc + np.array((x, y))
+
+
+@lru_cache(maxsize=64)
+def _arc(radius: float, start: float, stop: float) -> NDArray[np.float64]:
+    """[n, 2] about the origin; most circles of a file are alike."""
+    step = 2 * math.acos(max(0.0, 1 - _FROM_CIRCLE_NM / max(radius, 1.0)))
+    angles = np.linspace(start, stop, max(8, math.ceil((stop - start) / step)) + 1)
+    return np.stack([radius * np.cos(angles), radius * np.sin(angles)], axis=1)
 
 
 def _distinct(corners: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -259,7 +302,7 @@ def _distinct(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 if __name__ == "__main__":
     file = Path(sys.argv[1])
-    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE)
+    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS + file.stat().st_size // _BYTES_PER_SECOND)
     found: tuple[list[Run], int] | SourceError
     try:
         found = content(file)

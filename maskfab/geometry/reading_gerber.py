@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
 from maskfab.geometry.apart import read_apart
+from maskfab.geometry.bounded import gave_up
 from maskfab.geometry.gerber_process import Run
 from maskfab.geometry.reading_limits import ROUNDING_KEY, LeftOut, is_empty, note_left_out
 from maskfab.geometry.region import DBU_UM, layer_info
@@ -28,8 +29,8 @@ def read_gerber(path: Path) -> db.Layout:
     """A Gerber file as one cell on the layer CLEAR; dark is clear in the chrome, as the writer's data are.
 
     Raises:
-        SourceError: MF303 damaged, MF304 no Gerber, MF308 without gerbonara, MF310 open regions, MF311 arcs, MF315 a
-            command whose effect is not certain, MF316 far slower to read than whole files are.
+        SourceError: MF303 damaged, MF304 no Gerber, MF308 without gerbonara, MF310 open regions, MF311 arcs, MF313 too
+            many or too far, MF315 a command whose effect is not certain, MF316 far slower to read than whole files are.
     """
     with path.open("rb") as file:
         if not _START.match(file.read(_FIRST_BYTES)):
@@ -38,7 +39,10 @@ def read_gerber(path: Path) -> db.Layout:
             )
     seconds = _SECONDS_TO_START + path.stat().st_size / _BYTES_PER_SECOND
     runs, curves = read_apart(path, Path(__file__).with_name("gerber_process.py"), seconds=seconds)
-    return _Drawing(curves).layout(runs)
+    try:
+        return _Drawing(curves).layout(runs)
+    except RuntimeError as error:  # klayout has outlines that it cannot put together
+        raise gave_up(path, error) from error
 
 
 class _Drawing:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 import tracemalloc
 from pathlib import Path
 
@@ -9,7 +10,8 @@ import numpy as np
 import pytest
 
 from maskfab.errors import SourceError
-from maskfab.geometry.gerber_process import content
+from maskfab.geometry import gerber_process, reading_gerber
+from maskfab.geometry.gerber_process import MOST_CURVES, content
 from maskfab.geometry.reading_gerber import read_gerber
 from maskfab.geometry.reading_limits import left_out
 
@@ -65,6 +67,47 @@ def test_the_first_open_region_is_named(tmp_path):
 def test_numbers_beyond_all_reason_are_refused(tmp_path):
     with pytest.raises(SourceError, match="MF303"):
         read_gerber(file(tmp_path, box(10**400)))
+
+
+def refusal(folder: Path, body: str) -> SourceError:
+    with pytest.raises(SourceError) as caught:
+        read_gerber(file(folder, body))
+    return caught.value
+
+
+def test_what_lies_near_two_metres_is_refused_before_anything_is_taken_from_it(tmp_path):
+    """There klayout's coordinates overflow, and its booleans may never end."""
+    far = region([(0, 0), (2147483647, 0), (2147483647, 2147483647), (0, 0)])
+    error = refusal(tmp_path, far + "%LPC*%\n" + box(5) + far)
+    assert (error.code, "limit is 1 m" in error.what) == ("MF313", True)
+
+
+def test_flashes_by_the_hundred_thousand_are_refused_by_their_number(tmp_path):
+    start = time.process_time()
+    error = refusal(tmp_path, "D10*\n" + "D03*\n" * (MOST_CURVES + 1))
+    assert (error.code, f"{MOST_CURVES + 1} flashes" in error.what) == ("MF313", True)
+    assert time.process_time() - start < 1
+
+
+def test_circles_with_too_many_corners_are_refused_as_they_are_counted(tmp_path, monkeypatch):
+    monkeypatch.setattr(gerber_process, "MOST_CORNERS", 1000)
+    with pytest.raises(SourceError, match="MF313"):
+        content(file(tmp_path, "D10*\n" + "X0Y0D03*\n" * 50))
+
+
+def test_many_flashes_are_where_they_should_be(tmp_path):
+    body = "D10*\n" + "".join(f"X{9000 * n}Y{-500 * n}D03*\n" for n in range(40))
+    centres = [each.bbox().center() for each in shapes(tmp_path, body)]
+    assert [(each.x, each.y) for each in centres] == [(9000 * n, -500 * n) for n in range(40)]
+
+
+def test_outlines_that_klayout_throws_at_are_told(tmp_path, monkeypatch):
+    def thrown(*_):
+        raise RuntimeError("Internal error: dbEdgeProcessor.cc:123 m_open.empty () was not true")
+
+    monkeypatch.setattr(reading_gerber._Drawing, "layout", thrown)
+    error = refusal(tmp_path, box(0) + "%LPC*%\n" + box(5))
+    assert (error.code, "m_open.empty" in error.what) == ("MF323", True)
 
 
 def test_points_that_repeat_and_regions_without_area_are_counted(tmp_path):
