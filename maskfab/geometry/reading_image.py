@@ -6,6 +6,7 @@ A picture says how large its pixels are only by its resolution, and nothing abou
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from klayout import db
@@ -85,6 +86,14 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
     return _pixels(path)
 
 
+def said_by(library: Any) -> str:
+    """What OpenImageIO or one of its files says is wrong; it repeats what the file holds, which may be no text."""
+    try:
+        return str(library.geterror())
+    except UnicodeDecodeError:
+        return "a name or an entry in it is no text"
+
+
 def _ends(path: Path) -> bool:
     """Whether a PNG is there to its last chunk: its length and name in eight bytes, its data, and a sum of four.
 
@@ -117,7 +126,7 @@ def _pixels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float 
     where = str(path)
     image = oiio.ImageInput.open(where)
     if image is None:
-        raise _damaged(path, str(oiio.geterror()))
+        raise _damaged(path, said_by(oiio))
     try:
         spec = image.spec()
         if spec.width * spec.height * spec.nchannels > MOST_PIXELS:
@@ -129,7 +138,7 @@ def _pixels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float 
                 cure="Write fewer dots per micrometre, or one die at a time",
             )
         further = image.seek_subimage(1, 0)
-        image.geterror()  # there being none is no error
+        said_by(image)  # there being none is no error
         if spec.getattribute("Orientation") not in {None, 1} or further:
             raise SourceError(
                 "MF308",
@@ -140,7 +149,7 @@ def _pixels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float 
         image.seek_subimage(0, 0)
         stated = _stated(spec, path)
         pixels = image.read_image(oiio.UINT8)
-        problem = str(image.geterror()) or str(oiio.geterror())
+        problem = said_by(image) or said_by(oiio)
     finally:
         image.close()
     if pixels is None or problem:

@@ -10,11 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
+from maskfab.geometry.reading_image import said_by
 
 Floats = NDArray[np.float64]
 
 LARGEST = 40_000_000
 """Pixels of the largest picture that is read: half a gigabyte once it is floating point."""
+
+MOST_CHANNELS = 16
+"""Read before those without colour are left out; a few bytes can state thousands."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,18 +58,18 @@ def read(path: str | Path) -> Picture:
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = oiio.ImageInput.open(where, config)
     if image is None:
-        raise SourceError("MF308", f"{where} is no picture: {_first_line(oiio.geterror())}", cure="Save it as PNG")
+        raise SourceError("MF308", f"{where} is no picture: {_first_line(said_by(oiio))}", cure="Save it as PNG")
     try:
         spec = image.spec()
         _check_spec(spec, where)
+        kept = _channels(spec, where)
         pixels = image.read_image(oiio.FLOAT)
-        problem = str(image.geterror())
+        problem = said_by(image)
     finally:
         image.close()
     if pixels is None or problem:
         raise SourceError("MF303", f"{where} is damaged: {_first_line(problem)}", cure="Save the picture again")
     values = np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
-    kept = _channels(spec, where)
     associated = not spec.get_int_attribute("oiio:UnassociatedAlpha")
     return Picture(values[:, :, kept], str(spec.format) not in _FLOATS, associated, where)
 
@@ -97,7 +101,8 @@ def on_pixels(picture: Picture, rows: int, columns: int) -> Floats:
 
 def _linear(picture: Picture, values: NDArray[np.float32]) -> Floats:
     """Linear light [y, x, 3] of some lines of a picture."""
-    numbers = values.astype(np.float64)
+    with np.errstate(invalid="ignore"):  # what is not finite is refused next
+        numbers = values.astype(np.float64)
     if not np.isfinite(numbers).all():
         raise JobError("MF121", "the picture has values that are not finite", where=picture.where, cure="Mend them")
     low, high = float(numbers.min()), float(numbers.max())
@@ -139,6 +144,13 @@ def _check_spec(spec: Any, where: str) -> None:
         raise JobError("MF121", "the picture is empty", where=where, cure="Give a picture with pixels")
     if spec.depth > 1:
         raise JobError("MF121", "the picture is a volume", where=where, cure="Give one slice of it")
+    if spec.nchannels > MOST_CHANNELS:
+        raise JobError(
+            "MF121",
+            f"the picture has {spec.nchannels} channels, more than {MOST_CHANNELS}",
+            where=where,
+            cure="Save it as grey or as red, green and blue",
+        )
     if spec.width * spec.height > LARGEST:
         raise JobError(
             "MF121",
@@ -150,7 +162,12 @@ def _check_spec(spec: Any, where: str) -> None:
 
 def _channels(spec: Any, where: str) -> list[int]:
     """Which channels are the colours, and alpha if there is one."""
-    names = [str(name).upper() for name in spec.channelnames]
+    try:
+        names = [str(name).upper() for name in spec.channelnames]
+    except UnicodeDecodeError as error:
+        raise SourceError(
+            "MF303", f"{where} is damaged: the name of a channel is no text", cure="Save the picture again"
+        ) from error
     colours = [names.index(name) for name in ("R", "G", "B") if name in names]
     if len(colours) < 3:
         rest = [c for c in range(spec.nchannels) if c not in (spec.alpha_channel, spec.z_channel)]

@@ -25,6 +25,7 @@ Rows = list[tuple[int, str]]
 """Lines of a drawing with their line numbers in the source, the top line first."""
 
 CLOSED, CLEAR = ".", "#"
+MOST_CHANNELS = 16
 MAX_DOTS = 4096  # a mask of 16 MiB; anything larger is a photograph or a plate, not one display pixel
 
 
@@ -84,16 +85,21 @@ def from_image(path: Path) -> Mask:
     """
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
+    from maskfab.geometry.reading_image import said_by
+
     where = str(path)
     image = oiio.ImageInput.open(where)
     if image is None:
-        raise _damaged(where, str(oiio.geterror()))
+        raise _damaged(where, said_by(oiio))
     if image.format_name() == "tiff":
         check_tiff_tone(path)
     try:
         spec = image.spec()
         check_square(spec.height, spec.width, where)
         check_size(spec.width, where)
+        if spec.nchannels > MOST_CHANNELS:
+            what = f"the image has {spec.nchannels} channels; the limit is {MOST_CHANNELS}"
+            raise OpeningError("MF202", what, where=where, cure="Save it as a grey image")
         if (spec.x, spec.y, spec.width, spec.height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
             raise OpeningError(
                 "MF201",
@@ -103,7 +109,7 @@ def from_image(path: Path) -> Mask:
                 cure="Save the whole picture, with equal data and display windows",
             )
         pixels = image.read_image(oiio.FLOAT)
-        problem = str(image.geterror())
+        problem = said_by(image)
     finally:
         image.close()
     if pixels is None or problem:
@@ -111,7 +117,9 @@ def from_image(path: Path) -> Mask:
     colours = [c for c in range(spec.nchannels) if c not in (spec.alpha_channel, spec.z_channel)]
     if not colours:
         raise OpeningError("MF202", "the image has no colour channel", where=where, cure="Save it as a grey image")
-    brightness = np.asarray(pixels, dtype=np.float64).reshape(spec.height, spec.width, -1)[:, :, colours].mean(axis=2)
+    channels = np.asarray(pixels).reshape(spec.height, spec.width, -1)
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused next
+        brightness = channels[:, :, colours].astype(np.float64).mean(axis=2)
     _refuse(~np.isfinite(brightness), brightness, "is not finite", where)
     return np.asarray(brightness >= 0.5)[::-1]
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from maskfab.errors import SourceError
 from maskfab.export.exr import PREFIX, Facts
 from maskfab.export.psf import PsfFile
+from maskfab.geometry.reading_image import said_by
 from maskfab.model import Quantity
 
 _OF_ITSELF, _OF_PEAK = 1e-6, 1e-9
@@ -60,16 +61,18 @@ def read_psf_file(path: Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Write it again")
     image = oiio.ImageInput.open(str(path))
     if image is None:
-        raise _damaged(path, str(oiio.geterror()))
+        raise _damaged(path, said_by(oiio))
     spec = image.spec()
     pixels = image.read_image("float") if (spec.nchannels, str(spec.format)) == (1, "float") else None
-    problem = str(image.geterror()) or str(oiio.geterror())
+    problem = said_by(image) or said_by(oiio)
     image.close()
     if pixels is None or problem:
         raise _damaged(path, problem or f"{spec.nchannels} channels of {spec.format} are not one of float")
-    facts = {
-        entry.name.removeprefix(PREFIX): entry.value for entry in spec.extra_attribs if entry.name.startswith(PREFIX)
-    }
+    try:
+        entries = {entry.name: entry.value for entry in spec.extra_attribs}
+    except UnicodeDecodeError as error:
+        raise _damaged(path, "an entry of its header is no text") from error
+    facts = {name.removeprefix(PREFIX): value for name, value in entries.items() if name.startswith(PREFIX)}
     samples = np.asarray(pixels, dtype=np.float64).reshape(spec.height, spec.width)
     return samples[::-1], facts
 

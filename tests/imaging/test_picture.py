@@ -6,8 +6,9 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 
-from maskfab.errors import JobError, SourceError
+from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.imaging.picture import LARGEST, Picture, on_pixels, read
+from maskfab.layout.grids import from_image
 
 
 def save(path, pixels, kind, **attributes):
@@ -126,6 +127,21 @@ def test_files_that_are_no_pictures_are_refused(tmp_path):
     good.write_bytes(good.read_bytes()[:3000])
     with pytest.raises(SourceError, match="MF303"):
         read(good)
+
+
+@pytest.mark.parametrize("reading", [read, from_image])
+def test_a_header_that_is_no_text_is_refused(tmp_path, reading):
+    good = save(tmp_path / "a.exr", np.ones((6, 6, 1)), "half")
+    good.write_bytes(good.read_bytes().replace(b"chlist\0", b"chli\xfft\0", 1))
+    with pytest.raises(SourceError, match=r"MF30[38].*no text"):
+        reading(good)
+
+
+@pytest.mark.parametrize("reading", [read, from_image])
+def test_a_picture_of_many_channels_is_refused_before_it_is_read(tmp_path, reading):
+    good = save(tmp_path / "a.exr", np.ones((6, 6, 40)), "half")
+    with pytest.raises((JobError, OpeningError), match="40 channels"):
+        reading(good)
 
 
 def test_a_huge_picture_is_refused_before_it_is_read(tmp_path):
