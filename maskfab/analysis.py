@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 import re
 import tempfile
 from dataclasses import dataclass
@@ -202,8 +203,8 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
 
 
 def _load(path: Path, request: Request) -> Opening:
-    if not path.is_file():
-        problem = "is a directory" if path.is_dir() else "does not exist"
+    if not os.path.isfile(path):
+        problem = "is a directory" if os.path.isdir(path) else "does not exist"
         raise SourceError("MF301", f"the file {problem}", where=str(path), cure="Check the path")
     dots = _dots(request)
     if path.suffix.lower() == ".toml":

@@ -96,6 +96,9 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
     }
 )
 
+_LONGEST = 4000
+"""Characters of each part of an error."""
+
 
 class MaskfabError(Exception):
     """Root of every error that maskfab raises on purpose.
@@ -110,6 +113,7 @@ class MaskfabError(Exception):
     exit_code = 3
 
     def __init__(self, code: str, what: str, *, where: str = "", cure: str = "") -> None:
+        what, where, cure = (_clipped(text) for text in (what, where, cure))
         self.code = code
         self.summary = CATALOGUE[code]
         self.what = what
@@ -122,6 +126,11 @@ class MaskfabError(Exception):
     def __reduce__(self) -> tuple[Callable[..., MaskfabError], tuple[str, str]]:
         """Errors of a process of its own come here whole."""
         return partial(type(self), where=self.where, cure=self.cure), (self.code, self.what)
+
+
+def _clipped(text: str) -> str:
+    """What a person can read of a text into which a damaged file may have put anything."""
+    return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}"
 
 
 class InputError(MaskfabError):

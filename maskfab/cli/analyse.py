@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -134,9 +133,11 @@ def analyse(
 
 def _table(text: str, option: str) -> dict[str, Any]:
     """An inline table as a job file has it."""
+    from maskfab.spec.toml import loads
+
     try:
-        found = tomllib.loads(f"{option[2:]} = {text}")[option[2:]]
-    except (tomllib.TOMLDecodeError, RecursionError) as error:
+        found = loads(f"{option[2:]} = {text}")[option[2:]]
+    except (ValueError, RecursionError) as error:
         raise JobError(
             "MF101",
             f"{text!r} is no table of TOML",

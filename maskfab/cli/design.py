@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -47,7 +48,7 @@ def design(
     targets = _targets(spec, job, out)
     for each in targets.values():
         check_file(each, force=force)
-    if checkpoint is not None and not checkpoint.absolute().parent.is_dir():
+    if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         raise OutputError(
             "MF401", f"there is no directory for the checkpoint {checkpoint}", cure="Choose another place"
         )

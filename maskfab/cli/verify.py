@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -66,14 +67,14 @@ def verify(
             where="--shop",
             cure="Name a .zip that maskfab package wrote, or leave --shop out",
         )
-    if against is None and subject.is_file():
+    if against is None and os.path.isfile(subject):
         raise JobError(
             "MF105",
             f"{subject.name} is a file, and no job is named to hold it against",
             where="--against",
             cure="Add --against JOB.toml, or name the --out of a finished run",
         )
-    if subject.is_dir():
+    if os.path.isdir(subject):
         _check_meant((*(() if against is None else ("--against",)), *said), (), f"{subject.name}, which is a directory")
     if against is not None:
         from maskfab.units import parse_length_um

@@ -44,7 +44,7 @@ def load(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
     Raises:
         SourceError: MF303 if the file is damaged, MF304 if it is another run's.
     """
-    if not path.exists():
+    if not os.path.exists(path):
         return None
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import struct
@@ -59,7 +60,7 @@ def write_package(target: Path, folder: Path, names: Sequence[str], stem: str, *
 def is_package(path: Path) -> bool:
     """Whether a file is called a package or is one whatever it is called: a zip with a manifest."""
     if path.suffix.lower() == ".zip":
-        return not path.is_dir()
+        return not os.path.isdir(path)
     try:
         with zipfile.ZipFile(path) as archive:
             return any(PurePosixPath(name).name == MANIFEST for name in archive.namelist())
@@ -75,7 +76,7 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
             manifest; MF423 if a member's name leads elsewhere, comes twice, is no plain file, or if there are more or
             larger ones than a package has.
     """
-    if not package.is_file():
+    if not os.path.isfile(package):
         raise SourceError("MF301", f"there is no package {package}", cure="Check the path")
     with _opened(package) as archive:
         members = _checked(archive.infolist(), package)

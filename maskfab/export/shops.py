@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 from maskfab import resources
@@ -28,7 +29,7 @@ def load_shop(name: str) -> Shop:
     path = Path(name) if name.endswith(".toml") else None
     if path is None and name in known:
         path = resources.path(f"{_FOLDER}/{name}.toml")
-    if path is None or not path.is_file():
+    if path is None or not os.path.isfile(path):
         raise OutputError(
             "MF420", f"there is no shop {name!r}", cure=f"Name one of {', '.join(known)}, or a profile of your own.toml"
         )

@@ -58,7 +58,7 @@ def bounded(
     """
     if "fork" not in multiprocessing.get_all_start_methods():
         return work(progress)
-    size = path.stat().st_size if path.is_file() else 0
+    size = path.stat().st_size if os.path.isfile(path) else 0
     limit = math.ceil((SECONDS if seconds is None else seconds) + size / BYTES_PER_SECOND)
     here, there = multiprocessing.Pipe(duplex=False)
     copy = multiprocessing.get_context("fork").Process(

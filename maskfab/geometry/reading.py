@@ -8,6 +8,7 @@ module of their own, :mod:`maskfab.geometry.reading_image`, for they need to be 
 from __future__ import annotations
 
 import math
+import os
 import re
 from collections.abc import Callable, Iterator
 from graphlib import CycleError, TopologicalSorter
@@ -89,7 +90,7 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
             where=str(path),
             cure="Convert it to GDSII, OASIS, DXF, Gerber or a picture",
         )
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")

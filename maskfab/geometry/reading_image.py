@@ -5,6 +5,7 @@ A picture says how large its pixels are only by its resolution, and nothing abou
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -69,7 +70,7 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
             pages or transparent, MF313 too large, MF314 its resolution is not the same along x and y, MF318 it does not
             say what is white.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")

@@ -6,6 +6,7 @@ A scene is the middle of a picture, at most 1024 x 1536 (1536 x 1024 of an uprig
 
 from __future__ import annotations
 
+import os
 import zlib
 from dataclasses import dataclass
 from pathlib import Path
@@ -78,7 +79,7 @@ def folder(path: str | Path) -> tuple[Scene, ...]:
         JobError: MF121 for one that is too small or holds linear light.
     """
     where = Path(path)
-    files = sorted(p for p in where.iterdir() if p.suffix.lower() in _SUFFIXES) if where.is_dir() else []
+    files = sorted(p for p in where.iterdir() if p.suffix.lower() in _SUFFIXES) if os.path.isdir(where) else []
     if not files:
         raise SourceError("MF301", f"there are no photographs in {where}", cure="Give a folder of PNG or JPEG files")
     return tuple(scene(file.stem, read(file).values) for file in files)

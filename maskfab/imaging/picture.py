@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -49,7 +50,7 @@ def read(path: str | Path) -> Picture:
 
     path = Path(path)
     where = str(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {where}", cure="Give the path of a picture")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{where} is empty", cure="Save the picture again")

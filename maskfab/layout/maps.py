@@ -22,8 +22,8 @@ if its map has; columns alike.
 from __future__ import annotations
 
 import json
+import os
 import re
-import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -37,6 +37,7 @@ from maskfab.errors import JobError, SourceError
 from maskfab.layout.tiling import MOST_OPENINGS, orientations
 from maskfab.model import ORIENTATIONS, Opening, Scalar, Tiling, frozen
 from maskfab.spec import check_name
+from maskfab.spec.toml import loads
 
 _KEYS = ("name", "map", "openings", "shifts", "provenance")
 _ELEMENTS = "01234567"
@@ -79,7 +80,7 @@ def load(path: str | Path) -> CellMap:
     """
     path = Path(path)
     where = str(path)
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", "the map's file does not exist", where=where, cure="Check the path")
     if path.suffix.lower() != ".toml":
         raise SourceError("MF308", f"no map is read from a {path.suffix} file", where=where, cure="A map ends in .toml")
@@ -101,7 +102,7 @@ def parse(text: str, where: str = "") -> CellMap:
             name, MF115 too large, MF122 a drawing with another digit or with rows of different lengths.
     """
     try:
-        facts = tomllib.loads(text)
+        facts = loads(text)
     except (ValueError, RecursionError) as error:
         raise JobError("MF101", f"the map is not valid TOML: {error}", where=where, cure="Mend that line") from None
     for key in facts:

@@ -21,8 +21,8 @@ How the other kinds of file become a mask is told in grids.py.
 from __future__ import annotations
 
 import json
+import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from decimal import Decimal
@@ -34,6 +34,7 @@ from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.layout import given, grids
 from maskfab.model import Opening
 from maskfab.spec import check_name
+from maskfab.spec.toml import loads
 from maskfab.units import NM_PER_UM, parse_pitch_um, to_nm
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -124,7 +125,7 @@ def parse(text: str, where: str = "") -> Opening:
         JobError, OpeningError: as for :func:`load`.
     """
     try:
-        facts = tomllib.loads(text, parse_float=Decimal)  # Decimal keeps how many digits the open ratio has
+        facts = loads(text, parse_float=Decimal)  # Decimal keeps how many digits the open ratio has
     except (ValueError, RecursionError) as problem:
         raise JobError(
             "MF101", f"the opening is not valid TOML: {problem}", where=where, cure="Mend that line"
@@ -310,8 +311,8 @@ def _missing(key: str, meaning: str, where: str) -> JobError:
 def _read_bytes(path: Path) -> bytes:
     """The file's content after every check that needs no parser: there, known, not empty, of the kind it says."""
     where, suffix = str(path), path.suffix.lower()
-    if not path.is_file():
-        problem = "is a directory" if path.is_dir() else "does not exist"
+    if not os.path.isfile(path):
+        problem = "is a directory" if os.path.isdir(path) else "does not exist"
         raise SourceError("MF301", f"the opening's file {problem}", where=where, cure="Check the path")
     if suffix not in _SUFFIXES:
         raise SourceError(

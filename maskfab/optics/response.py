@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from types import MappingProxyType
@@ -42,7 +43,7 @@ def curves_text(path: Path, where: str) -> str:
         raise SourceError(
             "MF308", f"{path} has the suffix {path.suffix!r}", where=where, cure="Curves are read from .csv"
         )
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {path}", where=where, cure="Check the path")
     data = path.read_bytes()
     if not data.strip():

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
 import re
-import tomllib
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -14,6 +14,7 @@ from maskfab.errors import JobError, SourceError
 from maskfab.spec.checks import check_design, check_dies, check_display, check_film, check_method, check_scene
 from maskfab.spec.problems import first_problem
 from maskfab.spec.sections import JobSpec, Section
+from maskfab.spec.toml import loads
 
 Kind = TypeVar("Kind", bound=Section)
 
@@ -25,7 +26,7 @@ def read(path: Path) -> JobSpec:
         SourceError: MF301, MF302, MF303 or MF308 if the file cannot be read.
         JobError: MF101 to MF115 for the first thing that is wrong with its content.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no job file {path}", cure="Check the path")
     data = path.read_bytes()
     if not data.strip():
@@ -68,7 +69,7 @@ def parse_section(kind: type[Kind], values: object, *, where: str) -> Kind:
 
 def _toml(text: str, where: str) -> dict[str, Any]:
     try:
-        return tomllib.loads(text)
+        return loads(text)
     except (ValueError, RecursionError) as error:
         found = re.search(r"line (\d+), column (\d+)", str(error))
         place = f"{where}:{found[1]}:{found[2]}" if found else f"{where}, at the end"

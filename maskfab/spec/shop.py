@@ -6,8 +6,8 @@ A profile states facts only. What it leaves out the house does not publish, so n
 from __future__ import annotations
 
 import json
+import os
 import re
-import tomllib
 import warnings
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
@@ -18,6 +18,7 @@ from maskfab.errors import JobError, OutputError
 from maskfab.model import LAYERS
 from maskfab.spec.problems import first_problem
 from maskfab.spec.sections import Section
+from maskfab.spec.toml import loads
 
 Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber"]
 Tone: TypeAlias = Literal["clear", "dark"]
@@ -290,7 +291,7 @@ def read_shop(path: Path, where: str = "") -> Shop:
     Raises:
         OutputError: MF420 if there is no such file; MF421 if it is malformed.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise OutputError("MF420", f"there is no profile {path}", where=where, cure="Check the path")
     try:
         text = path.read_bytes().decode("utf-8-sig")
@@ -306,7 +307,7 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
         OutputError: MF421 for the first thing that is wrong: no TOML, an unknown key, a value of the wrong type.
     """
     try:
-        return Shop.model_validate({**tomllib.loads(text), "name": name})
+        return Shop.model_validate({**loads(text), "name": name})
     except ValidationError as error:
         problem: JobError = first_problem(error, where)
         raise OutputError("MF421", problem.what, where=problem.where, cure=problem.cure) from error

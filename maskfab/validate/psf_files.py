@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -57,7 +58,7 @@ def read_psf_file(path: Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
     Raises:
         SourceError: MF301 if there is no such file, MF303 if it cannot be read or has not one float32 channel.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Write it again")
     image = oiio.ImageInput.open(str(path))
     if image is None:

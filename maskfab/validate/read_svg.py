@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import re
 from collections.abc import Iterator
 from decimal import Decimal, InvalidOperation
@@ -27,7 +28,7 @@ def read_svg(path: Path) -> db.Layout:
     Raises:
         SourceError: MF301 missing, MF303 not an SVG of this kind, or off the grid of 1 nm.
     """
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
     try:
         return _layout(ElementTree.parse(path).getroot(), path)

@@ -7,6 +7,7 @@ cells it places, where, what each is made of, and how much of it there is.
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -108,7 +109,7 @@ def _read(die: Die, path: Path) -> tuple[ReadSolid, str]:
 
 
 def _check_file(path: Path) -> None:
-    if not path.is_file():
+    if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {path}", where=str(path), cure="Write it first")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{path.name} is empty", where=str(path), cure="Write it again")

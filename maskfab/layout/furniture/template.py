@@ -6,7 +6,6 @@ mark has a room of its own, a box round its place, so that templates are judged 
 
 from __future__ import annotations
 
-import tomllib
 from collections import Counter
 from collections.abc import Iterator
 from functools import cached_property
@@ -23,6 +22,7 @@ from maskfab.model import Box, Point
 from maskfab.spec import parse_section
 from maskfab.spec.problems import refusing
 from maskfab.spec.sections import Section
+from maskfab.spec.toml import loads
 from maskfab.spec.values import DrawnText, Name, PlateLength, length_um
 from maskfab.units import NM_PER_UM, to_nm
 
@@ -238,7 +238,7 @@ def load_template(path: Path) -> PlateTemplate:
             its mark, two marks of one name, rooms that overlap, or a room beyond the writable area.
     """
     try:
-        template = parse_section(PlateTemplate, tomllib.loads(path.read_text(encoding="utf-8")), where=str(path))
+        template = parse_section(PlateTemplate, loads(path.read_text(encoding="utf-8")), where=str(path))
         for place, what, length in _lengths(template):
             to_nm(length, where=f"{path}: {place}", name=what)
     except (ValueError, RecursionError) as error:
