@@ -44,6 +44,7 @@ from maskfab.report import (
     scene_figures,
     written_figures,
 )
+from maskfab.report.workers import Task
 from maskfab.spec.shop import Shop
 from maskfab.threads import one_thread
 from maskfab.validate.apertures import light_box
@@ -73,6 +74,10 @@ _MOST_PLACED = 1000
 
 _SCENE_BYTES = 6e9
 """As much memory as the scenes of dies that are measured at once may take."""
+
+
+_DIES_A_PROCESS = 3
+"""Dies whose figures take longer than starting a process that draws them."""
 
 
 @dataclass(frozen=True)
@@ -413,17 +418,16 @@ def _pictures(
     written: Mapping[str, Written],
 ) -> dict[str, dict[str, str]]:
     """Every figure of the report, by die and figure."""
-    pictures = figures.pictures(built.plate, optics, document)
-    for scene in scenes:
-        pictures[scene.die.name] |= scene_figures.pictures(scene)
+    more: list[tuple[str, Task]] = [(scene.die.name, (scene_figures.pictures, (scene,))) for scene in scenes]
     for die in built.plate.dies:
         if die.name in built.found:
-            pictures[die.name] |= display_figures.pictures(die.panel, built.found[die.name])
+            more.append((die.name, (display_figures.pictures, (die.panel, built.found[die.name]))))
         if die.name in restored:
-            pictures[die.name] |= design_figures.pictures(restored[die.name])
+            more.append((die.name, (design_figures.pictures, (restored[die.name],))))
         if die.name in written:
-            pictures[die.name] |= written_figures.pictures(written[die.name])
-    return pictures
+            more.append((die.name, (written_figures.pictures, (written[die.name],))))
+    workers = min(os.cpu_count() or 1, len(optics) // _DIES_A_PROCESS)
+    return figures.pictures(built.plate, optics, document, more, workers)
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:

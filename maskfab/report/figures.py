@@ -23,6 +23,7 @@ from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, P
 from maskfab.report import raster
 from maskfab.report.canvas import INK, QUIET, bitmap, draw_psf, image, img, place, styled
 from maskfab.report.numbers import number
+from maskfab.report.workers import Task, drawn
 
 Item = TypeVar("Item", Psf, Mtf)
 
@@ -47,25 +48,43 @@ _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
 _POWERS = ("1", "10⁻¹", "10⁻²", "10⁻³", "10⁻⁴", "10⁻⁵", "10⁻⁶")
 
 
-def pictures(plate: Plate, dies: Sequence[DieOptics], document: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`."""
+def pictures(
+    plate: Plate,
+    dies: Sequence[DieOptics],
+    document: Mapping[str, Any],
+    more: Sequence[tuple[str, Task]] = (),
+    workers: int = 1,
+) -> dict[str, dict[str, str]]:
+    """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
+
+    Args:
+        plate: what is on it.
+        dies: those that were measured.
+        document: the report's.
+        more: what else there is to draw, each with its die.
+        workers: how many processes draw.
+    """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
     whole = {"drawing": plate_drawing(plate, document)}
     if dies:
         whole["mtf"] = mtf_comparison(dies)
+    tasks: list[tuple[str, Task]] = [(item.die.name, (of_die, (item, field_nm))) for item in dies]
+    tasks += more
+    found: dict[str, dict[str, str]] = {PLATE: whole} | {name: {} for name, _ in tasks}
+    for (name, _), drawings in zip(tasks, drawn([task for _, task in tasks], workers), strict=True):
+        found[name] |= drawings
+    return found
+
+
+def of_die(item: DieOptics, field_nm: int) -> dict[str, str]:
+    """The figures of one die; ``field_nm`` is the side of its thumbnail, the same for all."""
     return {
-        PLATE: whole,
-        **{
-            item.die.name: {
-                "opening": opening(item.die.panel.opening, item.die.panel.dot_nm),
-                "panel": panel_close_up(item.die.panel),
-                "psf": psf(item.psfs),
-                "mtf": mtf(item.mtfs),
-                "panel_small": panel_thumbnail(item.die.panel, field_nm),
-                "psf_small": psf_thumbnail(_middle(_finest(item.psfs))),
-            }
-            for item in dies
-        },
+        "opening": opening(item.die.panel.opening, item.die.panel.dot_nm),
+        "panel": panel_close_up(item.die.panel),
+        "psf": psf(item.psfs),
+        "mtf": mtf(item.mtfs),
+        "panel_small": panel_thumbnail(item.die.panel, field_nm),
+        "psf_small": psf_thumbnail(_middle(_finest(item.psfs))),
     }
 
 
