@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
+from types import SimpleNamespace
 
+import numpy as np
 import pytest
 
 from maskfab.cli import run_command_line
-from maskfab.report.bench import case_table, race_figure
-from maskfab.validate.accuracy import Timing, race, standard_workload
+from maskfab.report.bench import case_table, race_figure, race_table
+from maskfab.validate.accuracy import Timing, absent, race, standard_workload
 from maskfab.validate.cases import Case, run
+from maskfab.validate.peers import PEERS, Peer, Task
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +37,39 @@ def test_the_parity_path_is_several_times_faster_than_the_published_recipe(timin
     assert 3 * times["maskfab parity", "double"] < times["published recipe, padded FFT", "double"]
 
 
+def test_a_peer_that_cannot_race_is_told_with_the_reason(
+    timings: list[Timing], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lame_peer.py").write_text("import a_thing_that_is_not_there\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    nobody = Peer("no_such_peer.at_all", "nobody", "double", PEERS[0].prepare)
+    lame = Peer("lame_peer", "lame", "double", PEERS[0].prepare)
+    monkeypatch.setattr("maskfab.validate.accuracy.PEERS", (nobody, lame))
+    told = "\n".join(race_table(timings, {"double": 1.0}, absent()))
+    assert "not raced: nobody, not installed" in told
+    assert "not raced: lame, installed, but does not import: No module named 'a_thing_that_is_not_there'" in told
+
+
+def test_a_peer_keeps_what_it_can_between_calls() -> None:
+    """HCIPy's transform is made once, as its users would."""
+    made = []
+
+    class Transform:
+        def __init__(self, *_: object) -> None:
+            made.append(self)
+
+        def forward(self, field: np.ndarray) -> np.ndarray:
+            return np.zeros(16)
+
+    library = SimpleNamespace(
+        make_uniform_grid=lambda *_, **__: None, Field=lambda values, _: values, MatrixFourierTransform=Transform
+    )
+    (hcipy,) = (peer for peer in PEERS if peer.module == "hcipy")
+    run = hcipy.prepare(library, Task(np.ones((4, 4)), 8.0, 1e4, 0.53, 0.5, 4))
+    assert [run().shape for _ in range(3)] == [(4, 4)] * 3
+    assert len(made) == 1
+
+
 def test_the_figure_is_a_picture(timings: list[Timing]) -> None:
     assert race_figure(timings).startswith(b"\x89PNG")
 
@@ -43,6 +80,11 @@ def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[s
     document = json.loads(capsys.readouterr().out)
     assert document["gemm_bound_ms"]["double"] > 0
     assert {row["kind"] for row in document["timings"]} >= {"ours", "published"}
+    assert all(row["cold_milliseconds"] > 0 for row in document["timings"])
+    raced = {row["name"] for row in document["timings"]}
+    assert {peer.name for peer in PEERS} == {
+        name for name in raced if "maskfab" not in name and "recipe" not in name
+    } | {*document["absent"]}
 
 
 @pytest.mark.parametrize(("die", "code"), [("BEST_R300_G8", "MF105"), ("NOBODY", "MF105")])

@@ -47,12 +47,12 @@ def bench(
         check_target(out, force=False)
     with watched(quiet) as progress:
         timings = accuracy.race(workload, rounds, progress)
-    bound = accuracy.gemm_bound_ms(workload)
-    document = report.race_document(timings, bound)
+    bound, absent = accuracy.gemm_bound_ms(workload), accuracy.absent()
+    document = report.race_document(timings, bound, absent)
     if as_json:
         print_json(document)
     else:
-        for line in report.race_table(timings, bound):
+        for line in report.race_table(timings, bound, absent):
             typer.echo(line)
     if out is not None:
         for path in report.write(out, document, report.race_figure(timings)):

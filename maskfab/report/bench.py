@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -22,30 +22,37 @@ _COLOURS = {"ours": "#0072b2", "peer": "#d55e00", "published": "#000000"}
 _MARKS = {"double": "o", "single": "^"}
 
 
-def race_document(timings: Sequence[Timing], bound_ms: dict[str, float]) -> dict[str, Any]:
-    """Everything that was measured, with the versions of what was raced."""
+def race_document(
+    timings: Sequence[Timing], bound_ms: Mapping[str, float], absent: Mapping[str, str]
+) -> dict[str, Any]:
+    """Everything that was measured, with the versions of what was raced, and who could not take part and why."""
     return {
         "versions": provenance.versions(),
-        "gemm_bound_ms": bound_ms,
+        "gemm_bound_ms": dict(bound_ms),
+        "absent": dict(absent),
         "timings": [asdict(timing) for timing in timings],
     }
 
 
-def race_table(timings: Iterable[Timing], bound_ms: dict[str, float]) -> list[str]:
-    """One line a contestant, fastest first."""
+def race_table(timings: Iterable[Timing], bound_ms: Mapping[str, float], absent: Mapping[str, str]) -> list[str]:
+    """One line a contestant, fastest first, then those who could not take part."""
     ordered = sorted(timings, key=lambda timing: timing.milliseconds)
     width = max(len(timing.name) for timing in ordered)
-    lines = [
-        f"{'method':{width}}  precision  {'ms':>8}  {'quartiles':>17}  {'error as given':>14}  {'with dot factor':>15}"
-    ]
+    times = f"{'cold ms':>8}  {'warm ms':>8}  {'quartiles':>17}"
+    lines = [f"{'method':{width}}  precision  {times}  {'error as given':>14}  {'with dot factor':>15}"]
     for t in ordered:
         spread = f"{t.spread[0]:.2f} to {t.spread[1]:.2f}"
         lines.append(
-            f"{t.name:{width}}  {t.precision:9}  {t.milliseconds:8.2f}  {spread:>17}  {t.error:14.1e}  "
-            f"{t.error_with_dots:15.1e}"
+            f"{t.name:{width}}  {t.precision:9}  {t.cold_milliseconds:8.2f}  {t.milliseconds:8.2f}  {spread:>17}  "
+            f"{t.error:14.1e}  {t.error_with_dots:15.1e}"
         )
     bounds = ", ".join(f"{value:.2f} ms {precision}" for precision, value in bound_ms.items())
-    return [*lines, f"products alone of the parity path, the bound of its method: {bounds}"]
+    lines += [f"not raced: {name}, {reason}" for name, reason in absent.items()]
+    return [
+        *lines,
+        "processor time on one thread; cold: a first call and what it sets up, warm: the next",
+        f"products alone of the parity path, the bound of its method without interpolation: {bounds}",
+    ]
 
 
 def race_figure(timings: Sequence[Timing]) -> bytes:
@@ -66,7 +73,7 @@ def race_figure(timings: Sequence[Timing]) -> bytes:
             axes.plot(t.milliseconds, t.error_with_dots, mark, color=colour, label=label)
             place, offset = (t.milliseconds, t.error_with_dots), (5, 4 if number % 2 else -11)
             axes.annotate(str(number), place, offset, textcoords="offset points", color=colour)
-        axes.set(xscale="log", yscale="log", xlabel="time of one PSF (ms, median, one thread)")
+        axes.set(xscale="log", yscale="log", xlabel="processor time of one PSF, warm (ms, median, one thread)")
         axes.set(ylabel="relative L2 error of the unit-sum PSF")
         axes.set_title("Speed against error: filled with the dot factor, hollow as given; blue maskfab, orange peers")
         axes.grid(alpha=0.3)

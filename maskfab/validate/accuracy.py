@@ -74,8 +74,9 @@ class Timing:
     Attributes:
         name, precision: who.
         kind: ours, peer, or published.
-        milliseconds: median over the rounds.
-        spread: lower and upper quartile, milliseconds.
+        milliseconds: processor time of a call that finds what the last one kept; median over the rounds.
+        spread: lower and upper quartile of it, milliseconds.
+        cold_milliseconds: of a first call, with all that it sets up; median likewise.
         error: relative L2 of the unit-sum PSF, as given.
         error_with_dots: the same after the dot's factor; equal to ``error`` where it is part of the method.
     """
@@ -85,6 +86,7 @@ class Timing:
     kind: str
     milliseconds: float
     spread: tuple[float, float]
+    cold_milliseconds: float
     error: float
     error_with_dots: float
 
@@ -95,7 +97,8 @@ class _Contestant:
     precision: str
     kind: str
     offset: float
-    run: Callable[[], NDArray[Any]]
+    set_up: Callable[[], Callable[[], NDArray[Any]]]
+    """Makes the function to be timed; its first call is cold."""
 
 
 def standard_workload() -> Workload:
@@ -117,10 +120,10 @@ def gemm_bound_ms(workload: Workload, rounds: int = 15) -> dict[str, float]:
         with threadpool_limits(1):
             seconds = []
             for _ in range(rounds):
-                start = time.perf_counter()
+                start = time.process_time()
                 for _ in range(4):
                     (waves @ core) @ waves.T
-                seconds.append(1e3 * (time.perf_counter() - start))
+                seconds.append(1e3 * (time.process_time() - start))
         bounds[name] = median(seconds)
     return bounds
 
@@ -142,22 +145,35 @@ def workload_of(panel: Panel, camera: Camera) -> Workload:
 
 
 def race(workload: Workload, rounds: int = 9, progress: Progress = silent) -> list[Timing]:
-    """Time every contestant in turn, round after round, on one thread; the first round warms up and does not count."""
+    """Time every contestant in turn, round after round, on one thread: from nothing, and again with what is kept."""
     pupil = workload.pupil()
     contestants = [*_ours(workload, pupil), *_others(workload, pupil)]
-    seconds: dict[int, list[float]] = {k: [] for k in range(len(contestants))}
-    results: dict[int, NDArray[Any]] = {}
+    cold: list[list[float]] = [[] for _ in contestants]
+    warm: list[list[float]] = [[] for _ in contestants]
+    results: list[NDArray[Any]] = []
     with threadpool_limits(1):
-        for number in range(rounds + 1):
-            progress("bench", number, rounds + 1)
-            for k, contestant in enumerate(contestants):
-                start = time.perf_counter()
-                results[k] = contestant.run()
-                if number:
-                    seconds[k].append(1e3 * (time.perf_counter() - start))
-        progress("bench", rounds + 1, rounds + 1)
+        for number in range(rounds):
+            progress("bench", number, rounds)
+            results = []
+            for contestant, firsts, seconds in zip(contestants, cold, warm, strict=True):
+                start = time.process_time()
+                function = contestant.set_up()
+                function()
+                between = time.process_time()
+                results.append(function())
+                firsts.append(1e3 * (between - start))
+                seconds.append(1e3 * (time.process_time() - between))
+        progress("bench", rounds, rounds)
         exact = {offset: _exact(workload, pupil, offset) for offset in {c.offset for c in contestants}}
-    return [_judged(c, seconds[k], results[k], exact[c.offset], workload) for k, c in enumerate(contestants)]
+    return [
+        _judged(contestant, firsts, seconds, result, exact[contestant.offset], workload)
+        for contestant, firsts, seconds, result in zip(contestants, cold, warm, results, strict=True)
+    ]
+
+
+def absent() -> dict[str, str]:
+    """Peers that cannot race here, each with the reason."""
+    return {peer.name: reason for peer in PEERS if (reason := peer.missing()) is not None}
 
 
 def _ours(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
@@ -168,25 +184,24 @@ def _ours(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
             continue
         for precision in path.precisions:
             compute = partial(path.intensity, pupil, quadrant, quadrant, precision)
-            yield _Contestant(f"maskfab {path.name}", precision, "ours", 0.5, compute)
+            yield _Contestant(f"maskfab {path.name}", precision, "ours", 0.5, partial(_nothing_to_set_up, compute))
+
+
+def _nothing_to_set_up(function: Callable[[], NDArray[Any]]) -> Callable[[], NDArray[Any]]:
+    return function
 
 
 def _others(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
     dot_um = workload.panel.dot_nm / 1e3
     size = published_size(workload.wavelength_nm, workload.focal_um, dot_um, workload.step_um)
-    yield _Contestant(
-        "published recipe, padded FFT",
-        "double",
-        "published",
-        0.0,
-        partial(published_intensity, pupil.whole, size, workload.samples),
-    )
+    recipe = partial(published_intensity, pupil.whole, size, workload.samples)
+    yield _Contestant("published recipe, padded FFT", "double", "published", 0.0, partial(_nothing_to_set_up, recipe))
     task = Task(
         pupil.whole, dot_um, workload.focal_um, workload.wavelength_nm * 1e-3, workload.step_um, workload.samples
     )
     for peer in PEERS:
-        if peer.available():
-            yield _Contestant(peer.name, peer.precision, "peer", 0.0, peer.function(task))
+        if peer.missing() is None:
+            yield _Contestant(peer.name, peer.precision, "peer", 0.0, partial(peer.function, task))
 
 
 def _exact(workload: Workload, pupil: Pupil, offset: float) -> Floats:
@@ -197,7 +212,12 @@ def _exact(workload: Workload, pupil: Pupil, offset: float) -> Floats:
 
 
 def _judged(
-    contestant: _Contestant, milliseconds: Sequence[float], found: NDArray[Any], exact: Floats, workload: Workload
+    contestant: _Contestant,
+    cold: Sequence[float],
+    warm: Sequence[float],
+    found: NDArray[Any],
+    exact: Floats,
+    workload: Workload,
 ) -> Timing:
     def error(intensity: NDArray[Any]) -> float:
         unit_sum = intensity / intensity.sum(dtype=np.float64)
@@ -206,7 +226,14 @@ def _judged(
     given = error(found)
     factor = np.sinc(workload.frequencies(0.0) * workload.panel.dot_nm / 1e3) ** 2
     with_dots = given if contestant.kind == "ours" else error(found * factor * factor[:, None])
-    low, _, high = quantiles(milliseconds, n=4)
+    low, _, high = quantiles(warm, n=4)
     return Timing(
-        contestant.name, contestant.precision, contestant.kind, median(milliseconds), (low, high), given, with_dots
+        contestant.name,
+        contestant.precision,
+        contestant.kind,
+        median(warm),
+        (low, high),
+        median(cold),
+        given,
+        with_dots,
     )

@@ -47,20 +47,20 @@ class Peer:
     precision: str
     prepare: Callable[[Any, Task], Callable[[], NDArray[np.floating[Any]]]]
 
-    def available(self) -> bool:
-        """Whether the library can be imported here."""
+    def missing(self) -> str | None:
+        """Why the library cannot be used here; None if it can."""
         try:
             if importlib.util.find_spec(self.module.partition(".")[0]) is None:
-                return False
+                return "not installed"
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 importlib.import_module(self.module)
-        except ImportError:
-            return False
-        return True
+        except Exception as error:  # whatever somebody else's module does when it is imported
+            return f"installed, but does not import: {error}"
+        return None
 
     def function(self, task: Task) -> Callable[[], NDArray[np.floating[Any]]]:
-        """The timed function."""
+        """What computes the task; calls after the first may use what the first has kept."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return self.prepare(importlib.import_module(self.module), task)
@@ -102,9 +102,9 @@ def _hcipy(module: Any, task: Task) -> Callable[[], Any]:
     centre = [-task.step_um / 2 * scale] * 2
     focal = module.make_uniform_grid([task.samples] * 2, [width * scale] * 2, center=centre)
     field = module.Field(task.dots.ravel().astype(np.complex128), pupil)
+    transform = module.MatrixFourierTransform(pupil, focal)
 
     def run() -> Any:
-        transform = module.MatrixFourierTransform(pupil, focal)
         return abs(np.asarray(transform.forward(field))).reshape(task.samples, task.samples) ** 2
 
     return run
