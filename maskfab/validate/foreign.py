@@ -171,7 +171,7 @@ def check_foreign(
     cds = _own_cds(plate, design, read, alignment)
     laid = _laid(plate, read, alignment)
     progress("compare", 0, 1)
-    trip = compare(plate, design, laid, path, tolerance_nm=how.tolerance_nm)
+    trip = compare(plate, design, laid, path, tolerance_nm=how.tolerance_nm, dots_prove=True)
     quantities += _of_geometry(replace(trip, cds=cds), limits, how.tolerance_nm)
     progress("rules", 0, 1)
     quantities += rules_of_like(plate, design, laid, trip.slivers.faults, wanted)

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.region import plate_layout
 from maskfab.geometry.rules import corner_touches
 from maskfab.model import CLEAR, Gauge
-from maskfab.validate.roundtrip import clear_length_nm, die_edges_nm, die_raster, roundtrip
+from maskfab.validate.roundtrip import clear_length_nm, compare, die_edges_nm, die_raster, roundtrip
 
 FORMATS = ("gds", "oas", "R12.dxf", "R2010.dxf")
 
@@ -163,3 +164,23 @@ def test_clear_length_adds_up_what_a_gauge_crosses():
     assert clear_length_nm(layout, Gauge("g", "x", (100, 25), 100, 0)) == 130 + 50
     assert clear_length_nm(layout, Gauge("g", "y", (50, 25), 100, 0)) == 50
     assert clear_length_nm(layout, Gauge("g", "x", (100, 60), 100, 0)) == 0
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_dies_whose_dots_are_exact_need_no_polygons_compared(small_plate, seed):
+    """Faults of a nanometre and more, within dies, across their borders, between them and off the plate."""
+    generator = np.random.default_rng(seed)
+    design = plate_layout(small_plate)
+    read = plate_layout(small_plate)
+    read.flatten(read.top_cell().cell_index(), -1, True)
+    shapes = read.top_cell().shapes(read.layer(1, 0))
+    x0, y0, x1, y1 = small_plate.dies[seed % len(small_plate.dies)].box_nm
+    corners = [(x0, y0), (x1, (y0 + y1) // 2), ((x0 + x1) // 2, y1 + 50_000), (-9 * x1 - 70_000_000, y0)]
+    for x, y in corners[: seed + 1]:
+        dx, dy = generator.integers(-700, 700, 2).tolist()
+        shapes.insert(db.Box(x + dx, y + dy, x + dx + 1, y + dy + int(generator.integers(1, 900))))
+    every, fewer = (compare(small_plate, design, read, Path("x.gds"), dots_prove=prove) for prove in (False, True))
+    assert every.differences
+    assert fewer.differences == every.differences
+    assert fewer.dies == every.dies
+    assert (fewer.differing ^ every.differing).is_empty()
