@@ -13,8 +13,7 @@ Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 _RIM_VERTICES = 4096
-_LARGEST_COORDINATE = 2_000_000_000
-_FINEST, _FINEST_OF_SIDES = 50, 2000
+_LARGEST_COORDINATE = 400_000_000
 
 
 def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
@@ -22,7 +21,7 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
 
     A circle becomes a regular polygon of 4096 sides and the circle's own area, an ellipse that polygon stretched;
     coordinates are refined to a fraction of a nanometre first, so that neither the sides nor their rounding shows at
-    1e-7.
+    1e-8.
 
     Args:
         shapes: what is clear, in nanometres; see :func:`stop_box` for how much of it is needed. Either a region, or
@@ -39,7 +38,9 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
     corners = shapes - np.tile(centre_nm, 2)
     inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *corners.T)
     cut = db.Region()
-    for box in shapes[~inside & ~outside].tolist():
+    low_x, low_y, high_x, high_y = stop_box(stop, centre_nm)
+    near = np.clip(shapes[~inside & ~outside], (low_x, low_y, low_x, low_y), (high_x, high_y, high_x, high_y))
+    for box in near.tolist():
         cut.insert(db.Box(*box))
     rim, rim_area = _cut_edges(cut, stop, centre_nm)
     x0, y0, x1, y1 = corners[inside].T * 1e-3
@@ -49,9 +50,8 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
 
 
 def _cut_edges(region: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
-    # Of a circle every other corner is rounded outwards; a polygon's few sides need a finer grid.
-    finest = _FINEST_OF_SIDES if stop.outline_um else _FINEST
-    scale = 2 * max(1, min(finest, int(_LARGEST_COORDINATE / (1.1 * stop.diameter_um * 1e3))))
+    # As fine as booleans bear: corners of a small stop lie nanometres apart, and their rounding shows in its area.
+    scale = 2 * max(1, int(_LARGEST_COORDINATE / (1.1 * stop.diameter_um * 1e3)))
     whole = [int(np.floor(c)) for c in centre_nm]
     local = region.moved(-whole[0], -whole[1])
     local.transform(db.ICplxTrans(float(scale)))

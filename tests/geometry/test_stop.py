@@ -1,0 +1,42 @@
+"""Polygons cut by the stop against the same stop cut from whole dots, whose areas are integrals."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from optics_cases import camera, clear_region, noise, panel, pupil
+
+from maskfab.geometry.stop import edges_in_stop
+from maskfab.model import Stop
+from maskfab.optics.metrics import AREA_ERROR, relative_difference
+from maskfab.optics.psf import point_psf
+from maskfab.validate.optics import polygon_psf, stop_boundary
+
+
+@pytest.mark.parametrize("diameter_um", [6.0, 11.0, 23.0, 50.0, 77.0, 97.3])
+@pytest.mark.parametrize("dot_nm", [2000, 20_000])
+def test_a_small_stop_keeps_area_and_psf_of_its_polygons_within_their_bars(diameter_um: float, dot_nm: int) -> None:
+    laid_out = panel(noise(3, 0.6, dot_nm), dot_nm=dot_nm, cells=2 + int(diameter_um * 1e3 / (3 * dot_nm)), seed=4)
+    setting = camera(diameter_um, window_um=100.0)
+    source = pupil(laid_out, setting.stop)
+    edges, area = edges_in_stop(clear_region(laid_out), setting.stop, (0.0, 0.0))
+    assert abs(area - source.energy_um2) < AREA_ERROR / 5 * source.energy_um2
+    points = point_psf(source, setting, 530.0)
+    polygons = polygon_psf(stop_boundary(edges, area, setting), setting, points)
+    # The bar that every difference to polygons is reported with.
+    assert relative_difference(polygons, points) < 1e-8 / 4
+
+
+def test_boxes_far_larger_than_their_stop_are_cut_like_regions() -> None:
+    """Rows that a die's boxes run along reach metres beyond a stop refined to picometres."""
+    boxes = np.array([[-2_000_000_000, -900, 2_000_000_000, 300], [700, 300, 4000, 2_000_000_000]])
+    edges, area = edges_in_stop(boxes, Stop("circle", 5.0), (0.0, 0.0))
+    x0, y0, x1, y1 = edges.T
+    assert abs(edges).max() < 2.5 * (1 + 1e-6)
+    half = np.sum(x0 * y1 - x1 * y0) / 2
+    y = np.linspace(-0.9, 0.3, 200_001)
+    strip = np.trapezoid(2 * np.sqrt(2.5**2 - y**2), y)
+    x = np.linspace(0.7, np.sqrt(2.5**2 - 0.3**2), 200_001)
+    corner = np.trapezoid(np.sqrt(2.5**2 - x**2) - 0.3, x)
+    assert area == pytest.approx(strip + corner, rel=1e-8)
+    assert half == pytest.approx(area, rel=1e-8)
