@@ -16,7 +16,7 @@ from typing import TypeVar
 from klayout import db
 
 from maskfab import __version__, provenance, resources
-from maskfab.export.finished import RESULT_MARK
+from maskfab.export.finished import RESULT_MARK, TIMES, times_text
 from maskfab.export.fitting import blank_of
 from maskfab.export.markers import write_markers
 from maskfab.export.products import TITLES
@@ -147,6 +147,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
         (folder / PAGE).write_text(html.render(document, pictures), encoding="utf-8")
         _write_manifest(job, files, folder)
+        (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
     return Result(place.asked, report)
 
 

@@ -13,7 +13,7 @@ from klayout import db
 
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
-from maskfab.export.finished import RESULT_MARK
+from maskfab.export.finished import RESULT_MARK, TIMES
 from maskfab.export.staging import put_back
 from maskfab.geometry.reading import LAYOUT_SUFFIXES
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES
@@ -152,7 +152,7 @@ def _unlisted(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
     masks = {*LAYOUT_SUFFIXES, *(drawn & {*IMAGE_SUFFIXES})}
     for path in sorted(each for each in folder.rglob("*") if each.is_file()):
         name = path.relative_to(folder).as_posix()
-        if name in listed or name == RESULT_MARK:
+        if name in listed or name in (RESULT_MARK, TIMES):
             continue
         if path.suffix.lower() in masks:
             problem = f"{name} is a mask file that the run did not write: it could go to the house by mistake"
@@ -168,7 +168,7 @@ def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
 
 
 def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
-    """Everything that report.json says, save the time it took, against what is measured now."""
+    """Everything that report.json says against what is measured now."""
     try:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         differences = [
@@ -183,13 +183,13 @@ def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
 
 
 def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:
-    """A report without its times and its photographs: a last bit of light may draw another photon."""
+    """A report without its photographs, of which a last bit of light may draw another photon, and its former times."""
     dies = [dict(die) for die in document["dies"]]
     for die in dies:
         if "design" in die:
             levels = [{**level, "photograph": None} for level in die["design"]["levels"]]
             die["design"] = {**die["design"], "levels": levels, "scene": None}
-    return {**document, "dies": dies, "time": None}
+    return {key: value for key, value in document.items() if key != "time"} | {"dies": dies}
 
 
 def _differences(now: Any, then: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:

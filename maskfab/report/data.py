@@ -21,7 +21,7 @@ from maskfab.report.display_data import display_document, display_schema
 from maskfab.units import NM_PER_UM, dpi
 from maskfab.validate.views import SceneOptics, View
 
-SCHEMA_VERSION = 1
+SCHEMA_VERSION = 2
 
 Document = dict[str, Any]
 
@@ -42,7 +42,7 @@ def to_document(
     ``scenes``, ``displays`` and ``designs`` are those of dies that have one; a design is a document of
     :func:`maskfab.report.design_data.design_document`.
 
-    Only ``"time"`` may differ between two runs of one job.
+    Two runs of one job make equal documents; the times that they took are told beside it.
 
     Raises:
         InternalError: MF901 if the report's dies are not the plate's, or a number is NaN or infinite.
@@ -66,7 +66,6 @@ def to_document(
         "plate": [quantity_document(quantity) for quantity in report.plate],
         "checks": [quantity_document(quantity) for quantity in report.checks],
         "files": [_file(file) for file in report.files],
-        "time": {"seconds": dict(report.seconds)},
     }
     plain: Document = _plain(document, "report")
     return plain
@@ -143,7 +142,6 @@ def schema() -> Document:
             "window_um": number,
         }
     )
-    seconds = {"type": "object", "additionalProperties": number}
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "maskfab report",
@@ -163,8 +161,6 @@ def schema() -> Document:
                     "type": "array",
                     "items": _object({"path": text, "format": text, "bytes": integer, "sha256": text}),
                 },
-                "time": _object({"seconds": seconds})
-                | {"description": "the only part that may differ between two runs of one job"},
             }
         ),
         "$defs": {"quantity": quantity},

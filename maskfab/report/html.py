@@ -114,7 +114,7 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.pictures` makes them; a figure
             that is missing is left out.
 
-    The wall-clock times of ``document["time"]`` are not shown, so that equal runs give equal pages.
+    Equal documents and pictures give equal pages.
     """
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
