@@ -38,9 +38,8 @@ from maskfab.model import (
 )
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
+from maskfab.optics.leak import Leak
 from maskfab.optics.model_bar import bar_of_panel, bar_quantities, model_bar
-from maskfab.optics.mtf import longest_lag_um
-from maskfab.optics.otf import lag_table
 from maskfab.optics.plan import sampling_camera
 from maskfab.optics.psf import pixel_margin
 from maskfab.optics.pupil import cut
@@ -53,6 +52,7 @@ from maskfab.units import to_nm
 from maskfab.validate.apertures import aperture_in_stop, edge_distances
 from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
+    lit_pupils,
     measure,
     measure_pupils,
     read_openings,
@@ -190,7 +190,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
         write_oasis(plate_layout(plate), file)
         read = region(read_layout(file), CLEAR)
     progress("optics", 0, 1)
-    result = measure(die, camera, read)
+    result = measure(die, camera, read, request.blank)
     progress("optics", 1, 1)
     bar = bar_of_panel(panel, camera, request.blank, None)
     standard = (*metrics.model_notes(camera), *result.quantities, *bar)
@@ -297,19 +297,21 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
     lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
-    pupil = cut(aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)), stop)
-    table = lag_table(pupil, longest_lag_um(camera))
+    read = aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0))
+    pupil = cut(read, stop)
+    leak = Leak.of(request.blank, stop)
+    lit = lit_pupils(read, pupil, leak, camera)
     header = (
         *metrics.model_notes(camera),
         metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
-        metrics.mtf_volume(table, area, None, INVARIANT_LIMIT_ROUND),
+        metrics.mtf_volume(lit.table, area, None, INVARIANT_LIMIT_ROUND, leak),
     )
 
     def difference(error: float, wavelength: float) -> Quantity:
         method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
         return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
 
-    found = measure_pupils(pupil, None, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
     bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
     return Analysis(cell.name, found.psfs, found.mtfs, (*header, *found.quantities, *bar))
 

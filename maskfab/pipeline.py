@@ -213,7 +213,7 @@ def measure_dies(
 
     def one(die: Die) -> DieOptics:
         mask = _mask(die)
-        found = measure(mask, camera, clear_shapes(layout, light_box(die, camera.stop)))
+        found = measure(mask, camera, clear_shapes(layout, light_box(die, camera.stop)), blank)
         bar = bar_of_panel(mask.panel, camera, blank, die.name)
         return replace(found, quantities=(*found.quantities, *bar))
 

@@ -14,6 +14,7 @@ from maskfab.errors import JobError
 from maskfab.model import Camera, Mtf, Psf, Quantity, frozen
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.encircled import ensquared_energy, halo_energy
+from maskfab.optics.leak import Leak
 from maskfab.optics.mtf import area_under_radial_min, frequency_at
 from maskfab.optics.otf import LagTable, neighbours
 from maskfab.optics.psf import cutoff, image_scale_um2, pixel_sum_error
@@ -75,6 +76,10 @@ def model_notes(camera: Camera) -> tuple[Quantity, ...]:
             f"stop's PSF by {VECTOR_ERROR:g} / F², an estimate that no error bar here holds",
         ),
     )
+
+
+_FIXED_BY = ("the open ratio", "the mean amplitude, the film's leak included,")
+_VOLUME_BY = ("the open ratio", "mean amplitude² over mean intensity, the film's leak included,")
 
 
 def stop_open_ratio(clear_um2: float, camera: Camera, die: str | None, method: str) -> Quantity:
@@ -159,30 +164,42 @@ def energy_in_window(psf: Psf, camera: Camera, difference: float, die: str | Non
 
 
 def strehl_quantities(
-    psf: Psf, camera: Camera, energy_um2: float, area_um2: float, die: str | None, limit: float
+    psf: Psf,
+    camera: Camera,
+    energy_um2: float,
+    area_um2: float,
+    die: str | None,
+    limit: float,
+    leak: Leak | None = None,
 ) -> list[Quantity]:
     """Peak intensity against the clear stop's, and its distance from the square of the open ratio, which fixes it.
+
+    Where the film leaks τ, the mean amplitude η + τ (1 - η) stands for the open ratio.
 
     Args:
         psf: sampled at points, its middle on the axis.
         camera: for its focal length and stop.
-        energy_um2: what the PSF was normalised by.
+        energy_um2: clear area inside the stop by which the PSF was normalised, the leak aside.
         area_um2: clear area inside the stop from another source than the PSF.
         die: whose numbers these are.
         limit: largest admissible relative error.
+        leak: of the film.
     """
     scale = image_scale_um2(camera, psf.wavelength_nm)
     stop = camera.stop
     middle = psf.values.shape[0] // 2
-    strehl = float(psf.values[middle, middle]) * scale**2 * energy_um2 / stop.area_um2**2
-    error = abs(strehl / (area_um2 / stop.area_um2) ** 2 - 1)
+    passed_um2 = energy_um2 if leak is None else leak.energy_um2(energy_um2)
+    strehl = float(psf.values[middle, middle]) * scale**2 * passed_um2 / stop.area_um2**2
+    field_um2 = area_um2 if leak is None else abs(leak.field_integral_um2(area_um2))
+    error = abs(strehl / (field_um2 / stop.area_um2) ** 2 - 1)
     return [
         Quantity(
             "peak_strehl",
             "S",
             strehl,
             "1",
-            "peak of the PSF over that of the open stop; the open ratio alone fixes it, so it ranks no design",
+            f"peak of the PSF over that of the open stop; {_FIXED_BY[leak is not None]} alone fixes it, so it ranks no "
+            "design",
             uncertainty=AREA_ERROR,
             die=die,
             wavelength_nm=psf.wavelength_nm,
@@ -192,7 +209,7 @@ def strehl_quantities(
             "|S/η² - 1|",
             error,
             "1",
-            "peak Strehl of the matrix path against the square of the open ratio from the polygons' area",
+            f"peak Strehl of the matrix path against {_FIXED_BY[leak is not None]} squared, from the polygons' area",
             uncertainty=AREA_ERROR,
             limit=limit,
             passed=error <= limit,
@@ -202,19 +219,21 @@ def strehl_quantities(
     ]
 
 
-def mtf_volume(table: LagTable, area_um2: float, die: str | None, limit: float) -> Quantity:
+def mtf_volume(table: LagTable, area_um2: float, die: str | None, limit: float, leak: Leak | None = None) -> Quantity:
     """Volume under the two-dimensional MTF over that of the open stop, which the open ratio fixes.
 
     The integral of the normalised autocorrelation of a binary pupil is its clear area, for the open stop the stop's,
-    and their ratio is the open ratio.
+    and their ratio is the open ratio. Where the film leaks, the square of the mean amplitude over the mean intensity
+    stands for it; what leaks through strips between cells is in neither.
     """
-    error = abs(table.volume_um2 / area_um2 - 1)
+    expected = area_um2 if leak is None else leak.volume_um2(area_um2, table.energy_um2)
+    error = abs(table.volume_um2 / expected - 1)
     return Quantity(
         "mtf_volume_invariant_error",
         "|V/η - 1|",
         error,
         "1",
-        "volume under the 2-D MTF from the lag table against the open ratio from the polygons' area",
+        f"volume under the 2-D MTF from the lag table against {_VOLUME_BY[leak is not None]} from the polygons' area",
         uncertainty=max(AREA_ERROR, table.uncertainty),
         limit=limit,
         passed=error <= limit,

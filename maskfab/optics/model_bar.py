@@ -31,6 +31,7 @@ from maskfab.model import Camera, Glass, MaskBlank, Panel, Quantity
 from maskfab.optics.aperture import Aperture, Lattice, panel_aperture, zeros
 from maskfab.optics.clear_stop import clear_field
 from maskfab.optics.gap import gap_change
+from maskfab.optics.leak import Leak
 from maskfab.optics.paths import field
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.pupil import Pupil, cut
@@ -89,7 +90,7 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
         blank: what the job states of the plate.
     """
     known = _Known.of(pupil, camera)
-    return _by_size([_leak(known, blank), *_lens(known), *_glass(known, blank), _ghosts(known, blank), _bias(known)])
+    return _by_size([*_leak(known, blank), *_lens(known), *_glass(known, blank), _ghosts(known, blank), _bias(known)])
 
 
 def off_axis_bar(pupil: Pupil, camera: Camera, field_um: float) -> tuple[Omission, ...]:
@@ -203,10 +204,17 @@ def _square(values: Complexes) -> Floats:
     return np.asarray(values.real**2 + values.imag**2)
 
 
-def _leak(known: _Known, blank: MaskBlank) -> Omission:
+def _leak(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
+    if Leak.of(blank, known.camera.stop) is not None:
+        return
+    yield leak_omission(known.field, known.pupil, known.axis, blank)
+
+
+def leak_omission(openings: Complexes, pupil: Pupil, axis: Floats, blank: MaskBlank) -> Omission:
+    """The leak of a film as a plate states it; arguments as for :func:`leak_change`."""
     density = ASSUMED_DENSITY if blank.optical_density is None else blank.optical_density
     phase = blank.film_phase_waves
-    size = leak_change(known.field, known.pupil, known.axis, density, phase)
+    size = leak_change(openings, pupil, axis, density, phase)
     told = "assumed, as mask houses promise" if blank.optical_density is None else "stated"
     at = "at the worst phase of the film, which nothing states" if phase is None else f"{phase:g} waves behind, stated"
     return Omission(

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import Camera, Psf
 from maskfab.optics.field import ParityField
+from maskfab.optics.leak import Leak
 from maskfab.optics.paths import Task, admissible, field
 from maskfab.optics.pupil import Pupil
 
@@ -55,14 +56,19 @@ def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 
     return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
 
 
-def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0) -> list[Psf]:
-    """The same at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it."""
+def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None) -> list[Psf]:
+    """The same at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
+
+    With a leak the pupil is that of the openings of a binary mask, and the film's light is added.
+    """
     frequencies = [_frequencies(camera, wavelength, margin) for wavelength in camera.wavelengths_nm]
     widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
     path = admissible(Task.of(pupil, widest, widest))[0]
     prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
     return [
         _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)
+        if leak is None
+        else _leaking_psf(prepared.field(frequency, frequency), pupil, camera, wavelength, frequency, leak)
         for frequency, wavelength in zip(frequencies, camera.wavelengths_nm, strict=True)
     ]
 
@@ -76,6 +82,15 @@ def _frequencies(camera: Camera, wavelength_nm: float, margin: int) -> Floats:
 def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
     scale = image_scale_um2(camera, wavelength_nm)
     values = quadrant.intensity() / (scale**2 * pupil.energy_um2)
+    return Psf(values, point_step_um(camera), wavelength_nm, "point")
+
+
+def _leaking_psf(
+    quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float, frequency: Floats, leak: Leak
+) -> Psf:
+    found = leak.field(quadrant.amplitude(), np.concatenate([-frequency[:0:-1], frequency]))
+    scale = image_scale_um2(camera, wavelength_nm)
+    values = (found.real**2 + found.imag**2) / (scale**2 * leak.energy_um2(pupil.energy_um2))
     return Psf(values, point_step_um(camera), wavelength_nm, "point")
 
 

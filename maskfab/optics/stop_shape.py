@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from maskfab.model import Stop
-from maskfab.optics.phase_field import Waves
+
+if TYPE_CHECKING:
+    from maskfab.optics.phase_field import Waves
 
 Floats = NDArray[np.float64]
 

@@ -14,8 +14,6 @@ from maskfab.geometry.stop import edges_in_stop, stop_box
 from maskfab.model import CLEAR, Camera, Die, Mtf, Plate, Quantity
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
-from maskfab.optics.mtf import longest_lag_um
-from maskfab.optics.otf import lag_table
 from maskfab.optics.psf import pixel_margin
 from maskfab.optics.pupil import cut
 from maskfab.validate.apertures import aperture_in_stop, axis_nm, edge_distances, light_box
@@ -23,6 +21,7 @@ from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
     READBACK_LIMIT,
     Measured,
+    lit_pupils,
     measure,
     measure_pupils,
     stop_boundary,
@@ -97,8 +96,9 @@ def _measured(
     if area <= 0:
         return None
     lattice, exact = _lattice(shapes, axis, camera, dot_nm)
-    pupil = cut(aperture_in_stop(lattice, lattice, shapes, edges, camera.stop, axis), camera.stop)
-    table = lag_table(pupil, longest_lag_um(camera))
+    aperture = aperture_in_stop(lattice, lattice, shapes, edges, camera.stop, axis)
+    pupil = cut(aperture, camera.stop)
+    lit = lit_pupils(aperture, pupil, None, camera)
     raster = f"of a raster of {lattice.dot_um:g} um"
 
     def difference(error: float, wavelength: float) -> Quantity:
@@ -106,7 +106,7 @@ def _measured(
         return Quantity("raster_psf_difference", "δ", error, "1", method, die=name, wavelength_nm=wavelength)
 
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
-    found = measure_pupils(pupil, None, table, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
+    found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
     told = [metrics.stop_open_ratio(area, camera, name, "area of the file's polygons inside the stop over the stop's")]
     about = f"; {raster}, on which every edge lies" if exact else f"; {raster}, finer than which nothing is resolved"
     for quantity in found.quantities:

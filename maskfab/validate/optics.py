@@ -12,9 +12,10 @@ from numpy.typing import NDArray
 
 from maskfab.geometry.region import coverage
 from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import Box, Camera, Die, DieOptics, Mtf, Psf, Quantity, Tiling
+from maskfab.model import UNSTATED, Box, Camera, Die, DieOptics, MaskBlank, Mtf, Psf, Quantity, Tiling
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Aperture, panel_aperture
+from maskfab.optics.leak import Leak
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.orders import order_quantities
 from maskfab.optics.otf import LagTable, lag_table
@@ -46,12 +47,13 @@ class Measured:
     quantities: tuple[Quantity, ...]
 
 
-def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
+def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
     """PSF, MTF, invariants and the difference to the design, at every wavelength of the camera.
 
     Args:
         die: the design.
         camera: what looks through it.
+        blank: what the plate is made of; a leak whose phase is stated is part of every number.
         shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
             boxes, see :func:`maskfab.geometry.region.clear_shapes`.
     """
@@ -62,9 +64,10 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
     pupil = cut(read, stop)
     design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
     outline = stop_boundary(edges, area, camera)
-    table = lag_table(pupil, longest_lag_um(camera))
+    leak = Leak.of(blank, stop)
+    lit = lit_pupils(read, pupil, leak, camera)
 
-    limit = INVARIANT_LIMIT_SQUARE if stop.shape in ("square", "rectangle") else INVARIANT_LIMIT_ROUND
+    limit = INVARIANT_LIMIT_SQUARE if stop.shape == "square" else INVARIANT_LIMIT_ROUND
     quantities = [
         Quantity(
             "open_ratio", "ρ", die.panel.open_ratio, "1", "clear share of one cell of the design, exact", die=die.name
@@ -72,18 +75,18 @@ def measure(die: Die, camera: Camera, shapes: Shapes) -> DieOptics:
         metrics.stop_open_ratio(
             area, camera, die.name, "area of the read-back polygons inside the stop over the stop's"
         ),
-        metrics.mtf_volume(table, area, die.name, limit),
+        metrics.mtf_volume(lit.table, area, die.name, limit, leak),
     ]
     if die.panel.tiling is Tiling.PERIODIC:
         quantities += order_quantities(die.panel, die.name)
-    found = measure_pupils(pupil, design_pupil, table, outline, camera, limit, partial(_difference, die.name), die.name)
+    found = measure_pupils(pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name)
     return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities))
 
 
 def measure_pupils(
     read: Pupil,
     design: Pupil | None,
-    table: LagTable,
+    lit: LitPupils,
     outline: Boundary,
     camera: Camera,
     limit: float,
@@ -97,7 +100,7 @@ def measure_pupils(
         read: the pupil that was read.
         design: the pupil that the polygons are held against, and whose points are told of. None where there is none:
             then they are held against ``read``, a raster of them, and what is told of points and pixels is their own.
-        table: the lag table of ``read``.
+        lit: the lags of ``read``, its leak included.
         outline: the polygons, cut by the stop.
         camera: what looks through them.
         limit: largest admissible error of the invariants.
@@ -105,24 +108,24 @@ def measure_pupils(
         die: whose numbers these are.
         progress: told after every wavelength.
     """
-    lags = metrics.axis_lags(read, table.energy_um2)
+    table, leak, lags = lit.table, lit.leak, lit.axis_lags
     margin = pixel_margin(camera)
     lines = camera.wavelengths_nm
     progress("optics", 0, len(lines))
-    read_psfs = point_psfs(read, camera, margin)
+    read_psfs = point_psfs(read, camera, margin, leak)
     matrix = read if design is None else design
-    matrix_psfs = read_psfs if matrix is read else point_psfs(matrix, camera, margin)
+    matrix_psfs = read_psfs if matrix is read else point_psfs(matrix, camera, margin, leak)
     psfs: list[Psf] = []
     mtfs: list[Mtf] = []
     quantities: list[Quantity] = []
     for wavelength, matrix_psf, read_psf in zip(lines, matrix_psfs, read_psfs, strict=True):
         of_matrix = within(matrix_psf, camera)
         if design is None:
-            wide = polygon_psf(outline, camera, matrix_psf)
+            wide = polygon_psf(outline, camera, matrix_psf, leak)
             points = polygons = within(wide, camera)
             pixels = pixel_psf(wide, camera)
         else:
-            points, polygons = of_matrix, polygon_psf(outline, camera, of_matrix)
+            points, polygons = of_matrix, polygon_psf(outline, camera, of_matrix, leak)
             pixels = pixel_psf(read_psf, camera)
         error = metrics.relative_difference(polygons, of_matrix)
         mtf = presampled_mtf(table, camera, wavelength)
@@ -131,7 +134,7 @@ def measure_pupils(
         quantities += [
             *metrics.mtf_quantities(mtf, camera.pixel_um, die),
             metrics.energy_in_window(pixels, camera, error if design is not None else 0.0, die),
-            *metrics.strehl_quantities(of_matrix, camera, matrix.energy_um2, outline.area_um2, die, limit),
+            *metrics.strehl_quantities(of_matrix, camera, matrix.energy_um2, outline.area_um2, die, limit, leak),
             difference(error, wavelength),
             *metrics.aliasing_quantities(lags, table, mtf, camera, die),
             *metrics.restoration_quantities(table, camera, wavelength, die),
@@ -144,6 +147,33 @@ def measure_pupils(
     if design is None:
         quantities = [_of_polygons(quantity) for quantity in quantities]
     return Measured(tuple(psfs), tuple(mtfs), tuple(quantities))
+
+
+@dataclass(frozen=True, eq=False)
+class LitPupils:
+    """The lags of what passes light: of the openings, and of the film where its leak is stated.
+
+    Attributes:
+        table: lags of the plane.
+        axis_lags: lags along x and along y.
+        leak: of the film; None where nothing passes it.
+    """
+
+    table: LagTable
+    axis_lags: tuple[metrics.AxisLags, metrics.AxisLags]
+    leak: Leak | None
+
+
+def lit_pupils(openings: Aperture, pupil: Pupil, leak: Leak | None, camera: Camera) -> LitPupils:
+    """The lags that the camera needs, of openings, of what the stop leaves of them, and of the film."""
+    reach = longest_lag_um(camera)
+    if leak is None:
+        table = lag_table(pupil, reach)
+        return LitPupils(table, metrics.axis_lags(pupil, table.energy_um2), None)
+    parts = leak.pupils(openings)
+    along = [metrics.axis_lags(part, part.energy_um2) for part in parts]
+    x, y = (replace(each[0], values=sum(part.values for part in each)) for each in zip(*along, strict=True))
+    return LitPupils(leak.lag_table(pupil, parts, reach), (x, y), leak)
 
 
 def _of_polygons(quantity: Quantity) -> Quantity:
@@ -165,11 +195,14 @@ def stop_boundary(edges_um: Floats, area_um2: float, camera: Camera, margin: int
     return boundary(edges_um, area_um2, np.sqrt(2) * reach_um / finest)
 
 
-def polygon_psf(outline: Boundary, camera: Camera, like: Psf) -> Psf:
-    """The PSF of polygons cut by the stop, on the grid of another PSF sampled at points."""
-    scale = image_scale_um2(camera, like.wavelength_nm)
-    field = outline.field(like.step_um / scale, like.values.shape[0])
-    intensity = (field.real**2 + field.imag**2) / (scale**2 * outline.area_um2)
+def polygon_psf(outline: Boundary, camera: Camera, like: Psf, leak: Leak | None = None) -> Psf:
+    """The PSF of polygons cut by the stop, and of the film round them, on the grid of another PSF sampled at points."""
+    scale, count = image_scale_um2(camera, like.wavelength_nm), like.values.shape[0]
+    field, energy = outline.field(like.step_um / scale, count), outline.area_um2
+    if leak is not None:
+        axis = like.step_um / scale * np.arange(-(count // 2), count // 2 + 1, dtype=np.float64)
+        field, energy = leak.field(field, axis), leak.energy_um2(energy)
+    intensity = (field.real**2 + field.imag**2) / (scale**2 * energy)
     return Psf(intensity, like.step_um, like.wavelength_nm, "point")
 
 
