@@ -163,7 +163,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
     if request.seed is not None and request.seed < 0:
         raise JobError("MF104", f"seed = {request.seed} is below 0", where="--seed", cure="Give 0 or more")
-    camera, scene = request.camera, request.scene
+    camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
     check_optics(camera, dot_nm / 1e3, where="the request")
     reach = camera.stop.diameter_um / 2
     if scene is not None:
@@ -197,7 +197,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     if scene is None or plan is None:
         return Analysis(opening.name, result.psfs, result.mtfs, standard)
     progress("scene", 0, 1)
-    seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan)
+    seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan, request.blank)
     progress("scene", 1, 1)
     return Analysis(opening.name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
 

@@ -254,7 +254,7 @@ def measure_scenes(
     def one(die: Die) -> SceneOptics:
         shapes = clear_shapes(layout, reach_box(die, reach))
         mask = _mask(die)
-        return measure_scene(mask, camera, scene, read_openings(mask, shapes, reach), plans[die.name])
+        return measure_scene(mask, camera, scene, read_openings(mask, shapes, reach), plans[die.name], job.blank)
 
     peak = max((peak_bytes(die, camera, scene, plans[die.name]) for die in plate.dies), default=0.0)
     workers = int(min(os.cpu_count() or 1, max(1, _SCENE_BYTES // max(peak, 1.0))))

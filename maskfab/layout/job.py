@@ -54,7 +54,9 @@ class Job:
     @cached_property
     def scene(self) -> Scene | None:
         """What the camera looks at; None if the job has no [scene]."""
-        return None if self.spec.scene is None else Scene.of(self.spec.scene, self.spec.curves, where=self.where)
+        if self.spec.scene is None:
+            return None
+        return Scene.of(self.spec.scene, self.spec.curves, where=self.where).through(self.blank)
 
     @property
     def display_rules(self) -> DisplayRules | None:

@@ -93,15 +93,23 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
     return _by_size([*_leak(known, blank), *_lens(known), *_glass(known, blank), _ghosts(known, blank), _bias(known)])
 
 
-def off_axis_bar(pupil: Pupil, camera: Camera, field_um: float) -> tuple[Omission, ...]:
-    """What taking the axis for an image point elsewhere leaves out besides the gap, the largest first.
+def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -> tuple[Omission, ...]:
+    """What a scene leaves out besides what the numbers on the axis do, the largest first.
+
+    These are what light from the side sees, the gap aside, and a leak that only the numbers on the axis hold.
 
     Args:
         pupil: openings inside the stop.
         camera: what looks through them; the middle one of its lines is taken.
-        field_um: image height.
+        field_um: largest image height; 0 for the axis.
+        blank: what the job states of the plate.
     """
-    return _by_size(_foreshortened(_Known.of(pupil, camera), field_um)) if field_um else ()
+    leaks = Leak.of(blank, camera.stop) is not None
+    if not (field_um or leaks):
+        return ()
+    known = _Known.of(pupil, camera)
+    leak = [leak_omission(known.field, pupil, known.axis, blank)] if leaks else []
+    return _by_size([*leak, *(_foreshortened(known, field_um) if field_um else ())])
 
 
 def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:

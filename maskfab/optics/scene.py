@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from maskfab.errors import JobError
-from maskfab.model import Camera
+from maskfab.model import Camera, MaskBlank
 from maskfab.optics.aberration import Wavefront
 from maskfab.optics.response import black_body, camera_bands, generic_rgb, parse_curves
 from maskfab.optics.spectrum import Band, Curve
@@ -25,7 +25,7 @@ class Scene:
         nearest_um, farthest_um: distances of objects from the lens.
         focus_um: distance of what is in focus.
         field_um: largest image height.
-        gap_um: from the panel to the stop.
+        gap_um: from the panel to the stop, in air that spreads light as much.
         aberrations: pairs of Noll's number and waves at the camera's first line.
         saturation: whether highlights clip, which is left to the capture and adds nothing to the PSF.
         bands: one for each colour, response times illuminant; empty for the camera's own lines.
@@ -62,6 +62,11 @@ class Scene:
             near, far, section.focus, section.field, section.gap, section.aberrations, section.saturation,
             _bands(section, curves, where),
         )  # fmt: skip
+
+    def through(self, blank: MaskBlank) -> Scene:
+        """The same behind the plate's glass: with the chrome away from the lens, its t/n adds to the gap."""
+        glass = blank.glass
+        return self if glass is None or not glass.gap_um else replace(self, gap_um=self.gap_um + glass.gap_um)
 
     def wavefront(self, camera: Camera) -> Wavefront:
         """The aberrations; their waves are of the camera's first line."""

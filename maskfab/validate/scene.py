@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.model import Camera, Die, Psf, Quantity
+from maskfab.model import UNSTATED, Camera, Die, MaskBlank, Psf, Quantity
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Aperture
 from maskfab.optics.band_lines import band_lines
 from maskfab.optics.field_grid import deblurring_residual, field_places, residual_blur
 from maskfab.optics.gap import AXIS, Place, gap_guard_um, moved_aperture
 from maskfab.optics.metrics import NOISE_TO_SIGNAL, relative_difference
-from maskfab.optics.model_bar import off_axis_bar, rows_of
+from maskfab.optics.model_bar import rows_of, scene_bar
 from maskfab.optics.off_axis import sagittal_cut, tangential_cut, window_modulation
 from maskfab.optics.omissions import PLACES
 from maskfab.optics.plan import Plan, sampling_camera
@@ -72,7 +72,9 @@ def reach_um(camera: Camera, scene: Scene) -> float:
     return camera.stop.diameter_um / 2 + moved + _LARGEST_SLOPE * scene.gap_um
 
 
-def measure_scene(die: Die, camera: Camera, scene: Scene, openings: Aperture, plan: Plan) -> SceneOptics:
+def measure_scene(
+    die: Die, camera: Camera, scene: Scene, openings: Aperture, plan: Plan, blank: MaskBlank = UNSTATED
+) -> SceneOptics:
     """Views over the field, the depth and the colours of a scene, and their numbers.
 
     Args:
@@ -81,6 +83,7 @@ def measure_scene(die: Die, camera: Camera, scene: Scene, openings: Aperture, pl
         scene: what is looked at.
         openings: as read back, as far as :func:`reach_um`.
         plan: how to model the scene.
+        blank: what the plate is made of; of it a scene holds the glass alone.
 
     Raises:
         JobError: MF115 if the plan cannot be computed.
@@ -91,7 +94,7 @@ def measure_scene(die: Die, camera: Camera, scene: Scene, openings: Aperture, pl
     if colours:
         quantities += metrics.colour_quantities(colours, die.name)
     pupil = cut(moved_aperture(openings, AXIS, camera.stop.diameter_um / 2), camera.stop)
-    quantities += rows_of(off_axis_bar(pupil, camera, scene.field_um), die.name)
+    quantities += rows_of(scene_bar(pupil, camera, scene.field_um, blank), die.name)
     return SceneOptics(die, scene, plan, field, depth, colours, tuple(quantities))
 
 
