@@ -56,7 +56,7 @@ def print_methods(title: str, quantities: Sequence[Quantity]) -> None:
     """A title, and one line for each quantity: name, value, how it was found; nothing without quantities."""
     rows = [(q.name, f"{q.value:.2g}" if isinstance(q.value, float) else str(q.value), q.method) for q in quantities]
     widths = [max((len(row[k]) for row in rows), default=0) for k in (0, 1)]
-    for line in [f"\n{title}:"] if rows else []:
+    for line in [f"{title}:"] if rows else []:
         typer.echo(line)
     for name, value, method in rows:
         typer.echo(plain(f"{name.ljust(widths[0])}  {value.rjust(widths[1])}  {method}"))
