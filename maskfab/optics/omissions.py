@@ -82,6 +82,8 @@ class Estimates:
         places: what is left when every image point borrows the PSF of the nearest of n x n places, by n.
         bands: the error of replacing each band by so many lines, by their number; 1 line first.
         in_bands: how many bands there are; 0 for the camera's lines.
+        crowding: of openings at the stop's rim (:func:`maskfab.optics.gap_estimates.rim_crowding`), as far as
+            diffraction over the gap blurs it; 1 without a gap.
         range_nm: shortest and longest wavelength.
     """
 
@@ -95,6 +97,7 @@ class Estimates:
     places: Mapping[int, float]
     bands: Mapping[int, float]
     in_bands: int
+    crowding: float
     range_nm: tuple[float, float]
 
 
@@ -145,6 +148,8 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
     openings = panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.pitch_nm / 1e3)
+    blur = math.sqrt(1e-3 * max(ends) * scene.gap_um)
+    crowding = rim_crowding(openings, pupil, blur) if blur else 1.0
     uneven = panel.pitch_nm / 1e3 / camera.stop.diameter_um if not panel.tiling.independent else 0.0
     return Estimates(
         scale=_scale(pilots, sampled, scene),
@@ -153,12 +158,13 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
             means, sampled, scene.wavefront(camera), min(1.0, uneven + _defocus_share(sampled, scene))
         ),
         shift=_shift(means, openings, pupil, sampled, scene, scene.field_um) if moved else NOTHING,
-        diffraction=_diffraction(means, openings, pupil, sampled, scene.gap_um) if scene.gap_um else NOTHING,
+        diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled),
         layout=_layout(means),
         places={n: _between(means, openings, pupil, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
         bands={count: max((each[count] for each in bands), default=0.0) for count in counts},
         in_bands=len(bands),
+        crowding=crowding,
         range_nm=ends,
     )
 
@@ -250,14 +256,13 @@ def _shift(
     return Estimate(math.hypot(GAP_SAFETY * stated, ordered), method, GAP_SAFETY)
 
 
-def _diffraction(means: list[MeanPsf], openings: Aperture, pupil: Pupil, camera: Camera, gap_um: float) -> Estimate:
+def _diffraction(means: list[MeanPsf], crowding: float, camera: Camera, gap_um: float) -> Estimate:
     errors = []
     for mean in means:
         count = mean.psf.values.shape[0]
         offset = mean.psf.step_um * (np.arange(count, dtype=np.float64) - count // 2)
         moved = gap_um / camera.focal_um * np.hypot(offset[:, None], offset)
         share = common_share(camera.stop, moved, gap_um, mean.psf.wavelength_nm)
-        crowding = rim_crowding(openings, pupil, math.sqrt(1e-3 * mean.psf.wavelength_nm * gap_um))
         lost = np.minimum(1.0, crowding * (1 - share))
         errors.append(math.hypot(GAP_SAFETY * gap_error(mean, camera, gap_um), _order_change(mean, lost)))
     method = "stop seen across the gap, moved by its diffraction angles and blurred by sqrt(λg)"

@@ -17,7 +17,7 @@ import numpy as np
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel
 from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.choices import DEPTHS, GAP_ERRORS, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
+from maskfab.optics.choices import DEPTHS, GAP_SAMPLES, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
 from maskfab.optics.depth import defocus_waves, image_distance_um, nearest_object_um
 from maskfab.optics.gap import moved_pupil, shift_um
 from maskfab.optics.omissions import check_accuracy, estimate, wavelength_range_nm
@@ -163,7 +163,7 @@ def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
 def _fullest(known: Prices, priced: Sequence[tuple[Choice, Price]], choice: Choice) -> Choice:
     """The fullest choice; of its samples over a gap no more than tell the error of the plan's own choice."""
     best = max(priced, key=_fullness)[0]
-    alike = (replace(best, samples_per_dot=count) for count in GAP_ERRORS if 0 < count <= best.samples_per_dot)
+    alike = (replace(best, samples_per_dot=count) for count in GAP_SAMPLES if count <= best.samples_per_dot)
     for each in alike:
         enough = each.samples_per_dot >= 2 * choice.samples_per_dot and known.own_error(each) <= known.accuracy / 2
         if enough and known.possible(each):

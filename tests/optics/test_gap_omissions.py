@@ -6,7 +6,9 @@ import math
 
 import numpy as np
 import pytest
+from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
+from scipy.special import fresnel
 
 from maskfab.layout.hexagonal import hexagonal_sheet
 from maskfab.layout.tiling import orientations
@@ -17,6 +19,7 @@ from maskfab.optics.gap import gap_psf, shifted_psf
 from maskfab.optics.gap_estimates import rim_crowding
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.omissions import estimate
+from maskfab.optics.plan import prices
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import cut
 from maskfab.optics.scene import Scene
@@ -176,3 +179,56 @@ def test_edge_points_close_and_hold_the_stops_area(stop: Stop) -> None:
     np.testing.assert_allclose(length @ outward, 0, atol=1e-9)
     assert length @ (place * outward).sum(axis=1) / 2 == pytest.approx(stop.area_um2, rel=1e-4)
     assert length.sum() == pytest.approx(perimeter_um(stop), rel=1e-3)
+
+
+def through_a_square(openings: Aperture, side_um: float, gap_um: float, u: np.ndarray) -> tuple[np.ndarray, float]:
+    """|field|² at frequencies u along x and y, and the energy: Fresnel integrals dot by dot, axis by axis."""
+    nodes, weights = leggauss(64)
+    panels = 64
+    place = side_um / 2 * (((nodes + 1) / 2 + np.arange(panels)[:, None]) / panels * 2 - 1).ravel()
+    weight = np.tile(weights * side_um / (2 * panels), panels)
+    scale, waves = np.sqrt(2 / (LINE * 1e-3 * gap_um)), []
+    for lattice in (openings.y, openings.x):
+        sine, cosine = fresnel(scale * (lattice.edges_um()[:, None] - place))
+        waves.append(np.diff((cosine + 1j * sine) / np.sqrt(2j), axis=0))
+    up, across = (each @ (weight[:, None] * np.exp(-2j * np.pi * place[:, None] * u)) for each in waves)
+    grams = [(each * weight) @ each.conj().T for each in waves]
+    clear = openings.transmission
+    energy = np.einsum("ji,jl,lk,ik->", clear, grams[0], clear, grams[1], optimize=True)
+    return abs(up.T @ clear @ across) ** 2, float(energy.real)
+
+
+ONE, FEW = spot(3, 1, 1, 1, 1), spot(7, 2, 3, 1, 1) | spot(7, 5, 1, 1, 1)
+
+
+@pytest.mark.parametrize(
+    ("mask", "dot_nm", "side_um", "gap_um"),
+    [
+        (ONE, 40_000, 400.0, 100.0),
+        (ONE, 60_000, 240.0, 500.0),
+        (FEW, 40_000, 400.0, 200.0),
+        (FEW, 16_000, 320.0, 300.0),
+    ],
+)
+def test_samples_in_a_square_stop_err_no_more_than_stated(
+    mask: np.ndarray, dot_nm: int, side_um: float, gap_um: float
+) -> None:
+    """Sparse dots whose edges fall on the stop's, where samples err most."""
+    cells = 2 * math.ceil((side_um + 200) / (2e-3 * dot_nm * mask.shape[0]))
+    laid_out, setting = panel(mask, dot_nm=dot_nm, cells=cells), camera(side_um, "square", (LINE,), 96.0)
+    clear = panel_aperture(laid_out)
+    known = prices(laid_out, setting, Scene(gap_um=gap_um), 0.1)
+    stated = {each.samples_per_dot: known.own_error(each) for each in known.choices() if each.diffraction}
+    expected = None
+    for samples in sorted(stated)[:3]:
+        found = gap_psf(clear, setting, LINE, gap_um, samples_per_dot=samples)
+        if expected is None:
+            scale = LINE * 1e-3 * setting.focal_um
+            reach = found.values.shape[0] // 2
+            intensity, energy = through_a_square(
+                clear, side_um, gap_um, found.step_um * np.arange(-reach, reach + 1) / scale
+            )
+            expected = intensity / (scale**2 * energy)
+        real = np.linalg.norm(found.values - expected) / np.linalg.norm(expected)
+        print(f"{dot_nm} nm {side_um:g} um {samples} samples: stated {stated[samples]:.1e} real {real:.1e}")
+        assert real <= stated[samples]
