@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from pathlib import Path
 
 import pytest
@@ -154,3 +155,46 @@ def test_a_scene_beyond_every_model_and_an_unknown_die(capsys, tmp_path: Path) -
     answer = command(capsys, "plan", job, "--die", "NONE", "--json")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
     assert "PLAIN, TURNED" in answer.stderr
+
+
+def plated(tmp_path: Path, *lines: str) -> Path:
+    return write_job(
+        tmp_path, ("columns = 2", "\n".join(["columns = 2", *lines])), (PLATE, f"[scene]\n{FULL[3]}\n\n{PLATE}")
+    )
+
+
+def test_what_no_plan_models_is_weighed_against_the_accuracy(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A denser film leaks less, until it no longer matters; the phase of its leak is a scene's no more than none."""
+    seen = []
+    for folder, density in (("thin", 3), ("thick", 9)):
+        (tmp_path / folder).mkdir()
+        job = plated(tmp_path / folder, f"optical_density = {density}")
+        answer = command(capsys, "plan", job, "--die", "TURNED", "--json")
+        assert answer.code == 0
+        (die,) = answer.document["dies"]
+        rows = die["not_modelled"]
+        assert [row["error"] for row in rows] == sorted((row["error"] for row in rows), reverse=True)
+        assert all(row["above_accuracy"] == (row["error"] > 1e-3) for row in rows)
+        seen.append({row["name"]: row for row in rows})
+    assert seen[0]["chrome leak"]["above_accuracy"]
+    assert not seen[1]["chrome leak"]["above_accuracy"]
+    assert seen[0]["chrome leak"]["error"] > 500 * seen[1]["chrome leak"]["error"]
+    assert "foreshortening" in seen[0]
+    text = command(capsys, "plan", tmp_path / "thick" / "job.toml", "--die", "TURNED").stdout
+    assert re.search("^chrome leak +within ", text, re.MULTILINE)
+
+
+def test_glass_away_from_the_lens_is_planned_as_a_gap(tmp_path: Path) -> None:
+    glass = 'glass = { thickness = "29.2 um", index = 1.46, chrome = "away" }'
+    scene_of = load(plated(tmp_path, glass)).scene
+    assert scene_of is not None
+    assert scene_of.gap_um == pytest.approx(20.0)
+
+
+def test_without_a_scene_and_with_nothing_said_of_the_plate_no_bar_is_computed(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    answer = command(capsys, "plan", write_job(tmp_path), "--json")
+    assert [die["not_modelled"] for die in answer.document["dies"]] == [[], []]

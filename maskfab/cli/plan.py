@@ -18,6 +18,8 @@ def plan(
 ) -> None:
     """Say what the job's [scene] needs modelled, what may be left out, and what computing it takes."""
     from maskfab.layout.job import load
+    from maskfab.model import UNSTATED
+    from maskfab.optics.model_bar import bar_of_scene, weighed, weighed_table
     from maskfab.optics.plan import document, table
     from maskfab.optics.plan import plan as plan_scene
     from maskfab.optics.scene import Scene
@@ -33,9 +35,20 @@ def plan(
         name: plan_scene(panel, loaded.camera, loaded.scene or Scene(), section.accuracy)
         for name, panel in panels.items()
     }
+    # A job that asks for no scene and says nothing of its plate has its bars in the report.
+    asked = loaded.scene is not None or loaded.blank != UNSTATED
+    field_um = 0.0 if loaded.scene is None else loaded.scene.field_um
+    bars = {
+        name: bar_of_scene(panel, loaded.camera, loaded.blank, field_um) if asked else ()
+        for name, panel in panels.items()
+    }
     if as_json:
-        print_json({"accuracy": section.accuracy, "dies": [document(name, found) for name, found in plans.items()]})
+        dies = [
+            {**document(name, found), "not_modelled": weighed(bars[name], section.accuracy)}
+            for name, found in plans.items()
+        ]
+        print_json({"accuracy": section.accuracy, "dies": dies})
         return
     for name, found in plans.items():
-        for line in table(name, found):
+        for line in [*table(name, found), *weighed_table(bars[name], section.accuracy)]:
             typer.echo(line)

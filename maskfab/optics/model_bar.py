@@ -118,6 +118,35 @@ def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None
     return bar_quantities(model_bar(pupil, camera, blank), camera, die)
 
 
+def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, field_um: float) -> tuple[Omission, ...]:
+    """All that a scene's PSFs leave out, on the axis and off it, the largest first."""
+    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+    return _by_size([*model_bar(pupil, camera, blank), *scene_bar(pupil, camera, field_um, blank)])
+
+
+def weighed(found: Sequence[Omission], accuracy: float) -> list[dict[str, object]]:
+    """Omissions as plain data for JSON, and whether each is more than the admissible relative L2 error of the PSF."""
+    return [
+        {"name": each.name, "error": each.size, "above_accuracy": each.size > accuracy, "method": each.method}
+        for each in found
+    ]
+
+
+def weighed_table(found: Sequence[Omission], accuracy: float) -> list[str]:
+    """The same as lines of text; none for no omissions."""
+    if not found:
+        return []
+    rows = [
+        (each.name, "matters" if each.size > accuracy else "within", f"{each.size:.1e}", each.method) for each in found
+    ]
+    widths = [max(len(row[k]) for row in rows) for k in range(4)]
+    above = sum(each.size for each in found if each.size > accuracy)
+    told = f"{above:.2g} of it matters beside the accuracy" if above else "all within the accuracy"
+    return [f"not modelled, whatever is asked for: {told} of {accuracy:g}"] + [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
+
+
 def bar_quantities(found: Sequence[Omission], camera: Camera, die: str | None) -> tuple[Quantity, ...]:
     """The rows of a report: the sum of all, then each."""
     total = Quantity(
