@@ -26,7 +26,7 @@ from maskfab.validate.files import drawn as drawn_files
 from maskfab.validate.packing import pack
 
 SUFFIXES = {
-    "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif",
+    "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif", "exr": ".exr",
     "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml", "map": ".toml", "template": ".toml",
     "shop": ".toml", "package": ".zip", "svg": ".svg", "step": ".step", "glb": ".glb", "3mf": ".3mf", "stl": ".stl",
 }  # fmt: skip
@@ -145,6 +145,19 @@ def _picture(path: Path) -> Iterator[None]:
     yield None
 
 
+def _exr(path: Path) -> Iterator[None]:
+    import OpenImageIO as oiio  # noqa: N813
+
+    for channels in (1, 3):
+        spec = oiio.ImageSpec(7, 7, channels, oiio.HALF)
+        spec.attribute("Software", "a program with a name")
+        image = oiio.ImageOutput.create(str(path))
+        assert image.open(str(path), spec)
+        assert image.write_image(np.repeat(mask()[::-1, :, None].astype(np.float32), channels, axis=2))
+        image.close()
+        yield None
+
+
 def _npy(path: Path) -> Iterator[None]:
     np.save(path, mask())
     yield None
@@ -174,6 +187,7 @@ FILES: dict[str, Callable[[Path], Iterator[object]]] = {
     "gerber": _gerber,
     "png": _picture,
     "tiff": _picture,
+    "exr": _exr,
     "toml": lambda _path: iter([OPENING.encode()]),
     "text": lambda _path: iter([DRAWING.encode()]),
     "npy": _npy,

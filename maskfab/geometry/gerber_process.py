@@ -282,7 +282,8 @@ class _Outlines:
         self._corners += len(arc)
         if self._corners > MOST_CORNERS:
             raise _too_many(self._path, f"over {MOST_CORNERS:.0e} corners of circles", f"{MOST_CORNERS:.0e}")
-        return arc + np.array((x, y))
+        placed: NDArray[np.float64] = arc + np.array((x, y))
+        return placed
 
 
 @lru_cache(maxsize=64)

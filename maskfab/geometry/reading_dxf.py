@@ -17,6 +17,7 @@ from maskfab.errors import SourceError
 from maskfab.geometry.reading_dxf_grid import Grid
 from maskfab.geometry.reading_dxf_seen import Unseen
 from maskfab.geometry.reading_dxf_text import Entity, entities
+from maskfab.geometry.reading_limits import MOST_LAYERS, too_many_layers
 from maskfab.model import CLEAR
 
 # klayout's mode "automatic" takes all closed lines for paths without width as soon as there is one SOLID or HATCH, and
@@ -59,13 +60,18 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
 
     Raises:
         SourceError: MF303 blocks that contain themselves or are lacking, MF310 open lines or fills, MF311 arcs,
-            splines and bulges, MF317 shapes in paper space, on frozen layers, invisible, or out of the plane.
+            splines and bulges, MF313 too many layers, MF317 shapes in paper space, on frozen layers, invisible, or out
+            of the plane.
     """
     found: Counter[tuple[str, str, str]] = Counter()
     clear_drawn = False
-    grid, unseen = Grid(nm_per_unit), Unseen()
+    grid, unseen, layers = Grid(nm_per_unit), Unseen(), set[str]()
     for entity in entities(data):
-        if entity.kind == "LAYER":
+        is_entry = entity.kind == "LAYER"
+        layers.add(entity.text(2) if is_entry else entity.layer)
+        if len(layers) > MOST_LAYERS:
+            raise too_many_layers(path)
+        if is_entry:
             unseen.add_layer(entity)
             continue
         if entity.kind not in _SHAPELESS:

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterator
 
-_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*((?:3D)?[A-Za-z][^\r\n]*?)[ \t]*\r?(?=\n)")
+_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*((?:3D)?[A-Za-z][^\r\n]*)\r?(?=\n)")
 _SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
 _DRAWN = {b"BLOCKS", b"ENTITIES"}
 _TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
@@ -89,7 +89,7 @@ def entities(data: bytes) -> Iterator[Entity]:
     block: str | None = None
     previous: tuple[str, int] | None = None
     for match in _ENTITY.finditer(data):
-        kind = match[1].decode("latin-1").upper()
+        kind = match[1].decode("latin-1").rstrip(" \t").upper()
         if kind == "VERTEX":
             continue
         if previous is not None:

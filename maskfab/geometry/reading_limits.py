@@ -16,6 +16,9 @@ from maskfab.errors import SourceError
 
 MOST_SHAPES = 1_000_000_000
 MOST_LEVELS = 500
+MOST_LAYERS = 4096
+"""klayout compares each name with all others."""
+
 FARTHEST_NM = 1_000_000_000
 ROUNDING_KEY = "maskfab_rounding_nm"
 LEFT_OUT_KEY = "maskfab_left_out"
@@ -85,6 +88,8 @@ def check_limits(layout: db.Layout, path: Path) -> None:
     Raises:
         SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy.
     """
+    if layout.layers() > MOST_LAYERS:
+        raise too_many_layers(path)
     depth = max((cell.hierarchy_levels() for cell in layout.top_cells()), default=0)
     if depth > MOST_LEVELS:
         raise SourceError(
@@ -106,6 +111,16 @@ def check_limits(layout: db.Layout, path: Path) -> None:
         for cell in layout.each_cell():
             if not cell.shapes(layer).is_empty():
                 _refuse_crossing(cell, layer, path)
+
+
+def too_many_layers(path: Path) -> SourceError:
+    """MF313 for more than :data:`MOST_LAYERS`."""
+    return SourceError(
+        "MF313",
+        f"{path.name} has over {MOST_LAYERS} layers",
+        where=str(path),
+        cure="Write the layers of the mask alone",
+    )
 
 
 def _refuse_distant(layout: db.Layout, path: Path) -> None:

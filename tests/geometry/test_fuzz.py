@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 
 import fuzz_originals
 import fuzz_readers
@@ -45,7 +46,7 @@ def test_a_process_that_hangs_is_ended_and_told(monkeypatch):
         [sys.executable, "-S", "-c", "import time; time.sleep(60)"],
         stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
     )  # fmt: skip
-    assert worker.outcome(0) == "FINDING: no answer within 0.1 s"
+    assert worker.outcome(0).startswith("FINDING: no answer within 0.3")
     assert silent.returncode is not None
     for pipe in (silent.stdin, silent.stdout):
         pipe.close()
@@ -65,3 +66,28 @@ def test_a_process_that_ends_is_told():
 def test_damage_is_the_same_for_the_same_number():
     assert fuzz_readers.damaged("gdsii", 3) == fuzz_readers.damaged("gdsii", 3)
     assert fuzz_readers.damaged("gdsii", 3) != fuzz_readers.damaged("gdsii", 4)
+
+
+@pytest.mark.parametrize(("seconds", "size", "found"), [(9.9, 1.9e9, 0), (10.1, 1e6, 1), (0.1, 2.1e9, 1)])
+def test_what_takes_longer_or_more_memory_than_stated_is_a_finding(seconds, size, found):
+    noted = fuzz_readers.Findings("dxf")
+    noted.note(7, "refused MF303", seconds, size)
+    assert list(noted.findings) == ["dxf:7"] * found
+    assert (noted.slowest, noted.largest) == (seconds, size)
+
+
+def test_time_and_memory_are_those_of_the_reading_process(tmp_path, monkeypatch):
+    def costly(*_):
+        held = bytearray(500_000_000)
+        held[::4096] = bytes([1]) * len(held[::4096])
+        start = time.process_time()
+        while time.process_time() < start + 0.3:
+            pass
+        return "seen"
+
+    monkeypatch.setattr(fuzz_readers, "outcome", costly)
+    said, cost = fuzz_readers._apart("dxf", tmp_path / "x.dxf").split("\t")
+    seconds, size = map(float, cost.split())
+    assert said == "seen"
+    assert 0.3 <= seconds < 3
+    assert size > 5e8

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+import time
 
 import ezdxf
 import gdstk
@@ -444,3 +445,27 @@ def test_texts_are_counted_as_often_as_they_are_placed(tmp_path):
 def test_pictures_are_among_the_kinds_that_are_listed(tmp_path):
     with pytest.raises(SourceError, match=r"MF308 .*\.dxf .*\.gbr .*\.png .*\.tif"):
         read_layout(tmp_path / "x.txt")
+
+
+def entities_text(*entities):
+    header = "  0\nSECTION\n  2\nHEADER\n  9\n$ACADVER\n  1\nAC1009\n  0\nENDSEC"
+    return "\n".join((header, "  0\nSECTION\n  2\nENTITIES", *entities, "  0\nENDSEC\n  0\nEOF\n"))
+
+
+def test_layers_by_the_ten_thousand_are_refused_before_klayout_compares_them(tmp_path):
+    corners = " 10\n0\n 20\n0\n 10\n1\n 20\n0\n 10\n0\n 20\n1"
+    path = tmp_path / "names.dxf"
+    path.write_text(entities_text(*(f"  0\nLWPOLYLINE\n  8\nL{k}\n 90\n3\n 70\n1\n{corners}" for k in range(20_000))))
+    start = time.process_time()
+    with pytest.raises(SourceError, match=r"MF313.* layers"):
+        read_layout(path)
+    assert time.process_time() - start < 2
+
+
+def test_a_long_run_of_blanks_is_read_once(tmp_path):
+    path = tmp_path / "blanks.dxf"
+    path.write_text(entities_text(*["  0\nX" + " " * 30_000 + "Y"] * 10))
+    start = time.process_time()
+    with pytest.raises(SourceError, match="MF311"):
+        read_layout(path)
+    assert time.process_time() - start < 1
