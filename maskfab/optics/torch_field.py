@@ -36,8 +36,8 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
 from maskfab.model import ORIENTATIONS, Panel, Stop, orient
-from maskfab.optics.aperture import Aperture, Lattice, panel_lattices
-from maskfab.optics.pupil import cut
+from maskfab.optics.aperture import Lattice, panel_lattices
+from maskfab.optics.pupil import share_inside
 from maskfab.optics.torch_cells import WholeCells, cell_tables, unit_waves
 from maskfab.optics.torch_rim import Rim, rim
 
@@ -127,7 +127,8 @@ def tiled_field(
     if chosen.max() >= ORIENTATIONS:
         raise InternalError("MF901", "a tiled field is a function of one opening; the panel has several")
     dots = panel.opening.dots
-    unit_dot, share = _unit_dots(chosen, dots), _share_inside(x, y, stop)
+    unit_dot = _unit_dots(chosen, dots)
+    share = share_inside(x, y, stop)[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())]
     area = np.bincount(unit_dot.ravel(), share.ravel(), dots * dots).reshape(dots, dots) * x.dot_um * y.dot_um
     cells = share.reshape(y.cells, dots, x.cells, dots)
     # A cell that is mostly inside counts as whole, and what it lacks counts negative: that leaves a thinner ring.
@@ -196,11 +197,3 @@ def _unit_dots(chosen: NDArray[np.int8], dots: int) -> NDArray[np.intp]:
     oriented = np.stack([orient(index, element) for element in range(ORIENTATIONS)])
     rows, columns = chosen.shape
     return oriented[chosen].transpose(0, 2, 1, 3).reshape(rows * dots, columns * dots)
-
-
-def _share_inside(x: Lattice, y: Lattice, stop: Stop) -> Floats:
-    """Share of every dot's area that lies inside the stop, [dots y, dots x]."""
-    clear = np.ones((y.edges_um().size - 1, x.edges_um().size - 1))
-    pupil = cut(Aperture(x, y, clear, np.zeros_like(clear)), stop)
-    share: Floats = pupil.mean_transmission[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())]
-    return share
