@@ -48,6 +48,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF127": "A writing process rounds or moves edges by more than the dots or the gutter bear.",
         "MF131": "The lens stop is wider than any lens of that focal length.",
         "MF132": "A lens stop's outline crosses itself, or holds no area.",
+        "MF133": "A verb does not know lens stops of that shape.",
         "MF201": "The rows of an opening's grid differ in length or number.",
         "MF202": "An opening has values other than clear and opaque.",
         "MF203": "An opening is closed everywhere.",

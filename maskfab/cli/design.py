@@ -102,9 +102,12 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
 def _check_rules(spec: JobSpec, job: Path) -> None:
     """Refuse rules that no opening keeps before anything is read or drawn."""
     from maskfab.design.job import constraints_of
+    from maskfab.spec import RelaxSection, check_protocol
 
     assert spec.design is not None
     constraints_of(spec.design, where=f"{job}: design").require_possible()
+    if not isinstance(spec.design, RelaxSection):
+        check_protocol(spec.camera.camera(), "design with a search", where=str(job))
 
 
 def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Scene]:

@@ -36,7 +36,7 @@ def pareto(
     from maskfab.layout.feasibility import DisplayRules
     from maskfab.layout.openings import dumps, load
     from maskfab.report import pareto as report
-    from maskfab.spec import SearchSection, read
+    from maskfab.spec import SearchSection, check_protocol, read
 
     spec = read(job)
     if spec.pareto is None:
@@ -49,6 +49,7 @@ def pareto(
             where=f"{job}: design",
             cure='Add [design] with method = "search"',
         )
+    check_protocol(spec.camera.camera(), "pareto", where=str(job))
     limit = seconds(budget)
     compared = [load(job.parent / path) for path in spec.pareto.compare]
     texts = {opening.name: dumps(opening) for opening in compared}

@@ -43,12 +43,15 @@ def simulate(
     from maskfab.imaging.scenes import bundled
     from maskfab.imaging.shots import Crop, Shot, truth_of
     from maskfab.layout.job import load
+    from maskfab.spec import check_protocol
 
     if protocol != "f1":
         raise JobError("MF105", f"there is no protocol {protocol!r}", where="--protocol", cure="Use f1")
     if picture is not None:
         check_file(picture, force=force)
-    panels = {each.name: each.panel for each in load(job).plate().dies}
+    loaded = load(job)
+    check_protocol(loaded.camera, "simulate", where=str(job))
+    panels = {each.name: each.panel for each in loaded.plate().dies}
     check_dies(die or (), list(panels))
     chosen = list(dict.fromkeys(die)) if die else list(panels)
     laid = []

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tomllib
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -12,12 +13,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from optics_cases import clear_region, noise, panel
 from scipy.special import j1
+from small_job import write_job
 
 from maskfab.cli import run_command_line
 from maskfab.design.stop_grid import stop_dots
+from maskfab.design.tiled_stop import tiled_stop
 from maskfab.errors import JobError
 from maskfab.geometry.stop import edges_in_stop
-from maskfab.model import Stop
+from maskfab.model import Camera, Stop
 from maskfab.optics.aberration import Wavefront
 from maskfab.optics.aperture import panel_aperture
 from maskfab.optics.field import parity_field
@@ -304,3 +307,41 @@ def test_a_stop_that_is_no_table_is_refused(capsys):
     path = Path(__file__).parents[2] / "layouts" / "openings" / "toled.toml"
     assert run_command_line(["analyse", str(path), "--stop", "{ shape = ", "--quiet"]) == 2
     assert "MF101" in capsys.readouterr().err
+
+
+SEARCH = """
+[design]
+name = "bar"
+dots = 21
+pitch = "168 um"
+clear_dots = 100
+output = "bar.toml"
+
+[pareto]
+clear_dots = [100]
+
+[[die]]"""
+
+
+@pytest.mark.parametrize("verb", [("design",), ("pareto", "--out", "out"), ("simulate",)], ids=lambda verb: verb[0])
+def test_verbs_that_know_a_round_stop_alone_refuse_others(verb, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    ellipse = '"ellipse", width = "400 um", height = "300 um" }'
+    job = write_job(tmp_path, ('"circle", diameter = "400 um" }', ellipse), ("\n[[die]]", SEARCH))
+    assert run_command_line([verb[0], str(job), *verb[1:], "--quiet"]) == 2
+    told = capsys.readouterr().err
+    assert "MF133" in told
+    assert "ellipse" in told
+
+
+def test_a_relaxed_design_fills_a_stop_of_any_shape():
+    """Its dots are those whose middles lie inside, whatever the shape: the same square named three ways."""
+    camera = Camera(10_000.0, Stop("square", 300.0), (530.0,), 4.0, 64.0)
+    corners = [(149.9, 149.9), (-149.9, 149.9), (-149.9, -149.9), (149.9, -149.9)]
+    kept = [
+        tiled_stop(6, 8000, np.zeros((7, 7), np.int8), replace(camera, stop=stop)).bare
+        for stop in (camera.stop, Stop.rectangle(300.0, 300.0), Stop.polygon(corners))
+    ]
+    assert kept[0] == kept[1] == kept[2] > 1000
+    ring = replace(camera, stop=Stop.annulus(300.0, 100.0))
+    assert tiled_stop(6, 8000, np.zeros((7, 7), np.int8), ring).bare * 64 == pytest.approx(ring.stop.area_um2, rel=0.02)
