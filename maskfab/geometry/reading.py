@@ -267,6 +267,22 @@ def _look_at_names(layout: db.Layout) -> None:
         str(cell.name)
 
 
+def _boxes(corners: NDArray[np.int64], sizes: NDArray[np.int64]) -> list[list[int] | None]:
+    """Left, bottom, right and top of those outlines that are boxes, of so many corners each."""
+    found: list[list[int] | None] = [None] * len(sizes)
+    owner = np.flatnonzero(sizes == 4)
+    first = np.cumsum(sizes)[owner] - 4
+    x, y = np.moveaxis(corners[first[:, None] + np.arange(4)], -1, 0)
+    turned = x[:, [1, 2, 3, 0]], y[:, [1, 2, 3, 0]]
+    upright, level = x == turned[0], y == turned[1]
+    # Sides along y and along x take turns, and none has no length.
+    boxes = (upright != level).all(axis=1) & (upright[:, [1, 2, 3, 0]] == level).all(axis=1)
+    sides = np.stack([x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)], axis=1)
+    for each, box in zip(owner[boxes].tolist(), sides[boxes].tolist(), strict=True):
+        found[each] = box
+    return found
+
+
 class _Conversion:
     """The content of a file (see :mod:`maskfab.geometry.gdstk_process`) as a klayout layout."""
 
@@ -326,10 +342,15 @@ class _Conversion:
                 target.insert(instance)
 
     def _draw(self, name: str, polygons: list[tuple[Any, ...]], target: db.Cell) -> None:
-        vertices = self._integers(np.concatenate([each[0] for each in polygons]))
+        corners = self._on_grid(np.concatenate([each[0] for each in polygons]))
+        boxes = _boxes(corners, np.array([len(each[0]) for each in polygons]))
+        vertices: list[list[int]] = corners.tolist()
         end = 0
-        for points, layer, datatype, repetition in polygons:
+        for (points, layer, datatype, repetition), box in zip(polygons, boxes, strict=True):
             start, end = end, end + len(points)
+            if box is not None and repetition is None:
+                target.shapes(self._layer(layer, datatype)).insert(db.Box(*box))
+                continue
             shape = db.Polygon([db.Point(x, y) for x, y in vertices[start:end]])
             if shape.num_points() < len(points):
                 self._repeated_vertices += int((np.rint(points) == np.rint(np.roll(points, 1, axis=0))).all(1).sum())
@@ -411,6 +432,10 @@ class _Conversion:
             )
 
     def _integers(self, values: NDArray[np.float64]) -> list[list[int]]:
+        integers: list[list[int]] = self._on_grid(values).tolist()
+        return integers
+
+    def _on_grid(self, values: NDArray[np.float64]) -> NDArray[np.int64]:
         """The values on the nanometre grid."""
         if not (np.abs(values) <= _LARGEST_NM).all():  # NaN included
             raise _damaged(self._path, "a coordinate lies beyond 2.1 m")
@@ -418,8 +443,7 @@ class _Conversion:
         rounding = float(np.abs(values - nearest).max(initial=0.0))
         if rounding > _ON_GRID_NM:
             self._rounding = max(self._rounding, rounding)
-        integers: list[list[int]] = nearest.astype(np.int64).tolist()
-        return integers
+        return nearest.astype(np.int64)
 
 
 # --- DXF -----------------------------------------------------------------------------------------------------------

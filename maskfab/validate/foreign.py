@@ -23,6 +23,7 @@ from maskfab.progress import Progress, silent
 from maskfab.spec import LimitsSection
 from maskfab.units import NM_PER_UM
 from maskfab.validate.alignment import Alignment, align
+from maskfab.validate.apertures import light_box
 from maskfab.validate.drawn_unit import in_drawn_unit
 from maskfab.validate.features import judged
 from maskfab.validate.foreign_drawing import Known, drawn_figures, named_cells, reach, slanted
@@ -182,7 +183,7 @@ def check_foreign(
     for done, die in enumerate(plate.dies):
         allow(_SECONDS_PER_DIE)
         progress("optics", done, len(plate.dies))
-        equal = (trip.differing & db.Region(db.Box(*die.box_nm))).is_empty()
+        equal = (trip.differing & db.Region(db.Box(*light_box(die, camera.stop)))).is_empty()
         quantities += optics_of_like(die, camera, design, laid, equal)
     progress("optics", len(plate.dies), len(plate.dies))
     return Foreign(path, alignment, trip, tuple(quantities), layers)

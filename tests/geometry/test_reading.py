@@ -274,3 +274,25 @@ def test_rounding_ignores_the_noise_of_floats(tmp_path):
     path = tmp_path / "x.gds"
     library.write_gds(path)
     assert rounding_nm(read_layout(path)) == 0
+
+
+@pytest.mark.parametrize("start", range(4))
+@pytest.mark.parametrize("backwards", [False, True])
+def test_boxes_and_what_only_resembles_them_cover_what_they_draw(tmp_path, start, backwards):
+    """Boxes are taken whole, from whichever corner they begin; kites, bow ties and folded lines are not boxes."""
+    outlines = [
+        [(0, 0), (50, 0), (50, 70), (0, 70)],
+        [(100, 0), (150, 0), (160, 70), (110, 70)],
+        [(200, 0), (230, 10), (260, 0), (230, 90)],
+        [(300, 0), (350, 0), (350, 70), (350, 30)],
+        [(400, 0), (450, 0), (450, 70), (420, 70)],
+    ]
+    turned = [outline[start:] + outline[:start] for outline in outlines]
+    polygons = [gdstk.Polygon(outline[::-1] if backwards else outline) for outline in turned]
+    library = gdstk.Library(unit=1e-9, precision=1e-9)
+    library.new_cell("TOP").add(*(gdstk.Polygon(each.points, layer=1) for each in polygons))
+    library.write_gds(tmp_path / "x.gds")
+    expected = db.Region([db.Polygon([db.Point(x, y) for x, y in outline]) for outline in outlines])
+    read = read_layout(tmp_path / "x.gds")
+    assert (region(read, CLEAR) ^ expected.merged()).is_empty()
+    assert sum(shape.is_box() for shape in read.top_cell().shapes(read.find_layer(1, 0)).each()) == 1
