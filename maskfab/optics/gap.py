@@ -91,7 +91,8 @@ def shifted_pupil(openings: Aperture, stop: Stop, moved_um: Place) -> Pupil:
         JobError: MF114 if the moved openings no longer cover the stop.
     """
     pupil = moved_pupil(openings, stop, moved_um)
-    return replace(pupil, x=_centred(pupil.x), y=_centred(pupil.y))
+    x, y = _centred(pupil.x), _centred(pupil.y)
+    return replace(pupil, x=x, y=y, stop_um=(x.start_um - pupil.x.start_um, y.start_um - pupil.y.start_um))
 
 
 def moved_aperture(openings: Aperture, moved_um: Place, half_width_um: float) -> Aperture:

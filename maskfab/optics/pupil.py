@@ -45,6 +45,7 @@ class Pupil:
             transmission x P_q(eta) x P_p(xi) inside the stop, xi and eta in [-1, 1].
         rim_transmission: float64 [k], amplitude of the cut intervals.
         stop: the lens stop.
+        stop_um: where in the lattices its middle is.
     """
 
     x: Lattice
@@ -56,6 +57,7 @@ class Pupil:
     rim_moments: Floats
     rim_transmission: Floats
     stop: Stop
+    stop_um: tuple[float, float] = (0.0, 0.0)
 
     def __post_init__(self) -> None:
         for name in ("whole", "whole_variance", "rim_moments", "rim_transmission"):
@@ -106,7 +108,7 @@ class Pupil:
         """``rim_moments`` of so many orders, [k, orders, orders]; more than are stored are integrated afresh."""
         if orders <= self.rim_moments.shape[1]:
             return self.rim_moments[:, :orders, :orders]
-        x, y = self.x.edges_um(), self.y.edges_um()
+        x, y = (axis.edges_um() - at for axis, at in zip((self.x, self.y), self.stop_um, strict=True))
         return _moments(x, y, self.rim_row, self.rim_column, self.rim_transmission, self.stop, orders)
 
 

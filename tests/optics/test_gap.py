@@ -16,7 +16,7 @@ from maskfab.model import Camera, Panel, Stop
 from maskfab.optics.aperture import panel_aperture
 from maskfab.optics.depth import focused_psf, image_distance_um
 from maskfab.optics.ensemble import mean_psf
-from maskfab.optics.field import direct_field
+from maskfab.optics.field import direct_field, parity_field
 from maskfab.optics.field_grid import deblurring_residual, field_places, psf_over_field, residual_blur
 from maskfab.optics.gap import (
     AXIS,
@@ -327,3 +327,14 @@ def test_estimates_of_leaving_the_gap_out(gap_um: float, image_um: tuple[float, 
     assert 0.03 < np.mean(spreads) / gap_error(mean, setting, gap_um) < 3
     assert shift_error(mean, setting, gap_um, AXIS) == 0
     assert gap_error(mean, setting, 0.0) == 0
+
+
+def test_a_shifted_pupil_keeps_its_stop_where_coarse_dots_need_more_of_the_rim() -> None:
+    """Dots a tenth of the stop wide, at phases beyond what a cut dot's stored orders hold."""
+    laid_out, moved = panel(noise(6, 0.4, 3), dot_nm=100_000, cells=4, seed=3), (31.0, -17.0)
+    u = np.linspace(0, 0.03, 20)
+    whole = np.concatenate([-u[:0:-1], u])
+    expected = abs(direct_field(moved_pupil(panel_aperture(laid_out), Stop("circle", 1000.0), moved), whole, whole))
+    shifted = shifted_pupil(panel_aperture(laid_out), Stop("circle", 1000.0), moved)
+    found = np.sqrt(parity_field(shifted, u, u).intensity())
+    assert np.linalg.norm(found - expected) < 1e-12 * np.linalg.norm(expected)
