@@ -40,8 +40,10 @@ _LARGEST_NM = 2**31 - 1
 _MOST_COPIES = 10_000_000
 _MANY_COPIES = 64
 _AT_ONCE = 10_000
-_SECONDS_TO_READ = 8.0
-_BYTES_PER_SECOND = 3e5
+_SECONDS_TO_READ = 60.0
+"""Of the clock, on a busy machine; the processor's are limited by the process that reads."""
+
+_BYTES_PER_SECOND = 3e4
 _ON_GRID_NM = 1e-6
 _CYCLE = "topological_sort"
 _UNIT_KEY = "maskfab_unit_um"
