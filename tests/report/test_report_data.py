@@ -9,7 +9,7 @@ import pytest
 
 from maskfab import __version__
 from maskfab.errors import InternalError
-from maskfab.model import Quantity
+from maskfab.model import Quantity, Stop
 from maskfab.report.data import dumps, schema, to_document
 
 QUANTITY_KEYS = ["name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed"]
@@ -61,6 +61,22 @@ def test_document_is_what_its_schema_says(document):
     rules = schema()
     check(document, rules, rules["$defs"], "report")
     check(json.loads(dumps(document)), rules, rules["$defs"], "report")
+
+
+@pytest.mark.parametrize(
+    ("stop", "facts"),
+    [
+        (Stop("circle", 400.0), {}),
+        (Stop.ellipse(400.0, 300.0), {"stop_width_um": 400.0, "stop_height_um": 300.0}),
+        (Stop.annulus(400.0, 100.0), {"stop_inner_um": 100.0}),
+        (Stop.polygon([(1, 0), (0, 1), (-1, -1.5)]), {"stop_corners_um": "1 0; 0 1; -1 -1.5"}),
+    ],
+    ids=lambda each: getattr(each, "shape", ""),
+)
+def test_a_stop_of_any_shape_is_told_whole(run, stop, facts):
+    document = json.loads(dumps(to_document(run.report, run.plate, replace(run.camera, stop=stop))))
+    check(document, schema(), schema()["$defs"], "report")
+    assert document["camera"]["stop"] == {"shape": stop.shape, "diameter_um": stop.diameter_um, **facts}
 
 
 def test_a_scene_is_what_the_schema_says(run, seen):
