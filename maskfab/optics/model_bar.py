@@ -35,6 +35,7 @@ from maskfab.optics.leak import Leak
 from maskfab.optics.paths import field
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.pupil import Pupil, cut
+from maskfab.optics.stop_shape import inside
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -399,7 +400,9 @@ def _bias(known: _Known) -> Omission:
     beside[:, 1:] += clear[:, :-1]
     beside[:, :-1] += clear[:, 1:]
     added = (1 - clear) * beside * (ASSUMED_BIAS_UM / 2 / openings.x.dot_um)
-    wider = cut(Aperture(openings.x, openings.y, added, zeros(added.shape)), known.camera.stop)
+    x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (openings.x.edges_um(), openings.y.edges_um()))
+    added *= inside(known.camera.stop, x, y[:, None])
+    wider = Pupil.of_whole_dots(openings.x, openings.y, added, known.camera.stop)
     change = field(wider, known.u, known.u, "single").amplitude()
     more = 2 * (known.field.conj() * change).real / known.pupil.energy_um2
     gained = wider.field_integral_um2 / known.pupil.energy_um2
