@@ -9,8 +9,6 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from klayout import db
-
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
 from maskfab.export.finished import RESULT_MARK, TIMES
@@ -39,7 +37,7 @@ from maskfab.pipeline import (
 from maskfab.progress import Progress, silent
 from maskfab.report import data, design_data
 from maskfab.threads import one_thread
-from maskfab.validate.apertures import light_box
+from maskfab.validate.apertures import light_box, sees_light
 from maskfab.validate.files import read_back
 from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.roundtrip import RoundTrip
@@ -118,8 +116,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
 
 
 def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:
-    shapes = clear_shapes(trip.layout, light_box(die, camera.stop))
-    return not shapes.is_empty() if isinstance(shapes, db.Region) else len(shapes) > 0
+    return sees_light(die, camera.stop, clear_shapes(trip.layout, light_box(die, camera.stop)))
 
 
 def _manifest(folder: Path) -> Mapping[str, Any]:

@@ -91,12 +91,12 @@ def test_lag_table_is_the_overlap_of_shifted_polygons(
         return
     from klayout import db
 
-    from maskfab.geometry.stop import _stop_polygon
+    from maskfab.geometry.stop import stop_region
 
     scale = 100
     cut_out = clear_region(laid_out)
     cut_out.transform(db.ICplxTrans(float(scale)))
-    cut_out &= db.Region(_stop_polygon(stop, scale))
+    cut_out &= stop_region(stop, 1e3 * scale)
     for x, y in lags:
         moved = cut_out.moved(round(x * 1e3 * scale), round(y * 1e3 * scale))
         overlap = (cut_out & moved).area() / cut_out.area()

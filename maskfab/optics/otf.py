@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,10 +26,13 @@ from maskfab.errors import InternalError
 from maskfab.model import frozen
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.pupil import Pupil
+from maskfab.optics.waves import Reals
 
 Floats = NDArray[np.float64]
 
 
+_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME = 128, 64
+_SINGLE = 1e-5
 # Above it a transform is faster than counting pairs.
 _MOST_PAIRS = 8_000_000
 
@@ -115,10 +119,14 @@ def _largest_overlap(deviation: Floats) -> float:
         found = np.bincount(place[first] - place[second], value[first] * value[second])
         return float(found.max(initial=0.0))
     sizes = [fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
-    spectrum = fft.rfft2(deviation, sizes)
-    overlap = fft.irfft2(spectrum * spectrum.conj(), sizes)
-    overlap[0, 0] = 0.0
-    return float(overlap.max())
+    # A bound needs no more than single precision, whose error is added.
+    blocks, padded = deviation.astype(np.float32)[:, None, None, :], [sizes[0], 1, 1, sizes[1]]
+    largest = 0.0
+    for rows, lags in _lags(_power(blocks, padded), padded):
+        if rows.start == 0:
+            lags[0, 0, 0, 0] = 0.0
+        largest = max(largest, float(lags.max()))
+    return largest + _SINGLE * float((deviation**2).sum())
 
 
 def _blocks(pupil: Pupil, values: Floats) -> Floats:
@@ -140,11 +148,48 @@ def _autocorrelation(pupil: Pupil, blocks: Floats, reach_um: float) -> Floats:
         fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
         for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
     ]
-    axes = [k for k, n in enumerate(blocks.shape) if n > 1] or [0]
-    spectrum = fft.rfftn(blocks, [sizes[k] for k in axes], axes=axes)
-    np.multiply(spectrum, spectrum.conj(), out=spectrum)
-    result: Floats = fft.irfftn(spectrum, [sizes[k] for k in axes], axes=axes, overwrite_x=True)
-    return result
+    return _correlated(blocks, sizes)
+
+
+def _correlated(blocks: Floats, sizes: list[int]) -> Floats:
+    """Autocorrelation of [a, b, c, d] values by transforms of the given sizes, negative lags wrapped round."""
+    power = _power(blocks, sizes)
+    values = np.empty(sizes, dtype=blocks.dtype)
+    for rows, lags in _lags(power, sizes):
+        values[rows] = lags
+    opposite = np.ix_(*(-np.arange(size) % size for size in sizes[1:]))
+    for row in range(len(power), sizes[0]):
+        values[row] = values[sizes[0] - row][opposite]
+    return values
+
+
+def _power(blocks: Reals, sizes: list[int]) -> NDArray[np.complexfloating[Any]]:
+    """Autocorrelation along y, from lag 0 on, of transforms along x; opposite lags and frequencies are alike.
+
+    What is transformed along y is squared and transformed back a few columns at a time, never held in full.
+    """
+    spectrum = fft.rfftn(blocks, *_along_x(sizes))
+    columns = spectrum.reshape(*blocks.shape[:2], -1)
+    power = np.empty((sizes[0] // 2 + 1, sizes[1], columns.shape[2]), dtype=columns.dtype)
+    for start in range(0, columns.shape[2], _COLUMNS_AT_A_TIME):
+        part = slice(start, start + _COLUMNS_AT_A_TIME)
+        field = fft.fftn(columns[:, :, part], sizes[:2], axes=(0, 1))
+        field *= field.conj()
+        power[:, :, part] = fft.ifftn(field, axes=(0, 1), overwrite_x=True)[: len(power)]
+    return power.reshape(*power.shape[:2], *spectrum.shape[2:])
+
+
+def _lags(power: NDArray[np.complexfloating[Any]], sizes: list[int]) -> Iterator[tuple[slice, Floats]]:
+    """The same at lags along x, a few rows at a time."""
+    for start in range(0, len(power), _ROWS_AT_A_TIME):
+        rows = slice(start, min(start + _ROWS_AT_A_TIME, len(power)))
+        yield rows, fft.irfftn(power[rows], *_along_x(sizes))
+
+
+def _along_x(sizes: list[int]) -> tuple[list[int], list[int]]:
+    """Sizes and axes of transforms over the last two of four axes, without those of a single value."""
+    axes = [k for k in (2, 3) if sizes[k] > 1] or [3]
+    return [sizes[k] for k in axes], axes
 
 
 def _extra(lattice: Lattice, reach_um: float) -> tuple[int, int]:

@@ -35,6 +35,17 @@ def light_box(die: Die, stop: Stop) -> Box:
     return stop_box(stop, axis_nm(die), die.panel.dot_nm)
 
 
+def sees_light(die: Die, stop: Stop, shapes: Shapes) -> bool:
+    """Whether any of these shapes, in nanometres of the plate, is clear before the stop of a die."""
+    axis = axis_nm(die)
+    if not isinstance(shapes, db.Region):
+        inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *(shapes - np.tile(axis, 2)).T)
+        if inside.any():
+            return True
+        shapes = shapes[~outside]
+    return edges_in_stop(shapes, stop, axis)[1] > 0
+
+
 def read_aperture(x: Lattice, y: Lattice, covered: Floats) -> Aperture:
     """An aperture from the share of every interval that is clear, [ny, nx].
 

@@ -16,7 +16,7 @@ from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.psf import pixel_margin
 from maskfab.optics.pupil import cut
-from maskfab.validate.apertures import aperture_in_stop, axis_nm, edge_distances, light_box
+from maskfab.validate.apertures import aperture_in_stop, axis_nm, edge_distances, light_box, sees_light
 from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
     READBACK_LIMIT,
@@ -46,7 +46,7 @@ def optics_of_like(die: Die, camera: Camera, design: db.Layout, laid: db.Layout,
     box = light_box(die, camera.stop)
     # A layout in cells is seen through faster than one without, where both are the same.
     shapes = clear_shapes(design if equal else laid, box)
-    if shapes.is_empty() if isinstance(shapes, db.Region) else not len(shapes):
+    if not sees_light(die, camera.stop, shapes):
         yield Quantity(
             "optics", "", "dark", "", "nothing is clear before the stop", limit="ok", passed=False, die=die.name
         )

@@ -58,14 +58,10 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
             boxes, see :func:`maskfab.geometry.region.clear_shapes`.
     """
     stop = camera.stop
-    designed = panel_aperture(die.panel, stop.diameter_um / 2)
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
-    read = aperture_in_stop(designed.x, designed.y, shapes, edges, stop, axis_nm(die))
-    pupil = cut(read, stop)
-    design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
     outline = stop_boundary(edges, area, camera)
     leak = Leak.of(blank, stop)
-    lit = lit_pupils(read, pupil, leak, camera)
+    pupil, design_pupil, lit = _pupils(die, camera, shapes, edges, leak)
 
     limit = INVARIANT_LIMIT_SQUARE if stop.shape == "square" else INVARIANT_LIMIT_ROUND
     quantities = [
@@ -81,6 +77,23 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
         quantities += order_quantities(die.panel, die.name)
     found = measure_pupils(pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name)
     return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities))
+
+
+def _pupils(
+    die: Die, camera: Camera, shapes: Shapes, edges_um: Floats, leak: Leak | None
+) -> tuple[Pupil, Pupil, LitPupils]:
+    """What the stop leaves of what was read and of the design, one object where they are the same; and the lags."""
+    stop = camera.stop
+    designed = panel_aperture(die.panel, stop.diameter_um / 2)
+    read = aperture_in_stop(designed.x, designed.y, shapes, edges_um, stop, axis_nm(die))
+    pupil = cut(read, stop)
+    design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
+    # Of a wide stop each of these takes hundreds of megabytes.
+    del designed
+    if leak is None:
+        del read
+        return pupil, design_pupil, _lags_of(pupil, camera)
+    return pupil, design_pupil, lit_pupils(read, pupil, leak, camera)
 
 
 def measure_pupils(
@@ -166,14 +179,18 @@ class LitPupils:
 
 def lit_pupils(openings: Aperture, pupil: Pupil, leak: Leak | None, camera: Camera) -> LitPupils:
     """The lags that the camera needs, of openings, of what the stop leaves of them, and of the film."""
-    reach = longest_lag_um(camera)
     if leak is None:
-        table = lag_table(pupil, reach)
-        return LitPupils(table, metrics.axis_lags(pupil, table.energy_um2), None)
+        return _lags_of(pupil, camera)
     parts = leak.pupils(openings)
     along = [metrics.axis_lags(part, part.energy_um2) for part in parts]
     x, y = (replace(each[0], values=sum(part.values for part in each)) for each in zip(*along, strict=True))
-    return LitPupils(leak.lag_table(pupil, parts, reach), (x, y), leak)
+    return LitPupils(leak.lag_table(pupil, parts, longest_lag_um(camera)), (x, y), leak)
+
+
+def _lags_of(pupil: Pupil, camera: Camera) -> LitPupils:
+    """The same where the film is opaque."""
+    table = lag_table(pupil, longest_lag_um(camera))
+    return LitPupils(table, metrics.axis_lags(pupil, table.energy_um2), None)
 
 
 def _of_polygons(quantity: Quantity) -> Quantity:
