@@ -217,7 +217,7 @@ def prepare(pupil: Pupil, highest_u: float, highest_v: float, precision: Precisi
     Args:
         pupil: openings inside the stop, on lattices that are symmetric about the axis.
         highest_u, highest_v: the highest frequencies that will be asked for, cycles per micrometre.
-        precision: of the products; single errs by about 3e-7 of the PSF.
+        precision: of the products; single errs by 3e-7 to 3e-6 of the PSF.
 
     Raises:
         InternalError: MF901 if a lattice is not symmetric.
@@ -249,7 +249,7 @@ def parity_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     Args:
         pupil: openings inside the stop.
         u, v: non-negative frequencies in cycles per micrometre, ascending, [nu] and [nv]; both begin at 0 or neither.
-        precision: of the products; single errs by about 3e-7 of the PSF.
+        precision: of the products; single errs by 3e-7 to 3e-6 of the PSF.
 
     Raises:
         InternalError: MF901 if a lattice is not symmetric.

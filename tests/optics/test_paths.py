@@ -164,6 +164,18 @@ def test_single_precision_over_a_whole_stop() -> None:
         assert error < path.error["single"]
 
 
+@pytest.mark.parametrize("on_axis", [False, True])
+@pytest.mark.parametrize("dots", [1, 4, 20])
+def test_single_precision_of_like_terms_that_round_alike(dots: int, on_axis: bool) -> None:
+    """An open square of 500 dots: hundreds of equal terms a sum, whose rounding does not average out."""
+    source = pupil(panel(np.ones((dots, dots), dtype=np.bool_), dot_nm=2000, cells=500 // dots), Stop("square", 1000.0))
+    u = grid(0.016, 16, on_axis)
+    expected = PARITY.intensity(source, u, u)
+    for path in admissible(Task.of(source, u, u)):
+        error = np.linalg.norm(path.intensity(source, u, u, "single") - expected) / np.linalg.norm(expected)
+        assert error < path.error["single"], path.name
+
+
 def test_the_cheapest_path_suits_the_pupil() -> None:
     u = grid(0.024, 256, False)
     coarse = Lattice(-2016.0, 24, 21, 8.0, 168.0)
