@@ -18,6 +18,7 @@ Ints = NDArray[np.int64]
 Located = tuple[NDArray[np.intp], Floats]
 
 _MOST_CELLS = 50_000_000
+_EDGES_AT_A_TIME = 100_000
 
 
 def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -> Floats:
@@ -58,7 +59,11 @@ def outline_coverage(edges: Floats, x_edges: Floats, y_edges: Floats) -> Floats:
         y_edges: float64 [ny + 1], ascending.
     """
     rising = edges[edges[:, 1] != edges[:, 3]][:, [2, 3, 0, 1]]
-    return np.clip(_edge_coverage(rising, x_edges, y_edges), 0.0, 1.0)
+    # What edges cover is a sum over them, which takes less memory a part at a time.
+    shares = np.zeros((y_edges.size - 1, x_edges.size - 1))
+    for start in range(0, len(rising), _EDGES_AT_A_TIME):
+        shares += _edge_coverage(rising[start : start + _EDGES_AT_A_TIME], x_edges, y_edges)
+    return np.clip(shares, 0.0, 1.0)
 
 
 def to_boxes(region: db.Region) -> Ints:
@@ -199,8 +204,8 @@ def _box_coverage(placed: list[Located], x_lines: int, y_lines: int) -> Floats:
 def _segments(region: db.Region) -> Floats:
     """Non-horizontal edges x0, y0, x1, y1 of a region, with the region on the right hand of each."""
     edges = (edge for edge in region.edges().each() if edge.y1 != edge.y2)
-    flat = [value for edge in edges for value in (edge.x1, edge.y1, edge.x2, edge.y2)]
-    return np.array(flat, dtype=np.float64).reshape(-1, 4)
+    ends = (value for edge in edges for value in (edge.x1, edge.y1, edge.x2, edge.y2))
+    return np.fromiter(ends, dtype=np.float64).reshape(-1, 4)
 
 
 def _edge_coverage(segments: Floats, x_edges: Floats, y_edges: Floats) -> Floats:

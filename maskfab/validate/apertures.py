@@ -94,8 +94,10 @@ def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> 
     Returns:
         The distances, twice because an axis may lie between two nanometres; and whether other edges are there, too.
     """
-    flat = [value for edge in shapes.edges().each() for value in (edge.x1, edge.y1, edge.x2, edge.y2)]
-    edges = 2 * np.array(flat, dtype=np.int64).reshape(-1, 4) - np.tile([round(2 * centre) for centre in axis], 2)
+    ends = (value for edge in shapes.edges().each() for value in (edge.x1, edge.y1, edge.x2, edge.y2))
+    edges = np.fromiter(ends, dtype=np.int64).reshape(-1, 4)
+    edges *= 2
+    edges -= np.tile([round(2 * centre) for centre in axis], 2)
     start, span = edges[:, :2].astype(np.float64), (edges[:, 2:] - edges[:, :2]).astype(np.float64)
     along = np.clip(-(start * span).sum(axis=1) / np.maximum((span**2).sum(axis=1), 1.0), 0.0, 1.0)
     nearest = start + along[:, None] * span
