@@ -229,9 +229,10 @@ class Prices:
             _row("field between places", False, between),
             _row("width of the bands", choice.lines > 1, spread, known.bands[choice.lines]),
             _row("curve of the rim", not choice.grey_rim, known.rim),
-            # The mean over layouts takes more than one layout's PSF, so it is never the cheaper one.
-            _row("the layout itself", True, known.layout),
         ]
+        if known.layout:
+            # The mean over layouts takes more than one layout's PSF, so it is never the cheaper one.
+            rows.append(_row("the layout itself", True, known.layout))
         if self.scene.saturation:
             rows.append(_row("saturation", True, Estimate(0.0, "clipped by the capture; the PSF stays as it is")))
         return tuple(rows)

@@ -156,9 +156,9 @@ def stretch_sensitivity(psf: Psf) -> float:
     """
     count = psf.values.shape[0]
     offset = psf.step_um * (np.arange(count, dtype=np.float64) - count // 2)
-    wave = 2j * np.pi * fft.fftfreq(count, psf.step_um)
-    spectrum = fft.fft2(psf.values)
-    along_x, along_y = fft.ifft2(spectrum * wave).real, fft.ifft2(spectrum * wave[:, None]).real
+    wave_x, wave_y = (2j * np.pi * each for each in (fft.rfftfreq(count, psf.step_um), fft.fftfreq(count, psf.step_um)))
+    spectrum = fft.rfft2(psf.values)
+    along_x, along_y = (fft.irfft2(spectrum * wave, s=psf.values.shape) for wave in (wave_x, wave_y[:, None]))
     change = 2 * psf.values + offset * along_x + offset[:, None] * along_y
     return float(np.linalg.norm(change) / np.linalg.norm(psf.values))
 

@@ -36,7 +36,7 @@ from maskfab.optics.ensemble import MeanPsf, layout_psf, mean_psf
 from maskfab.optics.gap import shift_um
 from maskfab.optics.gap_estimates import common_share, gap_error, rim_crowding, shift_error
 from maskfab.optics.metrics import relative_difference
-from maskfab.optics.psf import point_psf
+from maskfab.optics.psf import point_psfs
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.scene import Scene
 from maskfab.optics.stop_shape import stop_strehl, widest_um
@@ -78,7 +78,9 @@ class Estimates:
     """The errors of all omissions.
 
     Attributes:
-        scale, defocus, aberrations, shift, diffraction, rim, layout: see :func:`estimate`.
+        scale, defocus, aberrations, shift, diffraction, rim, layout: see :func:`estimate`; the layout's is None where
+            nothing else asks for the mean over layouts.
+        pilot: the PSF at infinity at the shortest wavelength.
         places: what is left when every image point borrows the PSF of the nearest of n x n places, by n.
         bands: the error of replacing each band by so many lines, by their number; 1 line first.
         in_bands: how many bands there are; 0 for the camera's lines.
@@ -93,7 +95,8 @@ class Estimates:
     shift: Estimate
     diffraction: Estimate
     rim: Estimate
-    layout: Estimate
+    layout: Estimate | None
+    pilot: Psf
     places: Mapping[int, float]
     bands: Mapping[int, float]
     in_bands: int
@@ -142,8 +145,10 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     """
     ends = wavelength_range_nm(camera, scene)
     sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
-    pilots = [point_psf(pupil, sampled, line) for line in sampled.wavelengths_nm]
-    means = [_mean(panel, sampled, pilot) for pilot in pilots]
+    pilots = point_psfs(pupil, sampled)
+    # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
+    asks = scene.gap_um or scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
+    means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
     bands = [band_errors(pupil, camera, band, target / 4) for band in scene.bands]
     counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
@@ -160,7 +165,8 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
         shift=_shift(means, openings, pupil, sampled, scene, scene.field_um) if moved else NOTHING,
         diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled),
-        layout=_layout(means),
+        layout=_layout(means) if means else None,
+        pilot=pilots[0],
         places={n: _between(means, openings, pupil, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
         bands={count: max((each[count] for each in bands), default=0.0) for count in counts},
         in_bands=len(bands),
@@ -293,7 +299,7 @@ def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera) -> Estimate:
     if not pupil.rim_row.size:
         return Estimate(0.0, "the stop cuts no dot")
     plain = grey(pupil)
-    worst = max(relative_difference(point_psf(plain, camera, pilot.wavelength_nm), pilot) for pilot in pilots)
+    worst = max(map(relative_difference, point_psfs(plain, camera), pilots))
     return Estimate(RIM_SAFETY * worst, "grey rim's PSF against the exact one, at the ends of the spectrum", RIM_SAFETY)
 
 

@@ -22,7 +22,7 @@ from maskfab.optics.depth import defocus_waves, image_distance_um, nearest_objec
 from maskfab.optics.gap import moved_pupil, shift_um
 from maskfab.optics.omissions import check_accuracy, estimate, wavelength_range_nm
 from maskfab.optics.paths import Task
-from maskfab.optics.psf import odd_samples, pixel_margin, point_psf, point_step_um
+from maskfab.optics.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil import cut
 from maskfab.optics.scene import Scene
 
@@ -115,7 +115,6 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         )
     choice, price = min(fitting, key=lambda each: (each[1].seconds, each[1].error))
     step = point_step_um(known.camera)
-    pilot = point_psf(known.pupil, known.camera, known.estimates.range_nm[0])
     fullest = _fullest(known, priced, choice)
     return Plan(
         accuracy,
@@ -128,7 +127,7 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         known.wavelengths(choice),
         DEPTHS if choice.defocus else 1,
         PHASE_SHARE * accuracy if choice.path == PHASED else 0.0,
-        nearest_object_um(pilot, camera, accuracy),
+        nearest_object_um(known.estimates.pilot, camera, accuracy),
         fullest,
         known.own_error(fullest),
     )

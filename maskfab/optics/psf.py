@@ -63,7 +63,11 @@ def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None 
     """
     frequencies = [_frequencies(camera, wavelength, margin) for wavelength in camera.wavelengths_nm]
     widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
-    path = admissible(Task.of(pupil, widest, widest))[0]
+    tasks = [Task.of(pupil, frequency, frequency) for frequency in frequencies]
+    # A step that suits a transform at one wavelength does not at another.
+    path = next(
+        path for path in admissible(Task.of(pupil, widest, widest)) if all(path.refusal(task) is None for task in tasks)
+    )
     prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
     return [
         _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)

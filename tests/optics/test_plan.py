@@ -9,9 +9,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from optics.scene_cases import CASES, Case, planned, priced
-from optics_cases import pupil
+from optics_cases import camera, noise, panel, pupil
 
 from maskfab.model import Camera, Psf
+from maskfab.optics import omissions, psf
 from maskfab.optics.aberration import aberrated_psf
 from maskfab.optics.aperture import panel_aperture
 from maskfab.optics.band_lines import band_lines
@@ -20,9 +21,9 @@ from maskfab.optics.depth import defocused_psf, focused_psf
 from maskfab.optics.gap import gap_psf, shifted_psf
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.omissions import PLACES, grey
-from maskfab.optics.paths import PATHS
-from maskfab.optics.plan import Plan
-from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_step_um
+from maskfab.optics.paths import PATHS, PRUNED, admissible
+from maskfab.optics.plan import Plan, plan
+from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
 from maskfab.optics.pupil import Pupil
 
 LEFT_IN_PART = ("width of the bands", "field between places")
@@ -145,3 +146,31 @@ def test_no_cheaper_choice_was_passed_over(each: Case) -> None:
         if error <= each.accuracy * (1 - 1e-12):
             assert known.price(choice).seconds >= found.price.seconds
     assert tried >= 4
+
+
+@pytest.mark.parametrize("name", ["plain random", "plain periodic", "colours"])
+def test_a_scene_that_asks_nothing_of_the_layout_takes_no_mean_over_layouts(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (each,) = (each for each in CASES if each.name == name)
+    expected = planned(each)
+    for mean in ("mean_psf", "layout_psf"):
+        monkeypatch.delattr(omissions, mean)
+    found = plan(each.panel, each.camera, each.scene, each.accuracy)
+    assert (found.choice, found.price) == (expected.choice, expected.price)
+
+
+def test_several_lines_take_a_path_that_suits_all_of_them(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The step of a discrete transform may fit one wavelength and not the next."""
+    setting = camera(300.0, wavelengths=(480.0, 531.0), window_um=96.0)
+    source = pupil(panel(noise(10, 0.5, 1), dot_nm=4000, cells=10), setting.stop)
+    steps = [
+        point_step_um(setting) * np.arange(odd_samples(setting.window_um, point_step_um(setting)) // 2 + 1.0)
+        / image_scale_um2(setting, line)
+        for line in setting.wavelengths_nm
+    ]  # fmt: skip
+    assert [PRUNED.accepts(source, u, u) for u in steps] == [True, False]
+    expected = [point_psf(source, setting, line) for line in setting.wavelengths_nm]
+    monkeypatch.setattr(psf, "admissible", lambda task: sorted(admissible(task), key=lambda path: path is not PRUNED))
+    for found, known in zip(point_psfs(source, setting), expected, strict=True):
+        assert relative_difference(found, known) < 1e-10
