@@ -538,6 +538,7 @@ class Quantity:
         uncertainty: half width of the error bar, in ``unit``; None where the value is exact.
         limit: what ``passed`` was judged against; None where nothing is required.
         level_db: light that it holds for, as the signal-to-noise ratio of white behind the published display.
+        at_most: whether the value is a bound that the truth may lie far below.
     """
 
     name: str
@@ -551,6 +552,7 @@ class Quantity:
     die: str | None = None
     wavelength_nm: float | None = None
     level_db: int | None = None
+    at_most: bool = False
 
 
 @dataclass(frozen=True, eq=False)

@@ -147,6 +147,18 @@ def test_a_camera_of_ones_own_under_its_light(capsys, tmp_path: Path) -> None:
     assert lit["wavelengths"] == 3
 
 
+def test_errors_are_said_to_be_bounds(capsys, tmp_path: Path) -> None:
+    """They carry safety factors and may lie far above the truth; what is exactly nothing is no bound."""
+    job = scene(tmp_path, 'accuracy = "draft"', "aberrations = [[4, 0.0001]]")
+    text = command(capsys, "plan", job, "--die", "PLAIN").stdout
+    assert "estimated error ≤ " in text
+    left_out = [line for line in text.splitlines() if "  left out  " in line]
+    assert any(line.startswith("lens aberrations") and line.count("≤") == 2 for line in left_out)
+    assert any(line.startswith("defocus over the depth") and "≤" not in line for line in left_out)
+    (die,) = command(capsys, "plan", job, "--die", "PLAIN", "--json").document["dies"]
+    assert die["errors"] == "at most"
+
+
 def test_a_scene_beyond_every_model_and_an_unknown_die(capsys, tmp_path: Path) -> None:
     job = scene(tmp_path, 'accuracy = "certify"', 'gap = "100 um"')
     answer = command(capsys, "plan", job, "--die", "PLAIN", "--json")

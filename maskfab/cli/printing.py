@@ -43,6 +43,7 @@ def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:
     for q in quantities:
         line = "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm"
         value = "-" if q.value is None else f"{q.value:.6g}" if isinstance(q.value, float) else str(q.value)
+        value = f"≤ {value}" if q.at_most else value
         error = "" if not q.uncertainty else f"± {q.uncertainty:.1e}"
         limit = "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})"
         rows.append((q.name, q.die or "", line, value, error, q.unit, limit))

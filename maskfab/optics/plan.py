@@ -26,6 +26,9 @@ from maskfab.optics.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil import cut
 from maskfab.optics.scene import Scene
 
+AT_MOST = "at most"
+"""What errors of a plan are in its document: with their safety they may be far above the truth, and not below it."""
+
 
 @dataclass(frozen=True)
 class Plan:
@@ -198,6 +201,7 @@ def document(die: str, found: Plan) -> dict[str, object]:
         "predicted_seconds": price.seconds,
         "predicted_bytes": price.memory,
         "error": price.error,
+        "errors": AT_MOST,
         "nearest_object_um": near if math.isfinite(near) else None,
         "ingredients": [
             {
@@ -220,9 +224,9 @@ def table(die: str, found: Plan) -> list[str]:
     for row in found.ingredients:
         state = "modelled" if row.modelled else "left out"
         safety = f" (x {row.safety:g})" if row.safety != 1 and row.error else ""
-        rows.append((row.name, state, f"{row.error:.1e}", f"{row.remaining:.1e}", row.method + safety))
+        rows.append((row.name, state, _at_most(row.error), _at_most(row.remaining), row.method + safety))
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
-    lines = [f"{die}: accuracy {found.accuracy:g}, estimated error {price.error:.1e}"]
+    lines = [f"{die}: accuracy {found.accuracy:g}, estimated error {_at_most(price.error)}"]
     lines += ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
     rim = "grey" if choice.grey_rim else "exact"
     lines += [
@@ -233,3 +237,7 @@ def table(die: str, found: Plan) -> list[str]:
         f"predicted    {price.seconds:.2g} s, {price.memory / 1e6:.3g} MB",
     ]
     return lines
+
+
+def _at_most(error: float) -> str:
+    return f"≤ {error:.1e}" if error else "0"

@@ -15,6 +15,7 @@ from maskfab.errors import InternalError
 from maskfab.export.psf import stop_facts
 from maskfab.layout.feasibility import Feasibility
 from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
+from maskfab.optics.plan import AT_MOST
 from maskfab.optics.plan import document as plan_document
 from maskfab.report.design_data import design_schema
 from maskfab.report.display_data import display_document, display_schema
@@ -98,9 +99,10 @@ def schema() -> Document:
             "passed": {"type": ["boolean", "null"]},
             "wavelength_nm": number,
             "level_db": integer | {"description": "signal-to-noise ratio of white behind the published display"},
+            "at_most": {"const": True, "description": "the truth may lie far below the value, not above it"},
             "die": text,
         },
-        optional=("wavelength_nm", "level_db", "die"),
+        optional=("wavelength_nm", "level_db", "at_most", "die"),
     )
     die = _object(
         {
@@ -193,6 +195,7 @@ def _scene_schema(quantities: Document) -> Document:
         "phase_tolerance": number,
         "samples_per_dot": integer,
         **dict.fromkeys(("predicted_flops", "predicted_seconds", "predicted_bytes", "error"), number),
+        "errors": {"const": AT_MOST, "description": "what `error` and those of `ingredients` are"},
         "nearest_object_um": distance,
         "ingredients": {"type": "array", "items": ingredient},
     }
@@ -320,6 +323,8 @@ def quantity_document(quantity: Quantity) -> Document:
         row["wavelength_nm"] = quantity.wavelength_nm
     if quantity.level_db is not None:
         row["level_db"] = quantity.level_db
+    if quantity.at_most:
+        row["at_most"] = True
     if quantity.die is not None:
         row["die"] = quantity.die
     return row

@@ -225,10 +225,11 @@ class _Shown:
                 "Σε",
                 plan.price.error,
                 "1",
-                "sum of the estimated errors of all that the plan leaves out, and of its own arithmetic",
+                "at most: sum of the estimated errors of all that the plan leaves out, and of its own arithmetic",
                 limit=accuracy,
                 passed=plan.price.error <= accuracy,
                 die=self.die.name,
+                at_most=True,
             ),
             Quantity(
                 "plan_error_measured",
