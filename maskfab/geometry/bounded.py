@@ -13,7 +13,8 @@ import os
 import signal
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Literal, TypeVar
@@ -93,8 +94,19 @@ def bounded(
     raise _too_much(path, f"ends the process in the stage {stage!r}, or needs more memory than it may take")
 
 
-def gave_up(path: Path, error: RuntimeError) -> SourceError:
-    """MF323 for what klayout throws at shapes that it cannot work with."""
+@contextmanager
+def library_errors(path: Path) -> Iterator[None]:
+    """MF323 for what klayout throws at shapes of a file that it cannot work with."""
+    try:
+        yield
+    except RuntimeError as error:
+        told = _said(path, error)
+        if told is error:
+            raise
+        raise told from error
+
+
+def _gave_up(path: Path, error: RuntimeError) -> SourceError:
     said = (str(error).strip() or "no reason told").splitlines()[0][:200]
     what = f"{path.name}: the library of polygons gives up on its shapes ({said})"
     return SourceError("MF323", what, where=str(path), cure=_CURE)
@@ -126,7 +138,7 @@ def _said(path: Path, error: Exception) -> Exception:
     """What the libraries throw in their own language, and a lack of memory, as errors of the file."""
     if isinstance(error, MemoryError) or _OUT_OF_MEMORY in str(error):
         return _too_much(path, "needs more memory than it may take")
-    return gave_up(path, error) if type(error) is RuntimeError else error
+    return _gave_up(path, error) if type(error) is RuntimeError else error
 
 
 def _too_much(path: Path, what: str) -> SourceError:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
 from maskfab.geometry.apart import read_apart
-from maskfab.geometry.bounded import gave_up
+from maskfab.geometry.bounded import library_errors
 from maskfab.geometry.gerber_process import Run
 from maskfab.geometry.reading_limits import ROUNDING_KEY, LeftOut, is_empty, note_left_out
 from maskfab.geometry.region import DBU_UM, layer_info
@@ -39,10 +39,8 @@ def read_gerber(path: Path) -> db.Layout:
             )
     seconds = _SECONDS_TO_START + path.stat().st_size / _BYTES_PER_SECOND
     runs, curves = read_apart(path, Path(__file__).with_name("gerber_process.py"), seconds=seconds)
-    try:
+    with library_errors(path):
         return _Drawing(curves).layout(runs)
-    except RuntimeError as error:  # klayout has outlines that it cannot put together
-        raise gave_up(path, error) from error
 
 
 class _Drawing:

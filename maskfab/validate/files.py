@@ -22,6 +22,7 @@ from maskfab.export.figures import Figures, draw
 from maskfab.export.fitting import blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.export.products import FileSettings, Product, products
 from maskfab.export.solid.tiles import Stack
+from maskfab.geometry.bounded import library_errors
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.progress import Progress
@@ -195,7 +196,8 @@ def _trip(made: Drawn, read: db.Layout, path: Path, *, dots: bool) -> RoundTrip:
     if path.suffix in _WRITTEN_ALONE:
         names = {CLEAR.name: CLEAR.name}
     polygons = made.figures.account.polygons
-    return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+    with library_errors(path):
+        return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
 
 
 def _others(made: Drawn, die: Die | None, path: Path) -> tuple[Quantity, ...]:

@@ -20,6 +20,7 @@ from maskfab.export.fitting import blank_of, drawing_options, drawing_style, ext
 from maskfab.export.package import MANIFEST, safe_stem, unpack, write_package
 from maskfab.export.products import MASK_TAILS, mask_writer
 from maskfab.export.staging import check_file, write_bytes, write_text
+from maskfab.geometry.bounded import library_errors
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
 from maskfab.layout.job import Job, load
@@ -311,10 +312,12 @@ def read_back(figures: Figures, path: Path, style: DrawingStyle, read: db.Layout
     """A written file, read by another library, against what was drawn and against the openings dot by dot."""
     plate, cut = figures.plate, CUT in figures.layers
     names = style.layer_names if path.suffix == ".dxf" else None
-    drawn = compare(plate, figures.layout(), read, path, dots=not cut, layer_names=names).quantities()
+    with library_errors(path):
+        drawn = compare(plate, figures.layout(), read, path, dots=not cut, layer_names=names).quantities()
     if not cut:
         return drawn
-    exposed = compare(plate, plate_layout(plate), _exposed(read), path).quantities()
+    with library_errors(path):
+        exposed = compare(plate, plate_layout(plate), _exposed(read), path).quantities()
     dark = [each for each in exposed if each.name != "polygons"]
     if path.suffix == MASK_TAILS["gerber"]:
         return tuple(dark)  # its reader takes the holes away, so that polygons are no longer those that were drawn

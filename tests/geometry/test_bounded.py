@@ -12,7 +12,7 @@ import pytest
 from klayout import db
 
 from maskfab.errors import OpeningError, SourceError
-from maskfab.geometry.bounded import allow, bounded
+from maskfab.geometry.bounded import allow, bounded, library_errors
 
 pytestmark = pytest.mark.skipif(
     "fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copied process"
@@ -115,3 +115,10 @@ def test_a_fault_of_ours_stays_one(file):
     with pytest.raises(ZeroDivisionError) as caught:
         bounded(file, lambda _: 1 // 0)
     assert "test_bounded" in caught.value.__notes__[0]
+
+
+def test_what_klayout_throws_is_an_error_of_the_file_and_a_fault_of_ours_is_not(file):
+    with pytest.raises(SourceError, match=r"MF323 small\.gds.*unknown format"), library_errors(file):
+        db.Layout().read(str(file))
+    with pytest.raises(RecursionError), library_errors(file):
+        raise RecursionError("deep")

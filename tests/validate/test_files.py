@@ -18,6 +18,7 @@ from maskfab.geometry.region import layer_info
 from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.progress import silent
 from maskfab.spec import JobSpec, validate
+from maskfab.validate import files
 from maskfab.validate.files import Drawn, drawn, read_back
 
 MASKS = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg")
@@ -258,3 +259,13 @@ def test_files_that_are_read_beside_the_others_are_told_in_their_places(made, fo
     assert told == sorted(told)
     with pytest.raises(SourceError, match=chosen[3].name):
         read_back(replace(made, products=tuple(chosen)), tmp_path, silent)
+
+
+def test_what_klayout_throws_at_a_file_is_told_of_the_file(made, folder, monkeypatch):
+    def thrown(*_, **__):
+        raise RuntimeError("Internal error: m_open.empty () was not true")
+
+    monkeypatch.setattr(files, "compare", thrown)
+    refused: list[tuple[str, InputError]] = []
+    read_back(only(made, made.products[0]), folder, silent, refused)
+    assert [(name, error.code) for name, error in refused] == [(made.products[0].name, "MF323")]
