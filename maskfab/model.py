@@ -513,6 +513,25 @@ class Psf:
 
 
 @dataclass(frozen=True, eq=False)
+class RadialMean:
+    """Mean of an MTF over all directions at radii about those at which it falls below levels of interest.
+
+    Attributes:
+        frequency_cy_per_mm: float64 [n], ascending.
+        modulation: float64 [n].
+        error: float64 [n], bound of the error of each, and of a straight line between them.
+    """
+
+    frequency_cy_per_mm: NDArray[np.float64]
+    modulation: NDArray[np.float64]
+    error: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        for name in ("frequency_cy_per_mm", "modulation", "error"):
+            object.__setattr__(self, name, frozen(getattr(self, name)))
+
+
+@dataclass(frozen=True, eq=False)
 class Mtf:
     """Presampled modulation transfer (optics x sensor pixel) from 0 to half a cycle per pixel.
 
@@ -522,12 +541,16 @@ class Mtf:
             radial_min, radial_max.
         wavelength_nm: the line it was computed at.
         uncertainty: bound on the absolute error of any sample.
+        minimum_uncertainty: bound on the error of the radial minimum's mean over all frequencies.
+        falls: the radial mean where it falls.
     """
 
     frequency_cy_per_mm: NDArray[np.float64]
     cuts: Mapping[str, NDArray[np.float64]]
     wavelength_nm: float
     uncertainty: float
+    minimum_uncertainty: float
+    falls: RadialMean
 
 
 @dataclass(frozen=True)

@@ -34,7 +34,7 @@ from maskfab.errors import InternalError
 from maskfab.model import ORIENTATIONS, Camera, Panel, Psf, Stop, frozen, orient
 from maskfab.optics.aperture import Aperture, Lattice, panel_aperture
 from maskfab.optics.field import parity_field
-from maskfab.optics.otf import LagTable, lag_table
+from maskfab.optics.otf import LagTable, lag_table, shape_errors
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.pupil import RIM_ORDERS, Pupil, cut
 
@@ -169,9 +169,9 @@ def mean_lag_table(
         rim_moments=pupil.rim_moments / root[:, None, None],
         rim_transmission=root,
     )
-    rim = lag_table(spread, reach_um)
-    uncertainty = max(table.uncertainty, rim.uncertainty * rim.energy_um2 / cells.energy_um2)
-    return LagTable(table.x, table.y, values, reach_um, cells.energy_um2, uncertainty)
+    found = (shape_errors(each, cells.energy_um2, cut_dots=True) for each in (pupil, spread))
+    near, beyond = (max(pair) + 1e-15 for pair in zip(*found, strict=True))
+    return LagTable(table.x, table.y, values, reach_um, cells.energy_um2, (near, beyond))
 
 
 def decorrelation_error(fluctuation: Floats, reference: Floats, correlation: Floats | float) -> float:

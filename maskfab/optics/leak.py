@@ -101,12 +101,22 @@ class Leak:
         tables = [lag_table(part, reach_um) for part in parts]
         energy = sum(table.energy_um2 for table in tables)
         total = np.sum([table.values for table in tables], axis=0)
-        of_parts = sum(table.uncertainty * table.energy_um2 for table in tables) / energy
+        shares = [table.energy_um2 / energy for table in tables]
         strips = abs(self.amplitude) ** 2 * self._strips_um2(openings.energy_um2, float(energy))
         # Cauchy and Schwarz: what is missing, against all, and against itself.
         missing = 2 * np.sqrt(strips / energy) + strips / energy
-        lost = of_parts + missing + self._imaginary_um2(openings, min(reach_um, self.stop.diameter_um)) / energy
-        return replace(tables[0], values=total, energy_um2=float(energy), uncertainty=float(lost))
+        lost = missing + self._imaginary_um2(openings, min(reach_um, self.stop.diameter_um)) / energy
+        near, beyond = (
+            float(np.dot(shares, each) + lost) for each in zip(*(table.errors for table in tables), strict=True)
+        )
+        return replace(
+            tables[0],
+            values=total,
+            energy_um2=float(energy),
+            errors=(near, beyond),
+            rims=tuple(rim for table in tables for rim in table.rims),
+            spread_um2=sum(table.spread_um2 for table in tables),
+        )
 
     def _imaginary_um2(self, openings: Pupil, reach_um: float) -> float:
         """Twice the largest imaginary part of the autocorrelation at some lags, for it is smooth."""

@@ -15,7 +15,7 @@ from maskfab.model import Camera, Mtf, Psf, Quantity, frozen
 from maskfab.optics.aperture import Lattice
 from maskfab.optics.encircled import ensquared_energy, halo_energy
 from maskfab.optics.leak import Leak
-from maskfab.optics.mtf import area_under_radial_min, frequency_at
+from maskfab.optics.mtf import LEVELS, area_under_radial_min, frequency_at
 from maskfab.optics.otf import LagTable, neighbours
 from maskfab.optics.psf import cutoff, image_scale_um2, pixel_sum_error
 from maskfab.optics.psf_metrics import (
@@ -35,7 +35,6 @@ Floats = NDArray[np.float64]
 NOISE_TO_SIGNAL = 0.015
 """The noise-to-signal ratio ε of the Wiener quantities."""
 
-_MTF_LEVELS = (10, 30, 50)
 _WIENER_SAMPLES = 128
 _CORE_PIXELS = 5
 _HALO_UM = 25.0
@@ -101,22 +100,22 @@ def mtf_quantities(mtf: Mtf, pixel_um: float, die: str | None) -> list[Quantity]
             area_under_radial_min(mtf),
             "1",
             "mean of the radial minimum of the presampled MTF from 0 to half a cycle per pixel, from the lag table",
-            uncertainty=mtf.uncertainty,
+            uncertainty=mtf.minimum_uncertainty,
             die=die,
             wavelength_nm=line,
         )
     ]
-    for level in reversed(_MTF_LEVELS):
-        frequency = frequency_at(mtf, "radial_mean", level / 100)
+    for level in LEVELS:
+        frequency, error = frequency_at(mtf, level / 100) or (None, None)
         found.append(
             Quantity(
                 f"mtf{level}",
                 f"ν{level}",
                 frequency,
                 "cy/mm",
-                f"first frequency at which the radial mean of the presampled MTF falls to {level} %; none: not before "
-                f"{mtf.frequency_cy_per_mm[-1]:g} cy/mm",
-                uncertainty=None if frequency is None else _frequency_error(mtf, frequency),
+                f"first frequency at which the mean over directions of the presampled MTF falls to {level} %; none: "
+                f"not before {mtf.frequency_cy_per_mm[-1]:g} cy/mm",
+                uncertainty=error,
                 die=die,
                 wavelength_nm=line,
             )
@@ -259,8 +258,9 @@ class AxisLags:
     def at(self, lag_um: Floats) -> Floats:
         """The autocorrelation at lags of any shape; linear between the table's, which is exact for whole dots."""
         total = np.zeros(lag_um.shape)
-        for cell, dot, weight in neighbours(self.lattice, lag_um, self.values.shape):
-            total += weight * self.values[cell, dot]
+        cells, dots = self.values.shape
+        for place, weight in neighbours(self.lattice, lag_um, (cells, dots)):
+            total += weight * self.values.ravel()[place]
         return total
 
 
@@ -298,13 +298,15 @@ def aliasing_quantities(
     Args:
         lags: see :func:`axis_lags`.
         table: of the same pupil; gives energy and error bound.
-        mtf: presampled, of the same table.
+        mtf: presampled, of the same table; gives frequencies and wavelength.
         camera: gives focal length, stop and pixel.
         die: whose numbers these are.
     """
     aliased = aliased_cuts(lags, table, mtf, camera)
-    presampled = np.concatenate([mtf.cuts["horizontal"], mtf.cuts["vertical"]])
-    spread = phase_spread(aliased, presampled, die)
+    # From the same lags as the aliases, or their errors would count as aliasing.
+    nu, scale = mtf.frequency_cy_per_mm * 1e-3, image_scale_um2(camera, mtf.wavelength_nm)
+    presampled = np.concatenate([abs(axis.at(scale * nu)) * np.sinc(nu * camera.pixel_um) for axis in lags])
+    spread = phase_spread(aliased, presampled / table.energy_um2, die)
     return [
         replace(
             spread,
@@ -346,7 +348,7 @@ def aliased_cuts(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, cam
     values = _over_phases(along_x, along_y)
     none = np.zeros_like(nu)
     frequency = 1e3 * np.stack([np.concatenate([nu, none]), np.concatenate([none, nu])])
-    return AliasedMtf(frequency, values, phase, "pixel", 2 * orders.size * table.uncertainty)
+    return AliasedMtf(frequency, values, phase, "pixel", 2 * orders.size * table.coarse_uncertainty)
 
 
 def _over_phases(along_x: Floats, along_y: Floats) -> Floats:
@@ -426,11 +428,3 @@ def _middle_part(psf: Psf, reach_um: float) -> Psf:
 def relative_difference(measured: Psf, reference: Psf) -> float:
     """Relative L2 distance of two PSFs on one grid."""
     return float(np.linalg.norm(measured.values - reference.values) / np.linalg.norm(reference.values))
-
-
-def _frequency_error(mtf: Mtf, frequency: float) -> float:
-    """The MTF's error divided by its slope there, plus half a ring, over which the mean is taken."""
-    k = int(np.searchsorted(mtf.frequency_cy_per_mm, frequency))
-    step = float(mtf.frequency_cy_per_mm[1])
-    slope = float(mtf.cuts["radial_mean"][k - 1] - mtf.cuts["radial_mean"][k]) / step
-    return step / 2 + mtf.uncertainty / slope

@@ -7,15 +7,16 @@ lag on a lattice of cells is a cell lag L and a dot lag l, s = L pitch + l dot, 
 of any width stay exact although pitch and dot have no common measure.
 
 Notes:
-    Dots cut by a round stop enter with their mean transmission. Lag 0 is then corrected exactly; at another whole-dot
-    lag the error is at most the autocorrelation of the dots' standard deviations (Cauchy-Schwarz), and in between the
-    shape of the cut dots adds errors of random sign. Both are part of ``uncertainty``.
+    Dots cut by the stop enter the table with their mean transmission, lag 0 aside, and what their shapes change is
+    added lag by lag (see ``rim_lags``). That costs time in proportion to lags times cut dots; where many lags are asked
+    for, the table alone will do, within an error that is measured at some lags and doubled.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -25,12 +26,19 @@ from scipy import fft
 from maskfab.errors import InternalError
 from maskfab.model import frozen
 from maskfab.optics.aperture import Lattice
+from maskfab.optics.overlap import apart
 from maskfab.optics.pupil import Pupil
+from maskfab.optics.rim_lags import RimLags, rim_lags
 from maskfab.optics.waves import Reals
 
 Floats = NDArray[np.float64]
 
-
+# At lags within so many dots of 0 cut dots meet themselves or the next ones, and all err alike.
+_NEAR_DOTS = 3
+# Pairs of lags and cut dots that cost little beside a table; near 0, where they meet each other, they cost more.
+_FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
+# Lags at which the coarse error is measured.
+_NEAR_SAMPLES, _FEWEST_SAMPLES, _MOST_SAMPLES = 4, 64, 128
 _ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME = 128, 64
 _SINGLE = 1e-5
 # Above it a transform is faster than counting pairs.
@@ -43,10 +51,13 @@ class LagTable:
 
     Attributes:
         x, y: the pupil's lattices.
-        values: float64 [cells y, dots y, cells x, dots x] in square micrometres, negative lags wrapped round.
+        values: float64 [cells y, dots y, cells x, dots x] in square micrometres, negative lags wrapped round, of mean
+            transmissions but for lag 0.
         reach_um: largest lag along either axis for which the table is good.
         energy_um2: the value at lag 0.
-        uncertainty: error bound of C(s) / C(0) at any lag, see the module's notes.
+        errors: bound of the error of C(s) / C(0), near lag 0 and beyond.
+        rims: what the shapes of cut dots change, of every part of the amplitude; none where ``errors`` count it.
+        spread_um2: what lag 0 was given over the means', of no volume: it belongs to lags about 0 that make up for it.
     """
 
     x: Lattice
@@ -54,7 +65,9 @@ class LagTable:
     values: Floats
     reach_um: float
     energy_um2: float
-    uncertainty: float
+    errors: tuple[float, float]
+    rims: tuple[RimLags, ...] = ()
+    spread_um2: float = 0.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "values", frozen(self.values))
@@ -65,16 +78,83 @@ class LagTable:
         Raises:
             InternalError: MF901 for a lag beyond the table's reach.
         """
+        coarse = self.coarse_otf(lag_x_um, lag_y_um)
+        if not self.rims:
+            return coarse
+        lag_x, lag_y = np.broadcast_arrays(np.asarray(lag_x_um, np.float64), np.asarray(lag_y_um, np.float64))
+        meets = ~apart(self.rims[0].dots.stop, lag_x, lag_y)
+        exact = np.where(meets, coarse, 0.0)
+        for rim in self.rims:
+            exact[meets] += rim.correction_um2(lag_x[meets], lag_y[meets]) / self.energy_um2
+        return exact
+
+    def coarse_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
+        """The same without what the shapes of cut dots change, within ``coarse_uncertainty``, and much faster.
+
+        Raises:
+            InternalError: MF901 for a lag beyond the table's reach.
+        """
         lag_x, lag_y = np.asarray(lag_x_um), np.asarray(lag_y_um)
         longest = max(abs(lag_x).max(initial=0.0), abs(lag_y).max(initial=0.0))
         if longest > self.reach_um * (1 + 1e-9):
             raise InternalError("MF901", f"lag {longest:g} um is beyond the table's reach of {self.reach_um:g} um")
         total = np.zeros(np.broadcast(lag_x, lag_y).shape)
-        along_x = list(neighbours(self.x, lag_x, self.values.shape[2:]))
-        for cell_y, dot_y, weight_y in neighbours(self.y, lag_y, self.values.shape[:2]):
-            for cell_x, dot_x, weight_x in along_x:
-                total += weight_y * weight_x * self.values[cell_y, dot_y, cell_x, dot_x]
+        cells_y, dots_y, cells_x, dots_x = self.values.shape
+        flat = self.values.ravel()
+        along_x = list(neighbours(self.x, lag_x, (cells_x, dots_x)))
+        for row, weight_y in neighbours(self.y, lag_y, (cells_y, dots_y)):
+            start = row * (cells_x * dots_x)
+            for column, weight_x in along_x:
+                total += weight_y * weight_x * flat[start + column]
         return total / self.energy_um2
+
+    @property
+    def uncertainty(self) -> float:
+        """Error bound of C(s) / C(0) at any lag."""
+        return max(self.errors)
+
+    @property
+    def cut_dots(self) -> int:
+        """How many cut dots have shapes that count."""
+        return sum(rim.dots.row.size for rim in self.rims)
+
+    @cached_property
+    def coarse_errors(self) -> tuple[float, float]:
+        """Error of C(s) / C(0) without ``rims``, near lag 0 and beyond: twice the largest of some."""
+        if not self.rims:
+            return self.errors
+        random = np.random.default_rng(0)
+        near = _near_um(self.x, self.y)
+        count = int(np.clip(_FEW_PAIRS / 2 / self.cut_dots, _FEWEST_SAMPLES, _MOST_SAMPLES))
+        farthest = max(near, min(self.reach_um, max(self.rims[0].dots.stop.sides_um)))
+        angle = random.uniform(0, np.pi, _NEAR_SAMPLES + count)
+        radius = np.concatenate([near * random.random(_NEAR_SAMPLES), near * (farthest / near) ** random.random(count)])
+        half_x, half_y = self.x.dot_um / 2, self.y.dot_um / 2
+        x = np.concatenate([[half_x, 0.0, half_x, -half_x], radius * np.cos(angle)])
+        y = np.concatenate([[0.0, half_y, half_y, half_y], radius * np.sin(angle)])
+        held = np.maximum(abs(x), abs(y)) <= self.reach_um
+        change = np.zeros(x.size)
+        change[held] = 2 * abs(self.otf(x[held], y[held]) - self.coarse_otf(x[held], y[held]))
+        return float(change.max()) + self.errors[0], float(change[4 + _NEAR_SAMPLES :].max()) + self.errors[1]
+
+    @property
+    def coarse_uncertainty(self) -> float:
+        """Error bound of the coarse transfer function at any lag."""
+        return max(self.coarse_errors)
+
+    def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> tuple[Floats, Floats]:
+        """C(s) / C(0) at lags [n], exact where that costs little, and the error of each."""
+        near = np.hypot(lag_x_um, lag_y_um) < _near_um(self.x, self.y)
+        if not self.rims:
+            return self.otf(lag_x_um, lag_y_um), np.where(near, *self.errors)
+        meets = ~apart(self.rims[0].dots.stop, lag_x_um, lag_y_um)
+        dots = self.cut_dots
+        exact = meets if np.count_nonzero(meets) * dots <= _FEW_PAIRS else near & meets
+        if np.count_nonzero(exact & near) * dots > _FEW_NEAR_PAIRS:
+            exact = exact & ~near
+        values = np.where(meets, self.coarse_otf(lag_x_um, lag_y_um), 0.0)
+        values[exact] = self.otf(lag_x_um[exact], lag_y_um[exact])
+        return values, np.where(exact, np.where(near, *self.errors), np.where(near, *self.coarse_errors)) * meets
 
     @property
     def volume_um2(self) -> float:
@@ -82,7 +162,7 @@ class LagTable:
 
         A sum over all lags does not care that those beyond the reach are folded onto each other.
         """
-        return float(self.values.sum() * self.x.dot_um * self.y.dot_um / self.energy_um2)
+        return float((self.values.sum() - self.spread_um2) * self.x.dot_um * self.y.dot_um / self.energy_um2)
 
 
 def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
@@ -94,15 +174,41 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
     """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
     values = _autocorrelation(pupil, _blocks(pupil, pupil.mean_transmission), reach_um) * dot_area
-    spread = pupil.variance.sum() * dot_area
+    spread = float(pupil.variance.sum()) * dot_area
     values[0, 0, 0, 0] += spread
     energy = float(values[0, 0, 0, 0])
-    uncertainty = 1e-15
-    if spread > 0:
-        # Between lags a cut dot meets the edge of another, at most half its contrast off: three sigma of that sum.
-        between_lags = 1.5 * np.sqrt(pupil.variance.sum()) * dot_area
-        uncertainty = (_largest_overlap(np.sqrt(pupil.variance)) * dot_area + between_lags) / energy
-    return LagTable(pupil.x, pupil.y, values, reach_um, energy, uncertainty)
+    rim = rim_lags(pupil, reach_um)
+    unknown = shape_errors(pupil, energy, cut_dots=rim is None)
+    # Areas are told to some last places of the stop's.
+    rounding = 1e-15 + 4 * np.finfo(np.float64).eps * pupil.rim_row.size * pupil.stop.area_um2 / max(energy, 1e-300)
+    errors = unknown[0] + rounding, unknown[1] + rounding
+    return LagTable(pupil.x, pupil.y, values, reach_um, energy, errors, () if rim is None else (rim,), spread)
+
+
+def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[float, float]:
+    """Error of C(s) / C(0), near lag 0 and beyond, where of dots that are clear in part only the means are known.
+
+    Args:
+        pupil: holds them.
+        energy_um2: C(0).
+        cut_dots: whether the shapes of dots that the stop cuts are unknown, too.
+
+    Notes:
+        At whole-dot lags the error is at most the autocorrelation of standard deviations (Cauchy-Schwarz). In between a
+        dot meets the edge of another, at most half its contrast off, with random sign: three sigma of that sum. Near
+        lag 0 all dots meet themselves, and their variances add up.
+    """
+    variance = pupil.variance if cut_dots else pupil.whole_variance
+    if not variance.any():
+        return 0.0, 0.0
+    share = pupil.x.dot_um * pupil.y.dot_um / energy_um2
+    spread = float(variance.sum())
+    beyond = (_largest_overlap(np.sqrt(variance)) + 1.5 * float(np.sqrt(spread))) * share
+    return min(beyond + spread * share, 1.0), min(beyond, 1.0)
+
+
+def _near_um(x: Lattice, y: Lattice) -> float:
+    return _NEAR_DOTS * max(x.dot_um, y.dot_um)
 
 
 def _largest_overlap(deviation: Floats) -> float:
@@ -199,20 +305,20 @@ def _extra(lattice: Lattice, reach_um: float) -> tuple[int, int]:
     return cells if not np.isfinite(reach_um) else int(np.ceil(reach_um / pitch)) + 2, dots
 
 
-def neighbours(
-    lattice: Lattice, lag: Floats, sizes: tuple[int, ...]
-) -> Iterator[tuple[NDArray[np.intp], NDArray[np.intp], Floats]]:
-    """Table indices (cell, dot) and weights whose sum interpolates the table linearly at a lag along one axis."""
+def neighbours(lattice: Lattice, lag: Floats, sizes: tuple[int, int]) -> Iterator[tuple[NDArray[np.intp], Floats]]:
+    """Flat indices into a table of lags [cells, dots] along one axis, and weights that interpolate it linearly."""
     cells, dots = _periods(lattice)
     pitch = lattice.pitch_um if lattice.has_gutter else lattice.dot_um
     whole = np.floor(lag / pitch)
     for cell in (whole, whole + 1):
         within = (lag - cell * pitch) / lattice.dot_um
-        base = np.floor(within)
-        for dot, weight in ((base, 1 - (within - base)), (base + 1, within - base)):
+        if dots == 1:
+            # A cell of one dot meets others in one way only.
+            ways = [(np.zeros_like(within), np.maximum(1 - abs(within), 0))]
+        else:
+            base = np.floor(within)
+            ways = [(base, 1 - (within - base)), (base + 1, within - base)]
+        for dot, weight in ways:
             valid = (abs(cell) < cells) & (abs(dot) < dots)
-            yield (
-                np.where(valid, cell, 0).astype(np.intp) % sizes[0],
-                np.where(valid, dot, 0).astype(np.intp) % sizes[1],
-                np.where(valid, weight, 0.0),
-            )
+            place = np.where(cell < 0, cell + sizes[0], cell) * sizes[1] + np.where(dot < 0, dot + sizes[1], dot)
+            yield np.where(valid, place, 0).astype(np.intp), np.where(valid, weight, 0.0)

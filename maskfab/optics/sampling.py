@@ -104,13 +104,13 @@ def aliased_mtf(
     sums = abs(np.einsum("al,bk,lkn->abn", turn_y, turn_x, values, optimize=True))
     total = sums[..., -1:]
     aliases = orders_x.size * orders_y.size
-    if total.min() <= aliases * max(table.uncertainty, 1e-12):
+    if total.min() <= aliases * max(table.coarse_uncertainty, 1e-12):
         raise JobError(
             "MF104",
             f"samples {camera.pixel_um:g} um apart can sum to nothing, so their MTF has no scale",
             cure="Average over pixels, or sample finer",
         )
-    uncertainty = 2 * aliases * table.uncertainty / float(total.min())
+    uncertainty = 2 * aliases * table.coarse_uncertainty / float(total.min())
     frequency = 1e3 * np.stack([np.asarray(nu_x), np.asarray(nu_y)])
     return AliasedMtf(frequency, sums[..., :-1] / total, phase, sampled, uncertainty)
 

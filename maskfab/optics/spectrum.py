@@ -263,13 +263,13 @@ def reach_um(camera: Camera, wavelengths_nm: Floats, highest: float) -> float:
 def polychromatic_otf(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats) -> Floats:
     """Transfer function of the optics at frequencies of equal shape, cycles per micrometre of sensor; no pixel.
 
-    Its error is that of the table, ``table.uncertainty``, and no more: the lines are summed as they are.
+    Its error is that of the table, ``table.coarse_uncertainty``, and no more: the lines are summed as they are.
     """
     nu_x, nu_y = np.asarray(nu_x, dtype=np.float64), np.asarray(nu_y, dtype=np.float64)
     total = np.zeros(np.broadcast(nu_x, nu_y).shape)
     for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
         scale = wavelength * 1e-3 * camera.focal_um
-        total += weight * table.otf(scale * nu_x, scale * nu_y)
+        total += weight * table.coarse_otf(scale * nu_x, scale * nu_y)
     return total
 
 
@@ -285,7 +285,7 @@ def polychromatic_otf_grid(table: LagTable, camera: Camera, spectrum: Spectrum, 
     for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
         scale = wavelength * 1e-3 * camera.focal_um
         # The table itself refuses lags that it does not hold.
-        table.otf(scale * np.array([abs(nu_x).max()]), scale * np.array([abs(nu_y).max()]))
+        table.coarse_otf(scale * np.array([abs(nu_x).max()]), scale * np.array([abs(nu_y).max()]))
         along_x = _interpolation(table.x, scale * nu_x, (cells_x, dots_x))
         along_y = _interpolation(table.y, scale * nu_y, (cells_y, dots_y))
         total += (along_x @ (along_y @ values).T).T * (weight / table.energy_um2)
@@ -336,9 +336,9 @@ def check_weights(weights: Floats, where: str) -> None:
 def _interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> sparse.csr_array:
     """Matrix [lags, cells x dots] that interpolates a lag table along one axis."""
     rows, columns, weights = [], [], []
-    for cell, dot, weight in neighbours(lattice, lag_um, sizes):
+    for place, weight in neighbours(lattice, lag_um, sizes):
         rows.append(np.arange(lag_um.size))
-        columns.append(cell * sizes[1] + dot)
+        columns.append(place)
         weights.append(weight)
     places = (np.concatenate(rows), np.concatenate(columns))
     matrix = sparse.coo_array((np.concatenate(weights), places), (lag_um.size, sizes[0] * sizes[1])).tocsr()

@@ -73,7 +73,7 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
     optics = polychromatic_otf_grid(table, camera, spectrum, axis, upper)
     modulation = abs(optics * pixel_transfer(camera, axis, upper[:, None]))
     line = float(spectrum.wavelengths_nm[0]) if spectrum.wavelengths_nm.size == 1 else None
-    return SensorSquare(modulation, step, table.uncertainty, line)
+    return SensorSquare(modulation, step, table.coarse_uncertainty, line)
 
 
 def wiener_response(modulation: Floats, noise_to_signal: float) -> Floats:

@@ -448,7 +448,7 @@ def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOpti
         ),
     ]
     for mtf, radial, area in zip(written.mtfs, written.radial_errors, written.auc_errors, strict=True):
-        known = replace(mtf, uncertainty=radial)
+        known = replace(mtf, falls=replace(mtf.falls, error=mtf.falls.error + radial))
         told = {each.name: each for each in metrics.mtf_quantities(known, camera.pixel_um, die.name)}
         for each in (replace(told["auc_radial_min"], uncertainty=area), told["mtf50"]):
             found.append(replace(each, name=f"written_{each.name}_{reading}", method=f"{each.method}; {how}"))

@@ -48,7 +48,7 @@ def test_polychromatic_otf_is_the_sum_of_its_lines(gutter_nm: int) -> None:
     spectrum = lines(np.linspace(400, 700, 31), np.linspace(1, 2, 31))
     ny, nx = np.meshgrid(FREQUENCY[:20], np.concatenate([-FREQUENCY[:0:-1], FREQUENCY]), indexing="ij")
     direct = sum(
-        w * table.otf(setting.focal_um * wl * 1e-3 * nx, setting.focal_um * wl * 1e-3 * ny)
+        w * table.coarse_otf(setting.focal_um * wl * 1e-3 * nx, setting.focal_um * wl * 1e-3 * ny)
         for wl, w in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True)
     )
     np.testing.assert_allclose(polychromatic_otf(table, setting, spectrum, nx, ny), direct, rtol=0, atol=1e-12)
@@ -115,7 +115,7 @@ def exact_band_otf(band: Band, table: LagTable, setting: Camera, nu: float) -> f
     half = np.diff(breaks)[:, None] / 2
     wavelength = (breaks[:-1, None] + half + half * nodes).ravel()
     weight = (half * weights).ravel() * band.density(wavelength)
-    return float(weight @ table.otf(lag * wavelength, 0 * wavelength) / weight.sum())
+    return float(weight @ table.coarse_otf(lag * wavelength, 0 * wavelength) / weight.sum())
 
 
 @pytest.mark.parametrize("tolerance", [1e-2, 1e-3, 1e-4])

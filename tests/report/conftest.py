@@ -21,6 +21,7 @@ from maskfab.model import (
     Plate,
     Psf,
     Quantity,
+    RadialMean,
     Report,
     Stop,
     Tiling,
@@ -96,7 +97,8 @@ def _die(name: str, label: str, tiling: Tiling, camera: Camera) -> DieOptics:
         cut = np.exp(-frequency / line)
         names = ("horizontal", "vertical", "diagonal", "antidiagonal", "radial_mean")
         cuts = {**dict.fromkeys(names, cut), "radial_min": cut**2, "radial_max": np.sqrt(cut)}
-        mtfs.append(Mtf(frequency, cuts, line, 1e-7))
+        falls = RadialMean(frequency, cut, np.full(frequency.size, 1e-7))
+        mtfs.append(Mtf(frequency, cuts, line, 1e-7, 1e-8, falls))
         difference = 3e-4 if turned else 2.5e-13
         rows += [
             Quantity("auc_radial_min", "AUC", 0.123456789, "1", "mean", 1e-7, die=name, wavelength_nm=line),

@@ -1,0 +1,173 @@
+"""Areas of rectangles inside a stop, and inside a stop and its shifted copy, in closed form.
+
+A stop is a unit disc or a square of side 2 about the origin, stretched along x and y; an annulus is the difference of
+two discs.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.model import Stop
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines across the unstretched stop along one axis.
+
+    Attributes:
+        place: where they lie, -1 to 1.
+        area: of its quarter before the axes, and of what lies beyond that up to a line, on one side.
+        side: 2 for lines on the axis or beyond it, 0 for those before.
+        inner: the same of the dark middle; None if there is none.
+    """
+
+    place: Floats
+    area: Floats
+    side: Floats
+    inner: Lines | None = None
+
+    def at(self, index: Indices) -> Lines:
+        inner = None if self.inner is None else self.inner.at(index)
+        return Lines(self.place[index], self.area[index], self.side[index], inner)
+
+
+def has_closed_form(stop: Stop) -> bool:
+    """Whether the areas of this module are known for a stop: for all but polygons."""
+    return not stop.outline_um
+
+
+def apart(stop: Stop, lag_x_um: Floats, lag_y_um: Floats) -> NDArray[np.bool_]:
+    """Whether a stop moved by lags surely shares nothing with itself."""
+    width, height = stop.sides_um
+    x, y = lag_x_um / width, lag_y_um / height
+    return np.asarray(x**2 + y**2 >= 1 if stop.round else np.maximum(abs(x), abs(y)) >= 1)
+
+
+def lines(stop: Stop, axis: int, place_um: Floats) -> Lines:
+    """Lines across a stop at places along x (axis 0) or along y (axis 1)."""
+    unit = place_um * (2 / stop.sides_um[axis])
+    inner = _unit_lines(stop, unit / stop.inner_share) if stop.inner_share else None
+    outer = _unit_lines(stop, unit)
+    return Lines(outer.place, outer.area, outer.side, inner)
+
+
+def _unit_lines(stop: Stop, place: Floats) -> Lines:
+    place = np.minimum(np.maximum(place, -1.0), 1.0)
+    if stop.round:
+        area = np.sqrt(1 - place * place)
+        area *= place
+        area += np.arcsin(place)
+        area *= 0.5
+        area += np.pi / 4
+    else:
+        area = place + 1
+    return Lines(place, area, np.copysign(1.0, place) + 1)
+
+
+def area_before(stop: Stop, x: Lines, y: Lines) -> Floats:
+    """Area in square micrometres of a stop left of lines and below others, exact but for rounding."""
+    width, height = stop.sides_um
+    area = _unit_area_before(stop, x, y)
+    if x.inner is not None and y.inner is not None:
+        area = area - stop.inner_share**2 * _unit_area_before(stop, x.inner, y.inner)
+    return area * (width * height / 4)
+
+
+def _unit_area_before(stop: Stop, x: Lines, y: Lines) -> Floats:
+    quarter = np.pi / 4 if stop.round else 1.0
+    corner = x.place * y.place
+    corner += x.area
+    corner += y.area
+    corner -= quarter
+    if stop.round:
+        # A corner beyond the circle cuts off nothing, a cap, two of them, or everything.
+        k = np.flatnonzero(x.place * x.place + y.place * y.place >= 1)
+        side_x, side_y = x.side[k], y.side[k]
+        corner[k] = x.area[k] * side_y + y.area[k] * side_x - quarter * side_x * side_y
+    return corner
+
+
+def shared_area(stop: Stop, box_um: Floats, lag_um: Floats) -> Floats:
+    """Area of rectangles inside a stop and inside the stop moved back by a lag.
+
+    Args:
+        stop: see :func:`has_closed_form`.
+        box_um: float64 [4, n], x0, x1, y0, y1.
+        lag_um: float64 [2, n], x, y.
+    """
+    width, height = stop.sides_um
+    unit = np.array([2 / width, 2 / height])
+    lag = lag_um * unit[:, None]
+    box = box_um * np.repeat(unit, 2)[:, None]
+    if not stop.round:
+        low = np.maximum(box[::2], np.maximum(-1, -1 - lag))
+        high = np.minimum(box[1::2], np.minimum(1, 1 - lag))
+        return np.asarray(np.clip(high - low, 0.0, None).prod(axis=0) * (width * height / 4))
+    area = _in_both_discs(box, lag, 1.0, 1.0)
+    if stop.inner_share:
+        share = stop.inner_share
+        area = area - _in_both_discs(box, lag, 1.0, share) - _in_both_discs(box, lag, share, 1.0)
+        area = area + _in_both_discs(box, lag, share, share)
+    return area * (width * height / 4)
+
+
+def _in_both_discs(box: Floats, lag: Floats, own_radius: float, moved_radius: float) -> Floats:
+    """Area of rectangles inside a disc about the origin and another that lies a lag behind.
+
+    The circle of the larger power bounds a point, so the circles' radical axis splits a rectangle into two polygons
+    with a single circle each.
+    """
+    x, y = box[[0, 1, 1, 0]], box[[2, 2, 3, 3]]
+    height = x * lag[0] + y * lag[1] + ((lag**2).sum(axis=0) + own_radius**2 - moved_radius**2) / 2
+    moved_x, moved_y = _beside(x, y, height, lag)
+    moved = _disc_area(moved_x + lag[0], moved_y + lag[1], moved_radius)
+    own = _disc_area(*_beside(x, y, -height, -lag), own_radius)
+    return np.where(lag.any(axis=0), moved + own, np.where(height[0] >= 0, moved, own))
+
+
+def _beside(x: Floats, y: Floats, height: Floats, normal: Floats) -> tuple[Floats, Floats]:
+    """Polygons [2 v, n] that are corners [v, n] clipped to where a height that rises along a normal is not negative.
+
+    Corners on the other side are moved onto the line: what that adds runs along it forth and back, and encloses none.
+    """
+    slope = (normal**2).sum(axis=0)
+    back = np.minimum(height, 0.0) / np.where(slope > 0, slope, 1.0)
+    following = _next(height)
+    crosses = (height >= 0) != (following >= 0)
+    share = height / np.where(crosses, height - following, 1.0)
+
+    def clipped(corner: Floats, along: Floats) -> Floats:
+        kept = corner - back * along
+        between = np.where(crosses, corner + share * (_next(corner) - corner), kept)
+        return np.stack([kept, between], axis=1).reshape(2 * len(corner), -1 if corner.size else 0)
+
+    return clipped(x, normal[0]), clipped(y, normal[1])
+
+
+def _disc_area(x: Floats, y: Floats, radius: float) -> Floats:
+    """Area inside a disc about the origin of polygons [v, n]: over every side, its triangle with the origin."""
+    span_x, span_y = _next(x) - x, _next(y) - y
+    a, b = span_x**2 + span_y**2, x * span_x + y * span_y
+    root2 = b**2 - a * (x**2 + y**2 - radius**2)
+    meets = (root2 > 0) & (a > 0)
+    root, scale = np.sqrt(np.where(meets, root2, 0.0)), np.where(meets, a, 1.0)
+    first, last = (np.where(meets, np.clip((sign * root - b) / scale, 0.0, 1.0), 0.0) for sign in (-1, 1))
+    in_x, in_y, out_x, out_y = x + first * span_x, y + first * span_y, x + last * span_x, y + last * span_y
+    sectors = _angle(x, y, in_x, in_y) + _angle(out_x, out_y, _next(x), _next(y))
+    result: Floats = (radius**2 * sectors + in_x * out_y - in_y * out_x).sum(axis=0) / 2
+    return result
+
+
+def _next(values: Floats) -> Floats:
+    return np.concatenate([values[1:], values[:1]])
+
+
+def _angle(x0: Floats, y0: Floats, x1: Floats, y1: Floats) -> Floats:
+    return np.arctan2(x0 * y1 - y0 * x1, x0 * x1 + y0 * y1)

@@ -1,0 +1,203 @@
+"""The transfer function at any lag, against overlaps found in other ways, and what its error bars promise."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from klayout import db
+from optics_cases import camera, clear_region, noise, panel, pupil
+
+from maskfab.model import Mtf, Panel, RadialMean, Stop
+from maskfab.optics.aperture import Aperture, panel_aperture
+from maskfab.optics.mtf import RINGS, area_under_radial_min, frequency_at, presampled_mtf
+from maskfab.optics.otf import LagTable, lag_table
+from maskfab.optics.psf import image_scale_um2
+from maskfab.optics.pupil import cut
+
+STOPS = {
+    "circle": Stop("circle", 61.3),
+    "small circle": Stop("circle", 30.0),
+    "square": Stop("square", 61.3),
+    "ellipse": Stop.ellipse(61.3, 40.0),
+    "rectangle": Stop.rectangle(43.1, 61.3),
+    "annulus": Stop.annulus(61.3, 27.0),
+}
+
+# Units of polygons per micrometre, and sides of a round edge.
+UNITS, SIDES = 1e5, 4_096
+
+
+def outline(stop: Stop) -> db.Region:
+    """A stop as polygons, round ones of their exact area."""
+    if not stop.round:
+        return db.Region(db.Polygon([db.Point(round(x * UNITS), round(y * UNITS)) for x, y in stop.corners_um]))
+    angle = 2 * np.pi * np.arange(SIDES) / SIDES
+    larger = np.sqrt(2 * np.pi / SIDES / np.sin(2 * np.pi / SIDES))
+    rings = []
+    for share in (1.0, stop.inner_share):
+        x, y = (share * side / 2 * larger * UNITS for side in stop.sides_um)
+        corners = np.rint(np.stack([x * np.cos(angle), y * np.sin(angle)], axis=1)).astype(int)
+        rings.append(db.Region(db.Polygon([db.Point(*corner) for corner in corners.tolist()])))
+    return rings[0] - rings[1] if stop.inner_share else rings[0]
+
+
+def overlaps(laid_out: Panel, stop: Stop, x: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Area shared by polygons and their shifted copies over their own, at lags of whole units."""
+    clear = clear_region(laid_out)
+    clear.transform(db.ICplxTrans(UNITS / 1e3))
+    clear &= outline(stop)
+    moved = [clear.moved(round(a * UNITS), round(b * UNITS)) for a, b in zip(x, y, strict=True)]
+    return np.array([(clear & each).area() for each in moved]) / clear.area()
+
+
+def some_lags(count: int, farthest: float) -> tuple[np.ndarray, np.ndarray]:
+    """Half-dot lags of 8 um dots, others of less than a dot, and others."""
+    random = np.random.default_rng(7)
+    x = np.concatenate(
+        [[4.0, 0.0, 4.0, -4.0], random.uniform(-8, 8, count), random.uniform(-farthest, farthest, count)]
+    )
+    y = np.concatenate([[0.0, 4.0, 4.0, 4.0], random.uniform(-8, 8, count), random.uniform(-farthest, farthest, count)])
+    return np.round(x, 5), np.round(y, 5)
+
+
+@pytest.mark.parametrize("gutter_nm", [0, 2000])
+@pytest.mark.parametrize("name", STOPS)
+def test_any_lag_is_the_overlap_of_shifted_polygons(name: str, gutter_nm: int) -> None:
+    laid_out = panel(noise(5, 0.6, 1), cells=3, seed=2, gutter_nm=gutter_nm)
+    x, y = some_lags(3, 50.0)
+    table = lag_table(pupil(laid_out, STOPS[name]))
+    expected = overlaps(laid_out, STOPS[name], x, y)
+    assert abs(table.otf(x, y) - expected).max() < 5e-8
+    assert table.uncertainty < 1e-12
+
+
+@pytest.mark.parametrize(
+    ("diameter", "count"),
+    [(50.0, 2000), (413.7, 300), *(pytest.param(d, 2000, marks=pytest.mark.slow) for d in (413.7, 2000.0, 8000.0))],
+)
+def test_open_stop_has_the_closed_form_at_any_lag(diameter: float, count: int) -> None:
+    """(2/π)(acos s - s sqrt(1 - s²)), Goodman 6.32."""
+    laid_out = panel(np.ones((5, 5), dtype=np.bool_), cells=int(diameter / 40) + 2)
+    table = lag_table(pupil(laid_out, Stop("circle", diameter)), min(diameter, 400.0))
+    random = np.random.default_rng(3)
+    reach = table.reach_um / np.sqrt(2)
+    lag, angle = reach * random.random(count), random.uniform(0, 2 * np.pi, count)
+    s = lag / diameter
+    expected = 2 / np.pi * (np.arccos(s) - s * np.sqrt(1 - s**2))
+    found = table.otf(lag * np.cos(angle), lag * np.sin(angle))
+    assert abs(found - expected).max() <= table.uncertainty < 1e-10
+
+
+def scanned(aperture: Aperture, radius: float, x: float, y: float, rows: int = 400) -> float:
+    """The autocorrelation of dots of any transmission inside a circle, line by line between the ends of dots."""
+    along, up = aperture.x.edges_um(), aperture.y.edges_um()
+    ends = np.concatenate([up, up - y, [-radius, radius, -radius - y, radius - y]])
+    ends = np.unique(np.clip(ends, max(-radius, -radius - y), min(radius, radius - y)))
+    steps = np.diff(ends)[:, None] / rows
+    place = (ends[:-1, None] + steps * (np.arange(rows) + 0.5)).ravel()
+    half = np.sqrt(np.clip(radius**2 - np.stack([place, place + y]) ** 2, 0, None))
+    row = np.searchsorted(up, [place, place + y]) - 1
+    held = (row >= 0) & (row < up.size - 1)
+    first, second = aperture.transmission[np.where(held, row, 0)] * held[..., None]
+    near, far = half[..., None]
+    low = np.maximum(np.maximum(along[:-1], -near)[:, :, None], np.maximum(along[:-1], -far)[:, None] - x)
+    high = np.minimum(np.minimum(along[1:], near)[:, :, None], np.minimum(along[1:], far)[:, None] - x)
+    weight = np.repeat(steps, rows)
+    return float(np.einsum("r,ri,rj,rij->", weight, first, second, np.clip(high - low, 0, None), optimize=True))
+
+
+@pytest.mark.parametrize("gutter_nm", [0, 3000])
+def test_dots_of_any_transmission(gutter_nm: int) -> None:
+    aperture = panel_aperture(panel(noise(3, 0.7, 4), cells=2, gutter_nm=gutter_nm))
+    dimmed = aperture.transmission * np.random.default_rng(5).uniform(0.1, 1, aperture.transmission.shape)
+    aperture = replace(aperture, transmission=dimmed)
+    table = lag_table(cut(aperture, Stop("circle", 41.0)))
+    whole = scanned(aperture, 20.5, 0.0, 0.0)
+    for x, y in ((4.0, 0.0), (1.3, -2.9), (-13.7, 6.1), (22.0, 9.0)):
+        found = table.otf(np.array([x]), np.array([y]))[0]
+        assert found == pytest.approx(scanned(aperture, 20.5, x, y) / whole, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_lag_zero_and_the_volume_are_exact(name: str) -> None:
+    """The integral of an autocorrelation is the square of the integral."""
+    source = pupil(panel(noise(5, 0.6, 1), cells=3, seed=2, gutter_nm=1000), STOPS[name])
+    table = lag_table(source)
+    assert table.otf(np.zeros(1), np.zeros(1))[0] == pytest.approx(1.0, abs=1e-12)
+    assert table.energy_um2 == pytest.approx(source.energy_um2, rel=1e-12)
+    assert table.volume_um2 == pytest.approx(source.field_integral_um2**2 / source.energy_um2, rel=1e-10)
+
+
+@pytest.mark.parametrize(("mask", "diameter"), [(noise(9, 0.25, 1), 400.0), (np.ones((9, 9), dtype=np.bool_), 600.0)])
+def test_the_coarse_bar_holds_near_zero_and_beyond(mask: np.ndarray, diameter: float) -> None:
+    """Half a dot from lag 0 is where means alone are worst: a sensor of 4 um pixels asks for that."""
+    table = lag_table(pupil(panel(mask, cells=10, seed=3), Stop("circle", diameter)))
+    random = np.random.default_rng(11)
+    radius, angle = np.exp(random.uniform(0, np.log(diameter), 300)), random.uniform(0, np.pi, 300)
+    x = np.concatenate([[4.0, 0.0, 4.0, -4.0], radius * np.cos(angle)])
+    y = np.concatenate([[0.0, 4.0, 4.0, 4.0], radius * np.sin(angle)])
+    error = abs(table.coarse_otf(x, y) - table.otf(x, y))
+    far = np.hypot(x, y) > 3 * 8.0
+    assert error.max() <= table.coarse_uncertainty <= 10 * error.max()
+    assert error[far].max() <= table.coarse_errors[1] <= 10 * error[far].max()
+
+
+def ring_minima(table: LagTable, line_nm: float) -> np.ndarray:
+    """Every lag of the rings one by one, as the statistics are defined."""
+    setting = camera()
+    step = 0.5 / setting.pixel_um / (RINGS - 1)
+    across, up = np.meshgrid(np.arange(1 - RINGS, RINGS), np.arange(RINGS))
+    ring = np.rint(np.hypot(across, up)).astype(int)
+    lag_x, lag_y = (image_scale_um2(setting, line_nm) * step * each for each in (across, up))
+    seen = (ring < RINGS) & (np.hypot(lag_x, lag_y) < np.ptp(table.x.edges_um()))
+    pixel = np.sinc(across * step * setting.pixel_um) * np.sinc(up * step * setting.pixel_um)
+    value = np.zeros(ring.shape)
+    value[seen] = abs(table.otf(lag_x[seen], lag_y[seen])) * pixel[seen]
+    return np.array([value[ring == k].min() for k in range(RINGS)])
+
+
+@pytest.mark.parametrize("periodic", [False, True])
+def test_the_area_under_the_minimum_is_exact_but_for_its_bar(periodic: bool) -> None:
+    """Behind slits in step many lags of a ring hold next to nothing, and not all of them are looked at closely."""
+    mask = np.zeros((9, 9), dtype=np.bool_)
+    mask[:, 3:6] = True
+    laid_out = panel(mask, cells=6) if periodic else panel(noise(9, 0.8, 2), cells=6, seed=4)
+    table = lag_table(pupil(laid_out, Stop("circle", 400.0)))
+    mtf = presampled_mtf(table, camera(400.0), 530.0)
+    error = abs(area_under_radial_min(mtf) - float(ring_minima(table, 530.0).mean()))
+    assert error <= mtf.minimum_uncertainty < (1e-5 if periodic else 1e-10)
+
+
+def test_mtf50_is_where_the_mean_over_all_directions_falls() -> None:
+    setting = camera(400.0)
+    table = lag_table(pupil(panel(noise(9, 0.5, 2), cells=6, seed=4), setting.stop))
+    mtf = presampled_mtf(table, setting, 530.0)
+    angle = np.pi * (np.arange(1000) + 0.25) / 1000
+    scale = image_scale_um2(setting, 530.0)
+
+    def mean(frequency: float) -> float:
+        x, y = 1e-3 * frequency * np.cos(angle), 1e-3 * frequency * np.sin(angle)
+        return float((abs(table.otf(scale * x, scale * y)) * np.sinc(2 * x) * np.sinc(2 * y)).mean())
+
+    # Half a ring is 0.86 cy/mm.
+    for level, most in ((0.5, 0.2), (0.3, 1.5), (0.1, 1.5)):
+        found = frequency_at(mtf, level)
+        assert found is not None
+        frequency, bar = found
+        assert bar < most
+        assert mean(frequency - bar) > level > mean(frequency + bar)
+
+
+def test_a_curve_that_nearly_falls_before_has_a_bar_that_says_so() -> None:
+    axis = np.linspace(0.0, 100.0, 11)
+    curve = np.array([1.0, 0.8, 0.501, 0.6, 0.55, 0.52, 0.45, 0.4, 0.4, 0.4, 0.4])
+    sure, unsure = (
+        Mtf(axis, {}, 530.0, 0.0, 0.0, RadialMean(axis, curve, np.full(11, error))) for error in (1e-4, 2e-3)
+    )
+    assert frequency_at(sure, 0.5) == (pytest.approx(50 + 10 * 2 / 7), pytest.approx(10 * 1e-4 / 0.07))
+    frequency, bar = frequency_at(unsure, 0.5) or (0.0, 0.0)
+    assert frequency == pytest.approx(50 + 10 * 2 / 7)
+    assert frequency - bar == pytest.approx(10 + 10 * (0.8 - 0.502) / 0.299)
+    assert frequency_at(sure, 0.3) is None
