@@ -14,6 +14,9 @@ XYZ_OF_RGB.flags.writeable = False
 LUMINANCE = XYZ_OF_RGB[1]
 """Share of the luminance of white that red, green and blue have; also ITU-R BT.709-6, item 3.3."""
 
+JUST_NOTICEABLE = 2.3
+"""ΔE of 1976 that is just seen (M. Mahy, L. Van Eycken, A. Oosterlinck, Color Res. Appl. 19, 105, 1994)."""
+
 _KNEE = 6 / 29
 
 
@@ -30,5 +33,5 @@ def lab_of_linear_srgb(rgb: Floats) -> Floats:
 
 
 def delta_e_1976(first: Floats, second: Floats) -> Floats:
-    """Euclidean distance in L*a*b*, [...] from [..., 3] each (ISO 11664-4); 2.3 is just noticeable."""
+    """Euclidean distance in L*a*b*, [...] from [..., 3] each (ISO 11664-4); see :data:`JUST_NOTICEABLE`."""
     return np.asarray(np.linalg.norm(first - second, axis=-1))

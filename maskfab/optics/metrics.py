@@ -13,6 +13,7 @@ from scipy import fft
 from maskfab.errors import JobError
 from maskfab.model import Camera, Mtf, Psf, Quantity, frozen
 from maskfab.optics.aperture import Lattice
+from maskfab.optics.colour import JUST_NOTICEABLE
 from maskfab.optics.encircled import ensquared_energy, halo_energy
 from maskfab.optics.leak import Leak
 from maskfab.optics.mtf import LEVELS, area_under_radial_min, frequency_at
@@ -393,7 +394,12 @@ def colour_quantities(pixels: Sequence[Psf], die: str | None) -> list[Quantity]:
     if len(pixels) != 3:
         return []
     blue, green, red = sorted(pixels, key=lambda psf: psf.wavelength_nm)
-    return [colour_distance(red, blue, die), edge_colour_difference(red, green, blue, die)]
+    edge = edge_colour_difference(red, green, blue, die)
+    bar = edge.uncertainty or 0.0
+    if isinstance(edge.value, float) and bar > max(edge.value, JUST_NOTICEABLE):
+        method = f"{edge.method}: up to {bar:.2g}, so that the number is not told; a wider window tells it"
+        edge = replace(edge, value=None, uncertainty=None, method=method)
+    return [colour_distance(red, blue, die), edge]
 
 
 def _nearest_side_lobe(points: Psf, camera: Camera, die: str | None) -> Quantity:

@@ -171,6 +171,23 @@ def test_colours_are_told_by_wavelength_whatever_their_order():
     assert none.value == pytest.approx(0, abs=1e-9)
 
 
+def test_a_fringe_is_told_only_where_its_bar_leaves_it_a_meaning():
+    """The same colours, all of their light in the window or a fifth of it outside."""
+    axis = 2.0 * np.arange(-20, 21)
+    waves = [np.exp(-(axis**2)[:, None] / width**2 - axis**2 / width**2) for width in (8.0, 8.4, 8.8)]
+    for share, told in ((1.0, True), (0.8, False)):
+        psfs = [
+            Psf(share * values / values.sum() / 4, 2.0, line, "pixel")
+            for values, line in zip(waves, (470.0, 530.0, 610.0), strict=True)
+        ]
+        distance, edge = metrics.colour_quantities(psfs, None)
+        assert distance.value > 0
+        assert (edge.value is not None) == told
+        assert ("not told" in edge.method) != told
+        if told:
+            assert edge.uncertainty < edge.value
+
+
 def test_binary_coverage_varies_nowhere_and_partial_coverage_does():
     lattice = Lattice(-8.0, 2, 1, 8.0, 8.0)
     binary = read_aperture(lattice, lattice, np.eye(2))
