@@ -140,8 +140,8 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         with clock.stage("figures"):
             progress("figures", 0, 1)
             document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
-            pictures = _pictures(built, optics, document, scenes, restored, written)
-            (folder / OVERVIEW).write_bytes(figures.overview(plate, document, _most_invertible(optics)))
+            pictures = draw_pictures(built, optics, document, scenes, restored, written)
+            (folder / OVERVIEW).write_bytes(draw_overview(plate, optics, document))
             progress("figures", 1, 1)
         document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
         (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
@@ -158,12 +158,26 @@ def draw_files(job: Job, plate: Plate) -> Drawn:
 
 def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
     """Write the files of a plate, markers of its rules, the layer colours for KLayout, and the resolved job."""
-    plate = made.plate
-    markers, colours = f"{plate.name}.lyrdb", "layers.lyp"
     steps: dict[str, tuple[str, Callable[[Path], object]]] = {
         **{product.name: (product.title, product.write) for product in made.products},
-        markers: ("KLayout markers", lambda path: write_markers(check_rules(job, plate), plate_names(plate).top, path)),
-        colours: (
+        **aids(job, made.plate),
+    }
+    for done, (name, (_, write)) in enumerate(steps.items()):
+        progress("write files", done, len(steps))
+        write(folder / name)
+        give_back()
+    progress("write files", len(steps), len(steps))
+    return tuple(provenance.written(folder, folder / name, kind) for name, (kind, _) in steps.items())
+
+
+def aids(job: Job, plate: Plate) -> dict[str, tuple[str, Callable[[Path], object]]]:
+    """What a plate's files come with: markers of its rules, KLayout's colours, the resolved job; title and writer."""
+    return {
+        f"{plate.name}.lyrdb": (
+            "KLayout markers",
+            lambda path: write_markers(check_rules(job, plate), plate_names(plate).top, path),
+        ),
+        "layers.lyp": (
             "KLayout layer properties",
             lambda path: shutil.copyfile(resources.path("export_templates/layers.lyp"), path),
         ),
@@ -172,12 +186,6 @@ def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tupl
             lambda path: path.write_text(json.dumps(job.spec.dump(), indent=1) + "\n", encoding="utf-8"),
         ),
     }
-    for done, (name, (_, write)) in enumerate(steps.items()):
-        progress("write files", done, len(steps))
-        write(folder / name)
-        give_back()
-    progress("write files", len(steps), len(steps))
-    return tuple(provenance.written(folder, folder / name, kind) for name, (kind, _) in steps.items())
 
 
 def psfs_as_files(
@@ -410,7 +418,7 @@ def assemble(
     return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
 
 
-def _pictures(
+def draw_pictures(
     built: Populated,
     optics: Sequence[DieOptics],
     document: data.Document,
@@ -429,6 +437,11 @@ def _pictures(
             more.append((die.name, (written_figures.pictures, (written[die.name],))))
     workers = min(os.cpu_count() or 1, len(optics) // _DIES_A_PROCESS)
     return figures.pictures(built.plate, optics, document, more, workers)
+
+
+def draw_overview(plate: Plate, optics: Sequence[DieOptics], document: data.Document) -> bytes:
+    """The picture of the whole plate, as PNG."""
+    return figures.overview(plate, document, _most_invertible(optics))
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import json
 import os
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+from jinja2 import TemplateError
 
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
@@ -16,16 +19,21 @@ from maskfab.export.staging import put_back
 from maskfab.geometry.reading import LAYOUT_SUFFIXES
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES
 from maskfab.geometry.region import clear_shapes
-from maskfab.layout.job import load
+from maskfab.layout.job import Job, load
 from maskfab.layout.plate import compose
-from maskfab.model import Camera, Die, Quantity, WrittenFile
+from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
 from maskfab.optics.metrics import model_notes
 from maskfab.pipeline import (
     JOB_COPY,
+    OVERVIEW,
+    PAGE,
     REPORT,
+    aids,
     assemble,
     die_quantities,
     draw_files,
+    draw_overview,
+    draw_pictures,
     measure_dies,
     measure_process,
     measure_scenes,
@@ -35,13 +43,14 @@ from maskfab.pipeline import (
     shop_quantities,
 )
 from maskfab.progress import Progress, silent
-from maskfab.report import data, design_data
+from maskfab.report import again, data, design_data, html
 from maskfab.threads import one_thread
 from maskfab.validate.apertures import light_box, sees_light
 from maskfab.validate.files import read_back
 from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.roundtrip import RoundTrip
 
+_PHOTOGRAPHS = "other photographs, of which a last bit of light may draw another photon"
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
@@ -100,9 +109,9 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     checks += [_failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind]
     if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
         # Of files that differ from the design the numbers differ as well; what differs is told above.
-        restored = restore_photographs(plate, (), progress)
-        written = measure_process(job, plate, progress)
         stated = design_data.stated(job)
+        restored = restore_photographs(plate, stated, progress)
+        written = measure_process(job, plate, progress)
         now = data.to_document(
             assemble(job, built, read, optics, scenes, restored, written, _listed(manifest), {}),
             plate,
@@ -111,8 +120,61 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
             built.found,
             {name: design_data.design_document(said, restored.get(name)) for name, said in stated.items()},
         )
-        checks += _reported(folder, {**now, "maskfab_version": manifest["maskfab_version"]})
+        now["maskfab_version"] = manifest["maskfab_version"]
+        told = list(_reported(folder, now))
+        checks += told
+        alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
+        pictures = draw_pictures(built, optics, now, scenes, restored, written)
+        for name, differs in (
+            *_aids_differ(folder, job, plate),
+            *_page_differs(folder, now, pictures, held=all(each.passed for each in told)),
+            *_overview_differs(folder, draw_overview(plate, optics, now)),
+        ):
+            checks.append(_again(name, differs, judged=alike and differs != _PHOTOGRAPHS))
     return tuple(checks)
+
+
+def _aids_differ(folder: Path, job: Job, plate: Plate) -> Iterator[tuple[str, str]]:
+    """Each of the smaller files, and how it differs from the same made again; empty if it does not."""
+    with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
+        for name, (_, write) in aids(job, plate).items():
+            write(Path(aside) / name)
+            yield name, "" if _bytes(folder / name) == (Path(aside) / name).read_bytes() else "its bytes differ"
+
+
+def _page_differs(
+    folder: Path, now: data.Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
+) -> Iterator[tuple[str, str]]:
+    """The page against the one of the pictures made again, and of the report, to its last digit if that held."""
+    try:
+        document = json.loads((folder / REPORT).read_text(encoding="utf-8")) if held else now
+        page = html.render(document, pictures)
+        found = list(again.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
+    except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, TemplateError) as error:
+        yield PAGE, f"it cannot be compared: {error!r}"
+        return
+    photographs = [name for name in found if name.rpartition(" ")[2].startswith("design_")]
+    faults = [name for name in found if name not in photographs]
+    yield PAGE, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if photographs else ""
+
+
+def _overview_differs(folder: Path, made: bytes) -> Iterator[tuple[str, str]]:
+    yield OVERVIEW, "" if again.alike_images(_bytes(folder / OVERVIEW), made) else "it shows something else"
+
+
+def _bytes(path: Path) -> bytes:
+    """What a file holds; nothing if it is not there, which is told elsewhere."""
+    return path.read_bytes() if path.is_file() else b""
+
+
+def _again(name: str, differs: str, *, judged: bool) -> Quantity:
+    """One row; without a verdict where other versions of what makes it may rightly make it otherwise, and do."""
+    told = f"{name} made again"
+    if differs and not judged:
+        told += "; other versions wrote it, or it holds photographs, so that it is not judged"
+    return Quantity(
+        "made_again", "", differs or "the same", "", told, limit="the same", passed=not differs or (None, False)[judged]
+    )
 
 
 def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:

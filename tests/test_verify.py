@@ -10,12 +10,14 @@ from pathlib import Path
 import gdstk
 import pytest
 from klayout import db
+from matplotlib.figure import Figure
 from small_job import command, finished, listing
 
 import maskfab
 from maskfab.errors import OutputError
 from maskfab.model import Quantity
 from maskfab.provenance import sha256_of_file
+from maskfab.report.canvas import bitmap
 
 
 @pytest.fixture(scope="module")
@@ -334,3 +336,41 @@ def test_a_manifest_that_lists_no_mask_hides_nothing(out):
     (out / "manifest.json").write_text(json.dumps(manifest), encoding="utf-8")
     (out / "SMALL.oas").unlink()
     assert any("SMALL.oas" in check.method for check in failures(out))
+
+
+def forged(path: Path, edit: Callable[[str], str]) -> None:
+    text = path.read_text(encoding="utf-8")
+    assert edit(text) != text
+    path.write_text(edit(text), encoding="utf-8")
+
+
+def test_a_page_markers_colours_or_a_picture_that_were_forged_are_each_named(out):
+    """All at once, with their hashes renewed: each is made again and compared."""
+    forged(out / "report.html", lambda text: text.replace("SMALL PLATE", "ANOTHER PLATE", 1))
+    forged(out / "SMALL.lyrdb", lambda text: text.replace("<items>", "<items><!-- none -->"))
+    forged(out / "layers.lyp", lambda text: text.replace("<visible>true", "<visible>false"))
+    forged(out / "job.json", lambda text: text + "\n")
+    (out / "overview.png").write_bytes(bitmap(Figure()))
+    correct_manifest(out)
+    found = {check.method.split()[0]: check.value for check in failures(out) if check.name == "made_again"}
+    assert found.keys() == {"report.html", "SMALL.lyrdb", "layers.lyp", "job.json", "overview.png"}
+    assert found["report.html"] == "other text"
+
+
+def test_a_figure_of_the_page_that_was_forged_is_named(out):
+    forged(out / "report.html", lambda text: text.replace("%3C/text%3E", "0%3C/text%3E", 1))
+    correct_manifest(out)
+    (found,) = failures(out)
+    assert found.method.startswith("report.html made again")
+    assert found.value.startswith("other ")
+
+
+def test_what_other_versions_made_otherwise_is_told_and_not_judged(out):
+    forged(out / "report.html", lambda text: text.replace("SMALL PLATE", "ANOTHER PLATE", 1))
+    correct_manifest(out)
+    path = out / "manifest.json"
+    manifest = json.loads(path.read_text(encoding="utf-8"))
+    manifest["versions"]["matplotlib"] = "0.1"
+    path.write_text(json.dumps(manifest), encoding="utf-8")
+    (found,) = failures(out)
+    assert (found.name, found.passed) == ("made_again", None)

@@ -15,7 +15,7 @@ from maskfab.export.drawing import plate_drawing
 from maskfab.export.figures import Figures
 from maskfab.export.order_sheet import PARITY, TONE, order_sheet
 from maskfab.export.package import MANIFEST
-from maskfab.export.shops import load_shop, shop_names
+from maskfab.export.shops import load_shop, shop_names, shop_of
 from maskfab.layout.job import Job
 from maskfab.model import Quantity, WrittenFile
 from maskfab.spec.shop import Format, Shop, dump_shop
@@ -140,9 +140,22 @@ def _facts_held(ordered: Ordered, manifest: Mapping[str, Any], *, ours: bool) ->
             said, fact = (_text(known[key]) if key in known else "nothing" for known in (manifest, wanted))
             method = f"{key} of {MANIFEST} against its job and profile"
             yield _compared(key, said, fact, method, judged=ours or key in _LASTING)
-    shop = ordered.shop
-    if shop.name in shop_names() and load_shop(shop.name) != shop:
-        yield Quantity("profile", "", shop.name, "", f"{PROFILE} holds other rules than those known of {shop.name}")
+
+
+def check_profile(job: Job, shop: Shop, *, ours: bool) -> Iterator[Quantity]:
+    """The profile that a package brings against what is known of that house here, or kept of it in the job.
+
+    Of a house that is known from nowhere else, its hash in the certificate stands for it.
+
+    Args:
+        job: what was packed.
+        shop: as the package has it.
+        ours: whether this version wrote it; what another one knew of the house is a note.
+    """
+    known = load_shop(shop.name) if shop.name in shop_names() else shop_of(job.spec, job.where)
+    if known is not None and known.name == shop.name and known != shop:
+        method = f"{PROFILE} holds other rules than those known of {shop.name}"
+        yield Quantity("profile", "", shop.name, "", method, limit="the known rules", passed=(None, False)[ours])
 
 
 def _files_held(
@@ -187,6 +200,7 @@ def _certificate(ordered: Ordered) -> dict[str, Any]:
         "shop": ordered.shop.name,
         "sources": list(ordered.shop.sources),
         "job_hash": ordered.job.digest,
+        "profile_sha256": hashlib.sha256(dump_shop(ordered.shop).encode()).hexdigest(),
         "verdict": "pass",
         "files": [vars(file) for file in ordered.masks],
         "rules": [{key: value for key, value in vars(each).items() if key != "source"} for each in ordered.findings],

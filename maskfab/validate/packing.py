@@ -31,7 +31,7 @@ from maskfab.spec import is_table
 from maskfab.spec import read as read_spec
 from maskfab.spec.shop import Format, Shop, parse_shop
 from maskfab.validate.extents import file_box
-from maskfab.validate.packed_papers import JOB_COPY, PROFILE, Ordered, check_papers, facts, papers
+from maskfab.validate.packed_papers import JOB_COPY, PROFILE, Ordered, check_papers, check_profile, facts, papers
 from maskfab.validate.roundtrip import compare
 from maskfab.validate.shop import Finding, accepted, check_shop, extent
 
@@ -231,6 +231,8 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
         findings = _measured(findings, house, tuple(boxes.values()))
         ordered = Ordered(made, house, figures, signature, findings, tuple(readings), formats, tuple(sent))
+        if shop is None:
+            checks += check_profile(made, house, ours=manifest.get("maskfab_version") == __version__)
         checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= boxes.keys())
     return tuple(checks)
 

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
+import re
 import zipfile
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -75,3 +79,37 @@ def test_a_package_tells_a_changed_or_missing_profile(capsys, packed_by_own, tmp
     answer = command(capsys, "verify", none, "--against", job, "--json", "--quiet")
     assert (answer.code, answer.document["error"]["where"]) == (2, "--shop")
     assert command(capsys, "verify", none, "--quiet").code == 1
+
+
+def forged(path: Path, target: Path, edit: Callable[[str], str]) -> Path:
+    """The package with another profile and its true hash, as a forger would leave it."""
+    with zipfile.ZipFile(path) as archive:
+        texts = {name.rpartition("/")[2]: archive.read(name) for name in archive.namelist()}
+    profile = edit(texts["shop.toml"].decode())
+    assert profile != texts["shop.toml"].decode()
+    manifest = json.loads(texts["manifest.json"])
+    row = next(row for row in manifest["files"] if row["path"] == "shop.toml")
+    row.update(sha256=hashlib.sha256(profile.encode()).hexdigest(), bytes=len(profile.encode()))
+    return repacked(path, target, shop=profile, manifest=json.dumps(manifest, indent=1) + "\n")
+
+
+def relaxed(text: str) -> str:
+    """What a house says that no other paper tells of, changed."""
+    return re.sub(r"max_vertices = \d+", "max_vertices = 4000", text)
+
+
+def test_a_profile_that_was_changed_with_its_hash_is_named(capsys, packed_by_own, tmp_path):
+    answer = command(capsys, "verify", forged(packed_by_own[1], tmp_path / "f.zip", relaxed), "--json", "--quiet")
+    failed = {check["method"] for check in answer.document["checks"] if not check["passed"]}
+    assert answer.code == 1
+    assert "SHA-256 of certificate.json as its job and profile make it" in failed
+
+
+def test_a_known_house_s_profile_that_was_changed_is_named_by_what_is_known_here(capsys, packed_by_own, tmp_path):
+    path = tmp_path / "p.zip"
+    assert pack(load(packed_by_own[0]), load_shop("pog"), path).path == path
+    answer = command(capsys, "verify", forged(path, tmp_path / "f.zip", relaxed), "--json", "--quiet")
+    failed = {check["name"] for check in answer.document["checks"] if check["passed"] is False}
+    assert answer.code == 1
+    assert "profile" in failed
+    assert command(capsys, "verify", path, "--quiet").code == 0
