@@ -23,7 +23,7 @@ LEVELS = (50, 30, 10)
 """Modulations in per cent about whose first crossing the radial mean is told on exact radii."""
 
 # How many lags of a ring are made exact at first, and pairs of lags and cut dots after which no more are.
-_FIRST_OF_RING, _MOST_PAIRS = 2, 200_000
+_FIRST_OF_RING, _MOST_PAIRS = 1, 200_000
 
 # Rings to either side of a crossing, radii in each, and directions for each dot of a half circle of lags.
 _RINGS_ABOUT, _RADII_PER_RING, _DIRECTIONS_PER_DOT = 2, 3, 2

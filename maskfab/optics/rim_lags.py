@@ -156,9 +156,9 @@ def rim_lags(pupil: Pupil, reach_um: float) -> RimLags | None:
         for lattice, size in zip((pupil.y, pupil.x), pupil.whole.shape, strict=True)
     )
     margins = ((margin_y, margin_y), (margin_x, margin_x))
-    whole: NDArray[np.uint8] | Floats = np.pad(pupil.whole, margins)
-    if ((whole == 0) | (whole == 1)).all():
-        whole = whole.astype(np.uint8)
+    binary = bool(((pupil.whole == 0) | (pupil.whole == 1)).all())
+    whole: NDArray[np.uint8] | Floats
+    whole = np.pad(pupil.whole.astype(np.uint8), margins) if binary else np.pad(pupil.whole, margins)
     # Beyond a gutter dots of another cell do not count, so then any clear one makes a difference.
     first = np.zeros((), whole.dtype) if pupil.x.has_gutter or pupil.y.has_gutter else whole[:-1, :-1]
     kind = np.zeros(whole.shape, dtype=np.uint8)
