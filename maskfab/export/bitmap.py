@@ -30,6 +30,8 @@ Floats = NDArray[np.float64]
 
 LARGEST_BYTES = 500_000_000
 
+_DATE = "1980:01:01 00:00:00"
+"""As members of our packages have it, which is no date of anything."""
 _BAND_PIXELS = 4_000_000
 _ROUNDING = 1e-9
 _UM_PER_CM = 10_000.0
@@ -137,7 +139,8 @@ def _write(
     header.attribute("ResolutionUnit", "cm")
     header.attribute("oiio:ColorSpace", "lin_rec709_scene")
     header.attribute("Software", "maskfab")
-    header.attribute("DateTime", "")  # or OpenImageIO writes the time, and equal masks make unequal files
+    # Or OpenImageIO writes the time, and equal masks make unequal files. TIFF knows no empty one.
+    header.attribute("DateTime", _DATE if path.suffix in {".tif", ".tiff"} else "")
     said = (*comments, f"{dots_per_um:g} dots per um; white is clear in the chrome")
     header.attribute("ImageDescription", "; ".join(" ".join(line.split()) for line in said))
     partly = 0

@@ -72,7 +72,8 @@ def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
     yield f"%TF.GenerationSoftware,maskfab,maskfab,{_field(__version__)}*%\n"
     yield f"%TF.Part,Other,Photomask {_field(figures.plate.name)}*%\n"
     yield "%TF.FileFunction,Other,Photomask*%\n"
-    yield "%FSLAX46Y46*%\n%MOMM*%\nG01*\n"
+    # Regions need no aperture, and some readers warn of a file that defines none.
+    yield "%FSLAX46Y46*%\n%MOMM*%\n%ADD10C,0.001*%\nG01*\n"
 
 
 def _body(figures: Figures) -> Iterator[str]:

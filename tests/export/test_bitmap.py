@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -70,6 +71,13 @@ def test_two_writes_are_byte_identical_and_say_what_they_are(small_plate, tmp_pa
     assert data == (tmp_path / f"again_{name}").read_bytes()
     assert b"job 0123; 0.02 dots per um; white is clear in the chrome" in data
     assert b"maskfab" in data
+
+
+def test_the_date_of_a_tiff_is_one_as_the_format_asks(small_plate, tmp_path):
+    """TIFF 6.0: 19 characters, YYYY:MM:DD HH:MM:SS."""
+    write_bilevel(small_plate, tmp_path / "x.tif", 0.02)
+    with Image.open(tmp_path / "x.tif") as read:
+        assert re.fullmatch(r"\d{4}:\d\d:\d\d \d\d:\d\d:\d\d", read.tag_v2[306])
 
 
 @pytest.mark.parametrize("dots_per_um", [0.0, -1.0, float("nan"), float("inf")])

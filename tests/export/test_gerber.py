@@ -90,3 +90,11 @@ def test_what_is_too_large_is_refused_before_it_is_begun(small_plate, tmp_path):
     with pytest.raises(OutputError, match="MF415"):
         write_gerber(small_plate, tmp_path / "x.gbr", limit_bytes=1000)
     assert not list(tmp_path.iterdir())
+
+
+def test_an_aperture_is_defined_and_never_taken(small_plate, tmp_path):
+    """Readers warn of a file without one; regions are drawn with none."""
+    write_gerber(draw(small_plate), tmp_path / "x.gbr")
+    text = (tmp_path / "x.gbr").read_text(encoding="ascii")
+    assert re.findall(r"%ADD(\d+)C,([\d.]+)\*%", text) == [("10", "0.001")]
+    assert not re.search(r"D1\d\*", text.replace("%ADD10C,0.001*%", ""))
