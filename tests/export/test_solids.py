@@ -8,12 +8,15 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 
 from maskfab.errors import OutputError
 from maskfab.export.solid.mesh import stl_bytes, write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack, centres_nm, film, rotation
 from maskfab.model import Die, Opening, Panel, Tiling, orient
+from maskfab.validate.read_solid import read_scene
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
 
@@ -53,6 +56,66 @@ def test_a_film_is_the_cell_less_its_openings(gutter_nm):
     edges = np.concatenate([mesh.triangles[:, [n, (n + 1) % 3]] for n in range(3)])
     _, faces = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
     assert set(faces) == {2}
+
+
+def heights_nm(corners):
+    """Heights of triangles [n, 3, 3] over their longest sides."""
+    sides = corners - np.roll(corners, 1, axis=1)
+    return np.linalg.norm(np.cross(sides[:, 0], sides[:, 1]), axis=1) / np.linalg.norm(sides, axis=2).max(axis=1)
+
+
+def volume_nm3(corners):
+    return float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
+
+
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(
+    dots=st.integers(1, 12),
+    clear=st.floats(0, 1),
+    seed=st.integers(0, 2**32 - 1),
+    gutter_nm=st.sampled_from([0, 400, 8000, 8002, 12_346]),
+    dot_nm=st.sampled_from([1000, 4031, 8000]),
+)
+def test_every_triangle_of_a_film_has_an_area_and_its_sides_are_shared_by_two(dots, clear, seed, gutter_nm, dot_nm):
+    """Corners on one line, holes, kissing corners and parted chrome; 5 nm is what float32 millimetres resolve."""
+    opening = Opening("noise", np.random.default_rng(seed).random((dots, dots)) < clear, dot_nm)
+    assume(gutter_nm or not opening.mask.all())
+    panel = Panel(opening, dot_nm, gutter_nm, np.zeros((1, 1), dtype=int), Tiling.RANDOM, 1)
+    mesh = film(panel, 0, Stack())
+    corners = mesh.vertices_nm[mesh.triangles]
+    assert heights_nm(corners).min() >= 5
+    there = np.concatenate([mesh.triangles[:, [n, (n + 1) % 3]] for n in range(3)]).tolist()
+    assert len({(a, b) for a, b in there}) == len(there)
+    assert {(a, b) for a, b in there} == {(b, a) for a, b in there}
+    chrome_nm2 = panel.pitch_nm**2 - opening.clear_dots * dot_nm**2
+    assert volume_nm3(corners) == pytest.approx(100 * chrome_nm2, rel=1e-12)
+    # None overlaps another: the upper face is as large as all its triangles, and none is turned over.
+    upper = corners[(corners[..., 2] == 50).all(axis=1)]
+    doubled = np.cross(upper[:, 1] - upper[:, 0], upper[:, 2] - upper[:, 0])[:, 2]
+    assert doubled.min() > 0
+    assert doubled.sum() / 2 == chrome_nm2
+
+
+@pytest.mark.parametrize("gutter_nm", [0, 8002])
+@pytest.mark.parametrize("format_", ["glb", "3mf", "stl"])
+def test_no_triangle_in_a_file_is_without_area(tmp_path, format_, gutter_nm):
+    """As read back, rounded as the format rounds: files of 11 mm, where float32 millimetres are 0.5 nm apart."""
+    turns = np.random.default_rng(3).integers(0, 8, (1, 60))
+    die, path = die_of(random_opening(dots=21), turns, gutter_nm), tmp_path / f"x.{format_}"
+    WRITERS[format_](die, path)
+    if format_ == "stl":
+        record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
+        table = np.frombuffer(path.read_bytes(), record, offset=84)
+        solids = [table["corners"].astype(np.float64) * 1e6]
+        assert np.linalg.norm(table["normal"], axis=1) == pytest.approx(1, abs=1e-6)
+    else:
+        shapes = read_scene(path).shapes
+        assert all(shape.sound for shape in shapes)
+        solids = [shape.vertices_nm[shape.triangles] for shape in shapes]
+    assert min(heights_nm(corners).min() for corners in solids) > 1
+    chrome_nm2 = die.panel.pitch_nm**2 - die.panel.opening.clear_dots * 8000**2
+    for corners in solids if format_ == "stl" else solids[1:]:
+        assert volume_nm3(corners) == pytest.approx(100 * chrome_nm2 * (60 if format_ == "stl" else 1), rel=1e-4)
 
 
 def test_centres_are_measured_from_the_slots_middle():

@@ -277,7 +277,5 @@ def _stl_records(mesh: Mesh) -> tuple[NDArray[Any], NDArray[np.float64]]:
     corners = mesh.vertices_nm[mesh.triangles]
     normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     table = np.zeros(len(corners), dtype=_STL_TRIANGLE)
-    # Triangles without area, which join vertices on one line, have no normal; readers compute their own.
-    size = np.linalg.norm(normals, axis=1, keepdims=True)
-    table["normal"] = np.divide(normals, size, out=np.zeros_like(normals), where=size > 0)
+    table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
     return table, corners

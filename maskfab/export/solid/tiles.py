@@ -8,15 +8,18 @@ Coordinates are nanometres from the centre of the die's slot; z points away from
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.errors import OutputError
+from maskfab.export.solid.triangulation import triangulated
 from maskfab.geometry.polygonize import outline
 from maskfab.geometry.unit import unit_name
-from maskfab.model import ORIENTATIONS, Die, Panel
+from maskfab.model import ORIENTATIONS, Die, Panel, Point, Polygon
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -106,18 +109,41 @@ def holes_nm(panel: Panel, opening: int) -> list[Floats]:
 
 
 def film(panel: Panel, opening: int, stack: Stack) -> Mesh:
-    """The chrome of one cell, not turned, its openings cut out; from the cell's centre.
+    """The chrome of one cell, not turned, its openings cut out; from the cell's centre. Every triangle has an area.
 
     Where two clear dots meet by a corner the surface has that edge twice, so every edge has two faces.
     """
-    from manifold3d import CrossSection, FillRule, Manifold
+    points: list[Point] = []
+    following: list[int] = []
+    triangles: list[Ints] = []
+    for contours in _chrome(panel, opening):
+        triangles.append(triangulated(contours) + len(points))
+        for contour in contours:
+            first = len(points)
+            points += contour
+            following += (*range(first + 1, len(points)), first)
+    flat, upper = np.array(points) - panel.pitch_nm / 2, np.concatenate(triangles)
+    count = len(flat)
+    # The upper face, then the lower one, whose corners stand in the same order.
+    vertices = np.column_stack([np.tile(flat, (2, 1)), np.repeat([0.5, -0.5], count) * stack.film_nm])
+    here, there = np.arange(count), np.array(following)
+    walls = ([here + count, there + count, there], [here + count, there, here])
+    return Mesh(vertices, np.concatenate([upper, upper[:, ::-1] + count, *(np.column_stack(wall) for wall in walls)]))
 
-    half = panel.pitch_nm / 2
-    square = CrossSection([np.array([(-half, -half), (half, -half), (half, half), (-half, half)])])
-    holes = CrossSection(holes_nm(panel, opening), FillRule.NonZero)
-    solid = Manifold.extrude(square - holes, stack.film_nm).translate((0.0, 0.0, -stack.film_nm / 2))
-    mesh = solid.to_mesh64()
-    return Mesh(np.array(mesh.vert_properties)[:, :3], np.array(mesh.tri_verts, dtype=np.int64))
+
+def _chrome(panel: Panel, opening: int) -> Iterator[list[Polygon]]:
+    """Contours of every piece of a cell's chrome, from the cell's lower left corner: hull first, chrome on their left.
+
+    Pieces are parted, and contours touch themselves, where two clear dots meet by a corner.
+    """
+    gutter = panel.gutter_nm // 2
+    clear = db.Region()
+    for hole in outline(panel.openings[opening].mask, panel.dot_nm, (gutter, gutter)):
+        clear.insert(db.Polygon([db.Point(x, y) for x, y in hole]))
+    cell = db.Region(db.Box(0, 0, panel.pitch_nm, panel.pitch_nm))
+    for piece in (cell - clear).merged(True, 1).each():
+        holes = (piece.each_point_hole(n) for n in range(piece.holes()))
+        yield [tuple((point.x, point.y) for point in each)[::-1] for each in (piece.each_point_hull(), *holes)]
 
 
 def films(panel: Panel, stack: Stack) -> dict[int, Mesh]:
