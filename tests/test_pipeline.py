@@ -310,7 +310,7 @@ def test_the_shipped_plate_is_laid_out():
 SCENE = """\
 [scene]
 accuracy = 0.4
-gap = "60 um"
+gap = "50 um"
 field = "3 mm"
 depth = ["100 mm", "inf"]
 
