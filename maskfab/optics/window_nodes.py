@@ -147,7 +147,9 @@ def _refined(place: Floats, samples: WindowNodes, highest: float, tolerance: flo
         missing = wanted - waves @ weight
         error = float(np.abs(missing).max() / total)
         if error < least:
-            best, least = WindowNodes(place, weight), error
+            # Of waves that hardly turn two nodes tell more than enough, and a step may let them pass each other.
+            order = np.argsort(place)
+            best, least = WindowNodes(place[order], weight[order]), error
         if error <= tolerance / 2:
             break
         angular = 2 * np.pi * frequency[:, None]
