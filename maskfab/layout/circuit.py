@@ -9,8 +9,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.errors import JobError
 from maskfab.layout.subpixels.answer import Certificate, Proof
@@ -116,7 +116,7 @@ def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, 
 def _room(name: str, cells: Mask, cell_nm: int, width: int, need_um2: float) -> Room:
     square = np.ones((width, width), dtype=np.bool_)
     # Eroding and dilating about opposite ends of the square is the opening, also where its side is even.
-    wide = ndimage.binary_opening(np.pad(cells, width), square)[width:-width, width:-width]
+    wide = scipy.ndimage.binary_opening(np.pad(cells, width), square)[width:-width, width:-width]
     area, closed = (float(kept.sum()) * cell_nm**2 / 1e6 for kept in (wide, cells))
     if area >= need_um2 * (1 - 1e-12):
         return Room(area, closed, need_um2, None)

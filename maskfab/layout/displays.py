@@ -14,8 +14,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.errors import JobError
 from maskfab.layout.given import Labels
@@ -101,7 +101,7 @@ def diamond(
             labels[_away(dots, x)[None, :] ** 2 + _away(dots, y)[:, None] ** 2 < (green_reach + 0.5) ** 2] = GREEN
     quarters, halves = (_nearest(dots, places) < clear_reach for places in ((0.25, 0.75), (0, 0.5)))
     mask |= (quarters[None, :] & halves[:, None]) | (halves[None, :] & quarters[:, None])
-    near = ndimage.maximum_filter(labels, size=2 * to_opening + 1, mode="wrap")
+    near = scipy.ndimage.maximum_filter(labels, size=2 * to_opening + 1, mode="wrap")
     mask &= near == 0
     if not mask.any():
         raise _narrow("nothing is left of the openings", "clear_reach")
@@ -167,7 +167,7 @@ def circular(dots: int, *, diameter: int, colour_gap: int, to_opening: int, bord
     x, y = (each / _FINER for each in _centred(dots * _FINER))
     radius = np.hypot(x, y)
     clear = refined(mask, _FINER)
-    near = ndimage.maximum_filter(clear, size=2 * _FINER * to_opening + 1, mode="constant")
+    near = scipy.ndimage.maximum_filter(clear, size=2 * _FINER * to_opening + 1, mode="constant")
     free = ~near & (radius <= dots / 2 - border)
     labels = np.zeros(radius.shape, dtype=np.int8)
     share = int(clear.sum()) / 3

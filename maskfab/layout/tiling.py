@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Tiling
@@ -112,7 +112,7 @@ def _repulsion(rows: int, columns: int) -> NDArray[np.float64]:
     """exp(-d²/2σ²) on a torus, the origin first, 0 beyond 4 σ."""
     impulse = np.zeros((rows, columns))
     impulse[0, 0] = 1
-    return np.asarray(ndimage.gaussian_filter(impulse, _REPULSION_CELLS, mode="wrap", truncate=4.0))
+    return np.asarray(scipy.ndimage.gaussian_filter(impulse, _REPULSION_CELLS, mode="wrap", truncate=4.0))
 
 
 def _offset(a: int, others: NDArray[np.int64], rows: int, columns: int) -> NDArray[np.int64]:

@@ -20,9 +20,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
-from scipy.interpolate import CubicSpline
 from scipy.special import erfc, j0, j1
 
 from maskfab.errors import JobError
@@ -139,7 +139,7 @@ def _energy_in_circle(psf: Psf, radius: float, highest: float) -> tuple[float, f
     half = (psf.values.shape[0] / 2) * psf.step_um
     fine = np.arange(0.0, math.sqrt(2) * half + psf.step_um, psf.step_um / _FINER)
     weights = _disc_weights(fine, radius, psf.step_um, highest)
-    weight = CubicSpline(fine, weights)(distance)
+    weight = scipy.interpolate.CubicSpline(fine, weights)(distance)
     outside = max(0.0, 1 - psf.energy_in_window)
     rounding = _FILTER_ERROR + outside * float(abs(weights[fine >= half - psf.step_um]).max())
     return min((float((psf.values * weight).sum() * area), rounding), counted, key=lambda pair: pair[1])

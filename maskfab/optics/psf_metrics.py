@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Psf, Quantity
@@ -227,7 +227,7 @@ def _same_grid(first: Psf, second: Psf) -> None:
 def _side_lobes(psf: Psf) -> Floats:
     """Distance, height and uncertainty of the height of every side lobe, [k, 3]."""
     values, middle = psf.values, psf.values.shape[0] // 2
-    highest = ndimage.maximum_filter(values, size=3, mode="nearest")
+    highest = scipy.ndimage.maximum_filter(values, size=3, mode="nearest")
     found = (values == highest) & (values > _FAINTEST * values[middle, middle])
     found[middle, middle] = False
     found[[0, -1]] = found[:, [0, -1]] = False

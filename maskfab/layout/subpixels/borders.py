@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from itertools import permutations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.layout.subpixels.facing import border_margin
 from maskfab.layout.subpixels.rules import Grid
@@ -126,7 +126,7 @@ def _distances(labels: Labels, opening: Mask, grid: Grid, diagonal: bool) -> Nea
         seen = canvas[max(0, n - reach) if diagonal else 0 :, max(0, n - reach) :]
         if seen.all():
             return np.full((n, n), 2 * far)
-        distance = ndimage.distance_transform_cdt(seen, metric="chessboard")
+        distance = scipy.ndimage.distance_transform_cdt(seen, metric="chessboard")
         return np.asarray(distance[-n:, -n:], dtype=np.int64) - 1
 
     emitting = labels > 0

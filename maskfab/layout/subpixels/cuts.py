@@ -14,8 +14,8 @@ from collections import deque
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 _WORK = 2**31
 """Bits moved before the search stops; what it has not reached by then is longer than what it has."""
@@ -93,7 +93,7 @@ class _Walks:
         self.total = total = int(piece.sum())
         width = padded.shape[1]
         below = np.cumsum(padded, axis=0).ravel().tolist()
-        faces, self.faces = ndimage.label(~padded)
+        faces, self.faces = scipy.ndimage.label(~padded)
         flat = padded.ravel().tolist()
         face = faces.ravel().tolist()
         size = len(flat)

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import ndimage
 
 from maskfab.layout.subpixels.answer import Certificate, Proof
 from maskfab.model import COLOURS, Emitters
@@ -37,7 +37,7 @@ def reaches(closed: NDArray[np.bool_], emitters: Emitters) -> tuple[Reach, ...]:
     per_dot = emitters.labels.shape[0] // closed.shape[0]
     found = []
     for colour in range(1, len(COLOURS) + 1):
-        pieces, count = ndimage.label(emitters.labels == colour)
+        pieces, count = scipy.ndimage.label(emitters.labels == colour)
         for piece in range(1, count + 1):
             start = np.zeros(closed.shape, dtype=np.bool_)
             rows, columns = np.nonzero(pieces == piece)
