@@ -222,6 +222,7 @@ def _checked(path: Path, against: Path, die: str | None, how: How, progress: Pro
             path,
             how,
             tell,
+            blank=job.blank,
             max_vertices=drawing.max_vertices if drawing is not None and stated else None,
             ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
         )

@@ -18,7 +18,7 @@ from maskfab.geometry.reading import GERBER_SUFFIXES, read_layout, rounding_nm
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES, read_picture
 from maskfab.geometry.reading_limits import count_shapes, left_out
 from maskfab.geometry.region import DBU_UM, clear_box, layer_info, plate_layout, region
-from maskfab.model import CLEAR, Camera, Plate, Quantity
+from maskfab.model import CLEAR, UNSTATED, Camera, MaskBlank, Plate, Quantity
 from maskfab.progress import Progress, silent
 from maskfab.spec import LimitsSection
 from maskfab.units import NM_PER_UM
@@ -115,6 +115,7 @@ def check_foreign(
     how: How | None = None,
     progress: Progress = silent,
     *,
+    blank: MaskBlank = UNSTATED,
     max_vertices: int | None = None,
     ordered: Ordered | None = None,
 ) -> Foreign:
@@ -127,6 +128,7 @@ def check_foreign(
         path: the file, of any kind that :func:`read_layout` or :func:`read_picture` reads.
         how: what the file does not say itself.
         progress: told where the work stands.
+        blank: what the job states of the plate.
         max_vertices: of a polygon, as the job draws them; None where it leaves that open.
         ordered: what the job says of layers.
 
@@ -162,7 +164,7 @@ def check_foreign(
         quantities.append(reach(plate, clear_box(read), 1.0))
         allow(_SECONDS_PER_DIE * len(plate.dies))
         progress("optics", 0, 1)
-        quantities += optics_of_unlike(plate, camera, design, read)
+        quantities += optics_of_unlike(plate, camera, blank, design, read)
         return Foreign(path, alignment, None, tuple(quantities), layers)
     wanted, box = asked(plate, limits, alignment.scale), clear_box(read).transformed(alignment.trans)
     simple = alignment.scale == 1 and not alignment.inverted
@@ -184,7 +186,7 @@ def check_foreign(
         allow(_SECONDS_PER_DIE)
         progress("optics", done, len(plate.dies))
         equal = (trip.differing & db.Region(db.Box(*light_box(die, camera.stop)))).is_empty()
-        quantities += optics_of_like(die, camera, design, laid, equal)
+        quantities += optics_of_like(die, camera, blank, design, laid, equal)
     progress("optics", len(plate.dies), len(plate.dies))
     return Foreign(path, alignment, trip, tuple(quantities), layers)
 

@@ -11,9 +11,10 @@ from klayout import db
 
 from maskfab.geometry.region import clear_shapes, region
 from maskfab.geometry.stop import edges_in_stop, stop_box
-from maskfab.model import CLEAR, Camera, Die, Mtf, Plate, Quantity
+from maskfab.model import CLEAR, Camera, Die, MaskBlank, Mtf, Plate, Quantity
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice
+from maskfab.optics.leak import Leak
 from maskfab.optics.psf import pixel_margin
 from maskfab.optics.pupil import cut
 from maskfab.validate.apertures import aperture_in_stop, axis_nm, edge_distances, light_box, sees_light
@@ -32,12 +33,15 @@ _TOLD_OF_LIKE = frozenset({"stop_open_ratio", "readback_psf_difference"})
 _TOLD_OF_UNLIKE = frozenset({"auc_radial_min", "mtf50", "mtf30", "mtf10", "peak_strehl", "psf_energy_in_window"})
 
 
-def optics_of_like(die: Die, camera: Camera, design: db.Layout, laid: db.Layout, equal: bool) -> Iterator[Quantity]:
+def optics_of_like(
+    die: Die, camera: Camera, blank: MaskBlank, design: db.Layout, laid: db.Layout, equal: bool
+) -> Iterator[Quantity]:
     """The PSF and MTF of a die of a file that is the design, or nearly.
 
     Args:
         die: the die.
         camera: what looks through it.
+        blank: what the plate is made of.
         design: the plate's layout.
         laid: the file, lying as the design does.
         equal: whether the file is the design all over the stop.
@@ -51,30 +55,32 @@ def optics_of_like(die: Die, camera: Camera, design: db.Layout, laid: db.Layout,
             "optics", "", "dark", "", "nothing is clear before the stop", limit="ok", passed=False, die=die.name
         )
         return
-    found = measure(bare, camera, shapes)
+    found = measure(bare, camera, shapes, blank)
     yield from (quantity for quantity in found.quantities if quantity.name in _TOLD_OF_LIKE)
-    expected = found if equal else measure(bare, camera, clear_shapes(design, box))
+    expected = found if equal else measure(bare, camera, clear_shapes(design, box), blank)
     alike = "; the polygons are the same" if equal else ""
     yield from _mtf_differences(found.mtfs, expected.mtfs, die.name, alike)
 
 
-def optics_of_unlike(plate: Plate, camera: Camera, design: db.Layout, read: db.Layout) -> Iterator[Quantity]:
+def optics_of_unlike(
+    plate: Plate, camera: Camera, blank: MaskBlank, design: db.Layout, read: db.Layout
+) -> Iterator[Quantity]:
     """The PSF and MTF of whatever a file has before the stop, where the dies should be, or else in its own middle."""
     dark = True
     for die in plate.dies:
-        found = _measured(read, axis_nm(die), camera, die.panel.dot_nm, die.name)
+        found = _measured(read, axis_nm(die), camera, blank, die.panel.dot_nm, die.name)
         if found is None:
             continue
         dark = False
         yield from found.quantities
-        expected = measure(_bare(die), camera, clear_shapes(design, light_box(die, camera.stop)))
+        expected = measure(_bare(die), camera, clear_shapes(design, light_box(die, camera.stop)), blank)
         yield from _mtf_differences(found.mtfs, expected.mtfs, die.name, "")
     if not dark:
         return
     middle = region(read, CLEAR).bbox().center()
     axis = float(middle.x), float(middle.y)
     dot_nm = min(die.panel.dot_nm for die in plate.dies)
-    found = _measured(read, axis, camera, dot_nm, None)
+    found = _measured(read, axis, camera, blank, dot_nm, None)
     where = f"the middle of the file, ({middle.x / 1e3:g}, {middle.y / 1e3:g}) um, for it has nothing where dies are"
     if found is None:
         yield Quantity(
@@ -89,7 +95,7 @@ def _bare(die: Die) -> Die:
 
 
 def _measured(
-    read: db.Layout, axis: tuple[float, float], camera: Camera, dot_nm: int, name: str | None
+    read: db.Layout, axis: tuple[float, float], camera: Camera, blank: MaskBlank, dot_nm: int, name: str | None
 ) -> Measured | None:
     """The optics of polygons of any kind about an axis; None where nothing is clear before the stop."""
     shapes = region(read, CLEAR, stop_box(camera.stop, axis, dot_nm))
@@ -99,7 +105,7 @@ def _measured(
     lattice, exact = _lattice(shapes, axis, camera, dot_nm)
     aperture = aperture_in_stop(lattice, lattice, shapes, edges, camera.stop, axis)
     pupil = cut(aperture, camera.stop)
-    lit = lit_pupils(aperture, pupil, None, camera)
+    lit = lit_pupils(aperture, pupil, Leak.of(blank, camera.stop), camera)
     raster = f"of a raster of {lattice.dot_um:g} um"
 
     def difference(error: float, wavelength: float) -> Quantity:

@@ -16,10 +16,13 @@ from maskfab.errors import JobError, SourceError
 from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.gds import write_gdsii
 from maskfab.export.gerber import write_gerber
-from maskfab.geometry.region import plate_layout, region
-from maskfab.model import CLEAR, Furniture
+from maskfab.geometry.region import clear_shapes, plate_layout, region
+from maskfab.model import CLEAR, UNSTATED, Furniture, MaskBlank
+from maskfab.validate.apertures import light_box
 from maskfab.validate.foreign import How, check_foreign, only_die
-from maskfab.validate.foreign_layers import Ordered
+from maskfab.validate.foreign_layers import Ordered, clear_only
+from maskfab.validate.foreign_optics import optics_of_like, optics_of_unlike
+from maskfab.validate.optics import measure
 
 
 def placed(trans):
@@ -496,3 +499,23 @@ def drawn_alone(path: Path, shape) -> Path:
     layout.create_cell("TOP").shapes(layout.layer(1, 0)).insert(shape)
     layout.write(str(path))
     return path
+
+
+def test_a_leak_that_the_job_states_is_part_of_what_a_file_does_to_light(job, plate):
+    """Told of the polygons of a file as of the die they are, and not without the leak."""
+    leaking, die = MaskBlank(1.5, 0.5), plate.dies[0]
+    design = plate_layout(plate)
+    clear_only(design, Path("x.gds"))
+    shapes = clear_shapes(design, light_box(die, job.camera.stop))
+    expected = {row.name: row.value for row in measure(die, job.camera, shapes, leaking).quantities}
+    found, opaque = (
+        {row.name: row for row in optics_of_unlike(plate, job.camera, blank, design, design) if row.die == die.name}
+        for blank in (leaking, UNSTATED)
+    )
+    for name in ("peak_strehl", "auc_radial_min", "psf_energy_in_window"):
+        assert found[name].value == pytest.approx(expected[name], rel=1e-5)
+        assert found[name].value != pytest.approx(opaque[name].value, rel=1e-2)
+    assert found["mtf_difference"].passed
+    alike = list(optics_of_like(die, job.camera, leaking, design, design, equal=True))
+    assert {row.name for row in alike} >= {"readback_psf_difference", "mtf_difference"}
+    assert all(row.passed is not False for row in alike)
