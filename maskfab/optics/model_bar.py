@@ -90,8 +90,7 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
         camera: what looks through them; the middle one of its lines is taken.
         blank: what the job states of the plate.
     """
-    known = _Known.of(pupil, camera)
-    return _by_size([*_leak(known, blank), *_lens(known), *_glass(known, blank), _ghosts(known, blank), _bias(known)])
+    return _by_size(_on_axis(_Known.of(pupil, camera), blank))
 
 
 def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -> tuple[Omission, ...]:
@@ -105,12 +104,9 @@ def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -
         field_um: largest image height; 0 for the axis.
         blank: what the job states of the plate.
     """
-    leaks = Leak.of(blank, camera.stop) is not None
-    if not (field_um or leaks):
+    if not (field_um or Leak.of(blank, camera.stop)):
         return ()
-    known = _Known.of(pupil, camera)
-    leak = [leak_omission(known.field, pupil, known.axis, blank)] if leaks else []
-    return _by_size([*leak, *(_foreshortened(known, field_um) if field_um else ())])
+    return _by_size(_of_scene(_Known.of(pupil, camera), field_um, blank))
 
 
 def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
@@ -122,7 +118,8 @@ def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None
 def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, field_um: float) -> tuple[Omission, ...]:
     """All that a scene's PSFs leave out, on the axis and off it, the largest first."""
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
-    return _by_size([*model_bar(pupil, camera, blank), *scene_bar(pupil, camera, field_um, blank)])
+    known = _Known.of(pupil, camera)
+    return _by_size([*_on_axis(known, blank), *_of_scene(known, field_um, blank)])
 
 
 def weighed(found: Sequence[Omission], accuracy: float) -> list[dict[str, object]]:
@@ -232,6 +229,21 @@ class _Known:
     def relative(self, change: Floats) -> float:
         """L2 of a change of the intensity, relative to the intensity."""
         return float(np.linalg.norm(change) / np.linalg.norm(self.intensity))
+
+
+def _on_axis(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
+    yield from _leak(known, blank)
+    yield from _lens(known)
+    yield from _glass(known, blank)
+    yield _ghosts(known, blank)
+    yield _bias(known)
+
+
+def _of_scene(known: _Known, field_um: float, blank: MaskBlank) -> Iterator[Omission]:
+    if Leak.of(blank, known.camera.stop) is not None:
+        yield leak_omission(known.field, known.pupil, known.axis, blank)
+    if field_um:
+        yield from _foreshortened(known, field_um)
 
 
 def _by_size(found: Iterable[Omission]) -> tuple[Omission, ...]:
