@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from scipy.special import j1
 
 from maskfab.model import Stop
+from maskfab.optics.stop_shape import sides
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -47,10 +48,9 @@ def _ellipse_field(width: float, height: float, u: Floats, v: Floats) -> Floats:
 
 
 def _polygon_field(stop: Stop, u: Floats, v: Floats) -> Complexes:
-    corners = np.array(stop.outline_um)
     total = np.zeros(u.shape, dtype=np.complex128)
     middle = np.zeros(2)
-    for (px, py), (qx, qy) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
+    for (px, py), (qx, qy) in sides(stop):
         dx, dy = qx - px, qy - py
         turn = np.exp(-1j * np.pi * (u * (px + qx) + v * (py + qy)))
         total += (u * dy - v * dx) * np.sinc(u * dx + v * dy) * turn

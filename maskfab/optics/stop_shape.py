@@ -24,7 +24,7 @@ def inside(stop: Stop, x_um: Floats, y_um: Floats) -> NDArray[np.bool_]:
     """Whether places lie in the stop, its edge included but for a polygon's; any shapes that broadcast."""
     if stop.outline_um:
         crossings = np.zeros(np.broadcast(x_um, y_um).shape, dtype=np.intp)
-        for (px, py), (qx, qy) in _sides(stop):
+        for (px, py), (qx, qy) in sides(stop):
             if py != qy:
                 passed = ((py <= y_um) != (qy <= y_um)) & (x_um > px + (y_um - py) * ((qx - px) / (qy - py)))
                 crossings += passed
@@ -43,7 +43,7 @@ def perimeter_um(stop: Stop) -> float:
     Ramanujan's second formula errs by less than 4e-4 even for a slit (Q. J. Math. 45, 350, 1914).
     """
     if not stop.round:
-        return sum(math.dist(p, q) for p, q in _sides(stop))
+        return sum(math.dist(p, q) for p, q in sides(stop))
     a, b = (side / 2 for side in stop.sides_um)
     h = 3 * ((a - b) / (a + b)) ** 2
     return math.pi * (a + b) * (1 + h / (10 + math.sqrt(4 - h))) * (1 + stop.inner_share)
@@ -53,7 +53,7 @@ def widest_um(stop: Stop) -> float:
     """The most area that the stop loses per distance that it is moved: its edge seen from the side, inner ones too."""
     if stop.round:
         return stop.diameter_um * (1 + stop.inner_share)
-    across = np.array([(qx - px, qy - py) for (px, py), (qx, qy) in _sides(stop)])
+    across = np.array([(qx - px, qy - py) for (px, py), (qx, qy) in sides(stop)])
     angle = np.pi * np.arange(_DIRECTIONS) / _DIRECTIONS
     return float(abs(across @ np.stack([np.cos(angle), np.sin(angle)])).sum(axis=0).max() / 2)
 
@@ -65,7 +65,7 @@ def edge_points(stop: Stop, count: int) -> tuple[Floats, Floats, Floats]:
     """
     if not stop.round:
         places, normals, lengths = [], [], []
-        for (px, py), (qx, qy) in _sides(stop):
+        for (px, py), (qx, qy) in sides(stop):
             length = math.hypot(qx - px, qy - py)
             points = math.ceil(count * length / perimeter_um(stop))
             along = ((np.arange(points) + 0.5) / points)[:, None]
@@ -106,7 +106,7 @@ def stop_nodes(stop: Stop, count: int = _NODES) -> tuple[Floats, Floats, Floats]
                 unit[:, None] * (py + unit * (qy - py)),
                 (unit * weights)[:, None] * weights * (px * qy - qx * py),
             )
-            for (px, py), (qx, qy) in _sides(stop)
+            for (px, py), (qx, qy) in sides(stop)
         ]
         x, y, weight = (np.concatenate([part[k].ravel() for part in parts]) for k in range(3))
         return x, y, weight
@@ -126,6 +126,7 @@ def stop_strehl(stop: Stop, waves: Waves, count: int = _NODES) -> float:
     return min(1.0, float(abs(weight @ np.exp(2j * np.pi * waves(x, y)) / stop.area_um2) ** 2))
 
 
-def _sides(stop: Stop) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+def sides(stop: Stop) -> list[tuple[tuple[float, float], tuple[float, float]]]:
+    """Ends of the straight sides, counter-clockwise; none of a round stop."""
     corners = stop.corners_um
     return list(zip(corners, (*corners[1:], *corners[:1]), strict=True))
