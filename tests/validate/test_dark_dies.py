@@ -8,7 +8,7 @@ from klayout import db
 from optics_cases import camera
 
 from maskfab.geometry.region import layer_info, plate_layout
-from maskfab.model import CLEAR, Die, Plate, Stop
+from maskfab.model import CLEAR, UNSTATED, Die, Plate, Stop
 from maskfab.validate.apertures import axis_nm, light_box, sees_light
 from maskfab.validate.foreign_optics import optics_of_like
 
@@ -35,7 +35,7 @@ def test_shapes_in_the_box_of_a_stop_and_not_in_its_circle_are_dark(small_plate:
     box = corner_of_the_box(die)
     corners = [db.Point(box.left, box.bottom + 1000), db.Point(box.left, box.top), db.Point(box.right, box.top)]
     layout = laid(db.Polygon(corners) if slanted else box)
-    (told,) = optics_of_like(die, SETTING, plate_layout(small_plate), layout, equal=False)
+    (told,) = optics_of_like(die, SETTING, UNSTATED, plate_layout(small_plate), layout, equal=False)
     assert (told.name, told.value, told.passed, told.die) == ("optics", "dark", False, die.name)
 
 
