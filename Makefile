@@ -31,6 +31,7 @@ bench: $(VENV)/dev.stamp
 
 fuzz: $(VENV)/dev.stamp
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/fuzz_readers.py 1000
+	$(BIN)/python tests/kill_swaps.py 1000
 
 docs: plate
 	cp build/upc12/overview.png docs/upc12.png

@@ -17,6 +17,7 @@ from pathlib import Path
 
 from maskfab.errors import OutputError
 from maskfab.export import exchange, staging
+from maskfab.export.finished import times_text
 
 EVENTS = ("os.", "open", "shutil.rmtree", "ctypes.dl", "fcntl.flock")
 NOTE = "what somebody wrote"
@@ -29,6 +30,7 @@ def write_result(folder: Path, word: str, *names: str) -> None:
         digest = hashlib.sha256((folder / name).read_bytes()).hexdigest()
         rows.append({"path": name, "sha256": digest})
     (folder / "manifest.json").write_text(json.dumps({"maskfab_version": word, "files": rows}))
+    (folder / "timing.json").write_text(times_text("None", {"optics": 1.25}))
 
 
 def swap(target: Path, word: str, *, force: bool = True, meanwhile: Callable[[], object] = lambda: None) -> None:
@@ -40,7 +42,7 @@ def swap(target: Path, word: str, *, force: bool = True, meanwhile: Callable[[],
 def whole(folder: Path) -> str | None:
     """Which result a folder holds; None if it is not one whole result."""
     found = staging.finished(folder)
-    if found is None or found.strange or len(found.own) != 3:
+    if found is None or found.strange or len(found.own) != 4:
         return None
     return str(json.loads((folder / "manifest.json").read_text())["maskfab_version"])
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ctypes
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
 
 from maskfab.aside import free_name, make
@@ -51,11 +52,11 @@ def _by_turns(one: Path, other: Path) -> None:
             os.rename(one, other)
         except OSError:
             _back(held, other)
-            os.rmdir(holder.path)
             raise
         os.rename(held, one)
-        os.rmdir(holder.path)
     finally:
+        with suppress(OSError):  # where a name could not be given back, or the result not get another
+            os.rmdir(holder.path)
         holder.close()
 
 

@@ -80,13 +80,13 @@ def _is_times(path: Path, manifest: Mapping[str, object]) -> bool:
     return text == times_text(str(manifest.get("job_hash")), seconds)
 
 
-def discard(folder: Path, target: Path, found: Finished) -> Path | None:
+def discard(folder: Path, target: Path, found: Finished | None) -> Path | None:
     """Remove a result that another has replaced, and nothing else.
 
     Args:
         folder: where it lies now.
         target: the name that it had.
-        found: what is in it.
+        found: what is in it; None if it is none, or no longer.
 
     Returns:
         Where the rest lies, beside ``target``; None if there is none.
@@ -94,13 +94,15 @@ def discard(folder: Path, target: Path, found: Finished) -> Path | None:
     Raises:
         OSError: if the rest cannot be moved.
     """
-    for name, trace in () if found.strange else found.own.items():
+    for name, trace in () if found is None or found.strange else found.own.items():
         with suppress(OSError):
             # The manifest is last, and stays with whatever has come meanwhile.
             if _trace(folder / name) == trace and (name != RESULT_MARK or os.listdir(folder) == [name]):
                 (folder / name).unlink()
     try:
         folder.rmdir()
+    except FileNotFoundError:
+        return None
     except OSError:
         return move(folder, target, "kept")
     return None

@@ -8,19 +8,22 @@ import shutil
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NoReturn
 
 from maskfab.aside import Aside, locked, make, not_writable, partial, stale
 from maskfab.errors import OutputError
 from maskfab.export.exchange import OLD, exchange, move
-from maskfab.export.finished import RESULT_MARK, Finished, discard, finished
+from maskfab.export.finished import Finished, discard, finished
 
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS})
 _TAKEN = frozenset({errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR})
 """How the system refuses to give a folder the name of what is not an empty folder."""
-_NEW = ".partial"
+_NEW, _TURN = ".partial", ".turn"
+"""How the hidden name ends of what is not finished, which may be removed whole, and of one result while it exchanges
+names with another: of whichever has it then, nothing may be removed that its manifest does not know.
+"""
 _PATIENCE_S = 60.0
 """For another process that replaces the same result; it takes as long as reading it twice."""
 
@@ -121,7 +124,7 @@ def staged(place: Place) -> Iterator[Path]:
             raise not_writable(place.asked, error) from error
         raise
     finally:
-        _clear(aside, target)
+        _clear(aside, place)
         aside.close()
 
 
@@ -170,8 +173,9 @@ def _replace(aside: Aside, place: Place) -> None:
 
     It is looked at again when nobody can reach it any more under its name, for something may have come until then.
     """
-    found = _unchanged(place.path, place)
-    if found is not None:
+    if _unchanged(place.path, place) is not None:
+        new, aside = aside, _in_turn(aside)
+        os.rename(new.path, aside.path)
         exchange(aside.path, place.path)
         found = _unchanged(aside.path, place)
         if found is not None:
@@ -202,21 +206,27 @@ def _stop(aside: Aside, place: Place, why: str) -> NoReturn:
     )  # fmt: skip
 
 
-def _clear(aside: Aside, target: Path) -> None:
-    """Remove what an interruption leaves under the hidden name: the unfinished directory, or the old result."""
+def _in_turn(aside: Aside) -> Aside:
+    return replace(aside, path=aside.path.with_suffix(_TURN))
+
+
+def _clear(aside: Aside, place: Place) -> None:
+    """Remove what an interruption leaves under the hidden names: the new result, finished or not, or the old one."""
+    turn = _in_turn(aside)
+    if turn.is_there():
+        os.rename(turn.path, aside.path)
+    else:
+        _discard_old(turn.path, place.path)
     if aside.is_there():
         shutil.rmtree(aside.path, ignore_errors=True)
-    else:
-        _discard_old(aside.path, target)
 
 
 def _sweep(target: Path) -> None:
     """Remove what killed processes have left: unfinished directories, and results that had been replaced."""
     for left in stale(target, _NEW):
-        if (left / RESULT_MARK).exists():
-            _discard_old(left, target)
-        else:
-            shutil.rmtree(left, ignore_errors=True)
+        shutil.rmtree(left, ignore_errors=True)
+    for left in stale(target, _TURN):
+        _discard_old(left, target)
     for holder in stale(target, OLD):
         _discard_old(holder / target.name, target)
         with suppress(OSError):
@@ -225,19 +235,15 @@ def _sweep(target: Path) -> None:
 
 def _discard_old(folder: Path, target: Path) -> None:
     with suppress(OSError):
-        found = finished(folder)
-        if found is None:
-            folder.rmdir()  # nothing but the folder was left of it
-        else:
-            discard(folder, target, found)
+        discard(folder, target, finished(folder))
 
 
 def put_back(target: Path) -> None:
     """Give a result its name again if a process was killed while it replaced it, where that takes several renames."""
-    if target.parent.is_dir() and not os.path.lexists(target):
+    if target.parent.is_dir():
         for holder in stale(target, OLD):
             with suppress(OSError):
-                os.rename(holder / target.name, target)
+                os.rename(holder / target.name, target)  # which succeeds in place of nothing, or of an empty folder
                 holder.rmdir()
                 return
 
