@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import random
+import re
 import struct
 import zipfile
 import zlib
@@ -16,6 +17,9 @@ NUMBERS = (
     "0", "1", "-1", "2", "7", "9", "0.5", "-0", "1e-9", "1e308", "nan", "inf", ".", "-", "4294967296", "-2147483648",
     "99999999999999999999", "90", "45", "0x10", "1_0",
 )  # fmt: skip
+DIGIT = re.compile(rb"[0-9\xb2\xb3\xb9]")
+"""What is a digit in Latin-1."""
+
 WHOLE = (0, 1, -1, 2, 3, 90, 255, 256, 1000, 2**15 - 1, -(2**15), 2**31 - 1, -(2**31))
 
 
@@ -108,12 +112,12 @@ def lines(data: bytes, chance: random.Random) -> bytes:
 def number(data: bytes, chance: random.Random) -> bytes:
     """A whole number of a text, with its sign and its point, replaced."""
     words = data.split(b"\n")
-    holding = [place for place, word in enumerate(words) if any(chr(each).isdigit() for each in word)]
+    holding = [place for place, word in enumerate(words) if DIGIT.search(word)]
     if not holding:
         return data
     place = chance.choice(holding)
     word = words[place]
-    start = chance.choice([k for k, each in enumerate(word) if chr(each).isdigit()])
+    start = chance.choice([each.start() for each in DIGIT.finditer(word)])
     end = start
     while start and chr(word[start - 1]) in "0123456789.-":
         start -= 1

@@ -35,6 +35,9 @@ SUFFIXES = {
 WRITTEN = ("svg", "step", "glb", "3mf", "stl")
 """Formats that are only read back after they were written, never from anybody else."""
 
+_DATE = "2024:01:02 03:04:05"
+"""For pictures that would hold the time of writing, and be others a second later."""
+
 FEW = (
     ('"SMALL PLATE"', '"S"'),
     ('"periodic"', '"P"'),
@@ -138,6 +141,8 @@ def _picture(path: Path) -> Iterator[None]:
     spec.attribute("XResolution", 5000.0)
     spec.attribute("YResolution", 5000.0)
     spec.attribute("ResolutionUnit", "cm")
+    if path.suffix == ".tif":
+        spec.attribute("DateTime", _DATE)
     image = oiio.ImageOutput.create(str(path))
     assert image.open(str(path), spec)
     assert image.write_image(pixels)
@@ -150,6 +155,7 @@ def _exr(path: Path) -> Iterator[None]:
 
     for channels in (1, 3):
         spec = oiio.ImageSpec(7, 7, channels, oiio.HALF)
+        spec.attribute("DateTime", _DATE)
         spec.attribute("Software", "a program with a name")
         image = oiio.ImageOutput.create(str(path))
         assert image.open(str(path), spec)
