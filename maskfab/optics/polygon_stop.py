@@ -11,25 +11,16 @@ at which it enters and leaves the box's width, so Gauss-Legendre nodes between t
 from __future__ import annotations
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss, legvander
+from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
+
+from maskfab.optics.legendre import legendre, legendre_integrals
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
 # Edges this near to a lattice's line, in shares of the polygon's extent, lie on it.
 _ON_LINE = 1e-9
-
-
-def legendre_integrals(xi: Floats, orders: int) -> Floats:
-    """Integrals of P_0, P_1, ... from -1 to each place, [..., orders]: (P_{p+1} - P_{p-1}) / (2p + 1), DLMF 14.10.5."""
-    integral = np.zeros((*xi.shape, orders))
-    integral[..., 0] = xi + 1
-    # At -1 and 1, where many are, the other orders vanish.
-    inside = abs(xi) != 1
-    values = legvander(xi[inside], orders)
-    integral[inside, 1:] = (values[:, 2:] - values[:, :-2]) / (2 * np.arange(1, orders) + 1)
-    return integral
 
 
 def polygon_cover(x: Floats, y: Floats, corners: Floats) -> tuple[NDArray[np.bool_], Indices, Indices]:
@@ -94,7 +85,7 @@ def polygon_moments(boxes: Floats, corners: Floats, orders: int) -> Floats:
         xi = np.clip(2 * (_along(px, py, qx, qy, y) - x0[:, None]) / width - 1, -1, 1)
         eta = np.clip(2 * (y - y0[:, None]) / height - 1, -1, 1)
         moments[met] += np.einsum(
-            "ksq,ks,ksp->kqp", legvander(eta, orders - 1), weight, legendre_integrals(xi, orders), optimize=True
+            "qks,ks,pks->kqp", legendre(eta, orders), weight, legendre_integrals(xi, orders), optimize=True
         )
     return moments
 

@@ -11,12 +11,13 @@ from functools import cached_property
 from typing import Literal
 
 import numpy as np
-from numpy.polynomial.legendre import leggauss, legvander
+from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
 from maskfab.model import Stop, frozen
 from maskfab.optics.aperture import Aperture, Lattice, zeros
-from maskfab.optics.polygon_stop import legendre_integrals, polygon_cover, polygon_moments
+from maskfab.optics.legendre import legendre, legendre_integrals
+from maskfab.optics.polygon_stop import polygon_cover, polygon_moments
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -30,6 +31,8 @@ _SLICES = 3
 # Angle above which a dot is cut into slices.
 _WIDE_SLICE = 0.1
 _ROWS_AT_A_TIME = 128
+# Cut dots whose slices stay in the processor's cache; memory for more at once costs more than the sums.
+_BOXES_AT_A_TIME = 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -164,8 +167,8 @@ def _middle(stop: Stop) -> Stop:
 
 def _within(values: Floats, first: Indices, last: Indices) -> Floats:
     """The values in columns first to last - 1 of every row, zero elsewhere; read-only."""
-    column = np.arange(values.shape[1])
-    kept = np.where((column >= first[:, None]) & (column < last[:, None]), values, 0.0)
+    column, start, stop = (number.astype(np.int32) for number in (np.arange(values.shape[1]), first, last))
+    kept = np.where((column >= start[:, None]) & (column < stop[:, None]), values, 0.0)
     kept.flags.writeable = False
     return kept
 
@@ -234,7 +237,10 @@ def _moments(
 ) -> Floats:
     """Moments of cut dots, [k, orders, orders]."""
     boxes = np.stack([x[column], x[column + 1], y[row], y[row + 1]], axis=1)
-    return _stop_moments(boxes, stop, orders) * transmission[:, None, None]
+    moments = _stop_moments(boxes, stop, orders)
+    moments *= transmission[:, None, None]
+    moments.flags.writeable = False
+    return moments
 
 
 def _stop_moments(boxes: Floats, stop: Stop, orders: int) -> Floats:
@@ -249,11 +255,13 @@ def _stop_moments(boxes: Floats, stop: Stop, orders: int) -> Floats:
 
 def _box_moments(boxes: Floats, stop: Stop, orders: int) -> Floats:
     """Moments of box x rectangle: products of one-dimensional ones, exact by Gauss-Legendre."""
-    ends = (np.full((len(boxes), 1), side / 2) for side in stop.sides_um)
-    along_x, along_y = (
-        _clipped_moments(boxes[:, k], boxes[:, k + 1], -end, end, orders) for k, end in zip((0, 2), ends, strict=True)
-    )
-    return along_y[:, 0, :, None] * along_x[:, 0, None, :]
+    moments = []
+    for k, side in zip((0, 2), stop.sides_um, strict=True):
+        low, high = boxes[:, k], boxes[:, k + 1]
+        start, end = (np.clip(2 * (x - low) / (high - low) - 1, -1, 1) for x in (-side / 2, side / 2))
+        moments.append((legendre_integrals(end, orders) - legendre_integrals(start, orders)).T / 2)
+    along_x, along_y = moments
+    return along_y[:, :, None] * along_x[:, None, :]
 
 
 def _circle_moments(boxes: Floats, radius: float, orders: int) -> Floats:
@@ -261,8 +269,41 @@ def _circle_moments(boxes: Floats, radius: float, orders: int) -> Floats:
 
     Over theta the half chord R cos(theta) is smooth even at the poles, so Gauss-Legendre between the angles at which
     the disc's edge crosses the box's sides converges to rounding. At a pole y is quadratic in theta, and the integrand
-    of a degree near 3 x orders.
+    of a degree near 3 x orders. Along x a moment is an integral up to the right end of a slice less that up to the left
+    one. Ends on the box's own sides need no quadrature: from -1 to 1 all orders but the zeroth vanish.
     """
+    rule = leggauss(max(_SLICE_NODES, -(-3 * orders // 2) + 1))
+    moments = np.empty((len(boxes), orders, orders))
+    for start in range(0, len(boxes), _BOXES_AT_A_TIME):
+        some = slice(start, start + _BOXES_AT_A_TIME)
+        moments[some] = _sliced_moments(boxes[some], radius, orders, rule)
+    return moments
+
+
+def _sliced_moments(boxes: Floats, radius: float, orders: int, rule: tuple[Floats, Floats]) -> Floats:
+    """Moments of box x disc by a rule on [-1, 1] for the slices that end on the disc's edge."""
+    box, first, last = _slices(boxes, radius)
+    left, right, bottom, top = boxes[box].T
+    chord = radius * np.cos((first + last) / 2)
+    moments = np.zeros((len(boxes), orders, orders))
+    full = (-chord < right) & (right <= chord)
+    heights = (2 * (radius * np.sin(end[full]) - bottom[full]) / (top - bottom)[full] - 1 for end in (first, last))
+    low, high = (legendre_integrals(np.clip(eta, -1, 1), orders) for eta in heights)
+    _add_by_box(moments[:, :, 0], box[full], (high - low).T / 2)
+    slices, side = np.nonzero(np.stack([(left < -chord) & (-chord < right), (left < chord) & (chord < right)], axis=1))
+    first, last, left, right, bottom, top = (each[slices, None] for each in (first, last, left, right, bottom, top))
+    nodes, weights = rule
+    theta = first + (last - first) * ((nodes + 1) / 2)
+    edge = radius * np.cos(theta) * np.where(side, 1.0, -1.0)[:, None]
+    along_y = legendre(np.clip(2 * (radius * np.sin(theta) - bottom) / (top - bottom) - 1, -1, 1), orders)
+    along_y *= (last - first) / (top - bottom) * (weights / 4) * edge
+    along_x = legendre_integrals(np.clip(2 * (edge - left) / (right - left) - 1, -1, 1), orders)
+    _add_by_box(moments, box[slices], along_y.transpose(1, 0, 2) @ along_x.transpose(1, 2, 0))
+    return moments
+
+
+def _slices(boxes: Floats, radius: float) -> tuple[Indices, Floats, Floats]:
+    """Boxes cut where the disc's edge crosses their sides: number of the box, ascending; first and last angle."""
     x0, x1, y0, y1 = boxes.T
 
     def angle(y: Floats) -> Floats:
@@ -277,24 +318,11 @@ def _circle_moments(boxes: Floats, radius: float, orders: int) -> Floats:
     breaks = np.sort(np.concatenate([first[:, None], breaks, last[:, None]], axis=1), axis=1)
     # Most dots have one or two slices that are not empty.
     box, slot = np.nonzero(np.diff(breaks, axis=1))
-    lower, length = breaks[box, slot, None], (breaks[box, slot + 1] - breaks[box, slot])[:, None]
-    nodes, weights = leggauss(max(_SLICE_NODES, -(-3 * orders // 2) + 1))
-    theta = lower + length * (nodes + 1) / 2
-    half_chord, bottom, height = radius * np.cos(theta), y0[box, None], (y1 - y0)[box, None]
-    eta = np.clip(2 * (radius * np.sin(theta) - bottom) / height - 1, -1, 1)
-    along_y = legvander(eta, orders - 1) * (length * weights / 2 * half_chord / height)[:, :, None]
-    slices = along_y.transpose(0, 2, 1) @ _clipped_moments(x0[box], x1[box], -half_chord, half_chord, orders)
-    moments = np.zeros((len(boxes), orders, orders))
+    return box, breaks[box, slot], breaks[box, slot + 1]
+
+
+def _add_by_box(moments: Floats, box: Indices, slices: Floats) -> None:
+    """Add what slices hold to the boxes that they are of, ascending."""
     turn = np.arange(box.size) - np.searchsorted(box, box)
     for k in range(int(turn.max(initial=-1)) + 1):
         moments[box[turn == k]] += slices[turn == k]
-    return moments
-
-
-def _clipped_moments(low: Floats, high: Floats, floor: Floats, ceiling: Floats, orders: int) -> Floats:
-    """Mean over [low, high] of P_p(xi) where floor < x < ceiling; [k], [k], [k, s], [k, s] -> [k, s, orders]."""
-    width = (high - low)[:, None]
-    start = np.clip(2 * (np.clip(floor, low[:, None], high[:, None]) - low[:, None]) / width - 1, -1, 1)
-    end = np.clip(2 * (np.clip(ceiling, low[:, None], high[:, None]) - low[:, None]) / width - 1, -1, 1)
-    integral = legendre_integrals(end, orders) - legendre_integrals(start, orders)
-    return np.where((end > start)[..., None], integral / 2, 0.0)

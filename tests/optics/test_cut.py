@@ -37,7 +37,7 @@ def test_monomials_over_the_disc_are_summed_from_the_dots(diameter_um: float, do
 
 
 def test_cutting_a_panel_costs_little_beside_the_field() -> None:
-    """Less than two products of 512 x 512 matrices, the field's own size."""
+    """Hardly more than a product of 512 x 512 matrices, the field's own size: slices between the rim take none."""
     aperture, stop = panel_aperture(panel(noise(21, 0.2, 1), cells=24, seed=2)), Stop("circle", 4000.0)
     square = np.random.default_rng(0).random((512, 512))
     spent = []
@@ -48,4 +48,4 @@ def test_cutting_a_panel_costs_little_beside_the_field() -> None:
         square @ square
         spent.append((between - start, time.process_time() - between))
     ours, products = np.median(spent, axis=0)
-    assert ours < 2.5 * products
+    assert ours < 1.4 * products
