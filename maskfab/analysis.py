@@ -14,7 +14,8 @@ from klayout import db
 
 from maskfab.errors import JobError, SourceError
 from maskfab.export.gds import write_oasis
-from maskfab.geometry.bounded import allow, bounded
+from maskfab.geometry.bounded import bounded
+from maskfab.geometry.limits import allow
 from maskfab.geometry.reading import find_cell, find_layer, read_layout
 from maskfab.geometry.region import plate_layout, region
 from maskfab.geometry.stop import edges_in_stop, stop_box

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import pickle
 import signal
 import subprocess
@@ -11,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maskfab.errors import MaskfabError, SourceError
+from maskfab.geometry.limits import allow, children_seconds
 
 _TOOK_TOO_LONG = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
 """How the system ends a process that has had its share."""
@@ -19,9 +19,12 @@ _TOOK_TOO_LONG = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
 def read_apart(path: Path, script: Path, *arguments: str, seconds: float) -> Any:
     """What a script reads of a file: the object that it pickles to stdout.
 
+    What it takes of the processor is taken of what this process may take, see :mod:`maskfab.geometry.bounded`.
+
     Args:
         path: the file, the last argument of the script.
-        script: a Python file, which limits what it takes by :func:`limit_share`; a warning in it is a failure.
+        script: a Python file, which limits what it takes by :func:`maskfab.geometry.limits.limit_share`; a warning in
+            it is a failure.
         arguments: of the script, before the path.
         seconds: that it may take.
 
@@ -29,11 +32,13 @@ def read_apart(path: Path, script: Path, *arguments: str, seconds: float) -> Any
         SourceError: MF316 if it takes longer, MF303 with the last thing it says if it ends in any other way than well.
         MaskfabError: the one that it pickles.
     """
+    before = children_seconds()
     command = [sys.executable, "-P", "-W", "error", str(script), *arguments, str(path)]
     try:
         process = subprocess.run(command, capture_output=True, check=False, timeout=seconds)
     except subprocess.TimeoutExpired as error:
         raise _endless(path, f"within {seconds:.0f} s") from error
+    allow(before - children_seconds())
     if process.returncode < 0 and -process.returncode in _TOOK_TOO_LONG:
         raise _endless(path, "in the processor time that it may take")
     if process.returncode != 0:
@@ -44,26 +49,6 @@ def read_apart(path: Path, script: Path, *arguments: str, seconds: float) -> Any
     if isinstance(answer, MaskfabError):
         raise answer
     return answer
-
-
-def limit_share(path: Path, memory: int, memory_per_byte: int, seconds: int | None = None) -> None:
-    """Called by such a script: let the system end it for more than a whole file takes, however busy the machine is.
-
-    Args:
-        path: the file.
-        memory: in bytes, for any file.
-        memory_per_byte: of the file, besides.
-        seconds: of the processor; as many as there are if None.
-    """
-    try:
-        import resource
-    except ImportError:  # not on Windows; the reader's clock remains
-        return
-    shares = {resource.RLIMIT_AS: memory + memory_per_byte * os.path.getsize(path)}
-    if seconds is not None:
-        shares[resource.RLIMIT_CPU] = seconds
-    for kind, most in shares.items():
-        resource.setrlimit(kind, (most, most))
 
 
 def _endless(path: Path, limit: str) -> SourceError:

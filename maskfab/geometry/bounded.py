@@ -20,15 +20,10 @@ from pathlib import Path
 from typing import Any, Literal, TypeVar
 
 from maskfab.errors import SourceError
+from maskfab.geometry.limits import BYTES_PER_SECOND, SECONDS, limit_memory, limit_processor
 from maskfab.progress import Progress, silent
 
 Answer = TypeVar("Answer")
-
-SECONDS = 5
-"""Of the processor, for any file."""
-
-BYTES_PER_SECOND = 100_000
-"""Of a file, which may take so much longer; whole files of polygons take a third of it."""
 
 SHAPES_PER_SECOND = 10_000
 """Of the design that the file is held against; they take a fifth of it."""
@@ -112,28 +107,6 @@ def _gave_up(path: Path, error: RuntimeError) -> SourceError:
     return SourceError("MF323", what, where=str(path), cure=_CURE)
 
 
-def allow(seconds: float, memory: int = 0) -> None:
-    """Let the work of :func:`bounded` take so much more; outside of it, nothing is limited and nothing changes."""
-    for kind, more in (("RLIMIT_CPU", math.ceil(seconds)), ("RLIMIT_DATA", memory)):
-        limits = _limits(kind)
-        if limits is not None and limits[0] >= 0:
-            _set_limit(kind, limits[0] + more)
-
-
-def limit_memory(memory: int) -> None:
-    """Let the system refuse this process more than so many further bytes."""
-    try:
-        held = int(Path("/proc/self/statm").read_text(encoding="ascii").split()[5]) * os.sysconf("SC_PAGESIZE")
-    except (OSError, ValueError, IndexError):
-        return  # no Linux, and no system that counts what this limit is of
-    _set_limit("RLIMIT_DATA", held + memory)
-
-
-def limit_processor(seconds: int) -> None:
-    """Let the system end this process after so many seconds of the processor; more can be allowed later."""
-    _set_limit("RLIMIT_CPU", seconds)
-
-
 def _said(path: Path, error: Exception) -> Exception:
     """What the libraries throw in their own language, and a lack of memory, as errors of the file."""
     if isinstance(error, MemoryError) or _OUT_OF_MEMORY in str(error):
@@ -143,24 +116,6 @@ def _said(path: Path, error: Exception) -> Exception:
 
 def _too_much(path: Path, what: str) -> SourceError:
     return SourceError("MF322", f"{path.name} {what}", where=str(path), cure=_CURE)
-
-
-def _limits(kind: str) -> tuple[int, int] | None:
-    """What holds now, and what can be asked for at most; below 0 stands for any."""
-    try:
-        import resource
-    except ImportError:  # Windows
-        return None
-    return resource.getrlimit(getattr(resource, kind))
-
-
-def _set_limit(kind: str, value: int) -> None:
-    limits = _limits(kind)
-    if limits is not None:
-        import resource
-
-        most = limits[1]
-        resource.setrlimit(getattr(resource, kind), (value if most < 0 else min(value, most), most))
 
 
 def _work(there: Connection, work: Callable[[Progress], Any], seconds: int, memory: int) -> None:

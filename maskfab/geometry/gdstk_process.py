@@ -23,14 +23,12 @@ import gdstk
 import numpy as np
 
 from maskfab.errors import SourceError
-from maskfab.geometry.apart import limit_share
+from maskfab.geometry.limits import limit_share
 
 _METRES_PER_NM = 1e-9
 _LARGEST_REPETITION = 10_000_000
 _LARGEST_MEMORY = 3 << 29
 _MEMORY_PER_BYTE = 256
-_SECONDS = 5
-_BYTES_PER_SECOND = 100_000
 _ENDLIB = 4
 _SHORTEST_RECORD = 4
 
@@ -109,8 +107,7 @@ def _repetition(each: Any) -> Any:
 
 
 if __name__ == "__main__":
-    size = Path(sys.argv[2]).stat().st_size
-    limit_share(Path(sys.argv[2]), _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS + size // _BYTES_PER_SECOND)
+    limit_share(Path(sys.argv[2]), _LARGEST_MEMORY, _MEMORY_PER_BYTE)
     found: list[dict[str, Any]] | SourceError
     try:
         found = content(*sys.argv[1:])

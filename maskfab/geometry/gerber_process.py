@@ -26,7 +26,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
-from maskfab.geometry.apart import limit_share
+from maskfab.geometry.limits import limit_share
 
 Run = tuple[bool, NDArray[np.float64], NDArray[np.int64]]
 """Outlines of one polarity, dark or not: their corners [n, 2] in nanometres, and how many each has."""
@@ -38,7 +38,6 @@ _AT_A_TIME = 128
 _LARGEST_MEMORY = 3 << 29
 _MEMORY_PER_BYTE = 256
 _SECONDS = 4
-_BYTES_PER_SECOND = 100_000
 _FARTHEST_NM = 1_000_000_000
 """As for every layout, see :mod:`maskfab.geometry.reading_limits`, which takes too long to import here."""
 
@@ -303,7 +302,7 @@ def _distinct(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 
 if __name__ == "__main__":
     file = Path(sys.argv[1])
-    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS + file.stat().st_size // _BYTES_PER_SECOND)
+    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS)
     found: tuple[list[Run], int] | SourceError
     try:
         found = content(file)

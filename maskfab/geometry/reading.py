@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.apart import read_apart
+from maskfab.geometry.reading_counts import refuse_many_blocks, refuse_many_in_gdsii
 from maskfab.geometry.reading_dxf import POLYLINE_MODE, close_lines, look_through
 from maskfab.geometry.reading_gerber import read_gerber
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES
@@ -202,6 +203,7 @@ def _first_bytes(path: Path, count: int) -> bytes:
 def _read_gdsii(path: Path) -> db.Layout:
     if _first_bytes(path, 4) != _GDSII_MAGIC:
         raise _wrong_kind(path, "GDSII")
+    refuse_many_in_gdsii(path)
     return _through_gdstk(path, "read_gds")
 
 
@@ -454,6 +456,7 @@ class _Conversion:
 def _read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     data = path.read_bytes()
     said = _checked_dxf_unit(path, data)
+    refuse_many_blocks(path, data)
     if unit_um is None:
         if said and said not in _UM_PER_DXF_UNIT:
             what = f"{path.name} is drawn in unit {said} of $INSUNITS"

@@ -19,6 +19,9 @@ MOST_LEVELS = 500
 MOST_LAYERS = 4096
 """klayout compares each name with all others."""
 
+MOST_CELLS = 20_000
+"""A mask has some for each of its dies; every one costs time on every layer."""
+
 FARTHEST_NM = 1_000_000_000
 ROUNDING_KEY = "maskfab_rounding_nm"
 LEFT_OUT_KEY = "maskfab_left_out"
@@ -90,6 +93,8 @@ def check_limits(layout: db.Layout, path: Path) -> None:
     """
     if layout.layers() > MOST_LAYERS:
         raise too_many_layers(path)
+    if layout.cells() > MOST_CELLS:
+        raise too_many_cells(path)
     depth = max((cell.hierarchy_levels() for cell in layout.top_cells()), default=0)
     if depth > MOST_LEVELS:
         raise SourceError(
@@ -120,6 +125,16 @@ def too_many_layers(path: Path) -> SourceError:
         f"{path.name} has over {MOST_LAYERS} layers",
         where=str(path),
         cure="Write the layers of the mask alone",
+    )
+
+
+def too_many_cells(path: Path) -> SourceError:
+    """MF313 for more than :data:`MOST_CELLS`."""
+    return SourceError(
+        "MF313",
+        f"{path.name} has over {MOST_CELLS} cells",
+        where=str(path),
+        cure="Flatten it in part, and write the cells of the mask alone",
     )
 
 

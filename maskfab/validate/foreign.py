@@ -13,7 +13,8 @@ from typing import Literal
 from klayout import db
 
 from maskfab.errors import JobError, SourceError
-from maskfab.geometry.bounded import SHAPES_PER_SECOND, allow, bounded
+from maskfab.geometry.bounded import SHAPES_PER_SECOND
+from maskfab.geometry.limits import allow
 from maskfab.geometry.reading import GERBER_SUFFIXES, read_layout, rounding_nm
 from maskfab.geometry.reading_image import IMAGE_SUFFIXES, read_picture
 from maskfab.geometry.reading_limits import count_shapes, left_out
@@ -29,15 +30,12 @@ from maskfab.validate.features import judged
 from maskfab.validate.foreign_drawing import Known, drawn_figures, named_cells, reach, slanted
 from maskfab.validate.foreign_layers import LayersRead, Ordered, clear_only, draws
 from maskfab.validate.foreign_optics import optics_of_like, optics_of_unlike
-from maskfab.validate.foreign_rules import Asked, asked, rules_of_like, rules_of_unlike
+from maskfab.validate.foreign_rules import asked, rules_of_like, rules_of_unlike
 from maskfab.validate.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare
 
 MOST_INVERTED = 2_000_000
-_SECONDS_PER_DIE = 4
+_SECONDS_PER_DIE = 2
 """That its optics may take of the processor, see :mod:`maskfab.geometry.bounded`; they take one."""
-
-_SECONDS_OF_RULES = 5
-"""The same for the rules of a file that is not the design."""
 
 _TOLD_PLACES = 4
 _MOST_TOLERATED = 0.01
@@ -160,7 +158,7 @@ def check_foreign(
     if not alignment.alike:
         progress("rules", 0, 1)
         wanted = asked(plate, limits)
-        quantities += [*_rules_alone(path, read, wanted), *drawn_figures(read, path, max_vertices), slanted(read, None)]
+        quantities += [*rules_of_unlike(read, wanted), *drawn_figures(read, path, max_vertices), slanted(read, None)]
         quantities.append(reach(plate, clear_box(read), 1.0))
         allow(_SECONDS_PER_DIE * len(plate.dies))
         progress("optics", 0, 1)
@@ -208,11 +206,6 @@ def _read(path: Path, how: How, ordered: Ordered) -> tuple[db.Layout, LayersRead
     layout = read_layout(path, how.unit_um)
     layers = clear_only(layout, path, how.layer, how.cell, how.ignored, ordered)
     return layout, layers if path.suffix.lower() not in GERBER_SUFFIXES else replace(layers, clear="")
-
-
-def _rules_alone(path: Path, read: db.Layout, wanted: Asked) -> tuple[Quantity, ...]:
-    """The rules of a file that is not the design, in a time of their own."""
-    return bounded(path, lambda _tell: tuple(rules_of_unlike(read, wanted)), seconds=_SECONDS_OF_RULES)
 
 
 def _turn_over(read: db.Layout, alignment: Alignment, path: Path) -> None:

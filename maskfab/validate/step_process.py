@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.export.solid.quiet import quiet
-from maskfab.geometry.apart import limit_share
+from maskfab.geometry.limits import limit_share
 from maskfab.validate.read_solid import Floats, ReadShape, ReadSolid
 from maskfab.validate.read_step import Placed
 
@@ -209,7 +209,7 @@ def _faces(solid: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]
 
 if __name__ == "__main__":
     file = Path(sys.argv[1])
-    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS + file.stat().st_size // _BYTES_PER_SECOND)
+    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS, _BYTES_PER_SECOND)
     try:
         with quiet():
             found = content(file)

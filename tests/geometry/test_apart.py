@@ -75,7 +75,7 @@ pickle.dump(OpeningError("MF203", "it is closed", where="here", cure="Open it"),
 )
 def test_a_reader_ends_that_takes_more_than_its_share(tmp_path, limits, work, stands):
     code = (
-        "from pathlib import Path; from maskfab.geometry.apart import limit_share\n"
+        "from pathlib import Path; from maskfab.geometry.limits import limit_share\n"
         f"limit_share(Path(sys.argv[1]), {limits})\n{work}"
     )
     if stands:

@@ -12,7 +12,9 @@ import pytest
 from klayout import db
 
 from maskfab.errors import OpeningError, SourceError
-from maskfab.geometry.bounded import allow, bounded, library_errors
+from maskfab.geometry.apart import read_apart
+from maskfab.geometry.bounded import bounded, library_errors
+from maskfab.geometry.limits import allow
 
 pytestmark = pytest.mark.skipif(
     "fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copied process"
@@ -77,6 +79,24 @@ def test_what_is_allowed_for_honest_work_is_there(file):
         return "done"
 
     assert bounded(file, work, seconds=1) == "done"
+
+
+def test_what_a_reader_takes_is_taken_of_the_same_share(file, tmp_path):
+    script = tmp_path / "reader.py"
+    script.write_text(
+        "import pickle, sys, time\nwhile time.process_time() < 1.2:\n    pass\npickle.dump('read', sys.stdout.buffer)",
+        encoding="utf-8",
+    )
+
+    def work(tell):
+        answer = read_apart(file, script, seconds=60)
+        tell("rules", 0, 1)
+        busy(1.5)
+        return answer
+
+    error = refusal(file, work, seconds=1)
+    assert (error.code, "'rules'" in error.what) == ("MF322", True)
+    assert bounded(file, work, seconds=4) == "read"
 
 
 def test_allowing_more_changes_nothing_where_nothing_is_limited():
