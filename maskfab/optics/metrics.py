@@ -4,29 +4,27 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import fft
 
 from maskfab.errors import JobError
-from maskfab.model import Camera, Mtf, Psf, Quantity, frozen
-from maskfab.optics.aperture import Lattice
+from maskfab.model import Camera, Mtf, Psf, Quantity
+from maskfab.optics.axis_lags import AxisLags
 from maskfab.optics.colour import JUST_NOTICEABLE
+from maskfab.optics.edge_spread import EdgeSpread, edge_colour_difference, edge_in_window
 from maskfab.optics.encircled import ensquared_energy, halo_energy
 from maskfab.optics.leak import Leak
 from maskfab.optics.mtf import LEVELS, area_under_radial_min, frequency_at
-from maskfab.optics.otf import LagTable, neighbours
+from maskfab.optics.otf import LagTable
 from maskfab.optics.psf import cutoff, image_scale_um2, pixel_sum_error
 from maskfab.optics.psf_metrics import (
     colour_distance,
-    edge_colour_difference,
     energy_normalised_strehl,
     first_side_lobe,
     streak_index,
 )
-from maskfab.optics.pupil import Pupil
 from maskfab.optics.sampling import PHASES, AliasedMtf, cy_per_pixel, phase_spread
 from maskfab.optics.spectrum import Spectrum
 from maskfab.optics.wiener import noise_gain, sensor_square, worst_wiener
@@ -40,10 +38,10 @@ _WIENER_SAMPLES = 128
 _CORE_PIXELS = 5
 _HALO_UM = 25.0
 _STREAK_UM = (10.0, 50.0)
+# Of a colour's number, the error with which it still ranks designs; and what is too small to matter.
+_LARGEST_BAR, _LEAST_DISTANCE = 0.15, 0.01
 # How far the first side lobe is looked for before the whole window is, in units of λf / D.
 _NEAR_ORDERS = 8
-_ROWS_AT_A_TIME = 128
-
 
 FASTEST_PARAXIAL = 1.4
 """The f-number below which a report tells that its model is paraxial."""
@@ -241,63 +239,13 @@ def mtf_volume(table: LagTable, area_um2: float, die: str | None, limit: float, 
     )
 
 
-@dataclass(frozen=True, eq=False)
-class AxisLags:
-    """The pupil's autocorrelation along one axis, the lag along the other being 0.
-
-    Attributes:
-        lattice: the pupil's lattice along the axis.
-        values: float64 [cells, dots] in square micrometres, negative lags wrapped round, good for every lag.
-    """
-
-    lattice: Lattice
-    values: Floats
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "values", frozen(self.values))
-
-    def at(self, lag_um: Floats) -> Floats:
-        """The autocorrelation at lags of any shape; linear between the table's, which is exact for whole dots."""
-        total = np.zeros(lag_um.shape)
-        cells, dots = self.values.shape
-        for place, weight in neighbours(self.lattice, lag_um, (cells, dots)):
-            total += weight * self.values.ravel()[place]
-        return total
-
-
-def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
-    """Autocorrelations along x and along y at every lag up to the pupil's width.
-
-    Args:
-        pupil: openings inside the stop.
-        energy_um2: the value at lag 0, which dots that the stop cuts do not give by their means.
-    """
-    grey = pupil.mean_transmission[np.ix_(pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel())]
-    area = pupil.x.dot_um * pupil.y.dot_um
-    found = []
-    for lattice, rows in ((pupil.x, grey), (pupil.y, grey.T)):
-        # Without gutters every dot is a cell, as in the lag table.
-        period = (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
-        sizes = [fft.next_fast_len(2 * n - 1, real=True) for n in period]
-        axes, sizes = ([1], sizes[:1]) if period[1] == 1 else ([1, 2], sizes)
-        power: Floats | float = 0.0
-        for start in range(0, len(rows), _ROWS_AT_A_TIME):
-            part = rows[start : start + _ROWS_AT_A_TIME]
-            spectrum = fft.rfftn(part.reshape(-1, *period), sizes, axes=axes)
-            power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
-        values = fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
-        values[0, 0] = energy_um2
-        found.append(AxisLags(lattice, values))
-    return found[0], found[1]
-
-
 def aliasing_quantities(
     lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera, die: str | None
 ) -> list[Quantity]:
     """How far sampling once per pixel moves the MTF from the presampled one, and how far its phase does.
 
     Args:
-        lags: see :func:`axis_lags`.
+        lags: see :func:`maskfab.optics.axis_lags.axis_lags`.
         table: of the same pupil; gives energy and error bound.
         mtf: presampled, of the same table; gives frequencies and wavelength.
         camera: gives focal length, stop and pixel.
@@ -389,17 +337,31 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
     ]
 
 
-def colour_quantities(pixels: Sequence[Psf], die: str | None) -> list[Quantity]:
-    """How three colours differ, longest wavelength red, shortest blue; nothing for any other number of them."""
+def colour_quantities(pixels: Sequence[Psf], die: str | None, edges: Sequence[EdgeSpread] = ()) -> list[Quantity]:
+    """How three colours differ, longest wavelength red, shortest blue; nothing for any other number of them.
+
+    Args:
+        pixels: averaged over pixels, one of each colour.
+        die: whose numbers these are.
+        edges: an edge in each colour; none where only the window tells it.
+    """
     if len(pixels) != 3:
         return []
-    blue, green, red = sorted(pixels, key=lambda psf: psf.wavelength_nm)
-    edge = edge_colour_difference(red, green, blue, die)
-    bar = edge.uncertainty or 0.0
-    if isinstance(edge.value, float) and bar > max(edge.value, JUST_NOTICEABLE):
-        method = f"{edge.method}: up to {bar:.2g}, so that the number is not told; a wider window tells it"
-        edge = replace(edge, value=None, uncertainty=None, method=method)
-    return [colour_distance(red, blue, die), edge]
+    blue, _, red = sorted(pixels, key=lambda psf: psf.wavelength_nm)
+    blue_edge, green_edge, red_edge = sorted(edges or map(edge_in_window, pixels), key=lambda edge: edge.wavelength_nm)
+    return [
+        _if_known(colour_distance(red, blue, die), _LEAST_DISTANCE),
+        _if_known(edge_colour_difference(red_edge, green_edge, blue_edge, die), JUST_NOTICEABLE),
+    ]
+
+
+def _if_known(quantity: Quantity, least: float) -> Quantity:
+    """The quantity; without its value if the error bar is a large part of that, and of the least that counts."""
+    value, error = quantity.value, quantity.uncertainty or 0.0
+    if not isinstance(value, float) or error <= max(_LARGEST_BAR * value, least):
+        return quantity
+    told = f"; not told, for its error would be {error:.2g} of {value:.2g}: widen camera.window"
+    return replace(quantity, value=None, uncertainty=None, method=quantity.method + told)
 
 
 def _nearest_side_lobe(points: Psf, camera: Camera, die: str | None) -> Quantity:

@@ -109,6 +109,11 @@ class LagTable:
         return total / self.energy_um2
 
     @property
+    def near_um(self) -> float:
+        """Lags shorter than that are near 0."""
+        return _NEAR_DOTS * max(self.x.dot_um, self.y.dot_um)
+
+    @property
     def uncertainty(self) -> float:
         """Error bound of C(s) / C(0) at any lag."""
         return max(self.errors)
@@ -124,7 +129,7 @@ class LagTable:
         if not self.rims:
             return self.errors
         random = np.random.default_rng(0)
-        near = _near_um(self.x, self.y)
+        near = self.near_um
         count = int(np.clip(_FEW_PAIRS / 2 / self.cut_dots, _FEWEST_SAMPLES, _MOST_SAMPLES))
         farthest = max(near, min(self.reach_um, max(self.rims[0].dots.stop.sides_um)))
         angle = random.uniform(0, np.pi, _NEAR_SAMPLES + count)
@@ -144,7 +149,7 @@ class LagTable:
 
     def bounded_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> tuple[Floats, Floats]:
         """C(s) / C(0) at lags [n], exact where that costs little, and the error of each."""
-        near = np.hypot(lag_x_um, lag_y_um) < _near_um(self.x, self.y)
+        near = np.hypot(lag_x_um, lag_y_um) < self.near_um
         if not self.rims:
             return self.otf(lag_x_um, lag_y_um), np.where(near, *self.errors)
         meets = ~apart(self.rims[0].dots.stop, lag_x_um, lag_y_um)
@@ -205,10 +210,6 @@ def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[fl
     spread = float(variance.sum())
     beyond = (_largest_overlap(np.sqrt(variance)) + 1.5 * float(np.sqrt(spread))) * share
     return min(beyond + spread * share, 1.0), min(beyond, 1.0)
-
-
-def _near_um(x: Lattice, y: Lattice) -> float:
-    return _NEAR_DOTS * max(x.dot_um, y.dot_um)
 
 
 def _largest_overlap(deviation: Floats) -> float:

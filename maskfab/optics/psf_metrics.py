@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Psf, Quantity
-from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.psf import image_scale_um2
 
 Floats = NDArray[np.float64]
@@ -155,56 +154,24 @@ def energy_normalised_strehl(psf: Psf, camera: Camera, die: str | None = None) -
 def colour_distance(first: Psf, second: Psf, die: str | None = None) -> Quantity:
     """Half the integral of |difference| of two colours' pixel PSFs: the share of light that falls elsewhere, 0 to 1.
 
+    Light outside the window, a share p of one colour and q of the other, adds between |p - q| / 2 and (p + q) / 2: the
+    middle of both is told, and half of what lies between them is the error.
+
     Raises:
         InternalError: MF901 if they do not share a grid.
     """
     _same_grid(first, second)
-    value = 0.5 * float(abs(first.values - second.values).sum()) * first.step_um**2
-    missing = max(0.0, 1 - min(first.energy_in_window, second.energy_in_window))
+    within = 0.5 * float(abs(first.values - second.values).sum()) * first.step_um**2
+    outside = [max(0.0, 1 - psf.energy_in_window) for psf in (first, second)]
     return Quantity(
         "colour_distance",
         "½∫|a - b|",
-        value,
+        within + max(outside) / 2,
         "1",
         f"half the integral of the absolute difference of the PSFs at {first.wavelength_nm:g} nm and "
-        f"{second.wavelength_nm:g} nm over the window; the rest of their light lies outside",
-        uncertainty=missing,
-        die=die,
-    )
-
-
-def edge_colour_difference(red: Psf, green: Psf, blue: Psf, die: str | None = None) -> Quantity:
-    """Largest ΔE (CIE 1976) along a black and white edge imaged in three colours, against the same edge in grey.
-
-    The edge is imaged along x and along y, white being (1, 1, 1) in linear sRGB; the grey edge has the mean of the
-    three as all its channels. A PSF is symmetric about the axis, so what lies outside the window is shared equally
-    by both sides of the edge.
-
-    Args:
-        red, green, blue: pixel means, or points, on one grid.
-        die: whose number this is.
-
-    Raises:
-        InternalError: MF901 if they do not share a grid.
-    """
-    colours = (red, green, blue)
-    for other in (green, blue):
-        _same_grid(red, other)
-    outside = [max(0.0, 1 - c.energy_in_window) for c in colours]
-    largest = _largest_edge_difference(colours, (0.0, 0.0, 0.0))
-    spread = sum(
-        abs(_largest_edge_difference(colours, tuple(np.where(np.arange(3) == k, outside, 0.0))) - largest)
-        for k in range(3)
-    )
-    return Quantity(
-        "edge_colour_difference",
-        "ΔE*ab",
-        largest,
-        "1",
-        "largest CIE 1976 colour difference of a black and white edge, along x or y, in linear sRGB under D65, from "
-        f"the same edge in grey; up to {max(outside):.2g} of a colour's light lies outside the window, and the error "
-        "bar is what it would change if it fell on the edge itself",
-        uncertainty=spread,
+        f"{second.wavelength_nm:g} nm; of their light {outside[0]:.2g} and {outside[1]:.2g} lie outside the window, "
+        "which bounds what they add",
+        uncertainty=min(outside) / 2,
         die=die,
     )
 
@@ -258,23 +225,3 @@ def _brightest_direction(tail: Floats, turn: NDArray[np.complex128]) -> float:
     relative = np.array(moments) / tail.sum() * (1 - order / (_STREAK_ORDERS + 1))
     angle = np.linspace(0, 2 * np.pi, 720, endpoint=False)
     return float(1 + 2 * (relative @ np.exp(1j * order[:, None] * angle)).real.max())
-
-
-def _largest_edge_difference(colours: tuple[Psf, ...], returned: tuple[float, ...]) -> float:
-    return max(
-        _edge_difference(np.stack([_edge(c, along, r) for c, r in zip(colours, returned, strict=True)], axis=-1))
-        for along in (0, 1)
-    )
-
-
-def _edge(psf: Psf, along: int, returned: float) -> Floats:
-    """Image of a unit step between two rows or columns of samples, [n + 1], some light returned to the axis."""
-    share = psf.values.sum(axis=along) * psf.step_um**2
-    share[share.size // 2] += returned
-    start = (1 - float(share.sum())) / 2
-    return start + np.concatenate([np.zeros(1), np.cumsum(share)])
-
-
-def _edge_difference(channels: Floats) -> float:
-    grey = np.repeat(channels.mean(axis=-1, keepdims=True), 3, axis=-1)
-    return float(delta_e_1976(lab_of_linear_srgb(channels), lab_of_linear_srgb(grey)).max())

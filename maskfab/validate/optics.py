@@ -15,6 +15,8 @@ from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import UNSTATED, Box, Camera, Die, DieOptics, MaskBlank, Mtf, Psf, Quantity, Tiling
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Aperture, panel_aperture
+from maskfab.optics.axis_lags import AxisLags, axis_lags
+from maskfab.optics.edge_spread import edge_spread
 from maskfab.optics.leak import Leak
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.orders import order_quantities
@@ -156,7 +158,8 @@ def measure_pupils(
         if wavelength == middle_nm(camera):
             quantities.append(peak_to_side_lobe(points, die))
         progress("optics", len(mtfs), len(lines))
-    quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die)
+    edges = [edge_spread(lags, table, camera, wavelength) for wavelength in lines] if len(lines) == 3 else []
+    quantities += metrics.colour_quantities([psf for psf in psfs if psf.kind == "pixel"], die, edges)
     if design is None:
         quantities = [_of_polygons(quantity) for quantity in quantities]
     return Measured(tuple(psfs), tuple(mtfs), tuple(quantities))
@@ -173,7 +176,7 @@ class LitPupils:
     """
 
     table: LagTable
-    axis_lags: tuple[metrics.AxisLags, metrics.AxisLags]
+    axis_lags: tuple[AxisLags, AxisLags]
     leak: Leak | None
 
 
@@ -182,7 +185,7 @@ def lit_pupils(openings: Aperture, pupil: Pupil, leak: Leak | None, camera: Came
     if leak is None:
         return _lags_of(pupil, camera)
     parts = leak.pupils(openings)
-    along = [metrics.axis_lags(part, part.energy_um2) for part in parts]
+    along = [axis_lags(part, part.energy_um2) for part in parts]
     x, y = (replace(each[0], values=sum(part.values for part in each)) for each in zip(*along, strict=True))
     return LitPupils(leak.lag_table(pupil, parts, longest_lag_um(camera)), (x, y), leak)
 
@@ -190,7 +193,7 @@ def lit_pupils(openings: Aperture, pupil: Pupil, leak: Leak | None, camera: Came
 def _lags_of(pupil: Pupil, camera: Camera) -> LitPupils:
     """The same where the film is opaque."""
     table = lag_table(pupil, longest_lag_um(camera))
-    return LitPupils(table, metrics.axis_lags(pupil, table.energy_um2), None)
+    return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
 
 
 def _of_polygons(quantity: Quantity) -> Quantity:

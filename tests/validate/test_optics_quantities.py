@@ -12,6 +12,7 @@ from maskfab.analysis import Request, analyse_opening
 from maskfab.model import Camera, Opening, Panel, Psf, Quantity, Stop, Tiling
 from maskfab.optics import metrics
 from maskfab.optics.aperture import Lattice, panel_aperture
+from maskfab.optics.axis_lags import axis_lags
 from maskfab.optics.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.orders import order_efficiencies
 from maskfab.optics.otf import lag_table
@@ -110,14 +111,14 @@ def test_aliasing_along_an_axis_needs_only_lags_along_it(gutter_um, shape):
     pupil = cut(panel_aperture(_panel(gutter_um, mask=RING[:, ::-1])), camera.stop)
     table, whole = lag_table(pupil, longest_lag_um(camera)), lag_table(pupil, camera.stop.diameter_um)
     mtf = presampled_mtf(table, camera, 470.0)
-    found = metrics.aliased_cuts(metrics.axis_lags(pupil, table.energy_um2), table, mtf, camera)
+    found = metrics.aliased_cuts(axis_lags(pupil, table.energy_um2), table, mtf, camera)
     line = Spectrum(np.array([470.0]), np.ones(1), "line")
     nu_x, nu_y = found.frequency_cy_per_mm * 1e-3
     expected = aliased_mtf(whole, camera, line, nu_x, nu_y)
     np.testing.assert_allclose(found.values, expected.values, atol=1e-9)
     np.testing.assert_array_equal(found.phases, expected.phases)
     presampled = abs(polychromatic_otf(table, camera, line, nu_x, nu_y)) * pixel_transfer(camera, nu_x, nu_y)
-    spread, swing = metrics.aliasing_quantities(metrics.axis_lags(pupil, table.energy_um2), table, mtf, camera, "d")
+    spread, swing = metrics.aliasing_quantities(axis_lags(pupil, table.energy_um2), table, mtf, camera, "d")
     assert spread.value == pytest.approx(abs(expected.values - presampled).max(), abs=1e-9)
     assert swing.value == pytest.approx((expected.highest - expected.lowest).max(), abs=1e-9)
     assert spread.value <= swing.value + 1e-9 <= 2 * spread.value + 2e-9
@@ -167,7 +168,7 @@ def test_colours_are_told_by_wavelength_whatever_their_order():
     assert edge.value > 0
     grey = [dataclasses.replace(psfs[0], wavelength_nm=psf.wavelength_nm) for psf in psfs]
     same, none = metrics.colour_quantities(grey, None)
-    assert same.value == 0
+    assert same.value == pytest.approx(0, abs=1e-15)
     assert none.value == pytest.approx(0, abs=1e-9)
 
 
@@ -181,11 +182,11 @@ def test_a_fringe_is_told_only_where_its_bar_leaves_it_a_meaning():
             for values, line in zip(waves, (470.0, 530.0, 610.0), strict=True)
         ]
         distance, edge = metrics.colour_quantities(psfs, None)
-        assert distance.value > 0
-        assert (edge.value is not None) == told
-        assert ("not told" in edge.method) != told
-        if told:
-            assert edge.uncertainty < edge.value
+        for each in (distance, edge):
+            assert (each.value is not None) == told
+            assert ("not told" in each.method) != told
+            if told:
+                assert each.uncertainty < 0.15 * each.value
 
 
 def test_binary_coverage_varies_nowhere_and_partial_coverage_does():
