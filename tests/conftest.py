@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
+from pathlib import Path
 
 import numpy as np
 import pytest
 from hypothesis import settings
+from once import BOUNDS, FIGURES, once
+from small_job import finished
 
 from maskfab.geometry.lettering import text_polygons
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
@@ -60,3 +64,23 @@ def small_plate() -> Plate:
         ),
         notes=(Note("job 0123abcd", (0, -4_000_000)),),
     )
+
+
+@pytest.fixture
+def drawn_once() -> Iterator[None]:
+    """For tests that are about something else than figures."""
+    with once(*FIGURES):
+        yield
+
+
+@pytest.fixture
+def bound_once() -> Iterator[None]:
+    """For tests that are about something else than the bounds of an opening."""
+    with once(*BOUNDS):
+        yield
+
+
+@pytest.fixture(scope="session")
+def small_result(tmp_path_factory) -> Path:
+    """The output directory of the small job as it stands; tests copy what they change."""
+    return finished(tmp_path_factory.mktemp("small"))

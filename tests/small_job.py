@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db
+from once import FIGURES, once
 
 from maskfab.cli import run_command_line
 
@@ -80,9 +81,10 @@ def write_job(folder: Path, *edits: tuple[str, str], opening: str = OPENING) -> 
 
 
 def finished(folder: Path, *edits: tuple[str, str]) -> Path:
-    """The output directory of the job, run by the command line."""
+    """The output directory of the job, run by the command line; figures are drawn once of equal things."""
     out = folder / "out"
-    assert run_command_line(["run", str(write_job(folder, *edits)), "--out", str(out), "--quiet"]) == 0
+    with once(*FIGURES):
+        assert run_command_line(["run", str(write_job(folder, *edits)), "--out", str(out), "--quiet"]) == 0
     return out
 
 

@@ -12,7 +12,7 @@ import OpenImageIO as oiio  # noqa: N813 - its customary name
 import pytest
 from klayout import db
 from scipy.special import j1
-from small_job import DRAWING, LOOK, MASK, OPENING, command, finished, write_job
+from small_job import DRAWING, LOOK, MASK, OPENING, command, write_job
 
 import maskfab
 from maskfab.analysis import Request, analyse
@@ -25,8 +25,8 @@ OF_BOTH = ("stop_open_ratio", "auc_radial_min", "mtf50", "mtf30", "mtf10", "psf_
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory) -> Path:
-    return finished(tmp_path_factory.mktemp("analysis"))
+def out(small_result) -> Path:
+    return small_result
 
 
 @pytest.fixture(scope="module")

@@ -15,6 +15,8 @@ from maskfab.cli.display_json import document_schema
 from maskfab.layout import populate
 from maskfab.layout.subpixels.answer import Verdict
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 COLUMN = 'name = "column"\npitch = "56 um"\ndots = 7\ngrid = """\n' + "......#\n" * 7 + '"""\n'
 """One clear column: six columns of seven dots are left for emitters."""
 
@@ -130,7 +132,8 @@ def test_the_widest_gap_fits_and_the_excluded_one_does_not(capsys, tmp_path):
 
 
 def test_a_plate_is_made_with_the_display_that_was_checked(capsys, tmp_path):
-    changes = (("[plate]", "[emitters]\n" + "\n".join(f"{k} = {v}" for k, v in RULES.items()) + "\n\n[plate]"),)
+    rules = "\n".join(f"{k} = {v}" for k, v in RULES.items())
+    changes = (("[plate]", f'[emitters]\n{rules}\n\n[export]\nformats = ["gdsii"]\n\n[plate]'),)
     report = json.loads((finished(tmp_path, *changes) / "report.json").read_text(encoding="utf-8"))
     answer = command(capsys, "check", tmp_path / "job.toml", "--largest", "--json", "--quiet")
     assert answer.document["job_hash"] == report["job_hash"]

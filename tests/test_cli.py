@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from small_job import JOB, LOOK, MASK, OPENING, command, finished, listing, write_job
+from small_job import JOB, LOOK, MASK, OPENING, command, listing, write_job
 
 import maskfab
 from maskfab import resources
@@ -22,6 +22,8 @@ from maskfab.imaging.scenes import dead_leaves
 from maskfab.layout.job import load as load_job
 from maskfab.layout.openings import load, parse
 from maskfab.units import parse_pitch_um, to_nm
+
+pytestmark = pytest.mark.usefixtures("drawn_once", "bound_once")
 
 SHIPPED = sorted(resources.path("layouts/openings").glob("*.toml"))
 SHAPES = [
@@ -75,8 +77,8 @@ map_output = "found_map.toml"
 
 
 @pytest.fixture(scope="module")
-def out(tmp_path_factory) -> Path:
-    return finished(tmp_path_factory.mktemp("cli"))
+def out(small_result) -> Path:
+    return small_result
 
 
 def check_quantity(quantity: dict) -> None:

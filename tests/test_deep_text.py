@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
+import shutil
 
 import pytest
-from small_job import finished, write_job
+from small_job import write_job
 
 from maskfab.errors import InputError, OutputError
 from maskfab.export.shops import load_shop
@@ -38,9 +38,9 @@ def test_what_no_parser_can_follow_is_refused(tmp_path, name, value):
     assert len(str(refusal.value)) < 1000
 
 
-def test_a_deeply_nested_manifest_is_no_result(tmp_path):
-    out = finished(tmp_path)
-    manifest = Path(out) / "manifest.json"
+def test_a_deeply_nested_manifest_is_no_result(small_result, tmp_path):
+    out = shutil.copytree(small_result, tmp_path / "out")
+    manifest = out / "manifest.json"
     assert json.loads(manifest.read_text(encoding="utf-8"))
     manifest.write_text("[" * DEPTH, encoding="utf-8")
     with pytest.raises(OutputError, match="MF403"):

@@ -15,6 +15,8 @@ from maskfab.model import Camera, Stop
 from maskfab.optics.metrics import FASTEST_PARAXIAL, model_notes
 from maskfab.spec import check_lens
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 
 def lens(f_number: float) -> Camera:
     return Camera(5000.0, Stop("circle", 5000.0 / f_number), (530.0,), 2.0, 64.0)
@@ -75,7 +77,8 @@ def test_an_impossible_lens_is_refused_before_the_file_is_looked_at(capsys, tmp_
 def test_reports_and_verdicts_tell_of_a_fast_lens(capsys, tmp_path):
     (tmp_path / "ring.toml").write_text(OPENING)
     one_die = JOB[: JOB.rindex("[[die]]")]
-    (tmp_path / "job.toml").write_text(one_die.replace('"5 mm"', '"0.5 mm"').replace('"64 um"', '"20 um"'))
+    fast = one_die.replace('"5 mm"', '"0.5 mm"').replace('"64 um"', '"20 um"')
+    (tmp_path / "job.toml").write_text(f'{fast}\n[export]\nformats = ["gdsii"]\n')
     told = "NOTE paraxial_model_error = 0.0352 1: this lens is f/1.25"
     assert told in command(capsys, "run", tmp_path / "job.toml", "--out", tmp_path / "out").stderr
     (row,) = [q for q in json.loads((tmp_path / "out/report.json").read_text())["plate"] if "paraxial" in q["name"]]

@@ -11,7 +11,7 @@ import gdstk
 import pytest
 from klayout import db
 from matplotlib.figure import Figure
-from small_job import command, finished, listing
+from small_job import command, listing
 
 import maskfab
 from maskfab.errors import OutputError
@@ -19,16 +19,13 @@ from maskfab.model import Quantity
 from maskfab.provenance import sha256_of_file
 from maskfab.report.canvas import bitmap
 
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
-    return finished(tmp_path_factory.mktemp("verify"))
+pytestmark = pytest.mark.usefixtures("drawn_once")
 
 
 @pytest.fixture
-def out(made, tmp_path) -> Path:
+def out(small_result, tmp_path) -> Path:
     """A copy of the finished directory, for each test its own."""
-    return Path(shutil.copytree(made, tmp_path / "out"))
+    return Path(shutil.copytree(small_result, tmp_path / "out"))
 
 
 def failures(directory: Path) -> list[Quantity]:

@@ -10,15 +10,12 @@ from small_job import command, finished
 
 import maskfab
 
-
-@pytest.fixture(scope="module")
-def made(tmp_path_factory) -> Path:
-    return finished(tmp_path_factory.mktemp("unlisted"))
+pytestmark = pytest.mark.usefixtures("drawn_once")
 
 
 @pytest.fixture
-def out(made, tmp_path) -> Path:
-    return Path(shutil.copytree(made, tmp_path / "out"))
+def out(small_result, tmp_path) -> Path:
+    return Path(shutil.copytree(small_result, tmp_path / "out"))
 
 
 def unlisted(directory: Path) -> dict[str, bool | None]:

@@ -20,6 +20,8 @@ from maskfab.layout.openings import dumps, parse
 from maskfab.model import Camera, Stop
 from maskfab.spec import RelaxSection, parse_section
 
+pytestmark = pytest.mark.usefixtures("bound_once")
+
 PLAIN = {
     "name": "found",
     "method": "relax",

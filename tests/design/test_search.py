@@ -35,6 +35,8 @@ from maskfab.layout.subpixels.rules import EmitterRules
 from maskfab.progress import silent
 from maskfab.spec import SearchSection, parse_section
 
+pytestmark = pytest.mark.usefixtures("bound_once")
+
 PLAIN = {"name": "found", "dots": 6, "pitch": "168 um", "clear_dots": 9}
 RULES = {"kissing": "neighbours", "min_feature_dots": 2, "rim_dots": 1}
 

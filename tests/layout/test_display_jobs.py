@@ -22,6 +22,8 @@ from maskfab.optics.veil import veil
 from maskfab.report.display_figures import pictures
 from maskfab.validate.wired import wired_quantities
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 RULES = {"gap_to_opening": '"0 um"', "colour_gap": '"8 um"', "min_width": '"8 um"', "circuit": '"1 um^2"'}
 
 

@@ -13,6 +13,8 @@ from small_job import command, write_job
 from maskfab.layout.job import Job, load
 from maskfab.optics.scene import Scene
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 CAMERA = "# a camera of two colours\nwavelength_nm,long,short\n400,0,1\n550,1,1\n700,1,0\n"
 LAMP = "wavelength_nm,lamp\n380,1\n780,3\n"
 KEYS = ('spectrum = "tables/camera.csv"', 'illuminant = "tables/lamp.csv"')

@@ -14,6 +14,8 @@ from maskfab.export.shops import load_shop, shop_names, shop_of
 from maskfab.layout.job import load
 from maskfab.spec.shop import dump_shop, parse_shop, read_shop
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 PROFILE = """\
 title = "A house"
 sources = ["https://house.example/rules"]

@@ -11,6 +11,8 @@ from small_job import LOOK, OPENING, command, listing, write_job
 from maskfab.export.package import safe_stem
 from maskfab.spec import check_name
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 FORMATS = '[export]\nformats = ["gdsii", "dxf_r12", "dxf_r2010", "oasis", "gerber", "svg", "png", "tiff", "glb"]\n'
 ELSEWHERE = [
     "../x", "..", ".", "", "/tmp/x", "a/b", "a\\b", "C:x", "x\x00y", "x\ny", "~", "$HOME", "-rf", "x.y", " x", "x ",
@@ -73,7 +75,6 @@ def test_names_of_other_things_give_each_file_and_cell_a_name_of_its_own(capsys,
     assert len({name.casefold() for name in out}) == len(out) == 6 + 2 * 3 + 8
     listed = [file["path"] for file in json.loads(out["manifest.json"])["files"]]
     assert sorted([*listed, "manifest.json", "timing.json"]) == sorted(out)
-    assert command(capsys, "verify", tmp_path / "out", "--quiet").code == 0
     assert {path.name for path in tmp_path.iterdir()} == {"job.toml", "ring.toml", "out"}
 
 
@@ -91,7 +92,7 @@ def test_wavelengths_that_are_nearly_alike_have_files_of_their_own(capsys, tmp_p
 def test_out_is_where_the_user_says_and_nothing_else_changes(capsys, tmp_path, target):
     """Dots in --out are the user's own, and are followed; the job's names add nothing to them."""
     inner = tmp_path / "inner"
-    job = write_job(inner)
+    job = write_job(inner, ("[[die]]", '[export]\nformats = ["gdsii"]\n\n[[die]]'))
     (inner / "sub").mkdir()
     answer = command(capsys, "run", job, "--out", inner / target, "--quiet")
     assert answer.code == 0

@@ -23,6 +23,8 @@ from maskfab.provenance import sha256_of_file
 from maskfab.validate.files import read_back
 from maskfab.validate.psf_files import check_psf_file, read_psf_file
 
+pytestmark = pytest.mark.usefixtures("drawn_once")
+
 ASKED = ("[plate]", '[export]\nformats = ["gdsii", "exr"]\n\n[plate]')
 LINES = ('["530 nm"]', '["530 nm", "610 nm"]')
 NAMES = [f"SMALL_{die}_psf_{line}nm.exr" for die in ("PLAIN", "TURNED") for line in (530, 610)]
