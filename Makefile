@@ -8,8 +8,9 @@ BIN := $(VENV)/bin
 plate: $(VENV)/run.stamp
 	$(BIN)/maskfab run layouts/upc12.toml --out build/upc12 --force
 
-# Slow sweeps, marked so, are left to test-all.
+# Slow sweeps, marked so, are left to test-all, and most examples that are drawn.
 test: CHOSEN := -m "not slow"
+test-all: export HYPOTHESIS_PROFILE := full
 test test-all: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check maskfab tests
 	$(BIN)/ruff check maskfab tests

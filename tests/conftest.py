@@ -16,7 +16,8 @@ from maskfab.geometry.lettering import text_polygons
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
-settings.register_profile("fixed", derandomize=True, deadline=None)
+settings.register_profile("fixed", max_examples=30, derandomize=True, deadline=None)
+settings.register_profile("full", max_examples=100, derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 

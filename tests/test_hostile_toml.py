@@ -6,9 +6,10 @@ import time
 import tomllib
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from small_job import JOB, LOOK, OPENING, command, write_job
+from sweeps import examples
 
 from maskfab.errors import CATALOGUE, MaskfabError
 from maskfab.layout import maps, openings
@@ -76,7 +77,7 @@ def test_words_and_drawings_with_dots_are_no_keys():
     assert loads(f"grid = {drawing}") == tomllib.loads(f"grid = {drawing}")
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.text(alphabet="a1.#\"'\\\n=[]{}, \t-", max_size=60))
 def test_a_small_text_is_read_or_refused_as_python_reads_it(text):
     def outcome(parse):

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from optics_cases import camera, clear_region, noise, panel, pupil
+from sweeps import examples
 
 from maskfab.geometry.region import coverage
 from maskfab.geometry.stop import edges_in_stop
@@ -35,7 +36,7 @@ def stop_for(laid_out: Panel, shape: str, share: float) -> Stop:
     return Stop("square" if shape == "square" else "circle", max(3.0, laid_out.size_nm[0] / 1e3 * share))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(layouts, shapes, st.floats(0.3, 1.0))
 def test_two_paths_and_two_areas_agree(laid_out: Panel, shape: str, share: float) -> None:
     """Matrix transform of dots against the transform of polygon edges: independent from geometry to sum."""

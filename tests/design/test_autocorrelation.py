@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from optics_cases import noise, panel, pupil
+from sweeps import examples
 
 from maskfab.design.autocorrelation import Autocorrelation, autocorrelation
 from maskfab.model import Stop, orient
@@ -23,7 +24,7 @@ def small(dots: int, rows: int, columns: int, reach: int, seed: int) -> tuple[Au
     return autocorrelation(dots, turns, inside, reach), cell, laid
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(st.integers(1, 4), st.integers(1, 4), st.integers(1, 4), st.integers(0, 100), st.data())
 def test_is_the_sum_over_shifted_pupils(dots: int, rows: int, columns: int, seed: int, data: st.DataObject) -> None:
     reach = data.draw(st.integers(0, max(rows, columns) * dots - 1))

@@ -7,9 +7,10 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
+from sweeps import examples
 
 from maskfab.design.auc_bound import auc_bound, rings
 from maskfab.design.bounds import bounds, optimality_gap
@@ -120,7 +121,7 @@ def test_no_unit_passes_its_bounds(limit, inner, estimate):
             assert all(a < b for a, b in zip(predicted, limit.frame, strict=True)), k
 
 
-@settings(max_examples=40, deadline=None, database=None, derandomize=True)
+@examples(40)
 @given(
     seed=st.integers(0, 2**16),
     width=st.floats(0, 6),

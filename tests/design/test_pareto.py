@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
+from sweeps import examples
 
 from maskfab.design.constraints import Constraints
 from maskfab.design.discrete import ExpectedPsnr
@@ -58,7 +59,7 @@ def test_what_is_kept_is_dominated_by_none_and_covers_all(pairs: list[tuple[floa
     assert all(pairs.index(pairs[k]) == k for k in kept)
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(st.integers(0, 2**32 - 1), st.integers(0, 2), st.integers(0, 3), st.integers(1, 3), st.floats(0.02, 0.6))
 def test_no_footprint_exceeds_its_bound(seed: int, to_opening: int, gap: int, width: int, share: float) -> None:
     unit = np.random.default_rng(seed).random((DOTS, DOTS)) < share

@@ -8,8 +8,9 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import assume, given
 from hypothesis import strategies as st
+from sweeps import examples
 
 from maskfab.errors import OutputError
 from maskfab.export.solid.mesh import stl_bytes, write_3mf, write_glb, write_stl
@@ -68,7 +69,7 @@ def volume_nm3(corners):
     return float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
 
 
-@settings(max_examples=60, deadline=None, derandomize=True)
+@examples(60)
 @given(
     dots=st.integers(1, 12),
     clear=st.floats(0, 1),

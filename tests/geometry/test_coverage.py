@@ -2,9 +2,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
+from sweeps import examples
 
 from maskfab.geometry.raster import coverage, placed_boxes, to_boxes
 from maskfab.geometry.region import region
@@ -25,7 +26,7 @@ def by_unit_cells(array):
     return clear
 
 
-@settings(max_examples=150, deadline=None)
+@examples(150)
 @given(boxes, st.integers(0, 2**32 - 1))
 def test_coverage_of_boxes_agrees_with_counting_unit_cells(parts, seed):
     rng = np.random.default_rng(seed)

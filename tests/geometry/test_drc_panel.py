@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from klayout import db
+from sweeps import examples
 
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.drc import DesignRules, check_plate, narrowest
@@ -97,7 +98,7 @@ def panels(draw):
 
 
 @given(panels(), st.sampled_from((1, 5, 8, 9, 11, 12, 17, 25, 40)), st.sampled_from((64, 65, 129, 700)), st.booleans())
-@settings(max_examples=150)
+@examples(150)
 def test_violations_are_those_of_klayout_flat(panel, d, area, kissing):
     agrees(plate_of(panel), d * 1000, area * 10**6, kissing)
 
@@ -114,7 +115,7 @@ def least(pairs):
 
 
 @given(panels())
-@settings(max_examples=80)
+@examples(80)
 def test_the_narrowest_places_are_those_of_klayout_flat(panel):
     plate = plate_of(panel)
     clear, (die,) = flat(plate), plate.dies

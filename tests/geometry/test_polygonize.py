@@ -2,10 +2,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from klayout import db
+from sweeps import examples
 
 from maskfab.geometry.polygonize import outline
 from maskfab.geometry.raster import coverage
@@ -40,7 +41,7 @@ def assert_simple(polygon: Polygon) -> None:
         assert touching.sum() == 2  # the two sides that meet there
 
 
-@settings(max_examples=200, deadline=None)
+@examples(200)
 @given(masks)
 def test_union_is_the_mask_and_nothing_overlaps(mask):
     polygons = outline(mask, 8, (-3, 5))
@@ -51,7 +52,7 @@ def test_union_is_the_mask_and_nothing_overlaps(mask):
         assert_simple(polygon)
 
 
-@settings(max_examples=50, deadline=None)
+@examples(50)
 @given(masks, st.integers(0, ORIENTATIONS - 1))
 def test_outline_commutes_with_orientation(mask, orientation):
     square = np.zeros((max(mask.shape),) * 2, dtype=np.bool_)

@@ -4,10 +4,11 @@ import itertools
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from klayout import db
+from sweeps import examples
 
 from maskfab.geometry.pairs import pairs
 from maskfab.geometry.polygonize import exact, points, recut
@@ -29,7 +30,7 @@ def area(region):
 
 
 @pytest.mark.parametrize(("holes", "corners"), WAYS)
-@settings(max_examples=40)
+@examples(40)
 @given(mask=masks, most=st.sampled_from([None, 4, 6, 9]))
 def test_every_way_covers_the_same_without_holes(holes, corners, mask, most):
     drawn = recut(as_region(mask), holes, corners, most)
@@ -47,7 +48,7 @@ def test_every_way_covers_the_same_without_holes(holes, corners, mask, most):
         assert all(len(set(points(polygon))) == polygon.num_points() for polygon in every)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(mask=masks)
 def test_turning_the_mask_changes_neither_area_nor_what_is_counted(mask):
     one, other = recut(as_region(mask), "keyhole"), recut(as_region(mask[::-1, ::-1]), "keyhole")

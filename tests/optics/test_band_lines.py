@@ -7,10 +7,11 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
+from sweeps import examples
 
 from maskfab.model import Camera
 from maskfab.optics.band_lines import band_errors, band_lines
@@ -81,7 +82,7 @@ def test_polynomials_have_the_bands_own_mean_over_its_lines(name: str, panels: i
 
 
 @given(st.floats(401, 699), st.floats(1e-3, 1.0))
-@settings(max_examples=50, deadline=None)
+@examples(50)
 def test_light_is_found_wherever_it_is(middle: float, half_width: float) -> None:
     band = Band((FLAT, curve("laser", *peak(middle, half_width, 1))), "laser")
     for count in (1, 4, 16):

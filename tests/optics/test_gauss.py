@@ -4,15 +4,16 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
+from sweeps import examples
 
 from maskfab.optics.gauss import gauss_rules
 
 
 @given(st.integers(0, 10_000), st.integers(1, 5), st.floats(0.01, 1.0), st.floats(-10, 10))
-@settings(max_examples=60, deadline=None)
+@examples(60)
 def test_polynomials_have_the_same_sums(seed: int, nodes: int, width: float, middle: float) -> None:
     """In every run, up to degree 2n - 1, whether its points are spread out or bunched."""
     rng = np.random.default_rng(seed)

@@ -6,9 +6,10 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from optics_cases import noise, panel, pupil
+from sweeps import examples
 
 from maskfab.model import Stop
 from maskfab.optics.field import parity_field, prepare
@@ -16,7 +17,7 @@ from maskfab.optics.interpolation import frequency_nodes
 from maskfab.optics.pupil import Pupil
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(st.floats(1.0, 1e4), st.floats(0.05, 300.0), st.integers(0, 10_000), st.sampled_from(["double", "single"]))
 def test_waves_of_any_source_follow_from_the_nodes(reach_um: float, cycles: float, seed: int, precision: str) -> None:
     highest = cycles / reach_um

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from sweeps import examples
 
 from maskfab.errors import JobError, MaskfabError
 from maskfab.model import Camera, Stop
@@ -68,7 +69,7 @@ def test_light_of_ones_own_is_a_factor() -> None:
 
 
 @given(st.floats(COLDEST_K, HOTTEST_K))
-@settings(max_examples=40, deadline=None)
+@examples(40)
 def test_a_black_body_lights_the_whole_response_and_moves_its_mean(temperature_k: float) -> None:
     plain = scene(spectrum="camera.csv").bands
     lit = scene(spectrum="camera.csv", illuminant=f"{temperature_k:.15g} K").bands

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from optics_cases import clear_region, noise, panel
 from scipy.special import j1
 from small_job import write_job
+from sweeps import examples
 
 from maskfab.cli import run_command_line
 from maskfab.design.stop_grid import stop_dots
@@ -146,7 +147,7 @@ def test_a_polygon_along_the_lines_of_the_grid_cuts_nothing():
 corner = st.tuples(st.floats(-1.3, 1.3), st.floats(-1.3, 1.3))
 
 
-@settings(deadline=None, max_examples=40)
+@examples(40)
 @given(st.tuples(corner, corner, corner))
 def test_moments_of_a_triangle_in_a_box_are_those_of_its_clipped_polygon(triangle):
     (ax, ay), (bx, by), (cx, cy) = triangle

@@ -11,10 +11,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from optics.published_recipe import Recipe, published_autograd, published_psf, worst_response
 from optics_cases import noise, panel, pupil
+from sweeps import examples
 
 from maskfab.errors import InternalError
 from maskfab.model import Panel, Stop, orient
@@ -63,7 +64,7 @@ def difference(found: torch.Tensor, expected: np.ndarray) -> float:
     return float(np.linalg.norm(found.double().numpy() - expected) / np.linalg.norm(expected))
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(layouts, st.sampled_from(["circle", "square"]), st.floats(0.3, 1.2), st.booleans())
 def test_equals_the_numpy_path_with_a_grey_rim(laid_out: Panel, shape: str, share: float, on_axis: bool) -> None:
     stop = Stop("circle" if shape == "circle" else "square", max(3.0, share * laid_out.size_nm[0] / 1e3))

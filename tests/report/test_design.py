@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from matplotlib.image import imread
 from report.test_report_data import check
 from report.test_report_html import read
+from sweeps import examples
 
 from maskfab.imaging.protocol import Score
 from maskfab.imaging.shots import Shot
@@ -131,7 +132,7 @@ rubbish = st.dictionaries(
 )
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(rubbish, rubbish)
 def test_any_provenance_is_told_as_the_schema_says(opening, cells):
     document = json.loads(json.dumps(design_document(Stated(opening, 8.0, cells, "m")), allow_nan=False))
