@@ -230,7 +230,8 @@ def play(parent: Path, what: Round) -> tuple[int, list[str]]:
             person.takes_away(parent / f"elsewhere {turn}")
             staging.put_back(target)
             spoilt = any(each.write is not None and each.write[1] == _OVER for each in what.met)
-            found = whole(target)
+            # Beside it, if somebody took the name while the old result did not have it.
+            found = whole(target) or whole(parent / "out.old")
             lost = found is None and (what.force or (target.exists() and any(target.iterdir())))
             if not spoilt and (lost or found not in expected):
                 wrong.append(f"the folder holds {found!r} of {expected}")

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+from fractions import Fraction
+from itertools import pairwise
 
+import gdstk
+import numpy as np
 import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
@@ -57,3 +61,88 @@ def test_a_triangle_is_as_wide_as_the_circle_in_it(corners, tolerance):
     if slivers:
         assert width <= widest + 1e-9
         assert widest == pytest.approx(width, abs=0.05 + tolerance / 100)
+
+
+def star(arms, radius):
+    """Slanted wedges around a hole, and a ring of many corners."""
+
+    def around(turns, radii):
+        angles = 2 * math.pi * np.array(turns)
+        ends = np.rint(np.array(radii) * [np.cos(angles), np.sin(angles)]).astype(int).T.tolist()
+        return db.Polygon([db.Point(*end) for end in ends])
+
+    wedges = [
+        around([k / arms, k / arms, (k + 0.5) / arms, (k + 0.5) / arms], [radius / 9, radius, radius, radius / 9])
+        for k in range(arms)
+    ]
+    outer, inner = (around(np.arange(97) / 97, [part * radius] * 97) for part in (1.4, 1.2))
+    return [*wedges, *(db.Region(outer) - db.Region(inner)).each()]
+
+
+def by_gdstk(polygons, most=5):
+    simple = [polygon.resolved_holes() for polygon in polygons]
+    pieces = [gdstk.Polygon([(p.x, p.y) for p in each.each_point_hull()]).fracture(most, 1e-3) for each in simple]
+    return [np.rint(piece.points).astype(int).tolist() for each in pieces for piece in each]
+
+
+def slabs(polygons, to_grid, upright=False):
+    """Trapezoids between the lines through all corners of a polygon, as fractures for writers are made."""
+    pieces = []
+    for polygon in polygons:
+        rings = [list(polygon.each_point_hull()), *(list(polygon.each_point_hole(i)) for i in range(polygon.holes()))]
+        ends = [[(p.y, p.x) if upright else (p.x, p.y) for p in ring] for ring in rings]
+        sides = [sorted(side, key=lambda end: end[1]) for ring in ends for side in pairwise([*ring, ring[0]])]
+        for low, high in pairwise(sorted({y for ring in ends for _, y in ring})):
+            cuts = sorted(
+                tuple(ax + Fraction((bx - ax) * (y - ay), by - ay) for y in (low, high))
+                for (ax, ay), (bx, by) in sides
+                if ay <= low < high <= by
+            )
+            for left, right in zip(cuts[::2], cuts[1::2], strict=True):
+                corners = [(left[0], low), (right[0], low), (right[1], high), (left[1], high)]
+                on_grid = [(to_grid(x), y) for x, y in corners]
+                pieces.append([(y, x) for x, y in on_grid] if upright else on_grid)
+    return pieces
+
+
+FRACTURES = {
+    "gdstk, 5 corners": by_gdstk,
+    "gdstk, 8 corners": lambda polygons: by_gdstk(polygons, 8),
+    "lying, nearest": lambda polygons: slabs(polygons, round),
+    "lying, below": lambda polygons: slabs(polygons, math.floor),
+    "upright, nearest": lambda polygons: slabs(polygons, round, upright=True),
+    "upright, above": lambda polygons: slabs(polygons, math.ceil, upright=True),
+}
+
+
+@pytest.mark.parametrize("fracture", FRACTURES.values(), ids=FRACTURES)
+def test_any_fracture_into_trapezoids_is_slivers_and_an_edge_of_it_off_by_two_nanometres_a_fault(fracture):
+    """Every slanted mark is cut into pieces whose corners lie on the grid; the longest edge is then moved."""
+    design = star(23, 61_003)
+    pieces = fracture(design)
+    assert len(pieces) > 2 * len(design)
+
+    def judged(drawn):
+        return sift((db.Region([polygon_of(piece) for piece in drawn]) ^ db.Region(design)).merged(), 1.0)
+
+    whole = judged(pieces)
+    assert whole.faults.is_empty()
+    assert 0 < whole.widest_nm <= 1
+    assert whole.slivers.area() > 0
+    length, which, corner = max(
+        (math.dist(piece[k - 1], piece[k]), number, k)
+        for number, piece in enumerate(pieces)
+        for k in range(len(piece))
+        if piece[k - 1][0] != piece[k][0] and piece[k - 1][1] != piece[k][1]
+    )
+    ends = np.array(pieces[which])
+    along = ends[corner] - ends[corner - 1]
+    for way in (2, -2):
+        moved = ends.copy()
+        moved[[corner - 1, corner]] += way * np.eye(2, dtype=int)[int(abs(along[0]) > abs(along[1]))]
+        found = judged([*pieces[:which], moved.tolist(), *pieces[which + 1 :]])
+        assert found.faults.area() > length, way
+
+
+def polygon_of(piece):
+    return db.Polygon([db.Point(*end) for end in piece])
