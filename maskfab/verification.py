@@ -51,6 +51,7 @@ from maskfab.validate.psf_files import check_psf_file
 from maskfab.validate.roundtrip import RoundTrip
 
 _PHOTOGRAPHS = "other photographs, of which a last bit of light may draw another photon"
+_SCHEMA = "report_schema"
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
@@ -124,10 +125,11 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         told = list(_reported(folder, now))
         checks += told
         alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
+        alike = alike and not any(each.name == _SCHEMA for each in told)
         pictures = draw_pictures(built, optics, now, scenes, restored, written)
         for name, differs in (
             *_aids_differ(folder, job, plate),
-            *_page_differs(folder, now, pictures, held=all(each.passed for each in told)),
+            *_page_differs(folder, now, pictures, held=all(each.passed is not False for each in told)),
             *_overview_differs(folder, draw_overview(plate, optics, now)),
         ):
             checks.append(_again(name, differs, judged=alike and differs != _PHOTOGRAPHS))
@@ -227,16 +229,22 @@ def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
 
 
 def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
-    """Everything that report.json says against what is measured now."""
+    """Everything that report.json says against what is measured now; a note first if its schema is an earlier one."""
     try:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
+        stated, present = then["schema_version"], now["schema_version"]
+        earlier = type(stated) is int and 1 <= stated < present
+        expected = {**now, "schema_version": stated} if earlier else now
         differences = [
             _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
-            for place, new, old in _differences(_lasting(now), _lasting(then), ())
+            for place, new, old in _differences(_lasting(expected), _lasting(then), ())
         ]
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         yield _failed("report", f"{REPORT} cannot be read: {error}")
         return
+    if earlier:
+        told = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
+        yield Quantity(_SCHEMA, "", stated, "", told)
     yield from differences
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
 

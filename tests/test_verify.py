@@ -265,6 +265,22 @@ def test_a_later_version_verifies_what_an_earlier_one_made(out, monkeypatch):
     assert failures(out) == []
 
 
+@pytest.mark.parametrize(("stated", "earlier"), [(1, True), (3, False)])
+def test_a_report_of_an_earlier_schema_is_said_to_be_one_and_compared(out, stated, earlier):
+    def edit(report: dict) -> None:
+        report.update(schema_version=stated, time={"seconds": {"optics": 3.0}})
+        report["camera"]["focal_um"] = 5001.0
+
+    edit_report(out, edit)
+    found = failures(out)
+    notes = [check.value for check in found if check.name == "report_schema"]
+    assert notes == ([stated] if earlier else [])
+    reported = [check for check in found if check.name == "reported"]
+    assert any("camera, focal_um" in check.method for check in reported)
+    assert any("schema_version" in check.method for check in reported) is not earlier
+    assert {check.name for check in found if check.passed is False} == {"reported", "reported_differences"}
+
+
 def test_a_die_that_was_emptied_is_found_and_named(out):
     library = gdstk.read_gds(out / "SMALL.gds")
     cell = next(cell for cell in library.cells if cell.name == "PLAIN")
