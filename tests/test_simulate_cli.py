@@ -11,6 +11,7 @@ import pytest
 from maskfab.cli import run_command_line
 from maskfab.export.pictures import write_png
 from maskfab.imaging.laid_panel import laid_panel
+from maskfab.imaging.protocol import ASSUMED
 from maskfab.imaging.scenes import dead_leaves
 from maskfab.imaging.transfer import lay
 from maskfab.layout.job import load
@@ -31,6 +32,7 @@ def test_a_random_tiling_beats_the_periodic_one(photographs: Path, capsys: pytes
     assert run_command_line([*arguments, "--json", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["reference"] == "TOLED_P150"
+    assert told["assumed"] == ASSUMED
     assert [score["design"] for score in told["scores"]] == ["TOLED_P150"] * 3 + ["PINV_R150"] * 3
     assert all(gain["psnr"] > 0.5 and gain["psnr_error"] is None for gain in told["gains"])
 

@@ -39,7 +39,7 @@ def simulate(
     from maskfab.export.staging import check_file, write_bytes
     from maskfab.imaging.laid_panel import laid_panel
     from maskfab.imaging.photographs import folder
-    from maskfab.imaging.protocol import evaluate
+    from maskfab.imaging.protocol import ASSUMED, evaluate
     from maskfab.imaging.scenes import bundled
     from maskfab.imaging.shots import Crop, Shot, truth_of
     from maskfab.layout.job import load
@@ -88,9 +88,9 @@ def simulate(
         write_bytes(picture, sheet(truth_of(scenes[0], crop), scenes[0].name, shown), replace=force)
     base = reference or names[0]
     if as_json:
-        print_json(_document(table, base, protocol, [scene.name for scene in scenes]))
+        print_json({"assumed": ASSUMED, **_document(table, base, protocol, [scene.name for scene in scenes])})
         return
-    for line in _lines(table, base):
+    for line in (*_lines(table, base), f"Assumed: {ASSUMED}."):
         typer.echo(line)
 
 

@@ -31,6 +31,8 @@ EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 TRIM = 64
 """Pixels left out at each edge of the inner frame."""
 LEVELS = (24, 32, 40)
+ASSUMED = "protocol F1's own camera, an opaque film and no glass, whatever the job says of its camera and plate"
+"""What photographs take for granted."""
 
 
 @dataclass(frozen=True)

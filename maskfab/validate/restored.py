@@ -15,7 +15,7 @@ from maskfab.design.surrogate import Surrogate, surrogate
 from maskfab.errors import JobError
 from maskfab.imaging.laid_panel import laid_panel
 from maskfab.imaging.photographs import Scene
-from maskfab.imaging.protocol import LEVELS
+from maskfab.imaging.protocol import ASSUMED, LEVELS
 from maskfab.imaging.scenes import bundled
 from maskfab.imaging.shots import Crop, Shot, shots, truth_of
 from maskfab.imaging.transfer import PANEL_UM, STOP_UM, Laid
@@ -96,7 +96,7 @@ class Photographer:
                 value,
                 "dB",
                 f"expected: surrogate of protocol F1 over the bundled scenes, for {how}; error: its largest difference "
-                "from the protocol itself, run on these scenes for twelve dies",
+                f"from the protocol itself, run on these scenes for twelve dies; assumed: {ASSUMED}",
                 uncertainty=RESIDUAL_DB[level],
                 die=die.name,
                 level_db=level,
