@@ -12,21 +12,29 @@ import pytest
 from small_job import OPENING
 
 SLICE = 150
-COSTLY = {"gdsii": 30, "oasis": 30, "dxf": 40, "gerber": 40, "step": 6}
-"""These start a process of their own for every file that is not refused at first sight, or read long text."""
+FEWER = {"gdsii": 30, "oasis": 30, "dxf": 15, "gerber": 40, "step": 6, "package": 40}
+"""These are read by libraries of others, or hold long text or many files."""
+
+APART = ("gdsii", "oasis", "gerber", "step")
+"""maskfab starts a process for each of these, for which one that is copied for every file stands here."""
 
 
 @pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)
 def test_damaged_files_are_refused_or_seen(reader, tmp_path):
-    path = tmp_path / fuzz_originals.file_name(reader)
-    if reader == "job":
-        (tmp_path / "ring.toml").write_text(OPENING, encoding="utf-8")
-    outcomes = {}
-    for number in range(COSTLY.get(reader, SLICE)):
-        path.write_bytes(fuzz_readers.damaged(reader, number))
-        outcomes[number] = fuzz_readers.outcome(reader, path)
-    assert {number: said for number, said in outcomes.items() if said.startswith("FINDING")} == {}
-    assert sum(said.startswith("refused") for said in outcomes.values()) > len(outcomes) / 3
+    numbers = range(FEWER.get(reader, SLICE))
+    if reader in APART:
+        found = fuzz_readers.fuzz(reader, numbers)
+    else:
+        found = fuzz_readers.Findings(reader)
+        path = tmp_path / fuzz_originals.file_name(reader)
+        if reader == "job":
+            (tmp_path / "ring.toml").write_text(OPENING, encoding="utf-8")
+        for number in numbers:
+            path.write_bytes(fuzz_readers.damaged(reader, number))
+            found.note(number, fuzz_readers.outcome(reader, path), 0, 0)
+    assert found.findings == {}
+    refused = sum(times for said, times in found.outcomes.items() if said.startswith("refused"))
+    assert refused > len(numbers) / 3
 
 
 @pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)

@@ -95,7 +95,8 @@ def test_mutated_files_are_read_or_refused(written, tmp_path, suffix):
     chance = random.Random(11)
     path = tmp_path / f"x.{suffix}"
     refusals = []
-    for _ in range(30 if suffix == "oas" else 100):
+    count = 10 if suffix == "oas" else 100  # a process of its own for each
+    for _ in range(count):
         data = bytearray(written[suffix])
         for _ in range(chance.choice([1, 2, 8])):
             place = chance.randrange(len(data))
@@ -111,7 +112,7 @@ def test_mutated_files_are_read_or_refused(written, tmp_path, suffix):
             read_layout(path).top_cells()
         except SourceError as error:
             refusals.append(error.code)
-    assert len(refusals) > 10
+    assert len(refusals) > count // 10
     assert set(refusals) <= {"MF303", "MF304", "MF308", "MF310", "MF311", "MF312", "MF313", "MF316"}
 
 
