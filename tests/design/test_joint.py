@@ -24,8 +24,19 @@ SHIFTS = ((0, 0), (2, 1), (4, 0))
 
 
 @pytest.fixture(scope="module")
-def error():
-    return pupil_error(surrogate([dead_leaves(1)], DOTS), (24, 40))
+def estimate():
+    return surrogate([dead_leaves(1)], DOTS)
+
+
+@pytest.fixture(scope="module")
+def error(estimate):
+    return pupil_error(estimate, (24, 40))
+
+
+@pytest.fixture(scope="module")
+def one_level(estimate):
+    """Half the work, where it does not matter what is weighed against what."""
+    return pupil_error(estimate, (32,))
 
 
 @pytest.fixture(scope="module")
@@ -77,34 +88,34 @@ def test_the_seed_decides(error, together):
     assert again.losses == together.losses
 
 
-def test_no_round_is_the_map_alone(error):
-    none = joint(BAR, error, Constraints(10, dots=DOTS), rounds=0)
-    map_alone = design_map(BAR, error, kicks=0)
+def test_no_round_is_the_map_alone(one_level):
+    none = joint(BAR, one_level, Constraints(10, dots=DOTS), rounds=0)
+    map_alone = design_map(BAR, one_level, kicks=0)
     assert none.swaps == 0
     assert np.array_equal(none.unit, BAR)
     assert np.array_equal(none.designed.orientations, map_alone.orientations)
 
 
-def test_the_constraints_are_kept(error):
+def test_the_constraints_are_kept(one_level):
     rules = Constraints(10, dots=DOTS, min_feature_dots=2, kissing="cell")
-    found = joint(BAR, error, rules, rounds=1)
+    found = joint(BAR, one_level, rules, rounds=1)
     assert not rules.violations(found.unit)
     still = Constraints(10, dots=DOTS, keep_out=~BAR)
-    assert np.array_equal(joint(BAR, error, still, rounds=1).unit, BAR)
+    assert np.array_equal(joint(BAR, one_level, still, rounds=1).unit, BAR)
 
 
-def test_every_place_keeps_the_unit_in_its_cell(error):
-    found = joint(BAR, error, Constraints(10, dots=DOTS), rounds=1, positions=3)
+def test_every_place_keeps_the_unit_in_its_cell(one_level):
+    found = joint(BAR, one_level, Constraints(10, dots=DOTS), rounds=1, positions=3)
     assert len(found.designed.shifts) == 3
     assert all(shifted(found.unit, shift).sum() == BAR.sum() for shift in found.designed.shifts)
     pupil = laid(found.unit, found.designed.shifts, found.designed.orientations)
     assert pupil.sum() == found.designed.clear_dots
-    assert error.psnr(pupil) == found.designed.psnr
+    assert one_level.psnr(pupil) == found.designed.psnr
 
 
-def test_no_place_breaks_the_constraints(error):
+def test_no_place_breaks_the_constraints(one_level):
     rules = Constraints(10, dots=DOTS, keep_out=np.arange(DOTS) * np.ones((DOTS, 1)) > 4)
-    found = joint(BAR, error, rules, rounds=1, positions=4)
+    found = joint(BAR, one_level, rules, rounds=1, positions=4)
     assert len(found.designed.shifts) > 1
     assert all(rules.allows(shifted(found.unit, shift)) for shift in found.designed.shifts)
 
