@@ -7,9 +7,11 @@ fast.
 
     python -P -W error gdstk_process.py read_gds|read_oas FILE
 
-A cell is {"name", "polygons": [(points, layer, datatype, repetition)], "labels": [(text, origin, layer, texttype,
-repetition)], "references": [(cell name, origin, radians, magnification, mirrored, repetition)]}; a repetition is None,
-(columns, rows, 2 x 2 step vectors) or an array of offsets.
+A cell is {"name", "polygons": {"corners", "sizes", "layers", "repetitions"}, "labels": [(text, origin, layer,
+texttype, repetition)], "references": [(cell name, origin, radians, magnification, mirrored, repetition)]}; a repetition
+is None, (columns, rows, 2 x 2 step vectors) or an array of offsets. Polygons come as arrays, for there may be millions:
+the corners of all of them one after the other, how many corners each has, its layer and datatype, and the repetitions
+by the numbers of those that have one.
 """
 
 from __future__ import annotations
@@ -29,6 +31,7 @@ _METRES_PER_NM = 1e-9
 _LARGEST_REPETITION = 10_000_000
 _LARGEST_MEMORY = 3 << 29
 _MEMORY_PER_BYTE = 256
+_AT_ONCE = 10_000
 _ENDLIB = 4
 _SHORTEST_RECORD = 4
 
@@ -84,12 +87,25 @@ def _plain(cell: Any) -> dict[str, Any]:
     polygons = [*cell.polygons, *(polygon for path in cell.paths for polygon in path.to_polygons())]
     return {
         "name": cell.name,
-        "polygons": [(each.points, each.layer, each.datatype, _repetition(each)) for each in polygons],
+        "polygons": _outlines(polygons),
         "labels": [(each.text, each.origin, each.layer, each.texttype, _repetition(each)) for each in cell.labels],
         "references": [
             (each.cell_name, each.origin, each.rotation, each.magnification, each.x_reflection, _repetition(each))
             for each in cell.references
         ],
+    }
+
+
+def _outlines(polygons: list[Any]) -> dict[str, Any]:
+    corners = [np.empty((0, 2))]
+    for start in range(0, len(polygons), _AT_ONCE):
+        corners.append(np.concatenate([each.points for each in polygons[start : start + _AT_ONCE]]))
+    repeated = ((number, _repetition(each)) for number, each in enumerate(polygons))
+    return {
+        "corners": np.concatenate(corners),
+        "sizes": np.array([each.size for each in polygons], dtype=np.int64),
+        "layers": np.array([(each.layer, each.datatype) for each in polygons], dtype=np.int64).reshape(-1, 2),
+        "repetitions": {number: repetition for number, repetition in repeated if repetition is not None},
     }
 
 

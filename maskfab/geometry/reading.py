@@ -328,12 +328,11 @@ class _Conversion:
 
     def _fill(self, source: dict[str, Any], target: db.Cell) -> None:
         # Many vertices and all origins in one array each: a flat die has a million polygons, a random one ten thousand
-        # references. Polygons go as they are drawn, or both kinds of them would have to fit into memory.
+        # references.
         polygons = source["polygons"]
-        for start in range(0, len(polygons), _AT_ONCE):
-            some = polygons[start : start + _AT_ONCE]
-            polygons[start : start + _AT_ONCE] = [None] * len(some)
-            self._draw(source["name"], some, target)
+        ends = np.cumsum(polygons["sizes"])
+        for start in range(0, len(ends), _AT_ONCE):
+            self._draw(source["name"], polygons, ends, range(start, min(start + _AT_ONCE, len(ends))), target)
         for text, origin, layer, texttype, repetition in source["labels"]:
             ((x, y),) = self._integers(np.array([origin]))
             shapes = target.shapes(self._layer(layer, texttype))
@@ -345,31 +344,37 @@ class _Conversion:
             for instance in self._instances(reference, x, y):
                 target.insert(instance)
 
-    def _draw(self, name: str, polygons: list[tuple[Any, ...]], target: db.Cell) -> None:
-        corners = self._on_grid(np.concatenate([each[0] for each in polygons]))
-        boxes = _boxes(corners, np.array([len(each[0]) for each in polygons]))
+    def _draw(
+        self, name: str, polygons: dict[str, Any], ends: NDArray[np.int64], which: range, target: db.Cell
+    ) -> None:
+        """Draw polygons of those numbers, of which the corners of each end before ``ends`` in the array of all."""
+        sizes = polygons["sizes"][which.start : which.stop]
+        corners = self._on_grid(polygons["corners"][ends[which.start] - sizes[0] : ends[which.stop - 1]])
+        boxes = _boxes(corners, sizes)
         vertices: list[list[int]] = corners.tolist()
+        layers: list[list[int]] = polygons["layers"][which.start : which.stop].tolist()
         end = 0
-        for (points, layer, datatype, repetition), box in zip(polygons, boxes, strict=True):
-            start, end = end, end + len(points)
+        for number, size, layer, box in zip(which, sizes.tolist(), layers, boxes, strict=True):
+            start, end = end, end + size
+            shapes = target.shapes(self._layer(*layer))
+            repetition = polygons["repetitions"].get(number)
             if box is not None and repetition is None:
-                target.shapes(self._layer(layer, datatype)).insert(db.Box(*box))
+                shapes.insert(db.Box(*box))
                 continue
             shape = db.Polygon([db.Point(x, y) for x, y in vertices[start:end]])
-            if shape.num_points() < len(points):
-                self._repeated_vertices += int((np.rint(points) == np.rint(np.roll(points, 1, axis=0))).all(1).sum())
+            if shape.num_points() < size:
+                own = corners[start:end]
+                self._repeated_vertices += int((own == np.roll(own, 1, axis=0)).all(1).sum())
             if is_empty(shape):
                 self._empty_polygons += 1
-                continue
-            if isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
+            elif isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
                 # One placement of a cell of its own instead of as many polygons.
                 repeated = self._layout.create_cell(f"{name}_REPEATED")
-                repeated.shapes(self._layer(layer, datatype)).insert(shape)
+                repeated.shapes(self._layer(*layer)).insert(shape)
                 target.insert(self._array(repeated.cell_index(), db.Trans(), repetition))
-                continue
-            shapes = target.shapes(self._layer(layer, datatype))
-            for dx, dy in self._offsets(repetition):
-                shapes.insert(shape.moved(dx, dy) if dx or dy else shape)
+            else:
+                for dx, dy in self._offsets(repetition):
+                    shapes.insert(shape.moved(dx, dy) if dx or dy else shape)
 
     def _layer(self, number: int, datatype: int) -> int:
         key = number, datatype

@@ -120,7 +120,8 @@ def test_a_shape_that_one_reader_leaves_out_is_told(tmp_path, monkeypatch):
     whole = reading._Conversion.layout
 
     def forgetful(self, content):
-        content[0]["polygons"].pop()
+        content[0]["polygons"]["sizes"] = content[0]["polygons"]["sizes"][:-1]
+        content[0]["polygons"]["layers"] = content[0]["polygons"]["layers"][:-1]
         return whole(self, content)
 
     monkeypatch.setattr(reading._Conversion, "layout", forgetful)
