@@ -107,13 +107,14 @@ def _common(
 for _verb, _examples in _VERBS:
     app.command(epilog=_examples)(_verb)
 
+_program = typer.main.get_command(app)
+
 
 def run_command_line(arguments: Sequence[str]) -> int:
     """Run one command; every failure becomes an exit code and one message."""
     try:
         with _ended_by_signals():
-            command = typer.main.get_command(app)
-            code = command.main(list(arguments), prog_name="maskfab", standalone_mode=False, obj=list(arguments))
+            code = _program.main(list(arguments), prog_name="maskfab", standalone_mode=False, obj=list(arguments))
         return code if isinstance(code, int) else 0
     except _Ended as ended:
         return 128 + ended.number
