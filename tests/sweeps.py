@@ -15,6 +15,12 @@ def sweep(cases: Iterable[Any], quick: int) -> list[Any]:
     return [pytest.param(*case, marks=[pytest.mark.slow] if n >= quick else []) for n, case in enumerate(listed)]
 
 
+def in_turns(few: Iterable[Any], many: Iterable[Any]) -> list[tuple[Any, Any]]:
+    """All pairs, those first that hold each of the many once and the few in turns."""
+    short, long = list(few), list(many)
+    return [(short[(n + k) % len(short)], each) for k in range(len(short)) for n, each in enumerate(long)]
+
+
 def examples(full: int) -> settings:
     """As many drawn examples in ``make test-all``; in every run that share of them which its profile draws of 100."""
     return settings(max_examples=full * settings.default.max_examples // 100)

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 
 import numpy as np
 import pytest
 from optics_cases import clear_region, noise, panel
+from sweeps import in_turns, sweep
 
 from maskfab.cli import run_command_line
 from maskfab.model import UNSTATED, Camera, Die, MaskBlank, Stop
@@ -100,9 +102,16 @@ def test_opposite_phases_mirror_the_picture():
     np.testing.assert_allclose(one, other[::-1, ::-1], atol=1e-12 * one.max())
 
 
-@each_stop
-@pytest.mark.parametrize("blank", [IN_STEP, AGAINST, BETWEEN, MaskBlank(3.0, 0.4)])
-@pytest.mark.parametrize("gutter_nm", [0, 4000])
+@pytest.mark.parametrize(
+    ("stop", "blank", "gutter_nm"),
+    sweep(
+        [
+            (stop, *laid)
+            for stop, laid in in_turns(STOPS, product((IN_STEP, AGAINST, BETWEEN, MaskBlank(3.0, 0.4)), (0, 4000)))
+        ],
+        8,
+    ),
+)
 def test_both_paths_and_the_invariants_hold_with_a_leak(stop, blank, gutter_nm):
     there = panel(noise(6, 0.4, 4), gutter_nm=gutter_nm, cells=6, seed=4)
     die = Die("D", "D", there, (0, 0), there.pitch_nm * 6)

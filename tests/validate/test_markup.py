@@ -21,11 +21,12 @@ import pytest
 from klayout import db
 from lxml import etree
 from small_job import command, write_job
-from sweeps import sweep
+from sweeps import in_turns, sweep
 
 from maskfab.cli.printing import plain
 from maskfab.export.shops import load_shop
 from maskfab.layout.job import load
+from maskfab.pipeline import draw_files
 from maskfab.validate.packing import pack
 
 MARKUP = {
@@ -120,7 +121,7 @@ def shape(drawing: etree._Element) -> Counter:
 
 EXPORT = """
 [export]
-formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "png", "tiff", "glb", "3mf", "step"]
+formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "png", "tiff", "glb", "3mf"]
 """
 SPOKEN = """
 [provenance]
@@ -203,8 +204,15 @@ def test_every_other_file_of_the_result_is_well_formed_and_inert(finished):
                 assert not any("script" in str(each.tag) for each in inert_xml.iter())
     document = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     assert document["title"].startswith('"><img')
-    step = (folder / "SMALL.step").read_text(encoding="ascii")
-    assert step.count("'") % 2 == 0
+
+
+def test_a_step_file_of_such_texts_is_well_formed(tmp_path):
+    path = spoken_job(tmp_path, f"{MARKUP['attribute']}'", MARKUP["attribute"], " ".join(MARKUP.values()))
+    path.write_text(path.read_text(encoding="utf-8").replace('"gdsii", "oasis"', '"gdsii", "step"'), encoding="utf-8")
+    job = load(path)
+    product = next(each for each in draw_files(job, job.plate()).products if each.name == "SMALL.step")
+    product.write(tmp_path / product.name)
+    assert (tmp_path / product.name).read_text(encoding="ascii").count("'") % 2 == 0
 
 
 @pytest.mark.slow
@@ -337,10 +345,9 @@ def job(tmp_path_factory) -> Path:
     return write_job(tmp_path_factory.mktemp("job"))
 
 
-@pytest.mark.parametrize("text", EVERY.values(), ids=EVERY)
-@pytest.mark.parametrize("suffix", STATED)
+@pytest.mark.parametrize(("suffix", "text"), sweep(in_turns(STATED, EVERY), len(EVERY)))
 def test_what_foreign_files_are_called_inside_never_reaches_the_terminal_raw(capsys, tmp_path, job, suffix, text):
-    path = STATED[suffix](tmp_path / f"x.{suffix}", text)
+    path = STATED[suffix](tmp_path / f"x.{suffix}", EVERY[text])
     for options in (("--json",), ()):
         answer = command(capsys, "verify", path, "--against", job, "--quiet", *options)
         assert answer.code in {1, 2}
@@ -360,12 +367,13 @@ def test_names_of_files_cells_and_layers_on_the_command_line_are_told_plainly(ca
         assert len(answer.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("text", EVERY.values(), ids=EVERY)
-@pytest.mark.parametrize(
-    "key", ['name = "SMALL"', 'title = "SMALL PLATE"', 'name = "PLAIN"', 'label = "periodic"', 'opening = "ring.toml"']
-)
-def test_texts_of_a_job_are_drawn_or_refused_in_one_line(capsys, tmp_path, key, text):
+KEYS = ('name = "SMALL"', 'title = "SMALL PLATE"', 'name = "PLAIN"', 'label = "periodic"', 'opening = "ring.toml"')
+
+
+@pytest.mark.parametrize(("key", "named"), sweep(in_turns(KEYS, EVERY), len(EVERY)))
+def test_texts_of_a_job_are_drawn_or_refused_in_one_line(capsys, tmp_path, key, named):
     """Those that the plate's font has are text; all others are refused, and nothing is written."""
+    text = EVERY[named]
     job = write_job(tmp_path, (key, f"{key.split()[0]} = {quoted(text)}"))
     answer = command(capsys, "check", job, "--shop", "generic-chrome", "--quiet")
     assert obeyed(answer.stdout + answer.stderr) == []

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from small_job import LOOK, OPENING, command, listing, write_job
+from sweeps import in_turns, sweep
 
 from maskfab.export.package import safe_stem
 from maskfab.spec import check_name
@@ -25,8 +26,9 @@ def run(capsys, job: Path, *options):
     return command(capsys, "run", job, "--out", job.parent / "out", "--quiet", "--json", *options)
 
 
-@pytest.mark.parametrize("key", ["SMALL", "PLAIN"])
-@pytest.mark.parametrize("name", [*ELSEWHERE, *DEVICES])
+@pytest.mark.parametrize(
+    ("key", "name"), sweep(in_turns(("SMALL", "PLAIN"), (*ELSEWHERE, *DEVICES)), len(ELSEWHERE) + len(DEVICES))
+)
 def test_names_that_lead_elsewhere_are_refused_before_anything_is_written(capsys, tmp_path, name, key):
     job = write_job(tmp_path, (f'name = "{key}"', f"name = {json.dumps(name)}"))
     before = listing(tmp_path)
@@ -35,7 +37,7 @@ def test_names_that_lead_elsewhere_are_refused_before_anything_is_written(capsys
     assert listing(tmp_path) == before
 
 
-@pytest.mark.parametrize("name", [*ELSEWHERE, *DEVICES])
+@pytest.mark.parametrize("name", sweep((*ELSEWHERE, *DEVICES), 8))
 def test_an_opening_cannot_have_such_a_name_either(capsys, tmp_path, name):
     job = write_job(tmp_path, opening=OPENING.replace('"ring"', json.dumps(name)))
     answer = run(capsys, job)

@@ -134,7 +134,7 @@ def test_what_reads_packages_here_reads_what_is_known():
     assert gerber_regions(head + "%LPD*%\n" + square.format(-30, 0)).bbox() == db.Box(-30, -30, 0, 0)
 
 
-@pytest.mark.parametrize("name", sweep(shop_names(), 2))
+@pytest.mark.parametrize("name", sweep(shop_names(), 1))
 def test_what_a_house_gets_is_the_plate_in_every_format(capsys, tmp_path, name):
     formats = sent_to(name)
     edits = FIVE_INCH if name in {"gesim", "mems_exchange_gca3600"} else ()
@@ -154,15 +154,22 @@ def test_what_a_house_gets_is_the_plate_in_every_format(capsys, tmp_path, name):
 
 
 @pytest.mark.parametrize(
-    ("holes", "hierarchy"),
+    ("holes", "hierarchy", "formats"),
     sweep(
-        [("layer", "cells"), ("trapezoids", "merged"), ("layer", "flat"), ("layer", "merged"), ("keyhole", "cells")], 2
+        [
+            ("layer", "cells", ("dxf_r12", "gerber")),
+            ("trapezoids", "merged", ("oasis", "dxf_r12")),
+            ("layer", "cells", ALL),
+            *((*drawn, ("oasis", "dxf_r12", "gerber")) for drawn in (("layer", "flat"), ("layer", "merged"))),
+            ("keyhole", "cells", ALL),
+            ("trapezoids", "merged", ("gerber", "gdsii")),
+        ],
+        2,
     ),
 )
-def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarchy):
+def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarchy, formats):
     shop = tmp_path / "nobody.toml"
     shop.write_text(PROFILE.format(holes=holes, hierarchy=hierarchy), encoding="utf-8")
-    formats = ALL if hierarchy == "cells" else ("oasis", "dxf_r12", "gerber")
     job, package = packed(capsys, tmp_path, shop, formats)
     answer = command(capsys, "verify", package, "--against", job, "--shop", shop, "--json", "--quiet")
     assert (answer.code, answer.document["verdict"]) == (0, "pass")
@@ -177,13 +184,15 @@ def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarc
     assert ("CLEAR minus CUT" in order) == (holes == "layer")
 
 
-@pytest.mark.parametrize("named", sweep([True, False], 1))
-def test_mask_files_of_a_package_stand_up_alone(capsys, tmp_path, named):
+@pytest.mark.parametrize(
+    ("named", "formats"), sweep([(True, ("gdsii",)), (False, ("gdsii", "gerber")), (True, ALL), (False, ALL)], 2)
+)
+def test_mask_files_of_a_package_stand_up_alone(capsys, tmp_path, named, formats):
     """Nothing is wrong if the job names the house; if it does not, that holes have a layer of their own is told."""
     shop = tmp_path / "nobody.toml"
     shop.write_text(PROFILE.format(holes="layer", hierarchy="cells"), encoding="utf-8")
     edits = (("[[die]]", f'[export]\nshop = "{shop}"\n\n[[die]]'),) if named else ()
-    job, package = packed(capsys, tmp_path, shop, ALL, edits)
+    job, package = packed(capsys, tmp_path, shop, formats, edits)
     for path in masks(package, tmp_path).values():
         answer = command(capsys, "verify", path, "--against", job, "--json", "--quiet")
         failed = {row["name"] for row in answer.document["quantities"] if row["passed"] is False}
