@@ -160,8 +160,8 @@ def rim(
         dtype, device: of the constants.
     """
     rows, columns = _folds(y), _folds(x)
-    places = [np.ix_(row, column) for row in rows for column in columns]
-    counts = np.any([share[place] != 0 for place in places], axis=0)
+    places = [(row, column) for row in rows for column in columns]
+    counts = np.logical_or.reduce([share[place] != 0 for place in places])
     if not counts.any():
         return None
     upright, lying = _strips(counts, v.size, u.size)
@@ -186,9 +186,18 @@ def rim(
 
 def _strips(counts: NDArray[np.bool_], nv: int, nu: int) -> tuple[tuple[Strip, ...], tuple[Strip, ...]]:
     """Upright and lying strips that hold all dots that count, [rows, columns], with the least work."""
+    width = counts.shape[1]
+    lowest, highest = _extents(counts.T)
+    leftmost, _ = _extents(counts)
+    # By the first column of the upright strips: the end of every row before it.
+    ends = np.pad(np.maximum.accumulate(np.where(counts, np.arange(1, width + 1), 0), axis=1), ((0, 0), (1, 0)))
+
+    def covers(first: int) -> tuple[list[tuple[int, int, int, int]], list[tuple[int, int, int, int]]]:
+        end = ends[:, first]
+        return _cover(lowest[first:], highest[first:]), _cover(np.where(end > 0, leftmost, width), end)
 
     def work(first: int) -> int:
-        upright, lying = _cover(counts[:, first:]), _cover(counts[:, :first].T)
+        upright, lying = covers(first)
         total = _CALL * (len(upright) + len(lying))
         for strips, along, across in ((upright, nv, nu), (lying, nu, nv)):
             total += sum(along * (stop - start) * (high - low) for start, stop, low, high in strips)
@@ -197,41 +206,46 @@ def _strips(counts: NDArray[np.bool_], nv: int, nu: int) -> tuple[tuple[Strip, .
         return total
 
     # The least is flat: half a strip more or less hardly shows.
-    first = min([*range(0, counts.shape[1], _STRIP // 2), counts.shape[1]], key=work)
+    first = min([*range(0, width, _STRIP // 2), width], key=work)
     upright, lying, start = [], [], 0
-    for low, high, begin, end in _cover(counts[:, first:]):
+    columns, rows = covers(first)
+    for low, high, begin, end in columns:
         upright.append(Strip((begin, end), (low + first, high + first), start))
         start = upright[-1].stop
-    for low, high, begin, end in _cover(counts[:, :first].T):
+    for low, high, begin, end in rows:
         lying.append(Strip((low, high), (begin, end), start))
         start = lying[-1].stop
     return tuple(upright), tuple(lying)
 
 
-def _cover(counts: NDArray[np.bool_]) -> list[tuple[int, int, int, int]]:
-    """Strips of columns, side by side: first and last column, first and last row that counts."""
-    used = np.flatnonzero(counts.any(axis=0))
+def _extents(lines: NDArray[np.bool_]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First place that counts in every line, and the one after the last; of a line that has none, its length and 0."""
+    some, length = lines.any(axis=1), lines.shape[1]
+    return np.where(some, lines.argmax(axis=1), length), np.where(some, length - lines[:, ::-1].argmax(axis=1), 0)
+
+
+def _cover(low: NDArray[np.intp], high: NDArray[np.intp]) -> list[tuple[int, int, int, int]]:
+    """Strips of lines, side by side: first line and the one after the last, then the same of the places they hold."""
+    used = np.flatnonzero(low < high)
     if not used.size:
         return []
-    strips = []
     end = int(used[-1]) + 1
-    for start in range(int(used[0]), end, _STRIP):
-        stop = min(start + _STRIP, end)
-        rows = np.flatnonzero(counts[:, start:stop].any(axis=1))
-        low, high = (int(rows[0]), int(rows[-1]) + 1) if rows.size else (0, 1)
-        strips.append((start, stop, low, high))
-    return strips
+    starts = np.arange(int(used[0]), end, _STRIP)
+    stops = np.minimum(starts + _STRIP, end)
+    low, high = np.minimum.reduceat(low[:end], starts), np.maximum.reduceat(high[:end], starts)
+    # A strip may hold none.
+    low, high = np.where(high > 0, low, 0), np.where(high > 0, high, 1)
+    return list(zip(*(each.tolist() for each in (starts, stops, low, high)), strict=True))
 
 
 def _span(ranges: list[tuple[int, int]]) -> slice:
     return slice(ranges[0][0], ranges[-1][1])
 
 
-def _folds(lattice: Lattice) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
-    """Dot numbers from the axis outwards, and those of their mirror images."""
+def _folds(lattice: Lattice) -> tuple[slice, slice]:
+    """Dots from the axis outwards, and their mirror images."""
     count = lattice.cells * lattice.dots
-    outwards = np.arange(count // 2, count)
-    return outwards, count - 1 - outwards
+    return slice(count // 2, None), slice(count - 1 - count // 2, None, -1)
 
 
 def _middle_halved(lattice: Lattice) -> Floats:

@@ -27,7 +27,6 @@ from scipy.special import eval_legendre
 
 from maskfab.errors import InternalError
 from maskfab.optics.interpolation import frequency_nodes
-from maskfab.optics.waves import Positions
 
 Floats = NDArray[np.float64]
 
@@ -37,6 +36,7 @@ NODE_TOLERANCE = 1e-12
 # Singular directions that a Gauss-Newton step leaves alone; without them it overshoots, and then comes in fast.
 _CUTOFFS = (1e-6, 1e-6, 1e-8, *[1e-13] * 9)
 _TRIES = 3
+_STILL = 1e-6  # cycles from the axis to the end below which zeros are those of rounding
 _GRID = 16  # points per cycle in the search for zeros
 
 
@@ -65,7 +65,7 @@ def every_position(position_um: Floats) -> WindowNodes:
 
 
 def window_nodes(position_um: Floats, highest: float, tolerance: float = NODE_TOLERANCE) -> WindowNodes:
-    """The fewest nodes with the same sums, or the samples themselves where nodes would be no fewer.
+    """The fewest nodes with the same sums, or the samples themselves if these are as few or waves do not turn.
 
     Args:
         position_um: non-negative positions of the samples, [n], ascending.
@@ -80,6 +80,8 @@ def window_nodes(position_um: Floats, highest: float, tolerance: float = NODE_TO
     if highest < 0:
         raise InternalError("MF901", f"the highest frequency of a window is {highest:g}; it must not be negative")
     cycles = highest * float(position_um[-1])
+    if cycles < _STILL:
+        return samples
     abscissa, share = _half_rule(int(1.3 * cycles) + 40)
     frequency, root = abscissa * highest / 2, np.sqrt(share)
     waves = _waves(frequency, position_um) * root[:, None] * np.sqrt(samples.weight)
@@ -112,7 +114,7 @@ def _half_rule(count: int) -> tuple[Floats, Floats]:
     degree = 2 * count
     angle = np.pi * (4 * np.arange(1, count + 1) - 1) / (4 * degree + 2)
     node = (1 - (degree - 1) / (8 * degree**3)) * np.cos(angle)
-    for _ in range(3):
+    for _ in range(2):
         value = eval_legendre(degree, node)
         slope = degree * (eval_legendre(degree - 1, node) - node * value) / (1 - node**2)
         weight = 2 / ((1 - node**2) * slope**2)
@@ -124,9 +126,9 @@ def _zeros(frequency: Floats, coefficient: Floats, reach_um: float, cycles: floa
     """Zeros of the sum of waves from the axis to just outside the window, by chords and Newton's method."""
     block = math.isqrt(int(_GRID * cycles) + 200) + 1
     step = reach_um * (1 + 5e-4) / (block**2 - 1)
-    fine = step * np.arange(block, dtype=np.float64)
-    grid = Positions(block * fine, fine, None, 0, block**2)
-    value = coefficient @ grid.waves(frequency, "double")[0].T
+    # At sums of coarse and fine places the waves are products (DLMF 4.21.2), and no table of them is needed.
+    coarse, fine = (2 * np.pi * spread * step * np.arange(block)[:, None] * frequency for spread in (block, 1))
+    value = ((coefficient * np.cos(coarse)) @ np.cos(fine).T - (coefficient * np.sin(coarse)) @ np.sin(fine).T).ravel()
     before = np.flatnonzero(value[:-1] * value[1:] < 0)
     zero: Floats = step * (before - value[before] / (value[before + 1] - value[before]))
     for _ in range(2):

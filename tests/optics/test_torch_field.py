@@ -306,7 +306,7 @@ def test_loss_and_gradient_are_much_faster_than_the_published_recipe(dtype: torc
 
 @pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
 def test_the_first_gradient_of_a_panel_costs_less_than_one_of_the_published_recipe(dtype: torch.dtype) -> None:
-    """Set-up and all; a third to a fifth is usual, so that a search over panels pays from the first step."""
+    """Set-up and all; a quarter to a sixth is usual, so that a search over panels pays from the first step."""
     recipe = Recipe()
     unit = torch.rand(21, 21, dtype=dtype, generator=torch.Generator().manual_seed(0))
     published = published_autograd(21, full_size()[0].orientations, recipe)
@@ -318,4 +318,4 @@ def test_the_first_gradient_of_a_panel_costs_less_than_one_of_the_published_reci
         published.gradient(unit)
         times["ours"].append(between - started)
         times["published"].append(time.process_time() - between)
-    assert statistics.median(times["published"]) > 1.8 * statistics.median(times["ours"])
+    assert statistics.median(times["published"]) > 2.5 * statistics.median(times["ours"])

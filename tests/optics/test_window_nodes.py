@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -53,6 +55,16 @@ def test_products_of_odd_waves_keep_their_sums() -> None:
             for n in (nodes, every)
         )
         assert found == pytest.approx(expected, abs=2 * NODE_TOLERANCE * every.weight.sum())
+
+
+def test_zeros_are_sought_without_a_table_of_all_waves() -> None:
+    """Frequencies by half-window samples would do; a table over the search's fine grid is ten times that."""
+    tracemalloc.start()
+    nodes = window_nodes(HALF_MICROMETRES, 1.0)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert nodes.position_um.size < HALF_MICROMETRES.size
+    assert peak < 5e6
 
 
 def test_nothing_is_saved_where_every_sample_counts() -> None:
