@@ -40,21 +40,19 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float) -> Mtf
     step = 0.5 / camera.pixel_um / (RINGS - 1)
     axis = step * np.arange(RINGS, dtype=np.float64)
     rings = _rings(view, step)
-    slant, none = axis / np.sqrt(2), np.zeros(RINGS)
-    along, along_errors = view.bounded(
-        np.concatenate([axis, none, slant, -slant]), np.concatenate([none, axis, slant, slant])
-    )
-    horizontal, vertical, diagonal, antidiagonal = along.reshape(4, RINGS)
+    slant = axis / np.sqrt(2)
+    slanted, slanted_errors = view.bounded(np.concatenate([slant, -slant]), np.concatenate([slant, slant]))
+    diagonal, antidiagonal = slanted.reshape(2, RINGS)
     cuts = {
-        "horizontal": horizontal,
-        "vertical": vertical,
+        "horizontal": rings.horizontal,
+        "vertical": rings.vertical,
         "diagonal": diagonal,
         "antidiagonal": antidiagonal,
         "radial_mean": rings.mean,
         "radial_min": rings.low,
         "radial_max": rings.high,
     }
-    uncertainty = max(float(along_errors.max()), float(rings.error.max()))
+    uncertainty = max(float(slanted_errors.max()), float(rings.error.max()))
     return Mtf(axis * 1e3, cuts, wavelength_nm, uncertainty, float(rings.low_error.mean()), _falls(view, rings, step))
 
 
@@ -125,16 +123,28 @@ class _View:
         pixel = self.pixel(nu_x, nu_y)
         return abs(optics) * pixel, error * pixel
 
+    def bounded_on_grid(self, step: float, steps_x: Indices, steps_y: Indices) -> tuple[Floats, Floats]:
+        """The same at so many steps of frequency, fewer than RINGS of them, and not downwards."""
+        axis = step * np.arange(1 - RINGS, RINGS, dtype=np.float64)
+        column, row = steps_x + RINGS - 1, steps_y + RINGS - 1
+        lag, pixel = self.scale_um2 * axis, np.sinc(axis * self.camera.pixel_um)
+        coarse = self.table.coarse_grid(lag, lag[RINGS - 1 :])[steps_y, column]
+        optics, error = self.table.bounded_otf(lag[column], lag[row], coarse)
+        along = pixel[column] * pixel[row]
+        return abs(optics) * along, error * along
+
 
 @dataclass(frozen=True, eq=False)
 class _Rings:
-    """Mean, least and greatest modulation of every ring; bounds of the errors of all, and of the least."""
+    """Mean, least and greatest modulation of every ring; bounds of the errors of all, and of the least; along axes."""
 
     mean: Floats
     low: Floats
     high: Floats
     error: Floats
     low_error: Floats
+    horizontal: Floats
+    vertical: Floats
 
 
 @cache
@@ -155,7 +165,7 @@ def _rings(view: _View, step: float) -> _Rings:
     steps_x, steps_y, starts = _ring_grid()
     nu_x, nu_y = step * steps_x.astype(np.float64), step * steps_y.astype(np.float64)
     count = np.diff(np.append(starts, nu_x.size))
-    values, errors = view.bounded(nu_x, nu_y)
+    values, errors = view.bounded_on_grid(step, steps_x, steps_y)
     sure, low = _refined_minima(view, nu_x, nu_y, values, errors, starts)
     # Where too many lags are alike some stay coarse, and one of them may be less.
     floor = np.minimum.reduceat(np.where(sure, np.inf, np.maximum(values - errors, 0)), starts)
@@ -166,6 +176,8 @@ def _rings(view: _View, step: float) -> _Rings:
         np.maximum.reduceat(values, starts),
         np.maximum.reduceat(errors, starts),
         np.maximum(low - floor, of_sure),
+        values[steps_y == 0],
+        values[steps_x == 0],
     )
 
 
@@ -184,7 +196,7 @@ def _refined_minima(
     spent, at_a_time = 0, _FIRST_OF_RING
     while table.rims and spent < _MOST_PAIRS:
         k = np.flatnonzero(~sure & (np.maximum(values - errors, 0.0) < low[ring] - table.uncertainty))
-        k = k[_ranks(ring[k], values[k]) < at_a_time]
+        k = k[_least(ring[k], values[k], at_a_time)]
         if not k.size:
             break
         values[k], errors[k], sure[k] = view.exact(nu_x[k], nu_y[k]), table.uncertainty, True
@@ -193,12 +205,15 @@ def _refined_minima(
     return sure, low
 
 
-def _ranks(group: Indices, values: Floats) -> Indices:
-    """Each value's place in the order of its group, 0 for the least; groups ascend."""
+def _least(group: Indices, values: Floats, count: int) -> Indices:
+    """Places of the least values of every group, so many of each at most; groups ascend."""
+    if count == 1:
+        starts = np.flatnonzero(np.diff(group, prepend=-1))
+        least = np.minimum.reduceat(values, starts) if group.size else values
+        places = np.flatnonzero(values == np.repeat(least, np.diff(starts, append=group.size)))
+        return places[np.diff(group[places], prepend=-1) > 0]
     order = np.lexsort((values, group))
-    ranks = np.empty_like(order)
-    ranks[order] = np.arange(order.size) - np.searchsorted(group, group)
-    return ranks
+    return order[np.arange(order.size) - np.searchsorted(group, group) < count]
 
 
 def _falls(view: _View, rings: _Rings, step: float) -> RadialMean:

@@ -15,6 +15,7 @@ from maskfab.optics.mtf import RINGS, area_under_radial_min, frequency_at, presa
 from maskfab.optics.otf import LagTable, lag_table
 from maskfab.optics.psf import image_scale_um2
 from maskfab.optics.pupil import cut
+from maskfab.optics.rim_parts import RimParts
 
 STOPS = {
     "circle": Stop("circle", 61.3),
@@ -118,6 +119,44 @@ def test_dots_of_any_transmission(gutter_nm: int) -> None:
     for x, y in ((4.0, 0.0), (1.3, -2.9), (-13.7, 6.1), (22.0, 9.0)):
         found = table.otf(np.array([x]), np.array([y]))[0]
         assert found == pytest.approx(scanned(aperture, 20.5, x, y) / whole, abs=1e-6)
+
+
+@pytest.mark.parametrize("name", STOPS)
+def test_parts_of_cut_dots_add_up_to_them(name: str) -> None:
+    """Closed forms of all quadrants and of the dark middle, against moments integrated node by node."""
+    source = pupil(panel(noise(5, 0.6, 1), cells=3, seed=2), STOPS[name])
+    x, y = (
+        np.stack([lattice.edges_um()[at], lattice.edges_um()[at + 1]])
+        for lattice, at in ((source.x, source.rim_column), (source.y, source.rim_row))
+    )
+    parts = RimParts.of(source.stop, x, y, source.rim_transmission)
+    clear = np.bincount(parts.dot, parts.table[:, -1])
+    dot_um2 = (x[1] - x[0]) * (y[1] - y[0])
+    assert clear == pytest.approx(source.rim_moments[:, 0, 0] * dot_um2, abs=1e-9)
+    assert (parts.dot[: source.rim_row.size] == np.arange(source.rim_row.size)).all()
+
+
+@pytest.mark.parametrize("gutter_nm", [0, 2000])
+def test_a_grid_of_lags_is_every_lag_of_it(gutter_nm: int) -> None:
+    table = lag_table(pupil(panel(noise(5, 0.6, 1), cells=3, seed=2, gutter_nm=gutter_nm), STOPS["circle"]))
+    x, y = np.linspace(-70, 70, 37), np.linspace(-13, 65, 23)
+    one_by_one = table.coarse_otf(*np.meshgrid(x, y))
+    assert abs(table.coarse_grid(x, y) - one_by_one).max() < 1e-14
+    assert one_by_one.max() > 0.5
+
+
+def test_the_axes_of_the_mtf_are_exact() -> None:
+    setting = camera(400.0)
+    table = lag_table(pupil(panel(noise(9, 0.5, 2), cells=6, seed=4), setting.stop))
+    cuts = presampled_mtf(table, setting, 530.0).cuts
+    frequency = 0.5 / setting.pixel_um * np.arange(RINGS) / (RINGS - 1)
+    lag, none = image_scale_um2(setting, 530.0) * frequency, np.zeros(RINGS)
+    pixel = np.sinc(frequency * setting.pixel_um)
+    for name, along in (("horizontal", (lag, none)), ("vertical", (none, lag))):
+        expected = np.where(lag < 400.0, abs(table.otf(*(np.minimum(each, 400.0) for each in along))), 0.0) * pixel
+        assert abs(cuts[name] - expected).max() <= table.coarse_uncertainty
+        near = lag < 24.0
+        assert abs(cuts[name] - expected)[near].max() < 1e-13
 
 
 @pytest.mark.parametrize("name", STOPS)
