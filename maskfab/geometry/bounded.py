@@ -89,6 +89,11 @@ def bounded(
     raise _too_much(path, f"ends the process in the stage {stage!r}, or needs more memory than it may take")
 
 
+def seconds_of(shapes: int) -> int:
+    """For :func:`bounded`: what a small file may take that is held against a design of so many shapes."""
+    return SECONDS + math.ceil(shapes / SHAPES_PER_SECOND)
+
+
 @contextmanager
 def library_errors(path: Path) -> Iterator[None]:
     """MF323 for what klayout throws at shapes of a file that it cannot work with."""

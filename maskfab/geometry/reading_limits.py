@@ -76,6 +76,18 @@ def count_texts(layout: db.Layout, layer: int) -> int:
     return _count(layout, lambda cell: sum(1 for _ in cell.shapes(layer).each(db.Shapes.STexts)))
 
 
+def count_vertices(layout: db.Layout) -> int:
+    """Vertices of what :func:`count_shapes` counts."""
+
+    def own(cell: db.Cell) -> int:
+        raw = [db.Region(cell.shapes(layer)) for layer in layout.layer_indexes()]
+        for each in raw:
+            each.merged_semantics = False
+        return sum(each.edges().count() for each in raw)
+
+    return _count(layout, own)
+
+
 def _count(layout: db.Layout, own: Callable[[db.Cell], int]) -> int:
     counts: dict[int, int] = {}
     for index in layout.each_cell_bottom_up():

@@ -6,24 +6,28 @@ plate + [export] -> drawn -> files -> read by other libraries -> quantities
 from __future__ import annotations
 
 import os
+import tempfile
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from klayout import db
 
-from maskfab.errors import InputError
+from maskfab.errors import InputError, SourceError
 from maskfab.export.figures import Figures, draw
 from maskfab.export.fitting import blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.export.products import FileSettings, Product, products
 from maskfab.export.solid.tiles import Stack
-from maskfab.geometry.bounded import library_errors
+from maskfab.geometry.bounded import bounded, library_errors, seconds_of
 from maskfab.geometry.reading import find_cell, read_layout
+from maskfab.geometry.reading_limits import count_vertices
+from maskfab.geometry.region import layer_info
+from maskfab.geometry.slivers import Sifted
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.progress import Progress
 from maskfab.spec import ExportSection, FileFormat, JobSpec
@@ -45,8 +49,13 @@ _READ_AHEAD = (".gbr", ".step")
 _MOST_AHEAD = 3
 """A process takes up to half a gigabyte."""
 
-_Taken: TypeAlias = db.Layout | tuple[Quantity, ...]
-"""A mask file as a layout, to be compared; of other files what the comparison has shown."""
+_LIKE = 2
+"""A file of more vertices than so many times the design's is not looked through."""
+
+_FEW_VERTICES = 10_000
+
+_Taken: TypeAlias = db.Layout | RoundTrip | tuple[Quantity, ...]
+"""A mask file as a layout, to be compared, or compared already; of other files what the comparison has shown."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,7 +137,8 @@ def read_back(
         made: what was drawn.
         folder: where the files lie.
         progress: told where the work stands.
-        refused: takes the files that cannot be read, and why; they are then left out.
+        refused: takes the files that cannot be read, and why; they are then left out. Then they may be anybody's, and
+            layouts are read and compared within the limits of :mod:`maskfab.geometry.bounded`.
 
     Raises:
         SourceError: for a file that cannot be read, unless ``refused`` takes it.
@@ -137,7 +147,15 @@ def read_back(
     quantities: dict[int, tuple[Quantity, ...]] = {}
     errors: dict[int, tuple[str, InputError]] = {}
     waiting = deque(enumerate(made.products))
-    with _ahead(made, folder) as coming:
+    first = next((number for number, product in waiting if product.kind == "mask"), None)
+
+    def take(number: int, *, dots: bool) -> _Taken:
+        product = made.products[number]
+        if refused is not None and product.kind == "mask":
+            return _within_limits(made, product, folder, dots=dots)
+        return _take(made, product, folder)
+
+    with _ahead(made, lambda number: take(number, dots=number == first)) as coming:
         while waiting:
             number, product = waiting.popleft()
             taken = coming.get(product.name)
@@ -149,10 +167,13 @@ def read_back(
             coming.pop(product.name, None)
             progress("read back", len(quantities) + len(errors), len(made.products))
             try:
-                found = taken.result() if taken else _take(made, product, folder)
+                found = taken.result() if taken else take(number, dots=not trips)
+                if isinstance(found, RoundTrip) and not trips and found.dies[0].wrong_dots is None:
+                    found = take(number, dots=True)  # what should have been the first was refused
                 if isinstance(found, db.Layout):
-                    trip = _trip(made, found, folder / product.name, dots=not trips)
-                    quantities[number] = trip.quantities()
+                    found = _trip(made, found, folder / product.name, dots=not trips)
+                if isinstance(found, RoundTrip):
+                    trip, quantities[number] = found, found.quantities()
                     trips[number] = trip if not trips else replace(trip, layout=db.Layout())
                 else:
                     quantities[number] = found
@@ -169,13 +190,13 @@ def read_back(
 
 
 @contextmanager
-def _ahead(made: Drawn, folder: Path) -> Iterator[dict[str, Future[_Taken]]]:
+def _ahead(made: Drawn, take: Callable[[int], _Taken]) -> Iterator[dict[str, Future[_Taken]]]:
     """What is read beside the caller's own work, by the file's name; what was not begun is left out at the end."""
     workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
     with ThreadPoolExecutor(workers) as pool:
-        slow = [product for product in made.products if Path(product.name).suffix in _READ_AHEAD]
+        slow = [number for number, each in enumerate(made.products) if Path(each.name).suffix in _READ_AHEAD]
         try:
-            yield {product.name: pool.submit(_take, made, product, folder) for product in slow}
+            yield {made.products[number].name: pool.submit(take, number) for number in slow}
         finally:
             pool.shutdown(wait=False, cancel_futures=True)
 
@@ -198,6 +219,57 @@ def _trip(made: Drawn, read: db.Layout, path: Path, *, dots: bool) -> RoundTrip:
     polygons = made.figures.account.polygons
     with library_errors(path):
         return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+
+
+def _within_limits(made: Drawn, product: Product, folder: Path, *, dots: bool) -> RoundTrip:
+    """A layout that anybody may have written, read and compared in a copy of this process.
+
+    What comes back holds no differing shapes, and a layout only if ``dots``: the design where they are equal.
+
+    Raises:
+        SourceError: as :func:`read_layout` and :func:`maskfab.geometry.bounded.bounded`; MF313 if the file differs and
+            has so many vertices that its optics would take far longer than the design's.
+    """
+    path = folder / product.name
+
+    def work(_tell: Progress) -> dict[str, object]:
+        read = _take(made, product, folder)
+        assert isinstance(read, db.Layout)
+        trip = _trip(made, read, path, dots=dots)
+        if dots and trip.differences:
+            _refuse_many_vertices(made, read, path)
+            read.write(str(differing), _clear_alone(read))
+        return {name: value for name, value in vars(trip).items() if name not in {"layout", "differing", "slivers"}}
+
+    with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
+        differing = Path(aside) / "differing.oas"
+        told: dict[str, Any] = bounded(path, work, seconds=seconds_of(made.figures.account.polygons))
+        layout = made.design if dots else db.Layout()
+        if differing.is_file():
+            layout = db.Layout()
+            layout.read(str(differing))
+    return RoundTrip(layout=layout, differing=db.Region(), slivers=Sifted(db.Region(), db.Region()), **told)
+
+
+def _clear_alone(read: db.Layout) -> db.SaveLayoutOptions:
+    options = db.SaveLayoutOptions()
+    options.format = "OASIS"
+    options.deselect_all_layers()
+    index = read.find_layer(layer_info(CLEAR))
+    if index is not None:
+        options.add_layer(index, layer_info(CLEAR))
+    return options
+
+
+def _refuse_many_vertices(made: Drawn, read: db.Layout, path: Path) -> None:
+    found, drawn = count_vertices(read), count_vertices(made.design)
+    if found > _LIKE * drawn + _FEW_VERTICES:
+        raise SourceError(
+            "MF313",
+            f"{path.name} draws {found:.3g} vertices, references followed, where the plate has {drawn:.3g}",
+            where=str(path),
+            cure="Put the file back that the run wrote, or hold this one against the job with --against",
+        )
 
 
 def _others(made: Drawn, die: Die | None, path: Path) -> tuple[Quantity, ...]:

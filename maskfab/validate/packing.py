@@ -20,7 +20,7 @@ from maskfab.export.fitting import blank_of, drawing_options, drawing_style, ext
 from maskfab.export.package import MANIFEST, safe_stem, unpack, write_package
 from maskfab.export.products import MASK_TAILS, mask_writer
 from maskfab.export.staging import check_file, write_bytes, write_text
-from maskfab.geometry.bounded import library_errors
+from maskfab.geometry.bounded import bounded, library_errors, seconds_of
 from maskfab.geometry.reading import find_cell, read_layout
 from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
 from maskfab.layout.job import Job, load
@@ -213,13 +213,12 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         boxes: dict[str, Box] = {}
         for name in masks:
             try:
-                read = _read(folder / name)
+                boxes[name], rows = _held(figures, folder / name, style)
             except InputError as error:
                 checks.append(_failed("readable", f"{name}: {error}"))
                 continue
-            boxes[name] = file_box(folder / name, read, style)
             checks += _spans(name, boxes[name], house)
-            readings += [each for each in read_back(figures, folder / name, style, read) if each.passed is not None]
+            readings += [each for each in rows if each.passed is not None]
         checks += readings
         if not masks:
             listing = "mask files that the manifest lists"
@@ -308,6 +307,16 @@ def _read(path: Path) -> db.Layout:
     read = read_layout(path)
     find_cell(read)
     return read
+
+
+def _held(figures: Figures, path: Path, style: DrawingStyle) -> tuple[Box, tuple[Quantity, ...]]:
+    """What all of a file spans, and :func:`read_back`, of a file that anybody may have written, within limits."""
+
+    def work(_tell: Progress) -> tuple[Box, tuple[Quantity, ...]]:
+        read = _read(path)
+        return file_box(path, read, style), read_back(figures, path, style, read)
+
+    return bounded(path, work, seconds=seconds_of(figures.account.polygons))
 
 
 def read_back(figures: Figures, path: Path, style: DrawingStyle, read: db.Layout) -> tuple[Quantity, ...]:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import multiprocessing
 import shutil
+import time
 import tomllib
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from hostile_files import overlapping
 from klayout import db
 from PIL import Image
 from small_job import JOB
@@ -15,7 +18,9 @@ from sweeps import sweep
 
 from maskfab.errors import InputError, SourceError
 from maskfab.export.products import Product
-from maskfab.geometry.region import layer_info
+from maskfab.geometry import bounded
+from maskfab.geometry.limits import children_seconds
+from maskfab.geometry.region import layer_info, region
 from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.progress import silent
 from maskfab.spec import JobSpec, validate
@@ -263,6 +268,52 @@ def test_files_that_are_read_beside_the_others_are_told_in_their_places(made, fo
     assert told == sorted(told)
     with pytest.raises(SourceError, match=chosen[3].name):
         read_back(replace(made, products=tuple(chosen)), tmp_path, silent)
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copy")
+def test_a_layout_that_anybody_wrote_is_compared_within_limits(made, tmp_path, monkeypatch):
+    monkeypatch.setattr(bounded, "SECONDS", 1)
+    product = named(made, ".oas")
+    overlapping(tmp_path / product.name, 2000)
+    refused: list[tuple[str, InputError]] = []
+    before = children_seconds() + time.process_time()
+    back = read_back(only(made, product), tmp_path, silent, refused)
+    assert [(name, error.code) for name, error in refused] == [(product.name, "MF322")]
+    assert (back.trips, back.quantities) == ((), ())
+    assert children_seconds() + time.process_time() - before < 6
+
+
+def test_a_layout_of_far_more_vertices_than_the_plate_is_not_looked_through(made, folder, tmp_path):
+    product = named(made, ".gds")
+    layout = db.Layout()
+    layout.read(str(folder / product.name))
+    top, more = layout.top_cell(), layout.create_cell("MORE")
+    more.shapes(layout.layer(1, 0)).insert(db.Box(0, 0, 100, 100))
+    at = db.Trans(top.bbox().right, 0)
+    top.insert(db.CellInstArray(more.cell_index(), at, db.Vector(200, 0), db.Vector(0, 200), 200, 200))
+    layout.write(str(tmp_path / product.name))
+    refused: list[tuple[str, InputError]] = []
+    read_back(only(made, product), tmp_path, silent, refused)
+    assert [(name, error.code) for name, error in refused] == [(product.name, "MF313")]
+    assert "vertices" in str(refused[0][1])
+
+
+def test_a_layout_that_anybody_wrote_is_what_its_optics_see(made, folder, tmp_path):
+    """Equal to the design it is the design; with a dot more it has that dot."""
+    product = named(made, ".gds")
+    shutil.copy(folder / product.name, tmp_path)
+    (trip,) = read_back(only(made, product), tmp_path, silent, []).trips
+    assert trip.layout is made.design
+    layout = db.Layout()
+    layout.read(str(folder / product.name))
+    dot = layout.top_cell().bbox().enlarged(100, 100)
+    dot = db.Box(dot.left, dot.bottom, dot.left + 40, dot.bottom + 40)
+    layout.top_cell().shapes(layout.layer(1, 0)).insert(dot)
+    layout.write(str(tmp_path / product.name))
+    (trip,) = read_back(only(made, product), tmp_path, silent, []).trips
+    (differing,) = (region(trip.layout, CLEAR) ^ region(made.design, CLEAR)).each()
+    assert differing == db.Polygon(dot)
+    assert trip.xor_area_um2 == pytest.approx(1600e-6)
 
 
 def test_what_klayout_throws_at_a_file_is_told_of_the_file(made, folder, monkeypatch):

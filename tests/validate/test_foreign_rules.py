@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzz_originals import FEW
+from hostile_files import overlapping
 from klayout import db
 from small_job import command, edited, write_job
 
@@ -281,16 +282,6 @@ def test_round_outlines_do_not_take_edges_squared(job, plate, tmp_path):
     rows = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities}
     assert time.process_time() - start < 15
     assert 140 < rows["min_feature"].value < 200
-
-
-def overlapping(path):
-    """A few bytes that say one square 160 000 times, each nearly upon the last."""
-    layout = db.Layout()
-    layer, top, cell = layout.layer(1, 0), layout.create_cell("TOP"), layout.create_cell("C")
-    cell.shapes(layer).insert(db.Box(0, 0, 5000, 5000))
-    top.insert(db.CellInstArray(cell.cell_index(), db.Trans(), db.Vector(7, 3), db.Vector(3, 7), 400, 400))
-    layout.write(str(path))
-    return path
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")

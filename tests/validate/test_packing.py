@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import json
+import multiprocessing
+import time
 import zipfile
 from dataclasses import replace
 
 import pytest
+from hostile_files import overlapping
 from small_job import command, write_job
 
 from maskfab.errors import SourceError
 from maskfab.export.package import safe_stem
 from maskfab.export.shops import load_shop
+from maskfab.geometry import bounded
+from maskfab.geometry.limits import children_seconds
 from maskfab.layout.job import load
 from maskfab.validate.packing import pack, verify_package
 
@@ -175,6 +180,20 @@ def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
     assert answer.code == 1
     assert "SHA-256 of SMALL.oas" in answer.stderr
     assert "more.txt" in answer.stderr
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copy")
+def test_masks_of_a_package_are_compared_within_limits(packed, tmp_path, monkeypatch):
+    monkeypatch.setattr(bounded, "SECONDS", 1)
+    hostile = overlapping(tmp_path / "few.oas", 2000).read_bytes()
+    with zipfile.ZipFile(packed[1]) as archive, zipfile.ZipFile(tmp_path / "q.zip", "w") as changed:
+        for name in archive.namelist():
+            changed.writestr(name, hostile if name.endswith(".oas") else archive.read(name))
+    before = children_seconds() + time.process_time()
+    failed = [check for check in verify_package(tmp_path / "q.zip") if check.passed is False]
+    assert children_seconds() + time.process_time() - before < 12
+    assert [check.method[:17] for check in failed if check.name == "readable"] == ["SMALL.oas: MF322 "]
+    assert {check.name for check in failed} >= {"readable", "sha256"}
 
 
 @pytest.mark.parametrize(
