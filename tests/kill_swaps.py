@@ -227,8 +227,9 @@ def play(parent: Path, what: Round) -> tuple[int, list[str]]:
             kills += traced(partial(_swapped, target, word, force=what.force), partial(_meet, met, person)) is None
             expected.add(word)
             wrong += person.misses(hidden=True)
-            person.takes_away(parent / f"elsewhere {turn}")
-            staging.put_back(target)
+            for again in range(2):  # a document may stand in the way of the result, and come back with it
+                person.takes_away(parent / f"elsewhere {turn} {again}")
+                staging.put_back(target)
             spoilt = any(each.write is not None and each.write[1] == _OVER for each in what.met)
             # Beside it, if somebody took the name while the old result did not have it.
             found = whole(target) or whole(parent / "out.old")
