@@ -20,7 +20,7 @@ from maskfab.geometry.reading import find_cell, find_layer, read_layout
 from maskfab.geometry.region import plate_layout, region
 from maskfab.geometry.stop import edges_in_stop, stop_box
 from maskfab.layout import openings
-from maskfab.layout.plate import check_light, check_size, dot_on_grid
+from maskfab.layout.panels import check_light, check_size, dot_on_grid
 from maskfab.layout.tiling import orientations
 from maskfab.model import (
     CLEAR,

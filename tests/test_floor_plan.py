@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from importlinter import cli as linter
+from small_job import write_job
 
 import maskfab
 
@@ -43,8 +44,8 @@ def test_every_room_is_on_the_floor_plan():
 
 
 def imported(code: str) -> set[str]:
-    """The top-level modules that a statement imports in a new interpreter."""
-    shown = f"import sys\n{code}\nprint(*{{name.partition('.')[0] for name in sys.modules}})"
+    """The modules that a statement imports in a new interpreter."""
+    shown = f"import sys\n{code}\nprint(*sys.modules)"
     done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, check=True)
     return set(done.stdout.splitlines()[-1].split())
 
@@ -56,10 +57,22 @@ def imported(code: str) -> set[str]:
         "import maskfab.cli",
         "import sys; sys.argv = ['maskfab', '--version']\nfrom maskfab.__main__ import main; main()",
         "from maskfab.cli import run_command_line; assert run_command_line(['--help']) == 0",
+        "from maskfab.cli.app import app, run_command_line\n"
+        "verbs = [each.callback.__name__ for each in app.registered_commands]\n"
+        "assert len(verbs) > 10 and not any(run_command_line([verb, '--help']) for verb in verbs)",
     ],
+    ids=["package", "verbs", "version", "help", "help of every verb"],
 )
 def test_the_doorway_imports_nothing_heavy(code):
     assert imported(code) & HEAVY == set()
+
+
+def test_a_scene_is_planned_without_what_only_files_wires_and_designs_need(tmp_path):
+    """Importing these takes longer than planning a die."""
+    job = write_job(tmp_path)
+    code = f"from maskfab.cli import run_command_line; assert run_command_line(['plan', {str(job)!r}]) == 0"
+    later = {"klayout", "gdstk", "torch", "matplotlib", "OCP", "zxingcpp", "scipy.sparse.csgraph", "scipy.linalg"}
+    assert imported(code) & later == set()
 
 
 def test_a_plate_is_made_and_verified_without_what_only_designs_and_solids_need():

@@ -107,13 +107,17 @@ def _common(
 for _verb, _examples in _VERBS:
     app.command(epilog=_examples)(_verb)
 
-_program = typer.main.get_command(app)
+_program: Any = typer.main.get_command(app)
 
 
 def run_command_line(arguments: Sequence[str]) -> int:
     """Run one command; every failure becomes an exit code and one message."""
     try:
         with _ended_by_signals():
+            match arguments:
+                case [verb, "--help"] if verb in _program.commands:
+                    typer.echo(_help(verb))
+                    return 0
             code = _program.main(list(arguments), prog_name="maskfab", standalone_mode=False, obj=list(arguments))
         return code if isinstance(code, int) else 0
     except _Ended as ended:
@@ -139,6 +143,13 @@ def run_command_line(arguments: Sequence[str]) -> int:
             "MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file"
         )
         return _tell(problem, "--json" in arguments)
+
+
+def _help(verb: str) -> str:
+    """What ``maskfab VERB --help`` prints, without the library that typer reads arguments with."""
+    whole, command = typer.Context(_program, info_name="maskfab"), _program.commands[verb]
+    told: str = command.get_help(typer.Context(command, info_name=verb, parent=whole))
+    return told
 
 
 class _Ended(BaseException):

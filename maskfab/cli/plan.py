@@ -27,7 +27,7 @@ def plan(
 
     loaded = load(job)
     section = loaded.spec.scene or SceneSection()
-    panels = {each.name: each.panel for each in loaded.plate().dies}
+    panels = loaded.panels()
     if die is not None:
         check_dies([die], panels)
         panels = {die: panels[die]}

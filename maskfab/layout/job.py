@@ -6,19 +6,21 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maskfab import provenance, spec, units
 from maskfab.errors import JobError
 from maskfab.layout import maps, openings
-from maskfab.layout.feasibility import DisplayRules
-from maskfab.layout.plate import compose
-from maskfab.layout.populate import Populated, populate
-from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Plate
+from maskfab.layout.panels import die_panels
+from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
 from maskfab.spec import DieSection, JobSpec, check_optics, is_table
-from maskfab.spec.shop import dump_shop, parse_shop, read_shop
+
+if TYPE_CHECKING:
+    from maskfab.layout.feasibility import DisplayRules
+    from maskfab.layout.populate import Populated
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +63,8 @@ class Job:
     @property
     def display_rules(self) -> DisplayRules | None:
         """What the display's maker asks; None if the job has no [emitters]."""
+        from maskfab.layout.feasibility import DisplayRules
+
         section = self.spec.emitters
         return None if section is None else DisplayRules.of(section, self.spec.light, self.spec.wires, where=self.where)
 
@@ -68,8 +72,14 @@ class Job:
     def signature(self) -> str:
         return provenance.signature(self.digest, self.seeds)
 
+    def panels(self) -> dict[str, Panel]:
+        """The panel of every die, by its name; see :func:`maskfab.layout.panels.die_panels` for what is refused."""
+        return die_panels(self.spec, self.openings, where=self.where)
+
     def plate(self) -> Plate:
         """The job laid out; see :func:`maskfab.layout.plate.compose` for what is refused."""
+        from maskfab.layout.plate import compose
+
         return compose(self.spec, self.openings, self.signature, where=self.where)
 
     def displays(self, progress: Progress = silent, *, largest: bool = False) -> Populated:
@@ -78,6 +88,8 @@ class Job:
 
     def displays_of(self, plate: Plate, progress: Progress = silent, *, largest: bool = False) -> Populated:
         """The same for the job's plate, laid out already."""
+        from maskfab.layout.populate import Populated, populate
+
         rules = self.display_rules
         return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest)
 
@@ -161,6 +173,8 @@ def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
     section = stated.export
     if section is None or section.shop is None or not section.shop.endswith(".toml"):
         return stated.model_copy(update={"shops": {}})
+    from maskfab.spec.shop import dump_shop, parse_shop, read_shop
+
     name, kept = Path(section.shop).name, stated.shops.get(section.shop)
     if kept is None:
         shop = read_shop(path.parent / section.shop, f"{path}: export.shop")

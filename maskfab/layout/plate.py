@@ -9,29 +9,21 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 
-import numpy as np
-
 from maskfab import provenance
-from maskfab.errors import JobError, SourceError
+from maskfab.errors import JobError
 from maskfab.geometry.rules import smallest_runs
-from maskfab.layout import maps
 from maskfab.layout.furniture.clearances import check_clearances
 from maskfab.layout.furniture.label import LABEL_NM
 from maskfab.layout.furniture.plain import MARGIN_NM, SMALLEST_WRITABLE_NM, TITLE_HEIGHT_NM, plain
 from maskfab.layout.furniture.setting import Setting
 from maskfab.layout.furniture.template import PlateTemplate, plate_template
 from maskfab.layout.furniture.templated import templated
-from maskfab.layout.hexagonal import hexagonal_sheet
-from maskfab.layout.tiling import orientations
-from maskfab.model import Die, Note, Opening, Panel, Plate, Point, Stop, Tiling
-from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.pupil import cut
-from maskfab.spec import DieSection, JobSpec, PlateSection
-from maskfab.units import NM_PER_UM, UM_PER_INCH, to_nm
+from maskfab.layout.panels import die_panels, laid_out
+from maskfab.model import Die, Note, Opening, Panel, Plate, Point
+from maskfab.spec import JobSpec, PlateSection
+from maskfab.units import NM_PER_UM, to_nm
 
 _LARGEST_FEATURE_NM = 50_000
-_MOST_CELLS_ACROSS = 1000
-_MOST_DOTS_ACROSS = 10_000
 
 
 def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signature: str, *, where: str) -> Plate:
@@ -49,19 +41,17 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
             if a stop is wider than its panel; MF124 to MF126 if the plate's template cannot be used, is unknown, or
             contradicts the job.
     """
-    section, heading = spec.plate, spec.job
-    if section is None or heading is None or not spec.die:
-        missing = "[job]" if heading is None else "[plate]" if section is None else "[[die]]"
-        raise JobError("MF105", f"the job has no {missing} section", where=where, cure=f"Add {missing}")
+    heading, section = laid_out(spec, where=where)
     template = None if section.template is None else plate_template(section.template, where=f"{where}: plate.template")
     blank_nm, writable_nm = (_side(section, template, key, where) for key in ("blank", "writable"))
     _check_rooms(section, template, len(spec.die), (blank_nm, writable_nm), where)
     pitch_nm = to_nm(section.die_pitch, where=f"{where}: plate.die_pitch", name="die_pitch")
     size_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
     centres = _slots(pitch_nm, section.columns, len(spec.die))
+    panels = die_panels(spec, openings, where=where)
     dies = tuple(
-        Die(die.name, die.label, _panel(die, openings[die.name], spec, section, f"{where}: die[{i}]"), centre, size_nm)
-        for i, (die, centre) in enumerate(zip(spec.die, centres, strict=True))
+        Die(die.name, die.label, panels[die.name], centre, size_nm)
+        for die, centre in zip(spec.die, centres, strict=True)
     )
     setting = Setting(
         title=heading.title,
@@ -78,120 +68,6 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     corner = writable_nm // 2 - MARGIN_NM
     note = Note(signature, (-corner, -corner - MARGIN_NM // 2))
     return Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.furniture, drawn.gauges, (note,))
-
-
-def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, section: PlateSection, where: str) -> Panel:
-    opening, *others = held
-    dot_nm, gutter_nm = to_nm(die.dot), to_nm(die.gutter)
-    pitch_nm = opening.dots * dot_nm + gutter_nm
-    _check_pitch(die, opening.dots, pitch_nm, where)
-    cells = to_nm(section.die_size) // pitch_nm
-    if cells < 1:
-        raise JobError(
-            "MF108",
-            f"die {die.name!r}: one cell of {pitch_nm / 1e3:g} um does not fit a die of {section.die_size:g} um",
-            where=where,
-            cure="Use a larger plate.die_size or a finer dot",
-        )
-    given = None if die.map is None else maps.parse(spec.maps[die.map], f"{where}.map")
-    rows, columns = (cells, cells) if given is None else maps.panel_shape(given, cells, cells)
-    stop = spec.camera.camera().stop
-    if min(rows, columns) * pitch_nm < stop.diameter_um * 1e3:
-        raise JobError(
-            "MF114",
-            f"die {die.name!r} is {min(rows, columns) * pitch_nm / 1e3:g} um wide, less than the stop of "
-            f"{stop.diameter_um:g} um",
-            where=where,
-            cure="Use a larger plate.die_size or a smaller camera.stop",
-        )
-    check_size(cells, opening.dots, f"die {die.name!r}", where=where)
-    if die.tiling is Tiling.HEXAGONAL:
-        opening, rows, columns = hexagonal_sheet(opening, to_nm(section.die_size) // dot_nm, die.seed or 0), 1, 1
-    if given is None:
-        chosen = orientations(die.tiling, rows, columns, die.seed, openings=len(held), where=f"{where}.seed")
-    else:
-        chosen = maps.placed(given, rows, columns, die.seed, openings=len(held), where=f"{where}.map")
-    panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
-    check_light(panel, stop, where=where)
-    return panel
-
-
-def dot_on_grid(pitch_um: float, gutter_um: float, dots: int, *, where: str) -> int:
-    """Nanometres of the dot that a pitch is made of; a pitch off the database grid is told with its nearest (MF107)."""
-    dot_nm = max(1, round((pitch_um - gutter_um) * NM_PER_UM / dots))
-    reached = dots * dot_nm / NM_PER_UM + gutter_um
-    if abs(reached - pitch_um) * NM_PER_UM > 1e-6:
-        raise JobError(
-            "MF107",
-            f"pitch {pitch_um:.6f} um ({UM_PER_INCH / pitch_um:.2f} DPI) cannot be made of {dots} dots on the 1 nm "
-            f"grid; the nearest is {reached:.10g} um = {UM_PER_INCH / reached:.4f} DPI, "
-            f"{(reached - pitch_um) * NM_PER_UM:+.1f} nm or {(reached / pitch_um - 1) * 1e6:+.0f} ppm off",
-            where=where,
-            cure=f'Use dot = "{dot_nm / NM_PER_UM:g} um" and pitch = "{reached:.10g} um"',
-        )
-    return dot_nm
-
-
-def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
-    """Refuse a panel of more cells or dots than can be drawn and compared (MF115)."""
-    if cells > _MOST_CELLS_ACROSS or cells * dots > _MOST_DOTS_ACROSS:
-        raise JobError(
-            "MF115",
-            f"{what} is {cells} cells or {cells * dots} dots across; the limits are {_MOST_CELLS_ACROSS} cells and "
-            f"{_MOST_DOTS_ACROSS} dots",
-            where=where,
-            cure="Use a smaller panel, or a coarser dot",
-        )
-
-
-def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
-    """Refuse a stop, centred on the panel, that nothing clear lies in (MF309)."""
-    if stop.shape not in ("circle", "square"):
-        if cut(panel_aperture(panel, stop.diameter_um / 2), stop).energy_um2 > 0:
-            return
-        raise SourceError(
-            "MF309",
-            f"nothing of the opening {panel.opening.name!r} is clear inside a stop, the {stop.shape} of "
-            f"{stop.diameter_um:g} um",
-            where=where,
-            cure="Use a larger stop",
-        )
-    pitch_um = panel.pitch_nm / NM_PER_UM
-    if stop.diameter_um >= 3 * pitch_um:
-        return  # it holds a whole cell, wherever it lies
-    rows, columns = panel.orientations.shape
-    gaps = []
-    for row in range(max(0, rows // 2 - 3), min(rows, rows // 2 + 3)):
-        for column in range(max(0, columns // 2 - 3), min(columns, columns // 2 + 3)):
-            mask = panel.pattern(int(panel.orientations[row, column]))
-            up, right = (
-                (cell - cells / 2) * pitch_um + (panel.gutter_nm / 2 + index * panel.dot_nm) / NM_PER_UM
-                for cell, cells, index in zip((row, column), (rows, columns), np.nonzero(mask), strict=True)
-            )
-            dot_um = panel.dot_nm / NM_PER_UM
-            away = [np.maximum(0.0, np.maximum(low, -low - dot_um)) for low in (up, right)]
-            gaps.append(float((np.hypot(*away) if stop.shape == "circle" else np.maximum(*away)).min()))
-    if min(gaps) >= stop.diameter_um / 2:
-        raise SourceError(
-            "MF309",
-            f"nothing of the opening {panel.opening.name!r} is clear inside a stop of {stop.diameter_um:g} um; the "
-            f"nearest clear dot is {min(gaps):g} um from its centre",
-            where=where,
-            cure="Use a larger stop",
-        )
-
-
-def _check_pitch(die: DieSection, dots: int, pitch_nm: int, where: str) -> None:
-    if die.pitch is None or abs(die.pitch * 1e3 - pitch_nm) < 1e-6:
-        return
-    dot_nm = dot_on_grid(die.pitch, die.gutter, dots, where=f"{where}.pitch")
-    raise JobError(
-        "MF106",
-        f"{dots} dots x {die.dot:g} um + gutter {die.gutter:g} um = {pitch_nm / 1e3:g} um, but pitch says "
-        f"{die.pitch:g} um",
-        where=f"{where}.pitch",
-        cure=f'Use dot = "{dot_nm / 1e3:g} um", or pitch = "{pitch_nm / 1e3:g} um"',
-    )
 
 
 def _side(section: PlateSection, template: PlateTemplate | None, key: str, where: str) -> int:

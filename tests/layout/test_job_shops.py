@@ -141,7 +141,7 @@ def test_a_bad_profile_is_refused_before_any_work(capsys, tmp_path, monkeypatch,
     def begun(*_: object, **__: object) -> None:
         raise AssertionError("work has begun")
 
-    monkeypatch.setattr("maskfab.layout.job.compose", begun)
+    monkeypatch.setattr("maskfab.layout.plate.compose", begun)
     before = listing(tmp_path)
     answer = command(capsys, verb[0], job, *verb[1:], "--out", tmp_path / "out", "--json", "--quiet")
     assert (answer.code, answer.document["error"]["code"]) == (2, code)
