@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
 from maskfab.model import Camera
-from maskfab.optics.paths import PRUNED, Task, admissible
+from maskfab.optics.field import SampledField
+from maskfab.optics.paths import PRUNED, Task, admissible, precise_enough
 from maskfab.optics.psf import cutoff, image_scale_um2
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.spectrum import Band, Spectrum, lines
@@ -47,13 +48,18 @@ def band_errors(pupil: Pupil, camera: Camera, band: Band, target: float) -> dict
     # The step of a discrete transform suits one wavelength only.
     task = Task.of(pupil, place / shortest, place / shortest)
     path = next(path for path in admissible(task) if path is not PRUNED)
-    prepared = path.prepare(pupil, float(place[-1] / shortest), float(place[-1] / shortest), "double")
+    precision, own = precise_enough([path], target)
+    highest = (float(place[-1] / shortest),) * 2
+    prepared = path.prepare(pupil, *highest, precision)
+    reach = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
+    sampled = SampledField.of(prepared.field, (reach[0], reach[1]), highest, precision)
 
     def seen(spectrum: Spectrum) -> Floats:
-        total = np.zeros((2 * samples, 2 * samples))
+        """Half of the window, which the other half mirrors."""
+        total = np.zeros((2, samples, samples))
         for line, share in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
             scale = image_scale_um2(camera, float(line))
-            total += share / scale**2 * prepared.field(place / scale, place / scale).intensity()
+            total += share / scale**2 * np.stack(sampled.field(place / scale, place / scale).quadrants())
         return total
 
     found: dict[int, Floats] = {}
@@ -63,6 +69,6 @@ def band_errors(pupil: Pupil, camera: Camera, band: Band, target: float) -> dict
         if count > 4 and (
             2 * count > _MOST_LINES or BAND_SAFETY * np.linalg.norm(found[count] - found[count // 2]) < target * size
         ):
-            errors = {n: BAND_SAFETY * float(np.linalg.norm(found[n] - found[count])) / size for n in found}
-            return {n: error for n, error in errors.items() if n != count}
+            errors = {n: float(np.linalg.norm(found[n] - found[count])) / size for n in found}
+            return {n: BAND_SAFETY * (error + own) for n, error in errors.items() if n != count}
     raise InternalError("MF901", "a band was doubled without end")

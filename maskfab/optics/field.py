@@ -14,7 +14,7 @@ parts even and odd in x and in y, and four real products of a quarter of the siz
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,7 @@ from scipy.special import spherical_jn
 
 from maskfab.errors import InternalError
 from maskfab.model import Scalar
-from maskfab.optics.interpolation import frequency_nodes
+from maskfab.optics.interpolation import FrequencyNodes, frequency_nodes
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.rim import rim_bands, rim_orders
 from maskfab.optics.waves import Positions, Precision, Reals, real_type, reduced_cycles, right_half
@@ -55,9 +55,14 @@ class ParityField:
 
     def intensity(self) -> Floats:
         """|F|² on the symmetric grid that the quadrant spans, [2 nv - 1, 2 nu - 1], or [2 nv, 2 nu] off axis."""
+        same, opposite = self.quadrants()
+        return self._mirrored(same, opposite, same, opposite)
+
+    def quadrants(self) -> tuple[Floats, Floats]:
+        """|F|² at (±u, ±v) and at (∓u, ±v), [nv, nu] each: all of it, since opposite frequencies are alike."""
         same = _sum_of_squares(self.even_even - self.odd_odd, self.odd_even + self.even_odd)
         opposite = _sum_of_squares(self.even_even + self.odd_odd, self.odd_even - self.even_odd)
-        return self._mirrored(same, opposite, same, opposite)
+        return same, opposite
 
     def amplitude(self) -> NDArray[np.complex128]:
         """F on the same grid as :meth:`intensity`."""
@@ -181,9 +186,8 @@ class PreparedField:
             across = nodes_u.interpolation(u)
             up = across if nodes_u == nodes_v and np.array_equal(u, v) else nodes_v.interpolation(v)
             few = self._parts(nodes_u.frequency, nodes_v.frequency)
-            parts = up.transpose(0, 2, 1)[:, None] @ few @ across
-        (ee, eo), (oe, oo) = parts.astype(np.float64, copy=False)
-        return ParityField(ee, eo, oe, oo, on_axis=bool(u[0] == 0))
+            parts = _carried(few, across, up)
+        return _whole(parts, on_axis=bool(u[0] == 0))
 
     def _work(self, nu: int, nv: int) -> int:
         return sum(term.work(nu, nv) for term in self.terms)
@@ -198,6 +202,58 @@ class PreparedField:
             for odd_y, odd_x in np.ndindex(2, 2):
                 parts[odd_y, odd_x] += term.part(of_v[id(term.y)][odd_y], of_u[id(term.x)][odd_x], odd_y, odd_x)
         return parts
+
+
+@dataclass(frozen=True, eq=False)
+class SampledField:
+    """A field at so few frequencies that they give it at all others up to the highest, for many wavelengths.
+
+    Attributes:
+        nodes_u, nodes_v: where it is known.
+        parts: [2, 2, nodes v, nodes u] the parts that are even or odd in v and in u.
+    """
+
+    nodes_u: FrequencyNodes
+    nodes_v: FrequencyNodes
+    parts: Reals
+
+    @classmethod
+    def of(
+        cls,
+        field: Callable[[Floats, Floats], ParityField],
+        reach_um: tuple[float, float],
+        highest: tuple[float, float],
+        precision: Precision = "double",
+    ) -> SampledField:
+        """Sample a field.
+
+        Args:
+            field: at non-negative, ascending frequencies u and v.
+            reach_um: how far from the axis its light lies along x and y.
+            highest: u and v that will be asked for, cycles per micrometre.
+            precision: of the samples and of what they are carried with.
+        """
+        nodes = [frequency_nodes(*each, precision) for each in zip(reach_um, highest, strict=True)]
+        found = field(*(each.frequency[::-1] for each in nodes))
+        parts = np.array([[found.even_even, found.even_odd], [found.odd_even, found.odd_odd]])[:, :, ::-1, ::-1]
+        return cls(nodes[0], nodes[1], parts.astype(real_type(precision), order="C"))
+
+    def field(self, u: Floats, v: Floats) -> ParityField:
+        """The field at non-negative, ascending frequencies up to the highest, [nu] and [nv]."""
+        across = self.nodes_u.interpolation(u)
+        up = across if self.nodes_u == self.nodes_v and np.array_equal(u, v) else self.nodes_v.interpolation(v)
+        return _whole(_carried(self.parts, across, up), on_axis=bool(u[0] == 0))
+
+
+def _carried(parts: Reals, across: Reals, up: Reals) -> Reals:
+    """Parts at nodes taken to other frequencies."""
+    carried: Reals = up.transpose(0, 2, 1)[:, None] @ parts @ across
+    return carried
+
+
+def _whole(parts: Reals, on_axis: bool) -> ParityField:
+    (ee, eo), (oe, oo) = parts.astype(np.float64, copy=False)
+    return ParityField(ee, eo, oe, oo, on_axis)
 
 
 def _waves_by_source(

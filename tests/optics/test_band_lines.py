@@ -14,6 +14,7 @@ from optics_cases import camera, noise, panel, pupil
 from sweeps import examples
 
 from maskfab.model import Camera
+from maskfab.optics import field
 from maskfab.optics.band_lines import band_errors, band_lines
 from maskfab.optics.psf import point_psf
 from maskfab.optics.pupil import Pupil
@@ -120,3 +121,21 @@ def test_lines_err_no_more_than_foretold_at_any_stop(
     name: str, seed: int | None, diameter_um: float, apart_nm: float
 ) -> None:
     check(name, diameter_um, seed, apart_nm, 1e-3)
+
+
+def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    term = field.Term.part
+
+    def counted(self: field.Term, *arguments: object) -> object:
+        calls.append(self)
+        return term(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(field.Term, "part", counted)
+    band = BANDS["mercury"]
+    setting = camera(400.0, wavelengths=band.range_nm, window_um=96.0)
+    source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
+    foretold = band_errors(source, setting, band, 1e-2)
+    assert sum(foretold) >= 5
+    # Four parities of the whole dots and of either band of the rim.
+    assert len(calls) <= 12

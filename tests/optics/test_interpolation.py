@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 
 import numpy as np
@@ -12,9 +13,11 @@ from optics_cases import noise, panel, pupil
 from sweeps import examples
 
 from maskfab.model import Stop
-from maskfab.optics.field import parity_field, prepare
+from maskfab.optics.field import SampledField, parity_field, prepare
 from maskfab.optics.interpolation import frequency_nodes
+from maskfab.optics.paths import DIRECT, PARITY, FieldPath
 from maskfab.optics.pupil import Pupil
+from maskfab.optics.waves import Precision
 
 
 @examples(60)
@@ -80,3 +83,26 @@ def test_a_window_met_for_the_first_time_costs_no_more_than_one_met_again() -> N
     firsts = [spent(0.02 + 0.0004 * k) for k in range(1, 8)]
     again = [spent(0.02) for _ in range(7)]
     assert np.median(firsts) < 1.6 * np.median(again)
+
+
+@pytest.mark.parametrize("path", [PARITY, DIRECT], ids=lambda path: path.name)
+@pytest.mark.parametrize(("precision", "most"), [("double", 1e-12), ("single", 5e-6)])
+def test_one_sampled_field_serves_every_wavelength(path: FieldPath, precision: Precision, most: float) -> None:
+    """On grids with the axis and without it, the field and its intensity, whatever made the samples."""
+    source = pupil(panel(noise(13, 0.6, 3), cells=6, seed=4), Stop("circle", 500.0))
+    highest = 0.02
+    reach = float(source.x.edges_um()[-1])
+    sampled = SampledField.of(
+        path.prepare(source, highest, highest, precision).field, (reach, reach), (highest, highest), precision
+    )
+    for scale in (1.0, 0.77, 0.3):
+        for places in (np.linspace(0, highest, 70), highest / 70 * (np.arange(70) + 0.5)):
+            found, known = sampled.field(scale * places, places), parity_field(source, scale * places, places)
+            exact = known.amplitude()
+            assert np.linalg.norm(found.amplitude() - exact) < most * np.linalg.norm(exact)
+            same, opposite = found.quadrants()
+            whole = np.linalg.norm(known.intensity())
+            if places[0]:
+                assert np.hypot(np.linalg.norm(same), np.linalg.norm(opposite)) == pytest.approx(
+                    whole / math.sqrt(2), rel=2 * most
+                )
