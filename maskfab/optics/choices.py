@@ -159,6 +159,7 @@ class Prices:
     def choices(self) -> Iterator[Choice]:
         """Every choice that can be computed, whatever its error."""
         known = self.estimates
+        gap = _options(known.diffraction)
         options = itertools.product(
             (*(path.name for path in PATHS), PHASED, SPECTRUM),
             RATES,
@@ -166,12 +167,24 @@ class Prices:
             _options(known.scale),
             _options(known.defocus),
             _options(known.aberrations),
-            _options(known.diffraction),
+            gap,
+            (0, *GAP_SAMPLES) if any(gap) else (0,),
             known.places,
-            known.bands,
-            (0, *GAP_SAMPLES),
         )
-        return (choice for choice in itertools.starmap(Choice, options) if self.possible(choice))
+        for path, precision, grey, scale, defocus, aberrations, diffraction, samples, places in options:
+            # Whether there is a function for it does not depend on how many lines it is called for.
+            choice = Choice(
+                path, precision, grey, scale, defocus, aberrations, diffraction, places, min(known.bands), samples
+            )
+            if self.possible(choice):
+                yield from (replace(choice, lines=lines) for lines in known.bands)
+
+    def priced(self) -> Iterator[tuple[Choice, Price]]:
+        """Every choice that can be computed, with its price."""
+        for _, alike in itertools.groupby(self.choices(), lambda choice: replace(choice, places=1, lines=0)):
+            first, *others = alike
+            one = self._one(first)
+            yield from ((choice, self._of_all(choice, *one)) for choice in (first, *others))
 
     def possible(self, choice: Choice) -> bool:
         """Whether there is a function for a choice, and it takes the pupil."""
@@ -193,7 +206,10 @@ class Prices:
 
     def price(self, choice: Choice) -> Price:
         """Flops, time, memory and error of a possible choice."""
-        flops, memory = self._one(choice)
+        return self._of_all(choice, *self._one(choice))
+
+    def _of_all(self, choice: Choice, flops: float, memory: float) -> Price:
+        """The price of a choice of which one PSF takes so much."""
         depths = DEPTHS if choice.defocus else 1
         psfs = self.wavelengths(choice) * depths * choice.places**2
         flops, waiting = flops * psfs, psfs * _OVERHEADS.get(choice.path, _OVERHEAD)

@@ -106,7 +106,7 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
             stop from the edge of the field; MF115 if nothing that maskfab can compute meets the accuracy.
     """
     known = prices(panel, camera, scene, accuracy)
-    priced = [(choice, known.price(choice)) for choice in known.choices()]
+    priced = list(known.priced())
     fitting = [each for each in priced if each[1].error <= accuracy]
     if not fitting:
         least = min((price.error for _, price in priced), default=math.inf)

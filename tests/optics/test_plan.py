@@ -16,7 +16,7 @@ from maskfab.optics import omissions, psf
 from maskfab.optics.aberration import aberrated_psf
 from maskfab.optics.aperture import panel_aperture
 from maskfab.optics.band_lines import band_lines
-from maskfab.optics.choices import PHASED, SPECTRUM, Choice
+from maskfab.optics.choices import PHASED, SPECTRUM, Choice, Prices
 from maskfab.optics.depth import defocused_psf, focused_psf
 from maskfab.optics.gap import gap_psf, shifted_psf
 from maskfab.optics.metrics import relative_difference
@@ -174,3 +174,16 @@ def test_several_lines_take_a_path_that_suits_all_of_them(monkeypatch: pytest.Mo
     monkeypatch.setattr(psf, "admissible", lambda task: sorted(admissible(task), key=lambda path: path is not PRUNED))
     for found, known in zip(point_psfs(source, setting), expected, strict=True):
         assert relative_difference(found, known) < 1e-10
+
+
+def test_one_psf_is_priced_once_for_all_places_and_lines(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every choice all the same gets the price that it has alone."""
+    (each,) = (each for each in CASES if each.name == "gap and field, tight")
+    known = priced(each)
+    alone = {choice: known.price(choice) for choice in known.choices()}
+    counted = []
+    one = Prices._one
+    monkeypatch.setattr(Prices, "_one", lambda self, choice: counted.append(choice) or one(self, choice))
+    assert dict(known.priced()) == alone
+    assert len(known.estimates.places) > 3
+    assert 2 * len(counted) < len(alone)
