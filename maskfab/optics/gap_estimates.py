@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import jv
+from scipy.special import j0, j1
 
-from maskfab.model import Camera, Stop
+from maskfab.model import Camera, Psf, Stop
 from maskfab.optics.aperture import Aperture
 from maskfab.optics.ensemble import MeanPsf, decorrelation_error
 from maskfab.optics.gap import Place, shift_um
@@ -42,7 +42,7 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
     span = wavelength_nm * 1e-3 * gap_um
     if span > 0:
         eta = np.pi * moved**2 / (2 * span)
-        rice = np.exp(1j * eta) * ((1 - 2j * eta) * jv(0, eta) - 2 * eta * jv(1, eta))
+        rice = np.exp(1j * eta) * ((1 - 2j * eta) * j0(eta) - 2 * eta * j1(eta))
         mean: NDArray[np.complex128] = np.sqrt(span) / 2 * np.exp(0.25j * np.pi) * rice
     else:
         mean = moved.astype(np.complex128)
@@ -116,16 +116,25 @@ def shift_error(mean: MeanPsf, camera: Camera, gap_um: float, image_um: Place) -
     return decorrelation_error(mean.variance, mean.psf.values, share)
 
 
-def gap_error(mean: MeanPsf, camera: Camera, gap_um: float) -> float:
+def share_across_gap(psf: Psf, camera: Camera, gap_um: float) -> Floats:
+    """:func:`common_share` of the stop with where the light of each of a PSF's samples leaves the openings, [n, n]."""
+    count = psf.values.shape[0]
+    across = gap_um / camera.focal_um * psf.step_um * np.arange(count // 2 + 1, dtype=np.float64)
+    quadrant = common_share(camera.stop, np.hypot(across[:, None], across), gap_um, psf.wavelength_nm)
+    place = abs(np.arange(count) - count // 2)
+    return quadrant[np.ix_(place, place)]
+
+
+def gap_error(mean: MeanPsf, share: Floats) -> float:
     """Estimated relative L2 error of the PSF if diffraction over the gap is left out, over the mean's window.
 
     Light of spatial frequency q crosses the gap at the slope λq and so meets a stop that is moved by λ g q, blurred by
     sqrt(λg); the share of openings that enter or leave is new speckle. The notes of
     :func:`shift_error` hold here too, and the truth may be down to 0.05 of the estimate for openings that are large
     against sqrt(λg): a bound to rule the gap out with, not a measure of it.
+
+    Args:
+        mean: of the tiling.
+        share: what :func:`share_across_gap` says of its samples.
     """
-    count = mean.psf.values.shape[0]
-    offset = mean.psf.step_um * (np.arange(count, dtype=np.float64) - count // 2)
-    moved = gap_um / camera.focal_um * np.hypot(offset[:, None], offset)
-    share = common_share(camera.stop, moved, gap_um, mean.psf.wavelength_nm)
     return decorrelation_error(mean.variance, mean.psf.values, share)

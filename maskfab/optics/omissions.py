@@ -34,12 +34,14 @@ from maskfab.optics.band_lines import band_errors
 from maskfab.optics.depth import clear_stop_strehl, defocus_error, edge_defocus_waves, scale_error
 from maskfab.optics.ensemble import MeanPsf, layout_psf, mean_psf
 from maskfab.optics.gap import shift_um
-from maskfab.optics.gap_estimates import common_share, gap_error, rim_crowding, shift_error
+from maskfab.optics.gap_estimates import gap_error, rim_crowding, share_across_gap, shift_error
 from maskfab.optics.metrics import relative_difference
+from maskfab.optics.paths import PATHS, precise_enough
 from maskfab.optics.psf import point_psfs
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.scene import Scene
 from maskfab.optics.stop_shape import stop_strehl, widest_um
+from maskfab.optics.waves import Precision
 
 Floats = NDArray[np.float64]
 
@@ -145,7 +147,8 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     """
     ends = wavelength_range_nm(camera, scene)
     sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
-    pilots = point_psfs(pupil, sampled)
+    precision, own = precise_enough(PATHS, target)
+    pilots = point_psfs(pupil, sampled, precision=precision)
     # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
     asks = scene.gap_um or scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
@@ -164,7 +167,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
         ),
         shift=_shift(means, openings, pupil, sampled, scene, scene.field_um) if moved else NOTHING,
         diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
-        rim=_rim(pupil, pilots, sampled),
+        rim=_rim(pupil, pilots, sampled, precision, own),
         layout=_layout(means) if means else None,
         pilot=pilots[0],
         places={n: _between(means, openings, pupil, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
@@ -265,12 +268,9 @@ def _shift(
 def _diffraction(means: list[MeanPsf], crowding: float, camera: Camera, gap_um: float) -> Estimate:
     errors = []
     for mean in means:
-        count = mean.psf.values.shape[0]
-        offset = mean.psf.step_um * (np.arange(count, dtype=np.float64) - count // 2)
-        moved = gap_um / camera.focal_um * np.hypot(offset[:, None], offset)
-        share = common_share(camera.stop, moved, gap_um, mean.psf.wavelength_nm)
+        share = share_across_gap(mean.psf, camera, gap_um)
         lost = np.minimum(1.0, crowding * (1 - share))
-        errors.append(math.hypot(GAP_SAFETY * gap_error(mean, camera, gap_um), _order_change(mean, lost)))
+        errors.append(math.hypot(GAP_SAFETY * gap_error(mean, share), _order_change(mean, lost)))
     method = "stop seen across the gap, moved by its diffraction angles and blurred by sqrt(λg)"
     return Estimate(max(errors), method, GAP_SAFETY)
 
@@ -295,11 +295,11 @@ def _layout(means: list[MeanPsf]) -> Estimate:
     return Estimate(GAP_SAFETY / 2 * scatter, "scatter of layouts about the ensemble's mean", GAP_SAFETY / 2)
 
 
-def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera) -> Estimate:
+def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera, precision: Precision, own: float) -> Estimate:
     if not pupil.rim_row.size:
         return Estimate(0.0, "the stop cuts no dot")
     plain = grey(pupil)
-    worst = max(map(relative_difference, point_psfs(plain, camera), pilots))
+    worst = max(map(relative_difference, point_psfs(plain, camera, precision=precision), pilots)) + own
     return Estimate(RIM_SAFETY * worst, "grey rim's PSF against the exact one, at the ends of the spectrum", RIM_SAFETY)
 
 

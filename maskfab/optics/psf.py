@@ -21,6 +21,7 @@ from maskfab.optics.field import ParityField
 from maskfab.optics.leak import Leak
 from maskfab.optics.paths import Task, admissible, field
 from maskfab.optics.pupil import Pupil
+from maskfab.optics.waves import Precision
 
 Floats = NDArray[np.float64]
 
@@ -56,7 +57,9 @@ def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 
     return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
 
 
-def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None) -> list[Psf]:
+def point_psfs(
+    pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None, precision: Precision = "double"
+) -> list[Psf]:
     """The same at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
 
     With a leak the pupil is that of the openings of a binary mask, and the film's light is added.
@@ -68,7 +71,7 @@ def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None 
     path = next(
         path for path in admissible(Task.of(pupil, widest, widest)) if all(path.refusal(task) is None for task in tasks)
     )
-    prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
+    prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), precision)
     return [
         _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)
         if leak is None

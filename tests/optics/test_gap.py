@@ -12,7 +12,7 @@ from optics_cases import camera, noise, panel, pupil
 from scipy.special import fresnel
 
 from maskfab.errors import JobError
-from maskfab.model import Camera, Panel, Stop
+from maskfab.model import Camera, Panel, Psf, Stop
 from maskfab.optics.aperture import panel_aperture
 from maskfab.optics.depth import focused_psf, image_distance_um
 from maskfab.optics.ensemble import mean_psf
@@ -28,7 +28,7 @@ from maskfab.optics.gap import (
     shifted_psf,
     shifted_pupil,
 )
-from maskfab.optics.gap_estimates import common_share, fresnel_number, gap_error, shift_error
+from maskfab.optics.gap_estimates import common_share, fresnel_number, gap_error, share_across_gap, shift_error
 from maskfab.optics.metrics import relative_difference
 from maskfab.optics.phase_field import Waves, phased, phased_psf, window_frequency
 from maskfab.optics.plan import prices
@@ -312,6 +312,16 @@ def test_common_share_of_a_clear_stop() -> None:
     np.testing.assert_allclose(common_share(stop, far), 1 - 4 * far / (np.pi * 4000.0))
 
 
+def test_the_share_across_a_gap_is_that_of_every_samples_own_distance() -> None:
+    setting = camera(400.0)
+    psf = Psf(np.ones((9, 9)), 3.0, 530.0, "point")
+    place = 3.0 * (np.arange(9) - 4)
+    moved = 500.0 / setting.focal_um * np.hypot(place[:, None], place)
+    expected = common_share(setting.stop, moved, 500.0, 530.0)
+    np.testing.assert_array_equal(share_across_gap(psf, setting, 500.0), expected)
+    assert expected[4, 4] > expected[0, 4] > expected[0, 0]
+
+
 @pytest.mark.parametrize(("gap_um", "image_um"), [(200.0, (300.0, 0.0)), (800.0, (200.0, -300.0))])
 def test_estimates_of_leaving_the_gap_out(gap_um: float, image_um: tuple[float, float]) -> None:
     setting = camera(400.0, window_um=96.0)
@@ -324,9 +334,9 @@ def test_estimates_of_leaving_the_gap_out(gap_um: float, image_um: tuple[float, 
         spreads.append(relative_difference(gap_psf(panel_aperture(laid_out), setting, LINE, gap_um), plain))
     mean = mean_psf(stripes(5), setting, LINE)
     assert 0.12 < np.mean(shifts) / shift_error(mean, setting, gap_um, image_um) < 3
-    assert 0.03 < np.mean(spreads) / gap_error(mean, setting, gap_um) < 3
+    assert 0.03 < np.mean(spreads) / gap_error(mean, share_across_gap(mean.psf, setting, gap_um)) < 3
     assert shift_error(mean, setting, gap_um, AXIS) == 0
-    assert gap_error(mean, setting, 0.0) == 0
+    assert gap_error(mean, share_across_gap(mean.psf, setting, 0.0)) == 0
 
 
 def test_a_shifted_pupil_keeps_its_stop_where_coarse_dots_need_more_of_the_rim() -> None:
