@@ -31,6 +31,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 import fuzz_damage
 import numpy as np
@@ -326,12 +328,25 @@ def in_one_process() -> None:
     read_step.read_apart = _step  # type: ignore[assignment]
 
 
+class _Sayer(pickle.Pickler):
+    """Takes mappings that cannot be changed for dictionaries."""
+
+    def reducer_override(self, thing: object) -> Any:
+        return (dict, (dict(thing),)) if isinstance(thing, MappingProxyType) else NotImplemented
+
+
+def _said(asked: tuple[object, ...]) -> bytes:
+    said = io.BytesIO()
+    _Sayer(said).dump(asked)
+    return said.getvalue()
+
+
 def draw_once() -> None:
     """The same plate with the same notes is drawn once: of a package that is most of the time."""
     drawn: dict[bytes, bytes] = {}
 
     def remembered(*asked: object) -> bytes:
-        key = pickle.dumps(asked)
+        key = _said(asked)
         if key not in drawn:
             drawn[key] = plate_drawing(*asked)  # type: ignore[arg-type]
         return drawn[key]
