@@ -8,7 +8,7 @@ BIN := $(VENV)/bin
 plate: $(VENV)/run.stamp
 	$(BIN)/maskfab run layouts/upc12.toml --out build/upc12 --force
 
-# Slow sweeps, marked so, are left to test-all, and most examples that are drawn.
+# What a file's tests share is made once, by the worker that runs the file. Slow sweeps, marked so, are left to test-all, and most examples that are drawn.
 test: CHOSEN := -m "not slow"
 test-all: export HYPOTHESIS_PROFILE := full
 test test-all: $(VENV)/dev.stamp
@@ -16,7 +16,7 @@ test test-all: $(VENV)/dev.stamp
 	$(BIN)/ruff check maskfab tests
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto $(CHOSEN)
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile $(CHOSEN)
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format maskfab tests
