@@ -12,6 +12,8 @@ from hypothesis import settings
 from once import BOUNDS, FIGURES, once
 from small_job import finished
 
+from maskfab.geometry import reading
+from maskfab.geometry.gdstk_process import content
 from maskfab.geometry.lettering import text_polygons
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 
@@ -79,6 +81,12 @@ def bound_once() -> Iterator[None]:
     """For tests that are about something else than the bounds of an opening."""
     with once(*BOUNDS):
         yield
+
+
+@pytest.fixture
+def read_here(monkeypatch) -> None:
+    """For tests of whole files that are about something else than the process that reads them."""
+    monkeypatch.setattr(reading, "read_apart", lambda path, _, function, **__: content(function, str(path)))
 
 
 @pytest.fixture(scope="session")

@@ -23,9 +23,15 @@ pytestmark = pytest.mark.usefixtures("drawn_once")
 
 
 @pytest.fixture
-def out(small_result, tmp_path) -> Path:
+def copied(small_result, tmp_path) -> Path:
     """A copy of the finished directory, for each test its own."""
     return Path(shutil.copytree(small_result, tmp_path / "out"))
+
+
+@pytest.fixture
+def out(copied, read_here) -> Path:
+    """The same, for tests that leave its files whole."""
+    return copied
 
 
 def failures(directory: Path) -> list[Quantity]:
@@ -82,15 +88,15 @@ def test_a_moved_directory_passes(out, tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     "names", [["SMALL.oas"], ["SMALL.gds", "SMALL_R12.dxf", "job.json", "layers.lyp", "report.html"]]
 )
-def test_a_changed_byte_is_found_and_named(out, names):
+def test_a_changed_byte_is_found_and_named(copied, names):
     for name in names:
-        content = bytearray((out / name).read_bytes())
+        content = bytearray((copied / name).read_bytes())
         if name.endswith((".oas", ".gds")):
             content[len(content) // 2] ^= 0x01
         else:
             content[content.rindex(b" ")] = ord("\t")  # changes no meaning
-        (out / name).write_bytes(content)
-    found = failures(out)
+        (copied / name).write_bytes(content)
+    found = failures(copied)
     assert sorted(check.method for check in found if check.name == "sha256") == [f"SHA-256 of {name}" for name in names]
     assert all(any(name in check.method for name in names) for check in found)
 
@@ -183,10 +189,10 @@ def test_a_moved_line_of_a_dxf_file_is_found_and_named(out):
     ("name", "content"),
     [("SMALL.oas", b""), ("SMALL_R2010.dxf", b"nothing of the kind"), ("SMALL.gds", b"\x00\x06\x00\x02")],
 )
-def test_a_file_that_cannot_be_read_is_found_and_named(out, name, content):
-    (out / name).write_bytes(content)
-    correct_manifest(out)
-    (unreadable,) = (check for check in failures(out) if check.name == "readable")
+def test_a_file_that_cannot_be_read_is_found_and_named(copied, name, content):
+    (copied / name).write_bytes(content)
+    correct_manifest(copied)
+    (unreadable,) = (check for check in failures(copied) if check.name == "readable")
     assert unreadable.method.startswith(f"{name}: MF30")
 
 

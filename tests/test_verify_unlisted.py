@@ -10,7 +10,7 @@ from small_job import command, finished
 
 import maskfab
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
+pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
 
 
 @pytest.fixture

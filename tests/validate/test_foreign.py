@@ -24,6 +24,8 @@ from maskfab.validate.foreign_layers import Ordered, clear_only
 from maskfab.validate.foreign_optics import optics_of_like, optics_of_unlike
 from maskfab.validate.optics import measure
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 def placed(trans):
     """Put the plate below a new top cell, moved."""
