@@ -84,7 +84,7 @@ def _left_out(pupil: Pupil, area_um2: Floats) -> Floats:
     """Share of the field's energy in the rim's orders from P on, float64 [_MOST_ORDERS]."""
     shape = pupil.rim_moments / pupil.rim_transmission[:, None, None]
     weight = 2 * np.arange(shape.shape[1]) + 1
-    light = area_um2 * pupil.rim_transmission / pupil.field_integral_um2
+    light = area_um2 * pupil.rim_transmission**2 / pupil.energy_um2
     held = weight[:, None] * weight * np.einsum("k,kqp->qp", light, shape**2)
     before = np.array([held[:order, :order].sum() for order in range(len(held) + 1)])
     left = np.clip(light @ shape[:, 0, 0] - before, 0, None)
