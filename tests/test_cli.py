@@ -363,17 +363,29 @@ def test_shape_tells_its_opening_as_json(capsys, tmp_path):
 # --- explain, help, and what goes wrong ------------------------------------------------------------------------------
 
 
-def test_explain_knows_every_code(capsys):
+def test_explain_prints_every_part_of_every_code(capsys):
     for code, meaning in CATALOGUE.items():
-        answer = command(capsys, "explain", code.lower())
-        assert (answer.code, answer.stdout) == (0, f"{code} {meaning}\n")
-    assert command(capsys, "explain", code, "--json").document == {"code": code, "meaning": meaning}
+        entry = command(capsys, "explain", code.lower(), "--json").document
+        assert (entry["code"], entry["meaning"]) == (code, meaning)
+        told = " ".join(command(capsys, "explain", code).stdout.split())
+        for part in ("code", "meaning", "example", "cause", "cure"):
+            assert " ".join(entry[part].split()) in told
 
 
-def test_explain_refuses_what_is_no_code(capsys):
-    answer = command(capsys, "explain", "MF000", "--json")
+def test_explain_without_a_code_lists_each_once_under_its_group(capsys):
+    lines = command(capsys, "explain").stdout.splitlines()
+    assert [line.split()[0] for line in lines if line.startswith("  ")] == sorted(CATALOGUE)
+    headings = [line for line in lines if line and not line.startswith(" ")]
+    groups = command(capsys, "explain", "--json").document
+    assert list(groups) == headings
+    assert {code: meaning for group in groups.values() for code, meaning in group.items()} == dict(CATALOGUE)
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("MF170", "MF107"), ("107", "MF107"), ("mf3O1", "MF301"), ("X", "lists")])
+def test_explain_suggests_the_code_that_was_meant(capsys, typed, meant):
+    answer = command(capsys, "explain", typed, "--json")
     assert (answer.code, answer.document["error"]["code"]) == (2, "MF105")
-    assert "MF101" in answer.document["error"]["cure"]
+    assert meant in answer.document["error"]["cure"]
 
 
 @pytest.mark.parametrize(
