@@ -143,7 +143,12 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
     check_lens(request.camera, where="--stop")
     path = Path(path)
     if request.unit_um is not None and path.suffix.lower() not in LAYOUT_SUFFIXES:
-        raise JobError("MF105", f"{path.name} has no unit that could be stated", where="--unit", cure="Leave it out")
+        raise JobError(
+            "MF105",
+            f"{path.name} has no unit that could be stated",
+            where="--unit",
+            cure="Leave out --unit: only a DXF has a drawing unit to state",
+        )
     if path.suffix.lower() in LAYOUT_SUFFIXES and request.tiling is None:
         if request.scene is not None:
             raise JobError(
@@ -163,7 +168,12 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
     gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
     if request.seed is not None and request.seed < 0:
-        raise JobError("MF104", f"seed = {request.seed} is below 0", where="--seed", cure="Give 0 or more")
+        raise JobError(
+            "MF104",
+            f"seed = {request.seed} is below 0",
+            where="--seed",
+            cure="Give a whole number of 0 or more, such as --seed 1",
+        )
     camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
     check_optics(camera, dot_nm / 1e3, where="the request")
     reach = camera.stop.diameter_um / 2
@@ -206,7 +216,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
 def _load(path: Path, request: Request) -> Opening:
     if not os.path.isfile(path):
         problem = "is a directory" if os.path.isdir(path) else "does not exist"
-        raise SourceError("MF301", f"the file {problem}", where=str(path), cure="Check the path")
+        raise SourceError("MF301", f"the file {problem}", where=str(path), cure="Give the path of an existing file")
     dots = _dots(request)
     if path.suffix.lower() == ".toml":
         opening = openings.load(path, dots=dots)
@@ -252,7 +262,7 @@ def _no_room(request: Request) -> JobError:
         "MF106",
         f"a gutter of {request.gutter_um:g} um leaves no dots in a pitch of {request.pitch_um:g} um",
         where="--gutter",
-        cure="Use a narrower gutter",
+        cure="Use a gutter narrower than the pitch by at least one dot",
     )
 
 

@@ -129,7 +129,11 @@ def free_name(target: Path, word: str) -> Iterator[Path]:
 
 def not_writable(target: Path, error: OSError) -> OutputError:
     """MF401 of what the system said."""
-    return OutputError("MF401", f"{target} cannot be written: {error.strerror or error}", cure="Choose another --out")
+    return OutputError(
+        "MF401",
+        f"{target} cannot be written: {error.strerror or error}",
+        cure="Give --out a path in a writable folder with room to spare",
+    )
 
 
 @contextmanager

@@ -41,7 +41,12 @@ def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False
     value = _decimal_scale(number, _UM_PER_UNIT[unit])
     if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
         limit = "at least 0" if zero_allowed else "positive"
-        raise JobError("MF104", f"{text!r} must be a finite length, {limit}", where=where, cure="Give a finite length")
+        raise JobError(
+            "MF104",
+            f"{text!r} must be a finite length, {limit}",
+            where=where,
+            cure='Write a number with its unit, such as "168 um"',
+        )
     return value
 
 
@@ -51,7 +56,12 @@ def parse_pitch_um(text: object, *, where: str = "") -> float:
     if unit.lower() not in {"dpi", "ppi"}:
         return parse_length_um(text, where=where)
     if not math.isfinite(number) or number <= 0:
-        raise JobError("MF104", f"{text!r} must be a finite, positive density", where=where, cure="Give a positive DPI")
+        raise JobError(
+            "MF104",
+            f"{text!r} must be a finite, positive density",
+            where=where,
+            cure='Write a positive density, such as "300 dpi"',
+        )
     return UM_PER_INCH / number
 
 

@@ -159,7 +159,7 @@ def test_the_text_says_everything_and_nothing_is_written(capsys, tmp_path):
     }  # fmt: skip
     assert told["rectangles"] == "14.06 %"
     assert told["footprint"].endswith("required 14.00 %")
-    assert told["circuits"] == "2688 um2 of room, 600 um2 needed"
+    assert told["circuits"] == "2688 um2 available, 600 um2 needed"
     assert told["rules broken"].startswith("none")
     assert listing(tmp_path) == before
 

@@ -18,8 +18,8 @@ def analyse(
                                          "(.gds .oas .dxf).")],
     pitch: Annotated[str | None, typer.Option(help="Side of a cell, such as '168 um' or '150 dpi'.")] = None,
     dot: Annotated[str | None, typer.Option(help="Side of a dot, such as '8 um'.")] = None,
-    gutter: Annotated[str, typer.Option(help="Opaque space round every cell.")] = "0 um",
-    tiling: Annotated[str | None, typer.Option(help="periodic, random or paper4. For a mask file: it holds one "
+    gutter: Annotated[str, typer.Option(help="Opaque border around each cell.")] = "0 um",
+    tiling: Annotated[str | None, typer.Option(help="periodic, random or paper4. With a mask file: tile its one "
                                                "opening.")] = None,
     seed: Annotated[int | None, typer.Option(help="Seed of a random tiling.")] = None,
     layer: Annotated[str | None, typer.Option(help="Layer of a mask file, such as 1/0 or CLEAR.")] = None,
@@ -32,24 +32,24 @@ def analyse(
                                               "film_phase = 0.4, glass = { thickness = \"2.3 mm\", index = 1.46, "
                                               "chrome = \"lens\" } }'.")] = None,
     focal: Annotated[str, typer.Option(help="Focal length.")] = "10 mm",
-    wavelengths: Annotated[str, typer.Option(help="Lines, separated by commas.")] = "610 nm, 530 nm, 470 nm",
+    wavelengths: Annotated[str, typer.Option(help="Wavelengths, separated by commas.")] = "610 nm, 530 nm, 470 nm",
     pixel: Annotated[str, typer.Option(help="Side of a sensor pixel.")] = "2 um",
-    window: Annotated[str, typer.Option(help="Side of the PSF's window.")] = "256 um",
-    gap: Annotated[str | None, typer.Option(help="Scene: from the panel to the stop, such as '1 mm'.")] = None,
-    field: Annotated[str | None, typer.Option(help="Scene: largest image height.")] = None,
+    window: Annotated[str, typer.Option(help="Side of the PSF window.")] = "256 um",
+    gap: Annotated[str | None, typer.Option(help="Scene: distance from panel to stop, such as '1 mm'.")] = None,
+    field: Annotated[str | None, typer.Option(help="Scene: largest image height, such as '1 mm'.")] = None,
     depth: Annotated[str | None, typer.Option(help="Scene: nearest and farthest object, such as '0.3 m, inf'.")] = None,
-    focus: Annotated[str | None, typer.Option(help="Scene: what is in focus; default: infinity.")] = None,
-    aberration: Annotated[list[str] | None, typer.Option(help="Scene: Noll's number and waves, such as '4:0.05'; "
-                                                         "as often as needed.")] = None,
+    focus: Annotated[str | None, typer.Option(help="Scene: focus distance; default: infinity.")] = None,
+    aberration: Annotated[list[str] | None, typer.Option(help="Scene: Zernike term (Noll) and waves, such as "
+                                                         "'4:0.05' (repeatable).")] = None,
     spectrum: Annotated[str | None, typer.Option(help="Scene: lines, rgb or a table (.csv).")] = None,
     illuminant: Annotated[str | None, typer.Option(help="Scene: equal, a temperature such as '6500 K' or a table "
                                                    "(.csv).")] = None,
     accuracy: Annotated[str | None, typer.Option(help="Scene: draft, standard, certify or a number.")] = None,
-    out: Annotated[Path | None, typer.Option(help="Directory for the PSFs as EXR and pictures.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Directory for the PSFs, as EXR and PNG.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
-    """PSF, MTF and invariants of an opening or a mask file."""
+    """Compute PSF, MTF and invariants of an opening or a mask file."""
     from maskfab import units
     from maskfab.analysis import Request, described_scene
     from maskfab.analysis import analyse as analyse_file

@@ -32,7 +32,7 @@ from maskfab.cli.verify import verify
 from maskfab.errors import InternalError, JobError, MaskfabError
 
 _EPILOG = (
-    "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 our own fault; "
+    "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 internal error; "
     "128 + n ended by signal n."
 )
 
@@ -86,7 +86,7 @@ _UsageError: Any = next(kind for kind in typer.BadParameter.__mro__ if kind.__na
 
 app = typer.Typer(
     name="maskfab",
-    help="Photomask plates for under-panel cameras: openings, panels, mask files, and what the files do to a picture.",
+    help="Photomask plates for under-panel cameras: openings, panels, mask files, and their PSF and MTF.",
     epilog=_EPILOG,
     add_completion=False,
     no_args_is_help=True,
@@ -97,7 +97,7 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _common(
-    version: Annotated[bool, typer.Option("--version", help="Print the version and leave.", is_eager=True)] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.", is_eager=True)] = False,
 ) -> None:
     if version:
         typer.echo(f"maskfab {__version__}")

@@ -17,15 +17,17 @@ if TYPE_CHECKING:
 
 
 def bench(
-    job: Annotated[Path | None, typer.Argument(metavar="[JOB]", help="A job; default: a standard panel.")] = None,
-    die: Annotated[str | None, typer.Option(help="Which die of the job; default: its first.")] = None,
+    job: Annotated[
+        Path | None, typer.Argument(metavar="[JOB]", help="A job file (.toml); default: a standard panel.")
+    ] = None,
+    die: Annotated[str | None, typer.Option(help="Die of the job; default: the first.")] = None,
     hard: Annotated[bool, typer.Option("--hard", help="Run the hard cases instead.")] = False,
-    rounds: Annotated[int, typer.Option(min=2, max=1000, help="Timed rounds.")] = 9,
-    out: Annotated[Path | None, typer.Option(help="Directory for the figure and the numbers.")] = None,
+    rounds: Annotated[int, typer.Option(min=2, max=1000, help="Number of timed rounds.")] = 9,
+    out: Annotated[Path | None, typer.Option(help="Directory for the figure and the results.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Time every way to a PSF side by side and hold each against the exact one, or run the hard cases."""
+    """Time every PSF method and compare each with the exact one, or run the hard cases."""
     from maskfab.report import bench as report
     from maskfab.validate import accuracy
     from maskfab.validate.cases import CASES

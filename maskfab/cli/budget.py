@@ -11,7 +11,7 @@ import typer
 from maskfab.errors import JobError
 
 Budget = Annotated[
-    str | None, typer.Option("--budget", help="Stop looking after about this time, such as '60 s'; default: never.")
+    str | None, typer.Option("--budget", help="Time budget of the search, such as '60 s'; default: unlimited.")
 ]
 
 _SECONDS = {"s": 1.0, "min": 60.0, "h": 3600.0}
@@ -33,5 +33,7 @@ def seconds(text: str | None, *, where: str = "--budget") -> float | None:
         )
     value = float(match[1]) * _SECONDS[match[2]]
     if not (math.isfinite(value) and value > 0):
-        raise JobError("MF104", f"{text!r} must be a finite time above 0", where=where, cure="Give more time")
+        raise JobError(
+            "MF104", f"{text!r} must be a finite time above 0", where=where, cure='Give a positive time, such as "60 s"'
+        )
     return value

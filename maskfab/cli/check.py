@@ -18,7 +18,7 @@ from maskfab.errors import JobError
 if TYPE_CHECKING:
     from maskfab.layout.feasibility import Feasibility
 
-_RULES = """Say what its maker asks, such as
+_RULES = """State the rules of the display maker, such as
 
 [emitters]
 gap_to_opening = "4 um"
@@ -29,21 +29,22 @@ min_width = "8 um"
 
 def check(
     job: JobFile,
-    die: Annotated[list[str] | None, typer.Option(help="Which die, or dies, of the job; default: all.")] = None,
+    die: Annotated[list[str] | None, typer.Option(help="Die of the job (repeatable); default: all.")] = None,
     largest: Annotated[
-        bool, typer.Option("--largest", help="Search on for the largest emitters, whatever is required.")
+        bool, typer.Option("--largest", help="Search for the largest emitters, even if smaller ones suffice.")
     ] = False,
-    shop: Annotated[
-        str | None, typer.Option(help="Instead: would this mask house take what maskfab package sends it?")
-    ] = None,
+    shop: Annotated[str | None, typer.Option(help="Check against this mask shop's rules instead.")] = None,
     format_: Annotated[
-        list[str] | None, typer.Option("--format", help="With --shop: what is sent, repeatable; default: its first.")
+        list[str] | None,
+        typer.Option("--format", help="With --shop: output format (repeatable); default: the shop's first."),
     ] = None,
-    widest: Annotated[bool, typer.Option("--largest-gap", help="Find the widest gap between colours too.")] = False,
+    widest: Annotated[
+        bool, typer.Option("--largest-gap", help="Also find the widest possible gap between colours.")
+    ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Say whether emitters, circuits and light have room behind the openings of a job, with proofs where not."""
+    """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not."""
     from maskfab.cli import display_json, display_text
     from maskfab.layout.job import load
     from maskfab.layout.populate import widest_gaps

@@ -27,17 +27,19 @@ _SCENES_OF_MAPS = 16
 
 def design(
     job: JobFile,
-    out: Annotated[Path | None, typer.Option(help="Where the opening goes; default: the output of the job.")] = None,
-    images: Annotated[Path | None, typer.Option(help="Photographs to design for; default: drawn scenes.")] = None,
+    out: Annotated[Path | None, typer.Option(help="File for the opening; default: design.output of the job.")] = None,
+    images: Annotated[
+        Path | None, typer.Option(help="Folder of photographs to design for; default: synthetic scenes.")
+    ] = None,
     budget: Budget = None,
     checkpoint: Annotated[
-        Path | None, typer.Option(help="File to keep the search's state in, and to go on from if it is there.")
+        Path | None, typer.Option(help="File that saves the state of the search; resumes from it if it exists.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find an opening behind which photographs can be restored, by a search among shapes or by gradient descent."""
+    """Find the opening through which photographs restore best, by shape search or gradient descent."""
     from maskfab.export.staging import check_file, write_text
     from maskfab.layout import maps
     from maskfab.layout.openings import dumps
@@ -50,7 +52,9 @@ def design(
         check_file(each, force=force)
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         raise OutputError(
-            "MF401", f"there is no directory for the checkpoint {checkpoint}", cure="Choose another place"
+            "MF401",
+            f"there is no directory for the checkpoint {checkpoint}",
+            cure="Create that directory, or give a path in one that exists",
         )
     _check_rules(spec, job)
     command = f"maskfab design {job.as_posix()}" + ("" if images is None else f" --images {images.as_posix()}")
@@ -83,15 +87,28 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
 
     section = spec.design
     if section is None:
-        raise JobError("MF105", "the job has no [design] section", where=str(job), cure="Add [design]")
+        raise JobError(
+            "MF105",
+            "the job has no [design] section",
+            where=str(job),
+            cure="Add a [design] section, as in layouts/design_bar.toml",
+        )
     target = out or (None if section.output is None else job.parent / section.output)
     if target is None:
-        raise JobError("MF105", "the design has no output file", where=f"{job}: design.output", cure="Add it, or --out")
+        raise JobError(
+            "MF105",
+            "the design has no output file",
+            where=f"{job}: design.output",
+            cure='Add output = "openings/x.toml" to [design], or give --out x.toml',
+        )
     targets = {"opening": target}
     if isinstance(section, SearchSection) and section.map is not None:
         if section.map_output is None:
             raise JobError(
-                "MF105", "the map has no output file", where=f"{job}: design.map_output", cure="Add map_output"
+                "MF105",
+                "the map has no output file",
+                where=f"{job}: design.map_output",
+                cure='Add map_output = "maps/x.toml" to [design]',
             )
         targets["map"] = job.parent / section.map_output
         if section.density is not None:

@@ -1,4 +1,4 @@
-"""What ``maskfab design`` tells of what it has found: lines for people, one document for programs."""
+"""The result of ``maskfab design`` as text for people and as one document for programs."""
 
 from __future__ import annotations
 
@@ -18,26 +18,29 @@ def lines(found: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
     told = [f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found.psnr)}"]
     if found.head_room is not None:
-        told.append(
-            f"no opening of as many dots gains more, in the picture's interior, than {_levels(found.head_room)}"
-        )
+        told.append(f"proven headroom (frame interior): at most {_levels(found.head_room)}")
     if found.gap is not None:
         limit = found.gap.bounds
-        told.append(f"nor, in the whole frame, than {_levels(found.gap.head_room_frame)}")
-        told.append(f"a grey filter that passes as much light: {_levels(limit.grey)}, in the interior")
-        told.append(f"a clear stop of the area that is clear: {_levels(limit.open_stop)}, in the interior")
+        told.append(f"proven headroom (whole frame): at most {_levels(found.gap.head_room_frame)}")
+        told.append(f"grey filter of the same transmission: {_levels(limit.grey)} (frame interior)")
+        told.append(f"unobstructed stop with the same open area: {_levels(limit.open_stop)} (frame interior)")
         most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
         told.append(f"area under the radial minimum of the blue MTF: {found.gap.auc:.4f}{most}")
     if found.prices is not None and found.prices.each:
-        told.append(f"rules together cost {_db(found.prices.together)}, of {found.evaluated} openings")
-        told += [f"  {price.rule}: alone {_db(price.alone)}, last {_db(price.last)}" for price in found.prices.each]
+        told.append(f"all rules together cost {_db(found.prices.together)} ({found.evaluated} openings evaluated)")
+        told += [
+            f"  {price.rule}: {_db(price.alone)} if it is the only rule, {_db(price.last)} on top of the others"
+            for price in found.prices.each
+        ]
     else:
-        told.append(f"{found.evaluated} openings were judged")
+        told.append(f"{found.evaluated} openings evaluated")
     if found.designed is not None:
         gains = _levels(found.designed.gain_db, "+")
-        told.append(f"designed map, against a random one: {gains}; light {_light(found.designed):+.2%}")
+        told.append(f"gain of the designed map over a random one: {gains}; transmission {_light(found.designed):+.2%}")
     if found.map_head_room is not None:
-        told.append(f"no layout of as many dots and as much light gains more than {_levels(found.map_head_room)}")
+        told.append(
+            f"proven headroom of the map (same dots, same transmission): at most {_levels(found.map_head_room)}"
+        )
     return [*told, *(f"note: {note}" for note in notes)]
 
 
@@ -108,7 +111,7 @@ def _levels(values: Sequence[float], sign: str = "") -> str:
 
 
 def _db(value: float) -> str:
-    return f"{value:.3f} dB" if math.isfinite(value) else "everything: nothing seen keeps it"
+    return f"{value:.3f} dB" if math.isfinite(value) else "everything: no opening evaluated meets it"
 
 
 def _finite(value: float) -> float | None:

@@ -11,7 +11,7 @@ Line = tuple[str, str]
 
 
 def lines(name: str, found: Feasibility | None, gap: LargestGap | None) -> Iterator[str]:
-    """What is told of one die; None for a sheet that has no pixels."""
+    """The lines for one die; None stands for a sheet that has no pixels."""
     if found is None:
         yield f"{name}: no pixels to place emitters in"
         return
@@ -44,8 +44,8 @@ def _placement(found: Feasibility) -> Iterator[Line]:
         yield (
             "borders",
             f"{borders.side_violations} of {borders.side_pairs} pairs at sides and {borders.diagonal_violations} of "
-            f"{borders.diagonal_pairs} at corners are too close; {borders.margin_nm / 1e3:g} um free along all sides "
-            "would do for any",
+            f"{borders.diagonal_pairs} at corners are too close; {borders.margin_nm / 1e3:g} um of clearance along all "
+            "sides would suit any neighbour",
         )
     if not found.broken:
         yield "rules broken", "none, measured from the polygons"
@@ -56,7 +56,7 @@ def _placement(found: Feasibility) -> Iterator[Line]:
 
 def _circuits(found: Feasibility) -> Iterator[Line]:
     room = found.room
-    yield "circuits", f"{_round(room.area_um2)} um2 of room, {_round(room.need_um2)} um2 needed"
+    yield "circuits", f"{_round(room.area_um2)} um2 available, {_round(room.need_um2)} um2 needed"
 
 
 def _wires(found: Feasibility) -> Iterator[Line]:
@@ -76,7 +76,7 @@ def _light(found: Feasibility) -> Iterator[Line]:
     if found.emitters is None:
         return
     x, y = found.centroid_px
-    yield "light", f"centroid at ({x:.4f}, {y:.4f}) px, which turns move by {found.wander_px:.4f} px"
+    yield "light", f"centroid at ({x:.4f}, {y:.4f}) px; shifts by {found.wander_px:.4f} px RMS between orientations"
     if found.density_ma_per_cm2 is not None:
         yield "current density", f"{_colours(found.density_ma_per_cm2)} mA/cm2"
     if found.life is not None:
@@ -94,8 +94,8 @@ def _proofs(found: Feasibility) -> Iterator[Line]:
 def _gap(gap: LargestGap) -> str:
     fits = "no placement was found at any gap" if gap.found_nm is None else f"{gap.found_nm / 1e3:g} um fits"
     if gap.excluded_nm is None:
-        return f"{fits}; none within the pixel is proved impossible"
-    return f"{fits}; {gap.excluded_nm / 1e3:g} um is proved impossible"
+        return f"{fits}; no gap within the pixel is proven impossible"
+    return f"{fits}; {gap.excluded_nm / 1e3:g} um is proven impossible"
 
 
 def _percent(share: float) -> str:

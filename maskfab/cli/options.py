@@ -12,11 +12,11 @@ from maskfab.errors import JobError
 _UM_PER_UNIT = {"nm": 1e-3, "um": 1.0, "mm": 1e3, "mil": 25.4, "in": 25400.0}
 
 JobFile = Annotated[Path, typer.Argument(metavar="JOB", help="A job file (.toml).")]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON document on stdout and nothing else there.")]
+Json = Annotated[bool, typer.Option("--json", help="Print a single JSON document on stdout.")]
 Unit = Annotated[
-    str | None, typer.Option(metavar="nm|um|mm|mil|in", help="What a DXF is drawn in, whatever it says itself.")
+    str | None, typer.Option(metavar="nm|um|mm|mil|in", help="Drawing unit of a DXF; overrides the one in the file.")
 ]
-Quiet = Annotated[bool, typer.Option("--quiet", help="No progress on stderr.")]
+Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress on stderr.")]
 
 
 def unit_um(unit: str | None) -> float | None:

@@ -15,16 +15,16 @@ from maskfab.cli.watch import watched
 
 def package(
     job: JobFile,
-    shop: Annotated[str, typer.Option(help="Whose rules to keep; maskfab shops lists them.")],
-    out: Annotated[Path, typer.Option(metavar="FILE.zip", help="The zip; it appears when everything is complete.")],
+    shop: Annotated[str, typer.Option(help="Mask shop to pack for: a name from maskfab shops, or a profile (.toml).")],
+    out: Annotated[Path, typer.Option(metavar="FILE.zip", help="The package; written only once it is complete.")],
     format_: Annotated[
-        list[str] | None, typer.Option("--format", help="Of the mask files, repeatable; default: the shop's first.")
+        list[str] | None, typer.Option("--format", help="Output format (repeatable); default: the shop's first.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier file.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Pack a plate for a mask house: mask files, order sheet, drawing, job, certificate; none if it is refused."""
+    """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
     from maskfab.export.shops import load_shop
     from maskfab.layout.job import load
     from maskfab.validate.packing import pack

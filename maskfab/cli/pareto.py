@@ -20,14 +20,16 @@ if TYPE_CHECKING:
 
 def pareto(
     job: JobFile,
-    out: Annotated[Path, typer.Option(help="Directory for the numbers, the openings and the figure.")],
-    images: Annotated[Path | None, typer.Option(help="Photographs to judge by; default: drawn scenes.")] = None,
+    out: Annotated[Path, typer.Option(help="Directory for the results, the openings and the figure.")],
+    images: Annotated[
+        Path | None, typer.Option(help="Folder of photographs to score with; default: synthetic scenes.")
+    ] = None,
     budget: Budget = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier result.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find the openings that no other betters both in restored photographs and in room for emitters."""
+    """Find the Pareto front of restored PSNR against emitter footprint."""
     from maskfab import provenance
     from maskfab.design.pareto import openings, rules_of, sweep
     from maskfab.export.staging import check_target
@@ -40,7 +42,12 @@ def pareto(
 
     spec = read(job)
     if spec.pareto is None:
-        raise JobError("MF105", "the job has no [pareto] section", where=str(job), cure="Add clear_dots under [pareto]")
+        raise JobError(
+            "MF105",
+            "the job has no [pareto] section",
+            where=str(job),
+            cure="Add a [pareto] section with clear_dots = [88, 100]",
+        )
     section = spec.design
     if not isinstance(section, SearchSection):
         raise JobError(
@@ -54,7 +61,12 @@ def pareto(
     compared = [load(job.parent / path) for path in spec.pareto.compare]
     texts = {opening.name: dumps(opening) for opening in compared}
     if len(texts) < len(compared):
-        raise JobError("MF109", "two openings have one name", where=f"{job}: pareto.compare", cure="Rename one of them")
+        raise JobError(
+            "MF109",
+            "two openings have one name",
+            where=f"{job}: pareto.compare",
+            cure="Give one of the openings another name in its file",
+        )
     rules = None if spec.emitters is None else DisplayRules.of(spec.emitters, None, None, where=str(job)).emitters
     rules_of(section, compared, rules)
     place = check_target(out, force=force)

@@ -13,10 +13,10 @@ from maskfab.cli.printing import print_json
 
 def plan(
     job: JobFile,
-    die: Annotated[str | None, typer.Option(help="Which die of the job; default: all.")] = None,
+    die: Annotated[str | None, typer.Option(help="Die of the job; default: all.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Say what the job's [scene] needs modelled, what may be left out, and what computing it takes."""
+    """Plan the model of the job's [scene]: effects to include, error of those omitted, time and memory."""
     from maskfab.layout.job import load
     from maskfab.model import UNSTATED
     from maskfab.optics.model_bar import bar_of_scene, weighed, weighed_table

@@ -15,20 +15,22 @@ from maskfab.cli.watch import watched
 
 def render(
     job: JobFile,
-    image: Annotated[Path | None, typer.Argument(metavar="[IMAGE]", help="A photograph to show too.")] = None,
+    image: Annotated[Path | None, typer.Argument(metavar="[IMAGE]", help="A photograph to show as well.")] = None,
     die: Annotated[
-        list[str] | None, typer.Option(help="Which die, or dies, of the job; default: all with emitters.")
+        list[str] | None, typer.Option(help="Die of the job (repeatable); default: all with emitters.")
     ] = None,
-    dpi: Annotated[float | None, typer.Option(help="Look at the panels scaled to it; default: as they are.")] = None,
-    distance: Annotated[str, typer.Option(help="From the eye to the display.")] = "300 mm",
-    pixels: Annotated[int | None, typer.Option(help="Along a side; default: 100, or all there are.")] = None,
-    samples: Annotated[int, typer.Option(help="Along the side of a pixel.")] = 21,
-    with_jod: Annotated[bool, typer.Option("--jod", help="Ask ColorVideoVDP too; needs maskfab[eye].")] = False,
-    out: Annotated[Path | None, typer.Option(help="Directory for the pictures and the numbers.")] = None,
+    dpi: Annotated[float | None, typer.Option(help="Scale the panels to this DPI; default: their own.")] = None,
+    distance: Annotated[str, typer.Option(help="Viewing distance.")] = "300 mm",
+    pixels: Annotated[
+        int | None, typer.Option(help="Display pixels along a side; default: 100, or as many as the panel has.")
+    ] = None,
+    samples: Annotated[int, typer.Option(help="Samples along the side of a display pixel.")] = 21,
+    with_jod: Annotated[bool, typer.Option("--jod", help="Also score with ColorVideoVDP; needs maskfab[eye].")] = False,
+    out: Annotated[Path | None, typer.Option(help="Directory for the pictures and the results.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Show pictures on the panels, and say what the eye sees of emitters and openings."""
+    """Render pictures on the panels as the eye sees them, with S-CIELAB difference, grain and colour fringes."""
     from maskfab import units
     from maskfab.imaging.display import emitters_of, has_emitters
     from maskfab.imaging.picture import read

@@ -15,12 +15,12 @@ from maskfab.cli.watch import watched
 
 def run(
     job: JobFile,
-    out: Annotated[Path, typer.Option(help="Output directory; it appears when everything in it is complete.")],
+    out: Annotated[Path, typer.Option(help="Output directory; written only once all files are complete.")],
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in --out.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Make a plate: mask files, read back, measured, judged by the house that [export] names, with a report."""
+    """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report."""
     from maskfab.layout.job import load
     from maskfab.optics.metrics import model_notes
     from maskfab.pipeline import REPORT

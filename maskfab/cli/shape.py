@@ -21,22 +21,25 @@ _OWN_PITCH = "168 um; a display: its own"
 def shape(
     context: typer.Context,
     kind: Annotated[str, typer.Argument(metavar="KIND", help=SHAPES)],
-    out: Annotated[Path, typer.Option(help="Where the opening goes.")],
+    out: Annotated[Path, typer.Option(help="File for the opening.")],
     dots: Annotated[int | None, typer.Option(help="Dots along the side of a cell.", show_default=_OWN)] = None,
     pitch: Annotated[str | None, typer.Option(help="Side of a cell.", show_default=_OWN_PITCH)] = None,
-    clear_dots: Annotated[int | None, typer.Option(help="How many dots are clear.")] = None,
-    width_dots: Annotated[int, typer.Option(help="stripe: its width.")] = 5,
-    size_ratio: Annotated[float, typer.Option(help="blobs: small ones over large ones.")] = 0.7,
-    aspect: Annotated[float, typer.Option(help="blobs: their length over their width.")] = 1.25,
-    exponent: Annotated[float, typer.Option(help="blobs: 2 is an ellipse, larger is squarer.")] = 4.0,
+    clear_dots: Annotated[int | None, typer.Option(help="Number of clear dots.")] = None,
+    width_dots: Annotated[int, typer.Option(help="stripe: width in dots.")] = 5,
+    size_ratio: Annotated[float, typer.Option(help="blobs: size of the small blobs relative to the large ones.")] = 0.7,
+    aspect: Annotated[float, typer.Option(help="blobs: aspect ratio, length over width.")] = 1.25,
+    exponent: Annotated[
+        float, typer.Option(help="blobs: superellipse exponent; 2 is an ellipse, larger is squarer.")
+    ] = 4.0,
     lengths: Annotated[
-        list[str] | None, typer.Option("--length", metavar="KEY=DOTS", help="Displays: another length, in dots.")
+        list[str] | None,
+        typer.Option("--length", metavar="KEY=DOTS", help="displays: set a length, in dots (repeatable)."),
     ] = None,
     name: Annotated[str | None, typer.Option(help="Name of the opening; default: the file's stem.")] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an existing file.")] = False,
     as_json: Json = False,
 ) -> None:
-    """Draw a parametric opening, or a display's opening with its emitters."""
+    """Draw a parametric opening, or the opening of a display with its emitters."""
     from maskfab.export.staging import check_file, write_text
     from maskfab.layout import displays, shapes
     from maskfab.layout.openings import dot_of_pitch, dumps

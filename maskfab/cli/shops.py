@@ -17,11 +17,12 @@ _SECTIONS = ("accepts", "limits", "plate", "names", "blocks", "text", "polygons"
 
 def shops(
     name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help="One shop, or a profile of your own (.toml); default: all.")
+        str | None,
+        typer.Argument(metavar="[NAME]", help="A shop, or the path of a profile (.toml); default: all shops."),
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """List the mask houses whose published rules are known, or show one of them with its sources."""
+    """List the mask shops with published rules, or show the rules of one with their sources."""
     from maskfab.export.shops import load_shop, shop_names
 
     if name is not None:

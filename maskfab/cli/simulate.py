@@ -26,16 +26,20 @@ _PICTURE = (160, 200)
 
 def simulate(
     job: JobFile,
-    die: Annotated[list[str] | None, typer.Option(help="Which dies; default: all that the protocol can judge.")] = None,
-    reference: Annotated[str | None, typer.Option(help="The die to compare with; default: first.")] = None,
-    images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: drawn scenes.")] = None,
-    protocol: Annotated[str, typer.Option(help="How photographs are taken and restored: f1.")] = "f1",
-    picture: Annotated[Path | None, typer.Option(help="Write a PNG: truth and dies, a row for each level.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace that picture.")] = False,
+    die: Annotated[
+        list[str] | None, typer.Option(help="Die of the job (repeatable); default: all that the protocol supports.")
+    ] = None,
+    reference: Annotated[str | None, typer.Option(help="Die to compare with; default: the first.")] = None,
+    images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: synthetic scenes.")] = None,
+    protocol: Annotated[str, typer.Option(help="Protocol of capture and restoration: f1.")] = "f1",
+    picture: Annotated[
+        Path | None, typer.Option(help="Write a PNG of the truth and each die, one row per light level.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an existing picture.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Photographs through every die, in noise, restored and scored: PSNR, SSIM, and gains over a reference."""
+    """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference."""
     from maskfab.export.staging import check_file, write_bytes
     from maskfab.imaging.laid_panel import laid_panel
     from maskfab.imaging.photographs import folder

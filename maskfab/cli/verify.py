@@ -23,28 +23,28 @@ if TYPE_CHECKING:
 
 def verify(
     subject: Annotated[Path, typer.Argument(metavar="DIR|PACKAGE|FILE", help="The --out of a finished run, a .zip that "
-                                            "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) of "
-                                            "whatever origin.")],
-    against: Annotated[Path | None, typer.Option(metavar="JOB", help="The job (.toml) that a mask file or a package is "
-                                                 "held against; of a package, default: the job that it holds.")] = None,
-    shop: Annotated[str | None, typer.Option(help="Whom a package is for, to draw its job again; default: the profile "
-                                             "that it holds.")] = None,
-    die: Annotated[str | None, typer.Option(help="Compare one die of the job alone.")] = None,
-    layer: Annotated[str | None, typer.Option(help="Layer of a mask file that is clear, such as 1/0 or CLEAR.")] = None,
+                                            "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) "
+                                            "from any source.")],
+    against: Annotated[Path | None, typer.Option(metavar="JOB", help="Job (.toml) to compare a mask file or package "
+                                                 "with; default for a package: the job in it.")] = None,
+    shop: Annotated[str | None, typer.Option(help="Shop profile to re-check the package against; default: the one in "
+                                             "the package.")] = None,
+    die: Annotated[str | None, typer.Option(help="Compare only this die of the job.")] = None,
+    layer: Annotated[str | None, typer.Option(help="Clear layer of the mask file, such as 1/0 or CLEAR.")] = None,
     cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
-    dots_per_um: Annotated[float | None, typer.Option(min=1e-6, max=1e6, help="Pixels of an image in a micrometre; "
-                                                      "default: what its tags say.")] = None,
+    dots_per_um: Annotated[float | None, typer.Option(min=1e-6, max=1e6, help="Image pixels per micrometre; default: "
+                                                      "the resolution stored in the file.")] = None,
     unit: Unit = None,
-    tone: Annotated[str | None, typer.Option(metavar="clear|dark", help="What a mask file draws; default: what is "
+    tone: Annotated[str | None, typer.Option(metavar="clear|dark", help="Tone: what the polygons draw; default: "
                                              "clear.")] = None,
-    ignore: Annotated[list[str] | None, typer.Option(metavar="LAYER", help="Layer of a mask file that is not written, "
-                                                     "though it holds shapes; as often as needed.")] = None,
-    tolerance: Annotated[str | None, typer.Option(help="Width up to which a difference of a mask file is a sliver and "
-                                                  "no fault, such as '1 nm'.")] = None,
+    ignore: Annotated[list[str] | None, typer.Option(metavar="LAYER", help="Layer with shapes that are not part of the "
+                                                     "mask (repeatable).")] = None,
+    tolerance: Annotated[str | None, typer.Option(help="Ignore differences (slivers) up to this width, such as "
+                                                  "'1 nm'.")] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
-    """Read a finished directory or a package again and repeat every check, or hold a mask file against a job."""
+    """Repeat every check on a finished run or package, or compare a mask file with a job."""
     from maskfab.export.package import is_package
 
     reading: dict[str, object] = {

@@ -92,7 +92,9 @@ def best_for_auc(
         if not least <= value < math.inf:
             raise JobError("MF104", f"{name} = {value}", where=f"design.{name}", cure=f"Give {least} or more")
     if clear_dots < 1:
-        raise OpeningError("MF203", f"{clear_dots} dots are clear", where="design.clear_dots", cure="Open some dots")
+        raise OpeningError(
+            "MF203", f"{clear_dots} dots are clear", where="design.clear_dots", cure="Set clear_dots to 1 or more"
+        )
     if clear_dots > total:
         raise OpeningError(
             "MF204", f"{clear_dots} clear dots of {total}", where="design.clear_dots", cure=f"Use 1 to {total}"

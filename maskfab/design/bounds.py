@@ -110,7 +110,9 @@ def bounds(
     """
     total = estimate.dots**2
     if clear_dots < 1:
-        raise OpeningError("MF203", f"{clear_dots} dots are clear", where="clear_dots", cure="Open some dots")
+        raise OpeningError(
+            "MF203", f"{clear_dots} dots are clear", where="clear_dots", cure="Set clear_dots to 1 or more"
+        )
     if clear_dots > total:
         raise OpeningError("MF204", f"{clear_dots} clear dots of {total}", where="clear_dots", cure=f"Use 1 to {total}")
     for level in levels:

@@ -156,7 +156,7 @@ class Constraints:
                 "MF104",
                 f"the orientations {self.orientations} are not elements 0 to 7",
                 where="design.orientations",
-                cure="Name those in use",
+                cure="List the orientations in use, such as (0, 1, 2, 3)",
             )
         object.__setattr__(self, "orientations", used)
         orbits(1, self.symmetry)

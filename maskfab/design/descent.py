@@ -209,7 +209,12 @@ def iterations_within(objective: Objective, penalty: AreaPenalty | None, how: De
         JobError: MF104 for seconds that are not above 0.
     """
     if not 0 < seconds < math.inf:
-        raise JobError("MF104", f"a budget of {seconds} s is not above 0", where="design.budget", cure="Use 60 s")
+        raise JobError(
+            "MF104",
+            f"a budget of {seconds} s is not above 0",
+            where="design.budget",
+            cure='Give a positive budget, such as "60 s"',
+        )
     _check(how)
     run = _Run(objective, penalty, how)
     run.step()

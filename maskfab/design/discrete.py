@@ -72,7 +72,12 @@ class ExpectedPsnr:
                 cure="Give one weight per level",
             )
         if not (all(math.isfinite(w) and w >= 0 for w in weights) and sum(weights) > 0):
-            raise JobError("MF104", f"the weights {weights} are no shares", where="design.weights", cure="Give >= 0")
+            raise JobError(
+                "MF104",
+                f"the weights {weights} are no shares",
+                where="design.weights",
+                cure="Give one weight of 0 or more per level, at least one above 0",
+            )
         object.__setattr__(self, "weights", weights)
 
     def __call__(self, unit: Mask) -> float:
@@ -226,7 +231,12 @@ def prices(candidates: Iterable[Candidate], objective: Objective, constraints: C
     judged = [(objective(c.unit), constraints.broken(c.unit)) for c in candidates]
     known = [(value, broken) for value, broken in judged if "clear_dots" not in broken]
     if not known:
-        raise JobError("MF105", "no candidate has the asked count", where="design", cure="Give some")
+        raise JobError(
+            "MF105",
+            "no candidate has the asked count",
+            where="design",
+            cure="Add candidates with that number of clear dots",
+        )
 
     def best(allowed: Callable[[frozenset[str]], bool]) -> float:
         return max((value for value, broken in known if allowed(broken)), default=-math.inf)
@@ -283,15 +293,24 @@ class State:
             np.random.default_rng().bit_generator.state = dict(made.generator)
         except KeyError as missing:
             raise JobError(
-                "MF105", f"the saved annealing has no {missing}", where="design", cure="Start it again"
+                "MF105",
+                f"the saved annealing has no {missing}",
+                where="design",
+                cure="Delete the checkpoint and start again",
             ) from missing
         except (TypeError, ValueError) as error:
             raise JobError(
-                "MF105", f"the saved annealing is damaged: {error}", where="design", cure="Start it again"
+                "MF105",
+                f"the saved annealing is damaged: {error}",
+                where="design",
+                cure="Delete the checkpoint and start again",
             ) from error
         if not (whole and math.isfinite(made.value) and math.isfinite(made.best_value)):
             raise JobError(
-                "MF105", "the saved annealing's openings or values are damaged", where="design", cure="Start it again"
+                "MF105",
+                "the saved annealing's openings or values are damaged",
+                where="design",
+                cure="Delete the checkpoint and start again",
             )
         return made
 

@@ -120,7 +120,7 @@ def discs(
             "MF204",
             f"no choice of orbits under {symmetry} has {clear_dots} clear dots",
             where="design.symmetry",
-            cure="Choose another count",
+            cure="Choose another number of clear dots, or another symmetry",
         )
     seen: set[bytes] = set()
     row, column = np.divmod(np.concatenate(members), dots)
@@ -180,7 +180,10 @@ def blobs(
     _check(dots, clear_dots)
     if not 1 <= count <= clear_dots:
         raise JobError(
-            "MF104", f"{clear_dots} clear dots do not make {count} blobs", where="design", cure="Ask for fewer blobs"
+            "MF104",
+            f"{clear_dots} clear dots do not make {count} blobs",
+            where="design",
+            cure="Ask for fewer blobs, or for more clear dots",
         )
     draw = np.random.default_rng(seed)
     sizes = [clear_dots // count + (k < clear_dots % count) for k in range(count)]
@@ -219,7 +222,7 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[Candidate]]] = {
 
 def _check(dots: int, clear_dots: int) -> None:
     if dots < 1:
-        raise JobError("MF104", f"{dots} dots make no cell", where="design.dots", cure="Give at least 1")
+        raise JobError("MF104", f"{dots} dots make no cell", where="design.dots", cure="Set dots to 1 or more")
     if clear_dots == 0:
         raise OpeningError("MF203", "0 dots are to be clear", where="design.clear_dots", cure="Open at least 1 dot")
     if not 0 < clear_dots <= dots * dots:

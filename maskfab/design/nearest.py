@@ -47,7 +47,7 @@ def nearest(unit: Mask, constraints: Constraints, *, seed: int = 0) -> Mask:
             "MF123",
             f"none of {len(shapes)} compact shapes keeps all rules: {', '.join(constraints.active)}",
             where="design.rules",
-            cure="Relax the rules",
+            cure="Relax one of these rules, or change clear_dots",
         )
     return anneal(start, shared, constraints, evaluations=_EVALUATIONS, seed=seed).unit
 

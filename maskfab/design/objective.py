@@ -55,7 +55,12 @@ class Weighted(Objective):
 
     def __post_init__(self) -> None:
         if not self.terms:
-            raise JobError("MF105", "a sum of objectives has no terms", where="design.objectives", cure="Give one")
+            raise JobError(
+                "MF105",
+                "a sum of objectives has no terms",
+                where="design.objectives",
+                cure="Give at least one objective with its weight",
+            )
 
     def __call__(self, unit: torch.Tensor) -> torch.Tensor:
         """Σ α L; every table is made once."""

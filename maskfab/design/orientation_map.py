@@ -211,10 +211,18 @@ def _check(stack: NDArray[np.bool_], error: PupilError, positions: int, shifts: 
         )
     if (positions > 1 or shifts) and len(stack) > 1:
         raise JobError(
-            "MF122", f"{len(stack)} openings cannot be moved as well", where="positions", cure="Give one opening"
+            "MF122",
+            f"{len(stack)} openings cannot be moved as well",
+            where="positions",
+            cure="Give a single opening, or positions = 1",
         )
     if shifts and shifts[0] != (0, 0):
-        raise JobError("MF122", f"the first shift is {shifts[0]}", where="positions", cure="Begin with (0, 0)")
+        raise JobError(
+            "MF122",
+            f"the first shift is {shifts[0]}",
+            where="positions",
+            cure="Give (0, 0) as the first shift: the opening in its own place",
+        )
     for shift in shifts:
         lost = int(stack[0].sum()) - int(shifted(stack[0], shift).sum())
         if lost:
@@ -222,7 +230,7 @@ def _check(stack: NDArray[np.bool_], error: PupilError, positions: int, shifts: 
                 "MF122",
                 f"the shift {shift} moves {lost} clear dots out of the cell",
                 where="positions",
-                cure="Use a smaller shift",
+                cure="Use a shift that keeps every clear dot inside the cell",
             )
 
 

@@ -31,7 +31,12 @@ def places(unit: NDArray[np.bool_], most: int = _MOST_CANDIDATES) -> tuple[Shift
     """
     mask = np.asarray(unit, dtype=np.bool_)
     if not mask.any():
-        raise OpeningError("MF203", "no dot of the opening is clear", where="positions", cure="Open some dots")
+        raise OpeningError(
+            "MF203",
+            "no dot of the opening is clear",
+            where="positions",
+            cure="Give an opening with at least 1 clear dot",
+        )
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     step = 1
     while True:

@@ -24,7 +24,9 @@ def reduced(unit: NDArray[np.bool_], clear_dots: int, objective: Objective) -> N
     """
     mask = np.array(unit, dtype=np.bool_)
     if clear_dots < 1:
-        raise OpeningError("MF203", f"{clear_dots} dots are to be clear", where="reduction", cure="Keep at least 1")
+        raise OpeningError(
+            "MF203", f"{clear_dots} dots are to be clear", where="reduction", cure="Set clear_dots to 1 or more"
+        )
     if clear_dots > mask.sum():
         raise JobError(
             "MF104",

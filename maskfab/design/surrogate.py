@@ -136,7 +136,7 @@ class Surrogate:
                 "MF104",
                 f"the level {unknown[0]} dB is not one of {', '.join(map(str, ELECTRONS))}",
                 where="design.levels",
-                cure="Choose among these",
+                cure="Use levels from that list only",
             )
 
     def _correlations(self, unit: Floats, periodic: bool) -> tuple[Floats, Floats]:
@@ -242,7 +242,12 @@ def surrogate(scenes: Sequence[Scene], dots: int = 21, *, dot_nm: int | None = N
 def _of_use(scenes: Sequence[Scene]) -> list[Scene]:
     kept = [s for s in scenes if s.values.shape[1:] == (_ROWS * _FACTOR, _COLUMNS * _FACTOR)]
     if not kept:
-        raise JobError("MF121", "no scene has 1536 x 1024 pixels", where="scenes", cure="Give larger photographs")
+        raise JobError(
+            "MF121",
+            "no scene has 1536 x 1024 pixels",
+            where="scenes",
+            cure="Give photographs of 1536 x 1024 pixels or more",
+        )
     for scene in kept:
         contrast = float(scene.values[1].std(dtype=np.float64))
         if not contrast >= LEAST_CONTRAST:

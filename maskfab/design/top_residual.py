@@ -173,7 +173,7 @@ def top_residual(
             f"all {crops} crops are the same grey everywhere, within {LEAST_CONTRAST:g} of white; nothing in them can "
             "be restored better or worse",
             where="design.scenes",
-            cure="Give photographs",
+            cure="Give photographs with contrast instead of uniform areas",
         )
     if beyond == "dark":
         inner = np.zeros((whole, whole), dtype=np.bool_)

@@ -161,7 +161,11 @@ def _write(
             written = written and output.write_scanlines(top, top + len(pixels), 0, pixels)
             top += len(pixels)
         if not (output.close() and written and is_whole(aside)):
-            raise OutputError("MF401", f"{path} cannot be written: {output.geterror()}", cure="Choose another --out")
+            raise OutputError(
+                "MF401",
+                f"{path} cannot be written: {output.geterror()}",
+                cure="Give --out a writable folder with room to spare",
+            )
     return Bitmap(width, height, dots_per_um, partly)
 
 

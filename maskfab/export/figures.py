@@ -68,7 +68,9 @@ class PolygonOptions:
         )
         for key, value, allowed in choices:
             if value not in allowed:
-                raise OutputError("MF413", f"{key} = {value!r} is none of {', '.join(allowed)}", cure="Choose one")
+                raise OutputError(
+                    "MF413", f"{key} = {value!r} is none of {', '.join(allowed)}", cure="Use one of the values listed"
+                )
         if not _FEWEST_VERTICES <= self.max_vertices <= MAX_VERTICES:
             raise OutputError(
                 "MF413",
@@ -76,7 +78,11 @@ class PolygonOptions:
                 cure="4094 suits every reader of today, 200 those of 1978",
             )
         if self.max_references is not None and self.max_references < 1:
-            raise OutputError("MF413", f"max_references = {self.max_references} is not positive", cure="Leave it out")
+            raise OutputError(
+                "MF413",
+                f"max_references = {self.max_references} is not positive",
+                cure="Give 1 or more, or leave max_references out for no limit",
+            )
 
     @property
     def redrawn(self) -> bool:

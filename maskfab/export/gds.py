@@ -47,7 +47,9 @@ def _content(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> by
     try:
         return bytes(layout.write_bytes(options))
     except RuntimeError as error:
-        raise OutputError("MF401", f"{path} cannot be written: {error}", cure="Choose another --out") from error
+        raise OutputError(
+            "MF401", f"{path} cannot be written: {error}", cure="Give --out a writable folder with room to spare"
+        ) from error
 
 
 def _by_name(stream: bytes, cells: int) -> bytes:

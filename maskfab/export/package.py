@@ -77,7 +77,9 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
             larger ones than a package has.
     """
     if not os.path.isfile(package):
-        raise SourceError("MF301", f"there is no package {package}", cure="Check the path")
+        raise SourceError(
+            "MF301", f"there is no package {package}", cure="Give the path of a .zip that maskfab package wrote"
+        )
     with _opened(package) as archive:
         members = _checked(archive.infolist(), package)
         for name, member in members.items():
@@ -106,7 +108,7 @@ def _blocks(archive: zipfile.ZipFile, member: zipfile.ZipInfo, package: Path) ->
 
 def _damaged(package: Path, error: Exception) -> SourceError:
     code = "MF303" if zipfile.is_zipfile(package) else "MF422"
-    return SourceError(code, f"{package} cannot be unpacked: {error}", cure="Pack the job again")
+    return SourceError(code, f"{package} cannot be unpacked: {error}", cure="Pack the job again with maskfab package")
 
 
 def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zipfile.ZipInfo]:

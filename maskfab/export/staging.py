@@ -63,9 +63,11 @@ def check_target(target: Path, *, force: bool) -> Place:
 def _checked(target: Path, path: Path, *, force: bool) -> Place:
     put_back(path)
     if path.is_symlink():
-        raise OutputError("MF401", f"{target} is a link that leads nowhere", cure="Choose another --out")
+        raise OutputError(
+            "MF401", f"{target} is a link that leads nowhere", cure="Remove that link, or give --out another folder"
+        )
     if path.exists() and not path.is_dir():
-        raise OutputError("MF401", f"{target} is a file, not a directory", cure="Choose another --out")
+        raise OutputError("MF401", f"{target} is a file, not a directory", cure="Give --out the path of a folder")
     if os.path.ismount(path):
         cure = f"Choose a folder in it: --out {target / 'result'}"
         raise OutputError("MF401", f"{target} is a disk of its own, which no folder can replace", cure=cure)
@@ -83,7 +85,9 @@ def _checked(target: Path, path: Path, *, force: bool) -> Place:
 def _replaceable(target: Path, found: Finished | None, *, force: bool) -> Finished:
     if found is None:
         raise OutputError(
-            "MF402", f"the directory {target} is not empty and holds no maskfab result", cure="Choose another --out"
+            "MF402",
+            f"the directory {target} is not empty and holds no maskfab result",
+            cure="Give --out a new or empty folder",
         )
     if not force:
         raise OutputError(
@@ -258,14 +262,18 @@ def check_file(target: Path, *, force: bool) -> None:
 
 def _check_file(target: Path, *, force: bool) -> None:
     if target.is_dir():
-        raise OutputError("MF401", f"{target} is a directory", cure="Choose another --out")
+        raise OutputError("MF401", f"{target} is a directory", cure="Give --out the path of a file")
     if target.exists() and not target.is_file():
-        raise OutputError("MF401", f"{target} is a device, which no file can replace", cure="Choose another --out")
+        raise OutputError(
+            "MF401", f"{target} is a device, which no file can replace", cure="Give --out the path of an ordinary file"
+        )
     if target.exists() and not force:
         raise OutputError("MF402", f"{target} exists", cure="Add --force to replace it, or choose another --out")
     path = Path(os.path.realpath(target))
     if path.is_symlink():
-        raise OutputError("MF401", f"{target} is a link that leads nowhere", cure="Choose another --out")
+        raise OutputError(
+            "MF401", f"{target} is a link that leads nowhere", cure="Remove that link, or give --out another path"
+        )
     parent = path.parent
     if not parent.is_dir() or not os.access(parent, os.W_OK | os.X_OK):
         raise OutputError("MF401", f"{target} cannot be written", cure="Choose a directory that exists and is writable")

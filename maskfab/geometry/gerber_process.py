@@ -181,7 +181,7 @@ def _objects(path: Path, text: str) -> list[Any]:
         from gerbonara.rs274x import GerberFile, GerberParser
     except ImportError as error:
         raise SourceError(
-            "MF308", f"{path.name} needs gerbonara", where=str(path), cure="pip install maskfab[gerber]"
+            "MF308", f"{path.name} needs gerbonara", where=str(path), cure="Run pip install 'maskfab[gerber]'"
         ) from error
     try:
         with warnings.catch_warnings():
@@ -239,7 +239,7 @@ class _Outlines:
                 "MF310",
                 f"{self._path.name} has a region that is not closed, from {ends[0]} to {ends[1]}",
                 where=str(self._path),
-                cure="Close it",
+                cure="End the region at the point where it starts",
             )
         return corners, sizes - 1
 

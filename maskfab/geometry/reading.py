@@ -83,7 +83,7 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
             "MF105",
             f"{path.name} is no DXF, and only the unit of a DXF can be stated",
             where="--unit",
-            cure="Leave it out",
+            cure="Leave out --unit: other formats state their own",
         )
     reader = _READERS.get(path.suffix.lower())
     if reader is None:
@@ -94,9 +94,11 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
             cure="Convert it to GDSII, OASIS, DXF, Gerber or a picture",
         )
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
+        raise SourceError(
+            "MF301", f"there is no file {path.name}", where=str(path), cure="Give the path of an existing file"
+        )
     if path.stat().st_size == 0:
-        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")
+        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Export or copy the file again")
     if path.suffix.lower() == ".dxf":
         return _read_dxf(path, unit_um)
     layout = reader(path)
@@ -124,14 +126,16 @@ def find_cell(layout: db.Layout, cell: str | None = None) -> db.Cell:
     """
     tops = sorted(top.name for top in layout.top_cells())
     if not tops:
-        raise SourceError("MF309", "the layout has no cell", cure="Write it again")
+        raise SourceError("MF309", "the layout has no cell", cure="Export it again with at least one cell")
     if cell is None:
         if len(tops) > 1:
-            raise SourceError("MF305", f"the layout has {len(tops)} top cells: {_listed(tops)}", cure="Name a cell")
+            raise SourceError(
+                "MF305", f"the layout has {len(tops)} top cells: {_listed(tops)}", cure="Give --cell one of these"
+            )
         return layout.top_cell()
     found = layout.cell(cell)
     if found is None:
-        raise SourceError("MF307", f"no cell {cell!r}; top cells: {_listed(tops)}", cure="Name one of these")
+        raise SourceError("MF307", f"no cell {cell!r}; top cells: {_listed(tops)}", cure="Give --cell one of these")
     return found
 
 
@@ -151,12 +155,12 @@ def find_layer(layout: db.Layout, layer: str | None = None) -> db.LayerInfo:
         if usual or len(used) == 1:
             return (usual or used)[0]
         raise SourceError(
-            "MF306", f"the layout has no layer {layer_label(clear)}; layers: {there}", cure="Name one of these"
+            "MF306", f"the layout has no layer {layer_label(clear)}; layers: {there}", cure="Give --layer one of these"
         )
     for info in layout.layer_infos():
         if layer in layer_names(info):
             return info
-    raise SourceError("MF306", f"the layout has no layer {layer!r}; layers: {there}", cure="Name one of these")
+    raise SourceError("MF306", f"the layout has no layer {layer!r}; layers: {there}", cure="Give --layer one of these")
 
 
 def layer_names(info: db.LayerInfo) -> set[str]:

@@ -71,9 +71,11 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
             say what is white.
     """
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
+        raise SourceError(
+            "MF301", f"there is no file {path.name}", where=str(path), cure="Give the path of an existing file"
+        )
     if path.stat().st_size == 0:
-        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Write it again")
+        raise SourceError("MF302", f"{path.name} holds 0 bytes", where=str(path), cure="Save or copy the picture again")
     with path.open("rb") as file:
         start = file.read(8)
     if not any(start.startswith(magic) for magic in _MAGIC[path.suffix.lower()]):
@@ -116,7 +118,7 @@ def _unknown(path: Path) -> float:
         "MF314",
         f"{path.name} does not say how large its pixels are",
         where=str(path),
-        cure="State --dots-per-um",
+        cure="State the scale, such as --dots-per-um 0.25",
     )
 
 
@@ -191,7 +193,11 @@ def _edges_nm(count: int, pixel_nm: float) -> tuple[list[int], float]:
     # Half a nanometre is rounded the same way everywhere, so that equal pixels stay equal.
     nearest = np.floor(exact + 0.5)
     if np.abs(nearest).max() > 2**31 - 1:
-        raise SourceError("MF313", f"{count} pixels of {pixel_nm:g} nm are wider than 2.1 m", cure="Check the scale")
+        raise SourceError(
+            "MF313",
+            f"{count} pixels of {pixel_nm:g} nm are wider than 2.1 m",
+            cure="Give the true number of pixels per micrometre as --dots-per-um",
+        )
     shifts = exact - nearest
     spread = float(np.ptp(shifts))
     edges: list[int] = nearest.astype(np.int64).tolist()

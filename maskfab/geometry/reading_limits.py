@@ -113,7 +113,7 @@ def check_limits(layout: db.Layout, path: Path) -> None:
             "MF313",
             f"{path.name} nests {depth} cells; the limit is {MOST_LEVELS}",
             where=str(path),
-            cure="Flatten it in part",
+            cure="Flatten some levels of the hierarchy before export",
         )
     shapes = count_shapes(layout)
     if shapes > MOST_SHAPES:

@@ -60,7 +60,9 @@ def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> 
             cure=f"Give a photograph of {LONG} x {SHORT} or more",
         )
     if not (np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1):
-        raise JobError("MF121", "the picture's values are not within 0 to 1", where=name, cure="Give a photograph")
+        raise JobError(
+            "MF121", "the picture's values are not within 0 to 1", where=name, cure="Scale the picture to 0 to 1"
+        )
     most = (SHORT, LONG) if columns >= rows else (LONG, SHORT)
     sides = [min(have, limit) // _STEP * _STEP for have, limit in zip((rows, columns), most, strict=True)]
     top, left = (rows - sides[0]) // 2, (columns - sides[1]) // 2

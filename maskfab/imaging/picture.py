@@ -53,13 +53,17 @@ def read(path: str | Path) -> Picture:
     if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {where}", cure="Give the path of a picture")
     if path.stat().st_size == 0:
-        raise SourceError("MF302", f"{where} is empty", cure="Save the picture again")
+        raise SourceError("MF302", f"{where} is empty", cure="Save or copy the picture again")
     # Otherwise integers come multiplied by alpha, in code values, which loses what a display would be sent.
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     image = oiio.ImageInput.open(where, config)
     if image is None:
-        raise SourceError("MF308", f"{where} is no picture: {_first_line(said_by(oiio))}", cure="Save it as PNG")
+        raise SourceError(
+            "MF308",
+            f"{where} is no picture: {_first_line(said_by(oiio))}",
+            cure="Save the picture as PNG, TIFF or JPEG",
+        )
     try:
         spec = image.spec()
         _check_spec(spec, where)
@@ -69,7 +73,7 @@ def read(path: str | Path) -> Picture:
     finally:
         image.close()
     if pixels is None or problem:
-        raise SourceError("MF303", f"{where} is damaged: {_first_line(problem)}", cure="Save the picture again")
+        raise SourceError("MF303", f"{where} is damaged: {_first_line(problem)}", cure="Save or copy the picture again")
     values = np.asarray(pixels, dtype=np.float32).reshape(spec.height, spec.width, spec.nchannels)
     associated = not spec.get_int_attribute("oiio:UnassociatedAlpha")
     return Picture(values[:, :, kept], str(spec.format) not in _FLOATS, associated, where)
@@ -105,7 +109,12 @@ def _linear(picture: Picture, values: NDArray[np.float32]) -> Floats:
     with np.errstate(invalid="ignore"):  # what is not finite is refused next
         numbers = values.astype(np.float64)
     if not np.isfinite(numbers).all():
-        raise JobError("MF121", "the picture has values that are not finite", where=picture.where, cure="Mend them")
+        raise JobError(
+            "MF121",
+            "the picture has values that are not finite",
+            where=picture.where,
+            cure="Replace infinite and NaN values by numbers from 0 to 1",
+        )
     low, high = float(numbers.min()), float(numbers.max())
     if low < 0 or high > 1:
         raise JobError(
@@ -157,7 +166,7 @@ def _check_spec(spec: Any, where: str) -> None:
             "MF121",
             f"the picture has {spec.width} x {spec.height} pixels, more than {LARGEST // 1_000_000} million",
             where=where,
-            cure="Make it smaller",
+            cure="Scale the picture down",
         )
 
 
@@ -167,7 +176,9 @@ def _channels(spec: Any, where: str) -> list[int]:
         names = [str(name).upper() for name in spec.channelnames]
     except UnicodeDecodeError as error:
         raise SourceError(
-            "MF303", f"{where} is damaged: the name of a channel is no text", cure="Save the picture again"
+            "MF303",
+            f"{where} is damaged: the name of a channel is no text",
+            cure="Save the picture again, as PNG or in grey or RGB",
         ) from error
     colours = [names.index(name) for name in ("R", "G", "B") if name in names]
     if len(colours) < 3:

@@ -77,7 +77,12 @@ class Table:
         """
         by = {(s.design, s.level_db, s.scene): s for s in self.scores}
         if not any(s.design == reference for s in self.scores):
-            raise JobError("MF105", f"no design is called {reference}", where="reference", cure="Name one of them")
+            raise JobError(
+                "MF105",
+                f"no design is called {reference}",
+                where="reference",
+                cure="Give as reference the name of one of the designs",
+            )
         found = []
         for design, level in dict.fromkeys((s.design, s.level_db) for s in self.scores if s.design != reference):
             pairs = [

@@ -91,7 +91,7 @@ def lattice(dots: int, dot_nm: int | None = None, *, where: str = "design.dots")
             "MF104",
             f"a dot of {made.dot_um:g} um is wider than {coarsest:g} um, the lag of half a cycle per pixel",
             where=where,
-            cure="Use smaller dots",
+            cure="Draw the opening with smaller dots",
         )
     if made.side > MOST_DOTS:
         raise JobError(
@@ -158,11 +158,20 @@ def lay(
     stack = np.asarray(units)
     stack = stack[None] if stack.ndim == 2 else stack
     if stack.ndim != 3 or stack.shape[1] != stack.shape[2] or stack.size == 0:
-        raise OpeningError("MF201", f"the opening has the shape {np.shape(units)}", where=name, cure="Give a square")
+        raise OpeningError(
+            "MF201", f"the opening has the shape {np.shape(units)}", where=name, cure="Give an array of dots x dots"
+        )
     if stack.dtype != np.bool_ and not np.isin(stack, (0, 1)).all():
-        raise OpeningError("MF202", "the opening has other values than 0 and 1", where=name, cure="Threshold it")
+        raise OpeningError(
+            "MF202",
+            "the opening has other values than 0 and 1",
+            where=name,
+            cure="Threshold the opening to 0 (opaque) and 1 (clear)",
+        )
     if not stack.any():
-        raise OpeningError("MF203", "no dot of the opening is clear", where=name, cure="Open some dots")
+        raise OpeningError(
+            "MF203", "no dot of the opening is clear", where=name, cure="Give an opening with at least 1 clear dot"
+        )
     kinds = ORIENTATIONS * len(stack)
     room = lattice(stack.shape[1], dot_nm, where=name)
     size = room.cells, room.cells

@@ -44,7 +44,9 @@ class CircuitRules:
         for name in ("need_um2", "circuits", "shared_by", "min_width_nm"):
             value = getattr(self, name)
             if not (math.isfinite(value) and value > 0):
-                raise JobError("MF104", f"{name} = {value:g} is not positive", where="circuit", cure="Give one that is")
+                raise JobError(
+                    "MF104", f"{name} = {value:g} is not positive", where="circuit", cure=f"Give {name} above 0"
+                )
 
     @property
     def pixel_need_um2(self) -> float:
@@ -103,7 +105,7 @@ def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, 
             "MF118",
             f"a width of {rules.min_width_nm / 1e3:g} um is no multiple of the emitters' {emitters.cell_nm / 1e3:g} um",
             where="circuit.min_width",
-            cure="Round it to one",
+            cure="Round min_width to a multiple of that",
         )
     width, need = rules.min_width_nm // emitters.cell_nm, rules.need_um2 / rules.shared_by
     red, green, blue = (

@@ -316,7 +316,7 @@ def read_lengths(pairs: Iterable[str]) -> dict[str, int]:
         if not (number.isascii() and number.isdigit()):
             raise JobError("MF105", f"{pair!r} is not a length in dots", where=name, cure="Write it as clear_width=38")
         if name in found:
-            raise JobError("MF102", f"{name} is given twice", where=name, cure="Give it once")
+            raise JobError("MF102", f"{name} is given twice", where=name, cure="Give each length once")
         found[name] = int(number)
     return found
 

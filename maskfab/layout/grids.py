@@ -144,14 +144,14 @@ def from_npy(path: Path) -> Mask:
             "MF201",
             f"the array has the shape {values.shape}; an opening has [dots, dots]",
             where=where,
-            cure="Save one square array",
+            cure="Save one square array, [dots, dots]",
         )
     rows, columns = values.shape
     check_square(rows, columns, where)
     check_size(rows, where)
     if values.dtype.kind not in "buif":
         raise OpeningError(
-            "MF202", f"the array's values are of type {values.dtype}", where=where, cure="Save bool values"
+            "MF202", f"the array's values are of type {values.dtype}", where=where, cure="Save bool values, or 0 and 1"
         )
     _refuse((values != 0) & (values != 1), values, "is neither 0 nor 1", where)
     return np.array(values, dtype=np.bool_)
@@ -284,4 +284,4 @@ def _refuse(wrong: NDArray[np.bool_], values: NDArray[Any], problem: str, where:
 
 def _damaged(where: str, problem: str) -> SourceError:
     said = " / ".join(problem.split("\n")).strip() or "its reader gives no reason"
-    return SourceError("MF303", f"the file is damaged: {said}", where=where, cure="Write it again")
+    return SourceError("MF303", f"the file is damaged: {said}", where=where, cure="Save or copy the file again")

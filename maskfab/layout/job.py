@@ -122,7 +122,12 @@ def load(path: str | Path) -> Job:
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:
     """Hold a file's text under its name, which must not stand for another text already."""
     if texts.setdefault(name, text) != text:
-        raise JobError("MF109", f"two different {kind} have the name {name!r}", where=where, cure="Rename one of them")
+        raise JobError(
+            "MF109",
+            f"two different {kind} have the name {name!r}",
+            where=where,
+            cure="Give one of them another name in its file",
+        )
 
 
 def _with_maps(stated: JobSpec, path: Path) -> JobSpec:

@@ -93,4 +93,6 @@ def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> N
     for value in values:
         if not (math.isfinite(value) and 0 < value <= highest):
             limit = "positive and finite" if highest == math.inf else f"above 0 and at most {highest:g}"
-            raise JobError("MF104", f"{name} = {value:g} is not {limit}", where="light", cure="Give one that is")
+            raise JobError(
+                "MF104", f"{name} = {value:g} is not {limit}", where="light", cure=f"Give {name} as a number {limit}"
+            )

@@ -81,12 +81,22 @@ def load(path: str | Path) -> CellMap:
     path = Path(path)
     where = str(path)
     if not os.path.isfile(path):
-        raise SourceError("MF301", "the map's file does not exist", where=where, cure="Check the path")
+        raise SourceError(
+            "MF301",
+            "the map's file does not exist",
+            where=where,
+            cure="Give the path of a map (.toml), relative to the job file",
+        )
     if path.suffix.lower() != ".toml":
         raise SourceError("MF308", f"no map is read from a {path.suffix} file", where=where, cure="A map ends in .toml")
     content = path.read_bytes()
     if not content.strip():
-        raise SourceError("MF302", f"{len(content)} bytes and no content", where=where, cure="Write it again")
+        raise SourceError(
+            "MF302",
+            f"{len(content)} bytes and no content",
+            where=where,
+            cure="Write the map again; layouts/maps/bar.toml shows how one looks",
+        )
     try:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -104,7 +114,12 @@ def parse(text: str, where: str = "") -> CellMap:
     try:
         facts = loads(text)
     except (ValueError, RecursionError) as error:
-        raise JobError("MF101", f"the map is not valid TOML: {error}", where=where, cure="Mend that line") from None
+        raise JobError(
+            "MF101",
+            f"the map is not valid TOML: {error}",
+            where=where,
+            cure="Correct the TOML on that line: close its quotes and brackets",
+        ) from None
     for key in facts:
         if key not in _KEYS:
             raise JobError(
@@ -122,7 +137,7 @@ def parse(text: str, where: str = "") -> CellMap:
                 f"{held.shape[0]} rows of {held.shape[1]} openings for a map of {cells.shape[0]} rows of "
                 f"{cells.shape[1]} cells",
                 where=place,
-                cure="Give every cell one",
+                cure="Give as many rows and columns as the map has cells",
             )
         cells = cells + ORIENTATIONS * held
     shifts = _shifts(facts.get("shifts", []), _at(where, "shifts"))
@@ -279,7 +294,7 @@ def _digits(text: str, digits: str, where: str) -> NDArray[np.int8]:
                 "MF122",
                 f"line {number}, column {wrong + 1}: {row[wrong]!r} is none of {digits}",
                 where=where,
-                cure="Replace it",
+                cure="Replace it by one of these digits",
             )
         if len(row) != width:
             raise JobError(
@@ -328,7 +343,9 @@ def _shifts(stated: object, where: str) -> tuple[Shift, ...]:
 def _provenance(stated: object, where: str) -> dict[str, str | int | float]:
     place = _at(where, "provenance")
     if not isinstance(stated, dict):
-        raise JobError("MF105", "provenance is not a table", where=place, cure="Write [provenance]")
+        raise JobError(
+            "MF105", "provenance is not a table", where=place, cure="Write provenance as a table under [provenance]"
+        )
     for key, value in stated.items():
         if isinstance(value, bool) or not isinstance(value, str | int | float):
             raise JobError(

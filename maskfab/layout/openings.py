@@ -128,7 +128,10 @@ def parse(text: str, where: str = "") -> Opening:
         facts = loads(text, parse_float=Decimal)  # Decimal keeps how many digits the open ratio has
     except (ValueError, RecursionError) as problem:
         raise JobError(
-            "MF101", f"the opening is not valid TOML: {problem}", where=where, cure="Mend that line"
+            "MF101",
+            f"the opening is not valid TOML: {problem}",
+            where=where,
+            cure="Correct the TOML on that line: close its quotes and brackets",
         ) from None
     for key in facts:
         if key not in _KEYS:
@@ -223,7 +226,10 @@ def _opening(
 def _check_number(key: str, value: int | None, where: str) -> None:
     if value is not None and value < 1:
         raise JobError(
-            "MF104", f"{key} = {value} must be at least 1", where=_at(where, key), cure="Give a positive one"
+            "MF104",
+            f"{key} = {value} must be at least 1",
+            where=_at(where, key),
+            cure="Give a whole number of 1 or more",
         )
     if key == "dots" and value is not None:
         grids.check_size(value, where)
@@ -264,7 +270,12 @@ def _check_open_ratio(stated: object, mask: grids.Mask, where: str) -> None:
 
 def _provenance(stated: object, where: str) -> dict[str, str | int | float]:
     if not isinstance(stated, dict):
-        raise JobError("MF105", "provenance is not a table", where=_at(where, "provenance"), cure="Write [provenance]")
+        raise JobError(
+            "MF105",
+            "provenance is not a table",
+            where=_at(where, "provenance"),
+            cure="Write provenance as a table under [provenance]",
+        )
     result: dict[str, str | int | float] = {}
     for key, value in stated.items():
         if isinstance(value, bool) or not isinstance(value, str | int | Decimal):
@@ -313,7 +324,12 @@ def _read_bytes(path: Path) -> bytes:
     where, suffix = str(path), path.suffix.lower()
     if not os.path.isfile(path):
         problem = "is a directory" if os.path.isdir(path) else "does not exist"
-        raise SourceError("MF301", f"the opening's file {problem}", where=where, cure="Check the path")
+        raise SourceError(
+            "MF301",
+            f"the opening's file {problem}",
+            where=where,
+            cure="Give the path of an existing opening; paths in a job are relative to the job file",
+        )
     if suffix not in _SUFFIXES:
         raise SourceError(
             "MF308",
@@ -324,9 +340,19 @@ def _read_bytes(path: Path) -> bytes:
     try:
         content = path.read_bytes()
     except OSError as problem:
-        raise SourceError("MF303", f"cannot be read: {problem.strerror}", where=where, cure="Check the file") from None
+        raise SourceError(
+            "MF303",
+            f"cannot be read: {problem.strerror}",
+            where=where,
+            cure="Check that you may read the file, or copy it again",
+        ) from None
     if not content.strip():
-        raise SourceError("MF302", f"{len(content)} bytes and no content", where=where, cure="Write it again")
+        raise SourceError(
+            "MF302",
+            f"{len(content)} bytes and no content",
+            where=where,
+            cure="Write the opening again; layouts/openings/toled.toml shows how one looks",
+        )
     found = next((kind for kind, starts in _MAGIC.items() if content.startswith(starts)), None)
     expected = _FORMAT.get(suffix)
     if found != expected and not (found is None and expected and _starts_like(content, expected)):

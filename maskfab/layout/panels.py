@@ -127,7 +127,7 @@ def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
             f"nothing of the opening {panel.opening.name!r} is clear inside a stop, the {stop.shape} of "
             f"{stop.diameter_um:g} um",
             where=where,
-            cure="Use a larger stop",
+            cure="Increase camera.stop until a clear dot lies in it",
         )
     pitch_um = panel.pitch_nm / NM_PER_UM
     if stop.diameter_um >= 3 * pitch_um:
@@ -150,7 +150,7 @@ def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
             f"nothing of the opening {panel.opening.name!r} is clear inside a stop of {stop.diameter_um:g} um; the "
             f"nearest clear dot is {min(gaps):g} um from its centre",
             where=where,
-            cure="Use a larger stop",
+            cure="Increase camera.stop until a clear dot lies in it",
         )
 
 

@@ -75,7 +75,9 @@ class Wavefront:
                 )
             if not math.isfinite(coefficient):
                 raise JobError(
-                    "MF104", f"the coefficient of Zernike term {term} is {coefficient}", cure="Give a finite one"
+                    "MF104",
+                    f"the coefficient of Zernike term {term} is {coefficient}",
+                    cure="Give a finite number of waves, such as 0.05",
                 )
         if not (math.isfinite(self.reference_nm) and self.reference_nm > 0):
             raise JobError(

@@ -111,7 +111,9 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     tail = psf.values[within] * weight
     if not tail.sum() > 0:
         raise JobError(
-            "MF104", f"no light falls between {inner_um:g} um and {outer_um:g} um", cure="Choose another annulus"
+            "MF104",
+            f"no light falls between {inner_um:g} um and {outer_um:g} um",
+            cure="Choose an annulus that contains samples with light",
         )
     # The same radial profile, cut into rings as fine as samples can hold, has no direction but what sampling gives it.
     ring = np.rint(radius[within] / psf.step_um).astype(np.intp)

@@ -44,10 +44,20 @@ def curves_text(path: Path, where: str) -> str:
             "MF308", f"{path} has the suffix {path.suffix!r}", where=where, cure="Curves are read from .csv"
         )
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path}", where=where, cure="Check the path")
+        raise SourceError(
+            "MF301",
+            f"there is no file {path}",
+            where=where,
+            cure="Give the path of an existing .csv, relative to the job file",
+        )
     data = path.read_bytes()
     if not data.strip():
-        raise SourceError("MF302", f"{path} holds no text", where=where, cure="Write it again")
+        raise SourceError(
+            "MF302",
+            f"{path} holds no text",
+            where=where,
+            cure="Write a header and rows: wavelength_nm, then one column per curve",
+        )
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -77,7 +87,12 @@ def parse_curves(text: str, where: str) -> Mapping[str, Curve]:
     check_wavelengths(wavelengths, where)
     if (np.diff(wavelengths) <= 0).any():
         at = wavelengths[1:][np.diff(wavelengths) <= 0][0]
-        raise SourceError("MF303", f"wavelengths do not ascend at {at:g} nm", where=where, cure="Sort the rows")
+        raise SourceError(
+            "MF303",
+            f"wavelengths do not ascend at {at:g} nm",
+            where=where,
+            cure="Sort the rows by wavelength, each wavelength once",
+        )
     for name, column in zip(header[1:], numbers[:, 1:].T, strict=True):
         check_weights(column, f"{where}: {name}")
     columns = zip(header[1:], numbers[:, 1:].T, strict=True)

@@ -67,7 +67,9 @@ class Spectrum:
         check_weights(weights, self.name)
         if abs(weights.sum() - 1) > 1e-9:
             raise JobError(
-                "MF104", f"the weights of {self.name} sum to {weights.sum():g}, not 1", cure="Divide by their sum"
+                "MF104",
+                f"the weights of {self.name} sum to {weights.sum():g}, not 1",
+                cure="Divide the weights by their sum",
             )
         object.__setattr__(self, "wavelengths_nm", frozen(wavelengths))
         object.__setattr__(self, "weights", frozen(weights))
@@ -304,7 +306,7 @@ def check_wavelengths(wavelengths_nm: Floats, where: str) -> None:
         JobError: MF112, or MF104 for an empty list.
     """
     if not wavelengths_nm.size:
-        raise JobError("MF104", "the spectrum has no wavelength", where=where, cure="Give at least one")
+        raise JobError("MF104", "the spectrum has no wavelength", where=where, cure="Give at least one wavelength")
     outside = ~((wavelengths_nm >= SHORTEST_NM) & (wavelengths_nm <= LONGEST_NM))
     if outside.any():
         raise JobError(

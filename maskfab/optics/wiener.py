@@ -66,7 +66,11 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
         JobError: MF104 if the samples are odd or fewer than 4.
     """
     if samples < 4 or samples % 2:
-        raise JobError("MF104", f"{samples} samples per side are not an even number of 4 or more", cure="Give 256")
+        raise JobError(
+            "MF104",
+            f"{samples} samples per side are not an even number of 4 or more",
+            cure="Give an even number of 4 or more, such as 256",
+        )
     step = 1 / (camera.pixel_um * samples)
     axis = step * (np.arange(samples, dtype=np.float64) - (samples - 1) / 2)
     upper = axis[samples // 2 :]

@@ -28,7 +28,10 @@ def check_dies(spec: JobSpec, where: str) -> None:
     for name, count in Counter(die.name for die in spec.die).items():
         if count > 1:
             raise JobError(
-                "MF109", f"{count} dies have the name {name!r}", where=f"{where}: die", cure="Rename all but one"
+                "MF109",
+                f"{count} dies have the name {name!r}",
+                where=f"{where}: die",
+                cure="Give each die a name of its own",
             )
     for folded, count in Counter(die.name.lower() for die in spec.die).items():
         if count > 1:
@@ -37,7 +40,7 @@ def check_dies(spec: JobSpec, where: str) -> None:
                 "MF109",
                 f"the dies {alike} differ in case only, and many systems would write their files over each other",
                 where=f"{where}: die",
-                cure="Rename all but one",
+                cure="Give each die a name of its own",
             )
     for number, die in enumerate(spec.die):
         place = f"{where}: die[{number}]"
@@ -291,7 +294,7 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             "MF105",
             f"the wavelength {twice[0]:g} nm is given more than once",
             where=f"{where}: camera.wavelengths",
-            cure="Give every wavelength once",
+            cure="List each wavelength once",
         )
     shortest = min(camera.wavelengths_nm)
     limit = shortest * 1e-3 * camera.focal_um / dot_um

@@ -27,7 +27,11 @@ def read(path: Path) -> JobSpec:
         JobError: MF101 to MF115 for the first thing that is wrong with its content.
     """
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no job file {path}", cure="Check the path")
+        raise SourceError(
+            "MF301",
+            f"there is no job file {path}",
+            cure="Give the path of a job file (.toml), such as layouts/upc12.toml",
+        )
     data = path.read_bytes()
     if not data.strip():
         raise SourceError("MF302", f"the job file {path} is empty", cure="Start from layouts/upc12.toml")
@@ -39,7 +43,9 @@ def read(path: Path) -> JobSpec:
         try:
             document = json.loads(text)
         except (ValueError, RecursionError) as error:
-            raise SourceError("MF303", f"{path} is not valid JSON: {error}", cure="Run the job again") from error
+            raise SourceError(
+                "MF303", f"{path} is not valid JSON: {error}", cure="Run the job again to rewrite it"
+            ) from error
     elif path.suffix == ".toml":
         document = _toml(text, str(path))
     else:
@@ -73,4 +79,9 @@ def _toml(text: str, where: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         found = re.search(r"line (\d+), column (\d+)", str(error))
         place = f"{where}:{found[1]}:{found[2]}" if found else f"{where}, at the end"
-        raise JobError("MF101", f"TOML syntax: {error}", where=place, cure="Mend the syntax there") from error
+        raise JobError(
+            "MF101",
+            f"TOML syntax: {error}",
+            where=place,
+            cure="Correct the TOML there: close quotes and brackets, give every key one value",
+        ) from error

@@ -292,11 +292,18 @@ def read_shop(path: Path, where: str = "") -> Shop:
         OutputError: MF420 if there is no such file; MF421 if it is malformed.
     """
     if not os.path.isfile(path):
-        raise OutputError("MF420", f"there is no profile {path}", where=where, cure="Check the path")
+        raise OutputError(
+            "MF420",
+            f"there is no profile {path}",
+            where=where,
+            cure="Give the path of a profile (.toml), or a name that maskfab shops lists",
+        )
     try:
         text = path.read_bytes().decode("utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise OutputError("MF421", f"the profile {path} cannot be read: {error}", cure="Save it as UTF-8") from error
+        raise OutputError(
+            "MF421", f"the profile {path} cannot be read: {error}", cure="Save the profile as UTF-8 text"
+        ) from error
     return parse_shop(text, path.stem, where=str(path))
 
 
@@ -312,7 +319,12 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
         problem: JobError = first_problem(error, where)
         raise OutputError("MF421", problem.what, where=problem.where, cure=problem.cure) from error
     except (ValueError, RecursionError) as error:
-        raise OutputError("MF421", f"the profile is no valid TOML: {error}", where=where, cure="Mend it") from error
+        raise OutputError(
+            "MF421",
+            f"the profile is no valid TOML: {error}",
+            where=where,
+            cure="Correct the TOML there: close quotes and brackets, give every key one value",
+        ) from error
 
 
 def dump_shop(shop: Shop) -> str:

@@ -38,7 +38,9 @@ def _corners(value: object) -> tuple[Corner, ...]:
     if len(value) < 3:
         raise JobError("MF132", f"{len(value)} corners hold no area; 3 are needed", cure=_CURE)
     if len(value) > _MOST_CORNERS:
-        raise JobError("MF115", f"{len(value)} corners are more than {_MOST_CORNERS}", cure="Leave some out")
+        raise JobError(
+            "MF115", f"{len(value)} corners are more than {_MOST_CORNERS}", cure="Draw the stop with fewer corners"
+        )
     found = tuple((_coordinate(x), _coordinate(y)) for x, y in value)
     _refuse_crossing(found)
     return found
@@ -48,7 +50,7 @@ def _refuse_crossing(corners: Sequence[Corner]) -> None:
     sides = list(zip(corners, (*corners[1:], *corners[:1]), strict=True))
     for k, first in enumerate(sides):
         if first[0] == first[1]:
-            raise JobError("MF132", f"corner {k + 1} and the next are one place", cure="Leave one out")
+            raise JobError("MF132", f"corner {k + 1} and the next are one place", cure="Remove one of the two corners")
         for j in range(k + 1, len(sides)):
             second = sides[j]
             if j == k + 1 or (k == 0 and j == len(sides) - 1):

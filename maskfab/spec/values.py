@@ -29,10 +29,10 @@ def check_name(name: object, *, where: str = "") -> str:
         raise JobError("MF105", f"{name!r} is not text", where=where, cure='Write a name such as "TOLED_150"')
     if "main" in name.lower():
         problem = f'the name {name!r} holds "main", which mask houses refuse'
-        raise JobError("MF110", problem, where=where, cure="Choose another")
+        raise JobError("MF110", problem, where=where, cure='Choose a name without "main", such as "TOLED_150"')
     if _DEVICE.fullmatch(name):
         problem = f"the name {name!r} is that of a device, and Windows has no file called so"
-        raise JobError("MF110", problem, where=where, cure="Choose another")
+        raise JobError("MF110", problem, where=where, cure='Choose another name, such as "TOLED_150"')
     if not _NAME.fullmatch(name):
         raise JobError(
             "MF110",
@@ -61,7 +61,7 @@ def length_um(value: object, *, zero_allowed: bool = False) -> float:
     """
     length = units.parse_length_um(value, zero_allowed=zero_allowed)
     if length > _LONGEST_UM:
-        raise JobError("MF104", f"{value!r} is longer than the limit of 1 km", cure="Give a shorter length")
+        raise JobError("MF104", f"{value!r} is longer than the limit of 1 km", cure="Give a length of at most 1 km")
     return length
 
 
@@ -76,7 +76,7 @@ def _on_plate(value: object) -> float:
         raise JobError(
             "MF104",
             f"{value!r} is more than 2 m, beyond what the coordinates of GDSII reach in steps of 1 nm",
-            cure="Give a shorter length",
+            cure="Give a length of at most 2 m",
         )
     return length
 

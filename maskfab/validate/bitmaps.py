@@ -117,7 +117,10 @@ def _compared(path: Path, clear: Floats, dots_per_um: float) -> tuple[int, float
     rows, columns = clear.shape
     if stated is None:
         raise SourceError(
-            "MF314", f"{path.name} does not say how large its pixels are", where=str(path), cure="Write it again"
+            "MF314",
+            f"{path.name} does not say how large its pixels are",
+            where=str(path),
+            cure="Run the job again to rewrite it",
         )
     if levels.shape != clear.shape or abs(stated / dots_per_um - 1) * max(rows, columns) > _MOST_SHIFT:
         high, wide = levels.shape

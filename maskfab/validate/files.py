@@ -159,7 +159,7 @@ def read_back(
         while waiting:
             number, product = waiting.popleft()
             taken = coming.get(product.name)
-            # What is read beside is waited for when nothing else is left to do; but the first layout comes first.
+            # Background reads are collected last; the first layout comes before anything else.
             others = any(each.name not in coming for _, each in waiting)
             if taken and not taken.done() and others and (trips or product.kind != "mask"):
                 waiting.append((number, product))

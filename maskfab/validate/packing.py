@@ -158,7 +158,7 @@ def _check_target(target: Path, *, force: bool) -> None:
     """Refuse a zip before any work starts; folders above it may be missing, for they are made with it."""
     if target.suffix.lower() != ".zip":
         cure = f"Call it {target.name}.zip"
-        raise JobError("MF105", f"{target} is no name of a .zip, and a package is one", where="--out", cure=cure)
+        raise JobError("MF105", f"a package must be a .zip file, got {target}", where="--out", cure=cure)
     parent = target.absolute().parent
     if parent.exists():
         check_file(target, force=force)
@@ -173,7 +173,7 @@ def _make_parents(target: Path) -> None:
         target.absolute().parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         what = f"{target.parent} cannot be made: {error.strerror or error}"
-        raise OutputError("MF401", what, cure="Choose another --out") from error
+        raise OutputError("MF401", what, cure="Give --out a path in a writable folder with room to spare") from error
 
 
 def verify_package(package: str | Path, job: Job | None = None, shop: Shop | None = None) -> tuple[Quantity, ...]:
@@ -280,7 +280,10 @@ def _packed_job(folder: Path, package: Path) -> Job:
     for name, held in wanted:
         if name not in held:
             raise JobError(
-                "MF105", f"its job names {name!r}, which it does not hold", where=JOB_COPY, cure="Pack the job again"
+                "MF105",
+                f"its job names {name!r}, which it does not hold",
+                where=JOB_COPY,
+                cure="Pack the job again with maskfab package",
             )
     return load(path)
 

@@ -59,7 +59,9 @@ def read_psf_file(path: Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
         SourceError: MF301 if there is no such file, MF303 if it cannot be read or has not one float32 channel.
     """
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Write it again")
+        raise SourceError(
+            "MF301", f"there is no file {path.name}", where=str(path), cure="Run the job again to rewrite it"
+        )
     image = oiio.ImageInput.open(str(path))
     if image is None:
         raise _damaged(path, said_by(oiio))
@@ -92,5 +94,8 @@ def _differing(expected: Facts, found: dict[str, Any]) -> Iterator[str]:
 def _damaged(path: Path, why: str) -> SourceError:
     said = why.strip().splitlines()
     return SourceError(
-        "MF303", f"{path.name} cannot be read: {said[0] if said else 'damaged'}", where=str(path), cure="Write it again"
+        "MF303",
+        f"{path.name} cannot be read: {said[0] if said else 'damaged'}",
+        where=str(path),
+        cure="Run the job again to rewrite it",
     )

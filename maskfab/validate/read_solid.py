@@ -218,7 +218,9 @@ def nearest(lines: Floats, values: Floats) -> Ints:
 
 def damaged(path: Path, why: object) -> SourceError:
     """The error for a file that its reader refuses."""
-    return SourceError("MF303", f"{path.name} cannot be read: {why}", where=str(path), cure="Write it again")
+    return SourceError(
+        "MF303", f"{path.name} cannot be read: {why}", where=str(path), cure="Run the job again to rewrite it"
+    )
 
 
 def check_reach(path: Path, *lengths_nm: Floats) -> None:

@@ -29,12 +29,17 @@ def read_svg(path: Path) -> db.Layout:
         SourceError: MF301 missing, MF303 not an SVG of this kind, or off the grid of 1 nm.
     """
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path.name}", where=str(path), cure="Check the path")
+        raise SourceError(
+            "MF301", f"there is no file {path.name}", where=str(path), cure="Give the path of an existing file"
+        )
     try:
         return _layout(ElementTree.parse(path).getroot(), path)
     except (ElementTree.ParseError, InvalidOperation, AttributeError, LookupError, ValueError, TypeError) as error:
         raise SourceError(
-            "MF303", f"{path.name} is no SVG of a plate: {error!r}", where=str(path), cure="Write it again"
+            "MF303",
+            f"{path.name} is no SVG of a plate: {error!r}",
+            where=str(path),
+            cure="Run the job again to rewrite it",
         ) from error
 
 
@@ -114,7 +119,10 @@ def _nm(value: Decimal | str | None, path: Path) -> int:
     exact = Decimal(value if value is not None else 0) * _NM_PER_MM
     if exact % 1:
         raise SourceError(
-            "MF303", f"{path.name} has {value} mm, off the grid of 1 nm", where=str(path), cure="Write it again"
+            "MF303",
+            f"{path.name} has {value} mm, off the grid of 1 nm",
+            where=str(path),
+            cure="Run the job again to rewrite it",
         )
     if abs(exact) > _FARTHEST_NM:
         raise ValueError(f"a coordinate of {value} mm")

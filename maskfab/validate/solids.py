@@ -105,14 +105,21 @@ def _read(die: Die, path: Path) -> tuple[ReadSolid, str]:
         return read_scene(path), TRIMESH
     if path.suffix == ".stl":
         return read_stl(path, die), TRIMESH
-    raise SourceError("MF308", f"{path.name} is no STEP, GLB, 3MF or STL file", where=str(path), cure="Name one")
+    raise SourceError(
+        "MF308",
+        f"{path.name} is no STEP, GLB, 3MF or STL file",
+        where=str(path),
+        cure="Give a file that ends in .step, .glb, .3mf or .stl",
+    )
 
 
 def _check_file(path: Path) -> None:
     if not os.path.isfile(path):
-        raise SourceError("MF301", f"there is no file {path}", where=str(path), cure="Write it first")
+        raise SourceError(
+            "MF301", f"there is no file {path}", where=str(path), cure="Run the job with that format in export.formats"
+        )
     if path.stat().st_size == 0:
-        raise SourceError("MF302", f"{path.name} is empty", where=str(path), cure="Write it again")
+        raise SourceError("MF302", f"{path.name} is empty", where=str(path), cure="Run the job again to rewrite it")
 
 
 @dataclass(frozen=True, eq=False)

@@ -74,7 +74,7 @@ class DesignRules:
                 raise JobError(
                     "MF417",
                     f"the design rule name_pattern is {self.name_pattern!r}, no regular expression: {error}",
-                    cure="Mend the expression",
+                    cure='Correct the expression, for example "[A-Z][A-Z0-9_]*"',
                 ) from error
 
     @property
