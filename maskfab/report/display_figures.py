@@ -91,7 +91,7 @@ def placement(panel: Panel, certificate: Certificate | None = None, broken: Iter
     single.set_title("one pixel")
     _draw(several, panel, _middle(panel, 4), (BLACK, GUTTER, CLEAR, *EMITTERS))
     several.set_title("pixels as they meet")
-    words = "placement of the red, green and blue emitters behind the opening"
+    words = "placement of the red, green and blue emitters around the opening"
     return image(figure, f"Opening {panel.opening.name}: {words if panel.emitters else 'no emitters fit'}")
 
 

@@ -315,7 +315,7 @@ class ParetoSection(Section):
 
 
 class EmittersSection(Section):
-    """[emitters]: the rules that red, green and blue keep behind the openings of every die.
+    """[emitters]: placement rules of the red, green and blue emitters around the openings of every die.
 
     Gaps are kept in x or in y, corners included, and across pixels too. ``ratio`` is that of the areas; ``required``
     the least share of the pixel that one colour covers, divided by its ratio (ratios scaled to sum to 3). Of the

@@ -69,12 +69,12 @@ def words_of(page):
 def test_everything_that_is_stated_is_told(run):
     words = words_of(page_of(run, Stated(FULL, 8.0, CELLS, "bar_map"), restored()))
     for said in (
-        "bar 6x17 at (0, 0) , the best of 1 146 that were judged",
+        "bar 6x17 at (0, 0) , the best of 1 146 evaluated",
         "maskfab design layouts/design_bar.toml",
         "version 0.1.0 , seed 5",
         "bar_map , equal light , seed 5",
-        "No opening of as many dots can gain more than 0.240 dB in the picture's interior at 24 dB of light, 0.320 dB "
-        "at 32 dB of light, 0.400 dB at 40 dB of light.",
+        "Proven headroom of the opening: at most 0.240 dB (frame interior) at 24 dB SNR, 0.320 dB at 32 dB SNR, "
+        "0.400 dB at 40 dB SNR.",
         "All rules together cost 0.125 dB.",
         "Dropping one rule alone gains: min feature 0.0500 dB , wire flow 0 dB .",
         "Through this die at 24 dB, restored: 20 dB, inner frame 21 dB",

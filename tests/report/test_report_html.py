@@ -111,7 +111,7 @@ def test_page_does_not_tell_the_time(run, document, page):
 
 def test_page_without_pictures_dies_or_checks_still_reads(document):
     empty = {**document, "dies": [], "plate": [], "checks": [], "files": [], "seeds": {}}
-    assert "Nothing was required" in html.render(empty, {})
+    assert "No check was requested" in html.render(empty, {})
 
 
 @pytest.mark.parametrize(

@@ -1,1 +1,1 @@
-"""Do red, green and blue emitters fit behind an opening, in every orientation, with the gaps that a maker keeps?"""
+"""Placement of red, green and blue emitters in the opaque area around an opening, for every orientation."""
