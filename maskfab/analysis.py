@@ -76,7 +76,7 @@ MOST_SHAPES_SEEN = 3_000_000
 
 @dataclass(frozen=True)
 class Request:
-    """How to look at a file.
+    """Options for the analysis of a file.
 
     Attributes:
         camera: what looks through it.
@@ -163,7 +163,7 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
 
 @one_thread
 def analyse_opening(opening: Opening, request: Request, progress: Progress = silent) -> Analysis:
-    """The same for an opening that is already loaded."""
+    """Analysis of an opening that is already loaded; else as :func:`analyse`."""
     check_lens(request.camera, where="the request")
     dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
     gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
@@ -328,7 +328,7 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
 
 
 def _polygons_box(layout: db.Layout, index: int, cell: db.Cell) -> db.Box:
-    """What encloses all polygons on a layer of a cell; its texts are dropped."""
+    """Bounding box of all polygons on a layer of a cell; its texts are dropped."""
     for each in layout.each_cell():
         shapes = each.shapes(index)
         for text in list(shapes.each(db.Shapes.STexts)):

@@ -99,7 +99,7 @@ def _is_at(status: os.stat_result, path: Path) -> bool:
 
 
 def stale(target: Path, ending: str) -> Iterator[Path]:
-    """What dead processes have left beside ``target``, the latest first, each locked while the caller deals with it."""
+    """Leftovers of dead processes beside ``target``, the latest first, each locked while the caller deals with it."""
     pattern = re.compile(rf"\.{re.escape(target.name)}\.[a-z0-9_]{{8}}{re.escape(ending)}")
     left = [path for path in target.parent.iterdir() if pattern.fullmatch(path.name)]
     for path in sorted(left, key=_changed_at, reverse=True):

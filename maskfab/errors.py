@@ -130,7 +130,7 @@ class MaskfabError(Exception):
 
 
 def _clipped(text: str) -> str:
-    """What a person can read of a text into which a damaged file may have put anything."""
+    """A text clipped to a readable length; a damaged file may put anything into it."""
     return text if len(text) <= _LONGEST else f"{text[: _LONGEST // 2]} [...] {text[-_LONGEST // 2 :]}"
 
 

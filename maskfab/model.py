@@ -33,12 +33,12 @@ def orient(cell: NDArray[Scalar], orientation: int) -> NDArray[Scalar]:
 
 
 def refined(cells: NDArray[Scalar], times: int) -> NDArray[Scalar]:
-    """The same picture [..., y, x] on cells that many times finer along each side."""
+    """The picture [..., y, x] on cells that are finer by a factor along each side."""
     return cells.repeat(times, axis=-2).repeat(times, axis=-1)
 
 
 class Tiling(StrEnum):
-    """How the cells of a panel choose among the eight orientations.
+    """Rule by which the cells of a panel choose among the eight orientations.
 
     ``flips`` draws among mirror images only; the two ``rot90`` cycle through four orientations on 2 x 2 cells, the
     second mirrors every other one; ``blue_noise`` is random without coarse clusters; ``hexagonal`` has its cells on a
@@ -184,7 +184,7 @@ class Panel:
         return self.opening, *self.others
 
     def pattern(self, cell: int) -> NDArray[np.bool_]:
-        """What a cell holds, bool [dots, dots], from its entry in ``orientations``."""
+        """Contents of a cell, bool [dots, dots], from its entry in ``orientations``."""
         return orient(self.openings[cell // ORIENTATIONS].mask, cell % ORIENTATIONS)
 
     @property
@@ -437,7 +437,7 @@ class Glass:
 
 @dataclass(frozen=True)
 class MaskBlank:
-    """What a plate is made of, as far as a job states it.
+    """Mask blank of a plate, as far as a job states it.
 
     Attributes:
         optical_density: of the opaque film, -log10 of the share of light that it passes; None if not stated.
@@ -457,7 +457,7 @@ UNSTATED = MaskBlank()
 
 @dataclass(frozen=True)
 class Camera:
-    """What looks through the panel.
+    """Camera behind the panel.
 
     Attributes:
         focal_um: focal length.
@@ -476,7 +476,7 @@ class Camera:
 
 @dataclass(frozen=True)
 class Process:
-    """What a mask writer does to drawn shapes.
+    """Changes of drawn shapes by a mask writer.
 
     Attributes:
         corner_radius_um: radius by which the corners of clear shapes are rounded, inner and outer ones.
@@ -580,7 +580,7 @@ class Quantity:
 
 @dataclass(frozen=True, eq=False)
 class DieOptics:
-    """What one die does to a picture, computed from the polygons read back from the file."""
+    """Optics of one die, computed from the polygons read back from the file."""
 
     die: Die
     psfs: tuple[Psf, ...]

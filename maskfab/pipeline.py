@@ -171,7 +171,7 @@ def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tupl
 
 
 def aids(job: Job, plate: Plate) -> dict[str, tuple[str, Callable[[Path], object]]]:
-    """What a plate's files come with: markers of its rules, KLayout's colours, the resolved job; title and writer."""
+    """Auxiliary files of a plate: markers of its rules, KLayout's colours, the resolved job; title and writer."""
     return {
         f"{plate.name}.lyrdb": (
             "KLayout markers",
@@ -229,7 +229,7 @@ def measure_dies(
 
 
 def plan_scenes(job: Job, plate: Plate, progress: Progress) -> dict[str, Plan]:
-    """How to model the job's scene, by die; nothing for a job without one.
+    """Plans of the job's scene, by die; nothing for a job without one.
 
     Raises:
         JobError: MF114 or MF115 if the scene cannot be modelled for a die.
@@ -321,7 +321,7 @@ def check_pictures(job: Job, plate: Plate) -> None:
 def measure_process(
     job: Job, plate: Plate, progress: Progress, seconds: dict[str, float] | None = None
 ) -> dict[str, Written]:
-    """What the mask writer makes of every die, by the job's [process]; nothing for a job without one.
+    """Optics of every die as written, by the job's [process]; nothing for a job without one.
 
     Raises:
         JobError: MF104, MF127 or MF115 for a process that does not go with a die.

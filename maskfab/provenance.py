@@ -1,4 +1,4 @@
-"""What made an artefact: hashes of jobs and files, versions of what was used."""
+"""Provenance of an artefact: hashes of jobs and files, versions of what was used."""
 
 from __future__ import annotations
 

@@ -164,7 +164,7 @@ def _overview_differs(folder: Path, made: bytes) -> Iterator[tuple[str, str]]:
 
 
 def _bytes(path: Path) -> bytes:
-    """What a file holds; nothing if it is not there, which is told elsewhere."""
+    """Content of a file; nothing if it is not there, which is reported elsewhere."""
     return path.read_bytes() if path.is_file() else b""
 
 

@@ -146,7 +146,7 @@ def run_command_line(arguments: Sequence[str]) -> int:
 
 
 def _help(verb: str) -> str:
-    """What ``maskfab VERB --help`` prints, without the library that typer reads arguments with."""
+    """Text of ``maskfab VERB --help``, without the library that typer reads arguments with."""
     whole, command = typer.Context(_program, info_name="maskfab"), _program.commands[verb]
     told: str = command.get_help(typer.Context(command, info_name=verb, parent=whole))
     return told

@@ -73,7 +73,7 @@ def check(
 
 
 def _check_shop(job: Path, shop: str, formats: Sequence[str], *, as_json: bool, quiet: bool) -> None:
-    """What would a mask house refuse of the plate, and what is the cure? Nothing is written."""
+    """Check the plate against the rules of a mask shop, with a cure for each violation; writes nothing."""
     from maskfab.cli.shop_verdict import chosen_formats, findings_document, print_findings
     from maskfab.export.fitting import blank_of
     from maskfab.export.shops import load_shop

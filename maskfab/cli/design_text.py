@@ -45,7 +45,7 @@ def lines(found: Designed, notes: Sequence[str]) -> list[str]:
 
 
 def document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -> dict[str, object]:
-    """The same as plain data; what is infinite is null."""
+    """The result as plain data; infinite values are null."""
     designed = found.designed
     return {
         "name": found.opening.name,

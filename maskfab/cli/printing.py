@@ -1,4 +1,4 @@
-"""What verbs print: one JSON document or tables on stdout, verdicts on stderr."""
+"""Output of the verbs: one JSON document or tables on stdout, verdicts on stderr."""
 
 from __future__ import annotations
 

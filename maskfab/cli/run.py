@@ -42,7 +42,7 @@ def run(
 
 
 def _tell_times(seconds: Mapping[str, float]) -> None:
-    """What the optics of every die took."""
+    """Print the time that the optics of every die took."""
     for stage, took in seconds.items():
         kind, _, die = stage.partition(" ")
         if kind == "optics" and die:

@@ -1,4 +1,4 @@
-"""What a shop says to a plate, as text and as JSON."""
+"""The verdict of a shop on a plate, as text and as JSON."""
 
 from __future__ import annotations
 

@@ -259,7 +259,7 @@ class Smoothed:
         return -temperature * torch.logsumexp(cold, dim=1).mean()
 
     def of_mask(self, unit: Mask, temperature: float = 0.0) -> float:
-        """The same of a mask."""
+        """The objective of a mask."""
         with torch.no_grad():
             return float(self(torch.from_numpy(unit.astype(np.float64)), temperature))
 

@@ -1,4 +1,4 @@
-r"""How good any opening of one clear count can be: proven bounds and ideals, to be printed beside a design.
+r"""Proven bounds and ideals for all openings of one clear count, to be printed beside a design.
 
 Two numbers are bounded: the expected PSNR far from the sensor's edge, and the surrogate's own, of the whole frame, in
 which what leaks in from the edge counts for at least nothing. Theorems and proofs: :mod:`maskfab.design.error_bound`,
@@ -37,7 +37,7 @@ _MOST_DOTS_OF_LP = 25
 
 @dataclass(frozen=True)
 class Bounds:
-    """What no opening can pass, at each level of light.
+    """Upper bounds that no opening can exceed, at each level of light.
 
     Attributes:
         level_db: levels of light in dB.
@@ -68,7 +68,7 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Gap:
-    """How far a design is from its bounds.
+    """Distance of a design from its bounds.
 
     Attributes:
         bounds: for its clear count and tiling.

@@ -1,4 +1,4 @@
-"""How much is left of the time that a design was given."""
+"""The time left of a design's budget."""
 
 from __future__ import annotations
 

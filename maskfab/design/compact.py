@@ -33,7 +33,7 @@ _AT_LEAST_S = 0.5
 
 @dataclass(frozen=True, eq=False)
 class Best:
-    """How far a search is.
+    """State of a search and its best opening so far.
 
     Attributes:
         best: keeps the rules; its name says where it came from.

@@ -1,4 +1,4 @@
-"""What an opening must keep, whatever is optimised: rules of the mask, the display's room, and whether they agree.
+"""The constraints of an opening, whatever is optimised: mask rules, room for the display, and whether they agree.
 
 Rules are judged in order of cost, a microsecond first and a placement of emitters last, so that a search refuses most
 of what it tries before anything is computed. A set of rules that no opening keeps is told with a proof where one of
@@ -76,7 +76,7 @@ class Conflict:
 
 @dataclass(frozen=True, eq=False)
 class Constraints:
-    """What every opening of a design must keep.
+    """Constraints that every opening of a design must meet.
 
     Attributes:
         clear_dots: exact number of clear dots in a cell.
@@ -209,7 +209,7 @@ class Constraints:
         return self.only(*(name for name in RULES if name not in names))
 
     def violations(self, unit: Mask) -> tuple[str, ...]:
-        """What the opening breaks, each as ``rule: what and how much``; the cheap rules first, empty if it keeps all.
+        """Rules that the opening breaks, each as ``rule: what and how much``; cheap rules first, empty if it meets all.
 
         An emitter's placement is searched for as long as the layout does; where none was found and none is proved
         impossible, that too is a violation, and says so.

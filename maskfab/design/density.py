@@ -34,7 +34,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class DisplayPrice:
-    """What the display pays for a denser middle, against the uniform panel.
+    """Cost of a denser middle for the display, against the uniform panel.
 
     Attributes:
         uniform_share: of a cell that each colour's emitter can cover, 0 to 1.
@@ -202,7 +202,7 @@ def display_price(
     exponent: float = Light.ageing_exponent,
     emitters: EmitterRules | None = None,
 ) -> DisplayPrice:
-    """What the display pays, from the largest emitters that are found behind each unit in all orientations.
+    """Cost for the display, from the largest emitters found around each unit in all orientations.
 
     Args:
         uniform: bool [dots, dots].

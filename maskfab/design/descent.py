@@ -37,7 +37,7 @@ PROBE_STEPS = 3
 
 
 class Outcome(StrEnum):
-    """How a run ended."""
+    """Reason for which a run ended."""
 
     FINISHED = "All steps were done."
     PLATEAU = "Stopped early: no candidate was better for as many judgements as patience allows."
@@ -47,7 +47,7 @@ class Outcome(StrEnum):
 
 @dataclass(frozen=True)
 class Descent:
-    """How to descend.
+    """Settings of a descent.
 
     Attributes:
         dots: along the unit's side.
@@ -119,7 +119,7 @@ class RelaxStep:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """What a run came to.
+    """Result of a run.
 
     Attributes:
         unit: float [dots, dots], 0 and 1, exactly as many clear as asked for; on the CPU.
@@ -372,7 +372,7 @@ class _Run:
         return Found(best.cpu(), loss, relaxed, self.total, self.outcome, tuple(self.notes))
 
     def key(self) -> str:
-        """What tells this run from others: its settings, and the bits of the first loss."""
+        """Key that tells this run from others: its settings, and the bits of the first loss."""
         with torch.no_grad():
             unit = torch.sigmoid(self.logits)
             first = float(self.objective.at(0, self.how.iterations)(unit)).hex()

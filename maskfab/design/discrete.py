@@ -96,7 +96,7 @@ class Ranked:
 
 @dataclass(frozen=True, eq=False)
 class Scan:
-    """What a scan saw.
+    """Result of a scan of candidates.
 
     Attributes:
         ranked: everything evaluated, the best first; equals in the order in which they came.
@@ -198,7 +198,7 @@ def scan(
 
 @dataclass(frozen=True)
 class Price:
-    """What one constraint costs, in the objective's unit.
+    """Cost of one constraint, in the objective's unit.
 
     Attributes:
         rule: its name.
@@ -220,7 +220,7 @@ class Prices:
 
 
 def prices(candidates: Iterable[Candidate], objective: Objective, constraints: Constraints) -> Prices:
-    """What constraints cost among these candidates, all of the asked count; others are left out.
+    """Costs of the constraints among these candidates, all of the asked count; others are left out.
 
     Prices are differences between the best of the candidates, so give those that searches with and without each rule
     found.

@@ -43,7 +43,7 @@ _NODES = 64
 
 @dataclass(frozen=True, eq=False)
 class Tables:
-    """What lags add to E at values of A, for one ε; noise is to be multiplied by σ².
+    """Contributions of the lags to E at values of A, for one ε; noise is to be multiplied by σ².
 
     Attributes:
         nodes: [k], values of A/S.

@@ -13,7 +13,7 @@ from maskfab.design.objective import Objective
 
 @dataclass(frozen=True, eq=False)
 class Invertibility(Objective):
-    """How well the worst spatial frequencies survive a Wiener filter, with photons counted.
+    """Survival of the worst spatial frequencies under a Wiener filter, with photons counted.
 
     The OTF at the frequency nu is the pupil's autocorrelation AC at the lag lambda f nu (Goodman, Introduction to
     Fourier Optics, 6.4). With it

@@ -1,4 +1,4 @@
-"""What both methods of [design] take from a job, and what either has found."""
+"""Input and result that both methods of [design] share."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ Facts = dict[str, str | int | float]
 
 @dataclass(frozen=True, eq=False)
 class Designed:
-    """What a design has come to.
+    """Result of a design.
 
     Attributes:
         opening: the best that keeps all rules.
@@ -161,14 +161,14 @@ def by_level(name: str, values: Sequence[float]) -> Facts:
 
 
 def of_prices(found: Prices) -> Facts:
-    """What rules cost, as provenance."""
+    """Costs of the rules, as provenance."""
     facts: Facts = {"rules_cost_db": round(found.together, 3) + 0.0}
     facts.update({f"price_{each.rule}_db": round(each.last, 3) + 0.0 for each in found.each})
     return facts
 
 
 def run_key(section: DesignSection, scenes: Sequence[Scene], *more: object) -> str:
-    """What tells the checkpoint of this run from that of every other."""
+    """Key that tells the checkpoint of this run from every other."""
     told = hashlib.sha256(f"{__version__} {np.__version__} {section!r} {more!r}".encode())
     for scene in scenes:
         told.update(f"{scene.name} {scene.number} {scene.values.shape}".encode())

@@ -138,7 +138,7 @@ def joint(
 
 
 def dot_slopes(slope: Slope, orientations: NDArray[np.int8], shifts: tuple[Shift, ...], inside: Mask) -> Floats:
-    """What opening each dot of the unit in every cell changes, to first order, dB; [dots, dots].
+    """Change by opening each dot of the unit in every cell, to first order, dB; [dots, dots].
 
     Args:
         slope: of the panel's loss.

@@ -1,4 +1,4 @@
-r"""How far a designed map is from what any layout of as many clear dots could reach, its cut cells counted.
+r"""Upper bound on the gain of any layout with as many clear dots over a designed map, cut cells counted.
 
 A map's light is its own: cells that the stop cuts hold what they were turned to hold. The theorem of
 :mod:`maskfab.design.error_bound` for all layouts counts pairs of cells, so it holds for any number of clear dots within

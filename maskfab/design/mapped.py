@@ -1,4 +1,4 @@
-"""What a search does to the panel once it has its opening: the map, places inside the cell, turns of both, density."""
+"""The panel of a found opening: map, places inside the cell, turns of both, density."""
 
 from __future__ import annotations
 

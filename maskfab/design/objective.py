@@ -1,4 +1,4 @@
-r"""What every objective has in common, and how several make one.
+r"""The interface of objectives, and their weighted sum.
 
 An objective is a frozen object that turns a relaxed unit, float [dots, dots] within 0 to 1, into a scalar: **lower is
 better**, gradients go through. Most read nothing but the autocorrelation of the stop filled with oriented units, so a
@@ -78,7 +78,7 @@ class Weighted(Objective):
         return total
 
     def of_table(self, table: torch.Tensor, unit: torch.Tensor) -> torch.Tensor:
-        """The same as calling it; its terms make their own tables."""
+        """The objective from a given table; its terms make their own tables."""
         return self(unit)
 
     def at(self, iteration: int, iterations: int) -> Weighted:

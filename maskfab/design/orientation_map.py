@@ -56,7 +56,7 @@ _WORTH_ANOTHER_DB = 1e-3
 
 
 class MapMode(StrEnum):
-    """What may change besides the orientations: nothing, or the light."""
+    """Freedom of the map besides the orientations: none, or the transmission."""
 
     EQUAL_LIGHT = "equal_light"
     EDGE_PACKING = "edge_packing"
@@ -336,7 +336,7 @@ class _Search:
         return _State(chosen, epsilons, judged.loss, self._turns(chosen, judged.slope()))
 
     def _descended(self, state: _State, price: float) -> NDArray[np.int64]:
-        """What the cells hold when none of the turns that promise most keeps its promise."""
+        """Contents of the cells at the end of the descent, when no turn improves them as predicted."""
         chosen, loss, turns, share, refused = state.chosen, state.loss, state.turns, _FIRST_SHARE, 0
         while True:
             self.history.append(loss)
@@ -373,7 +373,7 @@ class _Search:
         return np.take_along_axis(self.light, chosen[:, None], axis=1)[:, 0]
 
     def _turns(self, chosen: NDArray[np.int64], slope: Slope) -> Floats:
-        """What turning every cell to every kind changes, [cells, kinds], dB; 0 for what it holds."""
+        """Change by turning every cell to every kind, [cells, kinds], dB; 0 for its present one."""
         linear = (_by_cell(slope.field, self.error.dots) * self.inside) @ self.flat.T
         pairs = slope.near[self.apart].astype(np.float32)
         flat = self.flat.astype(np.float32)

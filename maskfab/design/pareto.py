@@ -71,7 +71,7 @@ class Judged:
 
 @dataclass(frozen=True, eq=False)
 class Curve:
-    """What openings of one number of clear dots reach.
+    """Results of the openings of one number of clear dots.
 
     Attributes:
         clear_dots: in every one of them.
@@ -92,7 +92,7 @@ class Curve:
 
 @dataclass(frozen=True, eq=False)
 class Pareto:
-    """What a sweep has found.
+    """Result of a sweep.
 
     Attributes:
         curves: one for each number of clear dots, rising.
@@ -107,7 +107,7 @@ class Pareto:
     dot_nm: int
 
     def gain_db(self, other: Judged) -> float | None:
-        """How much the best found PSNR exceeds an opening's, at no less footprint and no more clear dots; None where
+        """Gain of the best PSNR found over that of an opening, at no less footprint and no more clear dots; None where
         nothing found has either."""
         rivals = [
             each.value
@@ -157,7 +157,7 @@ class Footprints:
         return max(float(found[0]), cells * self._share)
 
     def bounds(self, units: Mask) -> Floats:
-        """What no footprint exceeds that leaves free what the gap across borders needs, in some 30 us each.
+        """Upper bounds of the footprint that leave the gap across borders free, in some 30 us each.
 
         An emitter swept by the gap along x and y grows from an area a to at least (sqrt(a) + gap)^2, by Brunn and
         Minkowski; swept emitters of different colours share nothing, and lie where the free squares of the least width
@@ -202,7 +202,7 @@ def non_dominated(values: Sequence[float], footprints: Sequence[float]) -> tuple
 def rules_of(
     section: SearchSection, compared: Sequence[Opening] = (), emitters: EmitterRules | None = None
 ) -> Constraints:
-    """What a sweep's openings keep; refuses, at no cost, what a sweep would refuse before it starts.
+    """Constraints of a sweep's openings; refuses, at no cost, what a sweep would refuse before it starts.
 
     Args:
         section, compared, emitters: as for :func:`sweep`.

@@ -42,7 +42,7 @@ _LOW = 1 / 16
 
 @dataclass(frozen=True, eq=False)
 class Slope:
-    """What changes the loss, to first order in the autocorrelation.
+    """Slope of the loss, to first order in the autocorrelation.
 
     Attributes:
         near: g at the lags within a unit, float64 [2 dots - 1, 2 dots - 1], lag 0 in the middle; dB per dot.

@@ -43,7 +43,7 @@ _HOT, _COLD = 2e-3, 2e-5
 
 @dataclass(frozen=True, eq=False)
 class Schedule:
-    """What is descended, and how.
+    """A descent: its objectives, penalty and steps.
 
     Attributes:
         name: of the objectives or the recipe.
@@ -153,7 +153,7 @@ def schedule(
 def _objectives(
     section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Scene], estimate: Surrogate
 ) -> dict[str, Callable[[], Objective]]:
-    """How each is made, by its name in the section; those of one stop share its autocorrelation."""
+    """Factories of the objectives, by their name in the section; those of one stop share its autocorrelation."""
     across = cells_across(camera.stop, section.dots, rules.dot_nm)
     seed, where = section.tiling_seed, "design.tiling_seed"
     stop = tiled_stop(

@@ -39,7 +39,7 @@ _UM_PER_CM = 10_000.0
 
 @dataclass(frozen=True)
 class Bitmap:
-    """What was written.
+    """Facts of a written bitmap.
 
     Attributes:
         width: pixels along x.

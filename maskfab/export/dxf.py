@@ -50,7 +50,7 @@ _UNITS = {"um": (NM_PER_UM, "MICROMETRE", 13), "mm": (1000 * NM_PER_UM, "MILLIME
 
 @dataclass(frozen=True)
 class DrawingStyle:
-    """What a house asks of a drawing beyond its polygons.
+    """Requirements of a shop for a drawing beyond its polygons.
 
     Attributes:
         layer_names: names in the file by names of the model; layers without one are left out. All by default.

@@ -1,4 +1,4 @@
-"""What every polygon format writes: the cells of a plate, where they stand, and how their polygons were drawn.
+"""Polygons of a plate for every format: cells, their positions, and the way their polygons were drawn.
 
 Plate + PolygonOptions -> Figures -> GDSII, OASIS, DXF, Gerber, SVG
 """
@@ -40,7 +40,7 @@ _NOTE_HEIGHT_NM = 500_000
 
 @dataclass(frozen=True)
 class PolygonOptions:
-    """How polygons are drawn; whatever is chosen, the same area is exposed.
+    """Options for drawing polygons; the exposed area is the same for all of them.
 
     Attributes:
         hierarchy: ``cells`` draws each unit cell once and places it; ``flat`` draws every opening in the top cell;
@@ -92,7 +92,7 @@ class PolygonOptions:
 
 @dataclass(frozen=True)
 class Account:
-    """What was drawn on written layers, and what was done to draw it; every reference is followed.
+    """Counts of what was drawn on written layers and of the changes made; every reference is followed.
 
     Attributes:
         polygons: figures in all.
@@ -205,7 +205,7 @@ class Figures:
         return tuple(layer for layer in DRAWN_LAYERS if layer in used)
 
     def layout(self) -> db.Layout:
-        """The same as a layout of klayout with one top cell and cells in the order of their names."""
+        """The figures as a klayout layout with one top cell and cells in the order of their names."""
         layout = db.Layout()
         layout.dbu = DBU_UM
         layers = {layer: layout.layer(layer_info(layer)) for layer in LAYERS}

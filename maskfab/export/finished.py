@@ -1,4 +1,4 @@
-"""What a finished output directory is known to hold, by name and SHA-256, and its removal without anything else."""
+"""Finished output directories: their known files by name and SHA-256, and removal of nothing else."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def times_text(job_hash: str, seconds: Mapping[str, float]) -> str:
 
 
 def finished(folder: Path) -> Finished | None:
-    """What is in an output directory; None if it is none that maskfab finished."""
+    """Known content of an output directory; None if it is not a finished result of maskfab."""
     try:
         content = (folder / RESULT_MARK).read_bytes()
         manifest = json.loads(content)

@@ -1,4 +1,4 @@
-"""What of a plate goes to a mask house, and how it is drawn: by a package, and by a job that writes for the house."""
+"""Selection and drawing options of a plate for a mask shop: by a package, and by a job that writes for the shop."""
 
 from __future__ import annotations
 
@@ -83,7 +83,7 @@ def _without_doubles(polygon: Polygon) -> Polygon:
 
 @dataclass(frozen=True)
 class Blank:
-    """What a job says of the blank.
+    """The blank as stated in a job.
 
     Attributes:
         chrome_nm: thickness of the chrome; None if it does not say.
@@ -102,7 +102,7 @@ def blank_of(spec: JobSpec) -> Blank:
 
 
 def drawing_style(plate: Plate, shop: Shop | None) -> DrawingStyle:
-    """What a shop asks of drawings beyond their polygons; the unit is text only in formats where it takes text.
+    """A shop's requirements for drawings beyond their polygons; the unit is text only in formats where it takes text.
 
     Text and the header's extents keep to what the shop asks the drawing to span, or to what it can write if that is
     less than the blank. A drawing that must span an extent exactly has its unit as text only where the header has none.
@@ -146,7 +146,7 @@ def written_box(plate: Plate) -> Box:
 
 
 def drawing_options(plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None) -> PolygonOptions:
-    """How a plate is drawn for a shop: as its profile says, and otherwise no further from cells than it must.
+    """Drawing options for a shop: those of its profile, and otherwise as close to cells as possible.
 
     Two pixels go into a cell, or all references are resolved, only where the house allows no more references; openings
     are merged across cells only where it forbids figures that share a piece of edge and those of two cells do. A
@@ -183,7 +183,7 @@ def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileForm
 
 
 def written_options(plate: Plate, section: ExportSection, shop: Shop | None) -> PolygonOptions:
-    """How a job draws its plate: as it says, and for the rest as its shop likes it.
+    """Drawing options of a job: its own, with the shop's preferences as defaults.
 
     Holes on a layer of their own are left to packages, for a job's optics are measured from one layer. Notes are text
     unless the house takes none in a format that is written.

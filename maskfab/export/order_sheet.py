@@ -74,7 +74,7 @@ class OrderSheet:
         return "\n".join(map(_printed, lines)) + "\n"
 
     def html(self) -> str:
-        """The same as a page of its own; whatever a name holds is shown as text."""
+        """The order sheet as an HTML page; names are escaped."""
         contact = [(label, _BLANK) for label in _CONTACT]
         parts = [
             f"<h1>{escape(self.title)}</h1>",
@@ -171,7 +171,7 @@ def _cd(gauge: Gauge) -> tuple[str, str, str, str, str]:
 
 
 def _promised(shop: Shop) -> list[tuple[str, str]]:
-    """What the house says that its masks keep, so that the order can refer to it."""
+    """Tolerances that the shop guarantees, for the order to refer to."""
     told, tolerance, plate = [], shop.tolerance, shop.plate
     if tolerance.cd_um:
         steps = (f"{_widths(width)}: +-{deviation:g} um" for width, deviation in tolerance.cd_um)

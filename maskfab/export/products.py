@@ -60,7 +60,7 @@ _DIE_SUFFIX: Mapping[str, str] = {
 
 @dataclass(frozen=True)
 class FileSettings:
-    """What writers must know beyond the figures of a plate.
+    """Settings of the writers beyond the figures of a plate.
 
     Attributes:
         stack: thicknesses of chrome and glass.
@@ -137,7 +137,7 @@ def _of_format(
 def mask_writer(
     figures: Figures, kind: FileFormat, comments: Sequence[str], style: DrawingStyle | None = None
 ) -> Callable[[Path], object]:
-    """What writes the polygons of a whole plate to a path; a format of :data:`MASK_TAILS`."""
+    """Writer of the polygons of a whole plate to a path; a format of :data:`MASK_TAILS`."""
     writers: Mapping[str, Callable[[Path], object]] = {
         "gdsii": lambda path: write_gdsii(figures.layout(), path, figures.options.max_vertices),
         "oasis": lambda path: write_oasis(_renamed(figures.layout(), style), path),

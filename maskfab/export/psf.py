@@ -71,7 +71,7 @@ def psf_files(
 
 
 def psf_facts(psf: Psf) -> dict[str, Fact]:
-    """What the values of a PSF mean."""
+    """Meaning of the values of a PSF, as header entries."""
     return {
         "wavelength_nm": psf.wavelength_nm,
         "step_um": psf.step_um,
@@ -93,7 +93,7 @@ def camera_facts(camera: Camera) -> dict[str, Fact]:
 
 
 def stop_facts(stop: Stop) -> dict[str, Fact]:
-    """What shape and diameter do not say of a stop: its sides, its dark middle, its corners."""
+    """Facts of a stop beyond shape and diameter: its sides, its dark middle, its corners."""
     facts: dict[str, Fact] = {}
     if stop.size_um is not None:
         facts |= {"stop_width_um": stop.size_um[0], "stop_height_um": stop.size_um[1]}

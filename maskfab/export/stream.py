@@ -25,7 +25,7 @@ class Gap(NamedTuple):
 
 
 class Pen(Protocol):
-    """How a format writes a polygon."""
+    """Writer of a polygon in one text format."""
 
     def outline(self, polygon: Polygon) -> tuple[str, Sequence[Gap]]:
         """Text of a polygon with ``%s`` for every number, and what goes there."""

@@ -1,4 +1,4 @@
-"""What the limits of mask software count in the figures of a plate."""
+"""Counts in the figures of a plate to which the limits of mask software apply."""
 
 from __future__ import annotations
 

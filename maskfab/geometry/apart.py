@@ -17,7 +17,7 @@ _TOOK_TOO_LONG = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
 
 
 def read_apart(path: Path, script: Path, *arguments: str, seconds: float) -> Any:
-    """What a script reads of a file: the object that it pickles to stdout.
+    """Run a reader script on a file in a process of its own and return the object that it pickles to stdout.
 
     What it takes of the processor is taken of what this process may take, see :mod:`maskfab.geometry.bounded`.
 

@@ -40,7 +40,7 @@ _CURE = "Write it again as plain polygons, with fewer copies and no overlaps"
 def bounded(
     path: Path, work: Callable[[Progress], Answer], progress: Progress = silent, *, seconds: int | None = None
 ) -> Answer:
-    """What the work returns, done within limits; on systems that cannot copy a process, done without any.
+    """Run work within limits of time and memory and return its result; on systems without fork, without limits.
 
     Args:
         path: the file that the work reads: the larger, the longer it may take.
@@ -113,7 +113,7 @@ def _gave_up(path: Path, error: RuntimeError) -> SourceError:
 
 
 def _said(path: Path, error: Exception) -> Exception:
-    """What the libraries throw in their own language, and a lack of memory, as errors of the file."""
+    """Errors of the libraries, and a lack of memory, as errors of the file."""
     if isinstance(error, MemoryError) or _OUT_OF_MEMORY in str(error):
         return _too_much(path, "needs more memory than it may take")
     return _gave_up(path, error) if type(error) is RuntimeError else error

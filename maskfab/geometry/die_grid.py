@@ -26,7 +26,7 @@ def die_edges_nm(die: Die) -> tuple[Floats, Floats]:
 
 
 def die_raster(die: Die) -> NDArray[np.bool_]:
-    """What opening and orientations say about every cell of the grid of :func:`die_edges_nm`: bool [y, x]."""
+    """Raster of a die, bool [y, x], from opening and orientations, on the grid of :func:`die_edges_nm`."""
     panel = die.panel
     pad = 1 if panel.gutter_nm else 0
     variants = np.pad(panel.patterns, ((0, 0), (pad, pad), (pad, pad)))

@@ -1,4 +1,4 @@
-"""What the system lets a process take of its processor and of memory while it works on somebody else's file.
+"""System limits on processor time and memory for a process that works on a foreign file.
 
 Without any effect where the system knows no such limits.
 """
@@ -69,7 +69,7 @@ def children_seconds() -> float:
 
 
 def _limits(kind: str) -> tuple[int, int] | None:
-    """What holds now, and what can be asked for at most; below 0 stands for any."""
+    """Present limit and highest limit that can be set; negative values stand for none."""
     try:
         import resource
     except ImportError:  # Windows

@@ -221,7 +221,7 @@ def _middle_vertex(polygon: db.Polygon, upright: bool) -> int | None:
 
 
 def _halves(polygon: db.Polygon, cut: int, upright: bool) -> tuple[db.Region, db.Region]:
-    """What lies left and right of x = cut, or below and above y = cut."""
+    """Parts of a polygon left and right of x = cut, or below and above y = cut."""
     box, whole = polygon.bbox(), db.Region(polygon)
     if upright:
         boxes = db.Box(box.left, box.bottom, cut, box.top), db.Box(cut, box.bottom, box.right, box.top)

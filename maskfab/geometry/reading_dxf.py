@@ -1,4 +1,4 @@
-"""What a text DXF draws that is no closed polygon, found before a reader makes something of it.
+"""Open lines, curves and other shapes of a text DXF that are no closed polygons, found before a reader interprets them.
 
 Readers of DXF turn arcs into chords, leave splines out, and take open lines for paths without width, each without a
 word. A mask has polygons only, so such drawings are refused and named. What is drawn out of sight, and what on the grid
@@ -39,7 +39,7 @@ _CURVE_FITTED = 2 | 4
 
 @dataclass(frozen=True)
 class Drawn:
-    """What the text of a drawing tells that klayout does not.
+    """Facts from the text of a drawing that klayout does not report.
 
     Attributes:
         rounding_nm: the largest distance by which a coordinate is moved to the nanometre grid.

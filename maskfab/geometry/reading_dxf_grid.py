@@ -1,4 +1,4 @@
-"""How far the coordinates of a DXF lie off the nanometre grid, which klayout rounds them to without a word.
+"""Offsets of the coordinates of a DXF from the nanometre grid, to which klayout rounds silently.
 
 Coordinates in a block are rounded before it is placed: where it is placed larger, its rounding is as much larger.
 """

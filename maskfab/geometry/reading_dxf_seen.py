@@ -1,4 +1,4 @@
-"""What a text DXF draws that not everybody sees, or not where its coordinates say.
+"""Shapes of a text DXF that some programs hide or place differently.
 
 A plot shows paper space or the model but not both, and neither frozen layers nor what is invisible; a mask is made of
 what is left. Readers of DXF take all of it for one drawing, and look at shapes that stand upright from the side, each
@@ -39,7 +39,7 @@ class Unseen:
         self._drawn[entity.kind, entity.layer, placed, _out_of_sight(entity)] += 1
 
     def told(self, counts: Callable[[str], bool], drawing: set[str]) -> list[str]:
-        """What is out of sight, and why, in words.
+        """Hidden shapes with the reason, in words.
 
         Args:
             counts: whether the geometry on a layer of that name does.

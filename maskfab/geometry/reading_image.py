@@ -90,7 +90,7 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
 
 
 def said_by(library: Any) -> str:
-    """What OpenImageIO or one of its files says is wrong; it repeats what the file holds, which may be no text."""
+    """Error message of OpenImageIO or of one of its files; it repeats content of the file, which may be no text."""
     try:
         return str(library.geterror())
     except UnicodeDecodeError:

@@ -1,4 +1,4 @@
-"""What a layout must keep to be worked with: few enough shapes once its references are followed, none self-crossing.
+"""Limits of a layout to be processed: few enough shapes once its references are followed, none self-crossing.
 
 Nothing is repaired. A polygon that crosses itself means one thing to a writer that fills by winding and another to
 one that fills by parity, so it is refused; vertices and polygons that have no meaning at all are counted.
@@ -29,7 +29,7 @@ LEFT_OUT_KEY = "maskfab_left_out"
 
 @dataclass(frozen=True)
 class LeftOut:
-    """What a file holds without any effect on its geometry.
+    """Content of a file without any effect on its geometry.
 
     Attributes:
         repeated_vertices: vertices that repeat the one before.
@@ -47,7 +47,7 @@ class LeftOut:
 
 
 def left_out(layout: db.Layout) -> LeftOut:
-    """What :mod:`maskfab.geometry.reading` noted of the file that the layout came from."""
+    """Notes by :mod:`maskfab.geometry.reading` on the file that the layout came from."""
     stated = layout.meta_info_value(LEFT_OUT_KEY)
     return LeftOut(*stated) if stated else LeftOut()
 

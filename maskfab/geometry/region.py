@@ -97,7 +97,7 @@ def region(
 
 
 def clear_shapes(layout: db.Layout, box_nm: Box) -> db.Region | NDArray[np.int64]:
-    """What is clear in and around a box: int64 [n, 4] disjoint boxes where that is enough, else a merged region."""
+    """Clear shapes in and around a box: int64 [n, 4] disjoint boxes where possible, else a merged region."""
     index = layout.find_layer(layer_info(CLEAR))
     boxes = None if index is None else placed_boxes(layout.top_cell(), index, db.Box(*box_nm))
     return boxes if boxes is not None and disjoint(boxes) else region(layout, CLEAR, box_nm)

@@ -72,7 +72,7 @@ def _finer(polygon: db.Polygon) -> int:
 
 
 def _width(polygon: db.Polygon, low: float, high: float) -> float:
-    """What a polygon is not wider than: where it vanishes, between two widths at which it does not and does."""
+    """Upper bound of a polygon's width, by bisection between two widths, at one of which it vanishes."""
     for _ in range(_STEPS):
         middle = (low + high) / 2
         low, high = (low, middle) if _vanishes(polygon, middle) else (middle, high)

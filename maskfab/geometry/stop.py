@@ -120,7 +120,8 @@ def _far_and_near(low: Floats, high: Floats) -> tuple[Floats, Floats]:
 
 
 def _beside_polygon(x0: Floats, y0: Floats, x1: Floats, y1: Floats, corners: Floats) -> tuple[Flags, Flags]:
-    """The same for a polygon: no side, rounded by a nanometre, comes near, and the box's middle is inside or not."""
+    """As for a circle, for a polygon: no side, rounded by a nanometre, comes near, and the box's middle is inside or
+    not."""
     middle_x, middle_y, half_x, half_y = (x0 + x1) / 2, (y0 + y1) / 2, (x1 - x0) / 2, (y1 - y0) / 2
     shape = np.broadcast(middle_x, middle_y, half_x, half_y).shape
     met, within = np.zeros(shape, dtype=np.bool_), np.zeros(shape, dtype=np.bool_)

@@ -1,4 +1,4 @@
-"""What one cell of a panel draws on every layer: openings, emitters, wires, gutter and black matrix."""
+"""Shapes of one cell of a panel on every layer: openings, emitters, wires, gutter and black matrix."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from maskfab.model import (
 
 
 class UnitKey(NamedTuple):
-    """What two cells must share to be drawn once."""
+    """Key of a unit cell: equal for two cells that are drawn once."""
 
     opening: str
     mask: bytes

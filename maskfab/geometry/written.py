@@ -36,7 +36,7 @@ _SIDES = ((0, 1), (1, 1), (0, -1), (1, -1))
 
 
 class Reading(StrEnum):
-    """What the writer makes of corners that only touch."""
+    """Outcome of touching corners in writing."""
 
     FUSED = "fused"
     OPEN = "open"
@@ -44,7 +44,7 @@ class Reading(StrEnum):
 
 @dataclass(frozen=True, eq=False)
 class WrittenCorner:
-    """What becomes of the tile round one vertex of a grid of dots, half a dot along each side.
+    """The tile around one vertex of a grid of dots as written, half a dot along each side.
 
     Coordinates are micrometres from the vertex. The clear side is on the left of directed edges x0, y0, x1, y1.
 
@@ -64,7 +64,7 @@ class WrittenCorner:
 
 
 def sagitta_um(process: Process, arc_sides: int = ARC_SIDES) -> float:
-    """How far the outline of an arc may lie from the circle's, in micrometres; 0 without a corner radius."""
+    """Largest distance between the outline of an arc and its circle, in micrometres; 0 without a corner radius."""
     if process.corner_radius_um == 0:
         return 0.0
     furthest = _equal_area(arc_sides) / np.cos(np.pi / arc_sides) - 1
@@ -106,7 +106,7 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
 
 
 def _bearable(process: Process, panel: Panel) -> str:
-    """What a panel's dots and gutters bear of the process that they do not."""
+    """The largest process that a panel's dots and gutters allow, in words."""
     dot, gutter, bias = panel.dot_nm / 1e3, panel.gutter_nm / 1e3, process.cd_bias_um
     if abs(bias) < dot:
         return f"a corner radius of at most {(dot - abs(bias)) / 2:g} um"
@@ -118,7 +118,7 @@ def _bearable(process: Process, panel: Panel) -> str:
 def written_region(
     drawn: db.Region, process: Process, reading: Reading, units_per_um: float = 1000.0, arc_sides: int = ARC_SIDES
 ) -> db.Region:
-    """What a writer makes of drawn polygons.
+    """Drawn polygons as a writer exposes them.
 
     Args:
         drawn: what is clear; polygons may overlap or touch.

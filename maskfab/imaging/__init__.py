@@ -1,1 +1,1 @@
-"""What the eye sees of a display whose pixels make room for a camera."""
+"""The eye: how a display looks whose pixels make room for a camera."""

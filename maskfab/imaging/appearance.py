@@ -1,4 +1,4 @@
-"""What a display looks like from a distance, to be shown magnified to a reader.
+"""Appearance of a display from a distance, to be shown magnified to a reader.
 
 S-CIELAB's own filtered picture is a step of a calculation: its luminance channel takes away a part of the surround, and
 grey is not zero in its opponent channels, so that black and white edges come out tinted. Here the luminance passes the

@@ -89,7 +89,7 @@ def ideal(image: Floats, samples: int, pitch_um: float) -> Light:
 
 
 def emission(panel: Panel, samples: int) -> Floats:
-    """How everything that a cell can hold spreads its light, [8 openings, 3, samples, samples], of mean 1 per colour.
+    """Light distribution of every possible cell content, [8 openings, 3, samples, samples], of mean 1 per colour.
 
     Notes:
         A sample that an emitter covers in part takes its share of the area, so the means are exact on any grid.

@@ -1,4 +1,4 @@
-"""How near a restored picture is to the true one: PSNR, and SSIM (Wang, Bovik, Sheikh, Simoncelli 2004).
+"""Quality of a restored picture against the true one: PSNR, and SSIM (Wang, Bovik, Sheikh, Simoncelli 2004).
 
 SSIM has Gaussian weights of 1.5 pixels out to 5, K1 = 0.01, K2 = 0.03, population covariances, white 1, and is the mean
 over channels and all pixels at least 5 from the edge.

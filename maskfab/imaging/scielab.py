@@ -40,7 +40,7 @@ HIGHEST_CPD = math.sqrt(-math.log(_FLOOR)) / (math.pi * 0.0283)
 
 @dataclass(frozen=True, eq=False)
 class Difference:
-    """How two pictures differ.
+    """Difference of two pictures.
 
     Attributes:
         delta_e: float64 [y, x] CIE 1976 colour difference; about 2.3 is just noticeable.
@@ -74,7 +74,7 @@ def see(light: Light, viewing: Viewing) -> Floats:
 
 
 def of_series(spectrum: Series, viewing: Viewing) -> Floats:
-    """The same from a Fourier series that reaches up to :data:`HIGHEST_CPD`."""
+    """S-CIELAB response from a Fourier series that reaches up to :data:`HIGHEST_CPD`."""
     opponent_of_rgb = np.array(_OPPONENT_OF_XYZ) @ XYZ_OF_RGB
     samples = carrying(HIGHEST_CPD, viewing)
     blurred = spectrum.filtered(gains, opponent_of_rgb).values(samples)
@@ -88,7 +88,7 @@ def compare(first: Floats, second: Floats) -> Difference:
 
 
 def gains(radius_cpd: Floats) -> Floats:
-    """What each channel passes, [3, ...] of cycles per degree [...]; 1 at 0."""
+    """Transmission of each channel, [3, ...] of cycles per degree [...]; 1 at 0."""
     return np.stack(
         [
             sum(weight * np.exp(-((np.pi * spread * radius_cpd) ** 2)) for weight, spread in channel)

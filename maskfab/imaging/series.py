@@ -46,12 +46,12 @@ class Series:
         return radius
 
     def filtered(self, gain: Callable[[Floats], Floats], mix: Floats | None = None) -> Series:
-        """The same light after ``mix`` [n, 3] of its colours and a gain [n, y, x] (or [y, x]) of the frequency."""
+        """The light after ``mix`` [n, 3] of its colours and a gain [n, y, x] (or [y, x]) of the frequency."""
         mixed = self.coefficients if mix is None else np.tensordot(mix, self.coefficients, axes=1)
         return replace(self, coefficients=mixed * gain(self.radius_cpd))
 
     def displaced(self, x_px: float, y_px: float) -> Series:
-        """The same light moved right and up by a distance in pixels."""
+        """The light displaced right and up by a distance in pixels."""
         degrees_y, degrees_x = (self.pixel_deg * shift for shift in (y_px, x_px))
         turn = np.exp(-2j * np.pi * degrees_y * self.y_cpd)[:, None] * np.exp(-2j * np.pi * degrees_x * self.x_cpd)
         return replace(self, coefficients=self.coefficients * turn)

@@ -67,7 +67,7 @@ def shots(design: Laid, scene: Scene, levels: Sequence[int], crop: Crop) -> tupl
 
 
 def truth_of(scene: Scene, crop: Crop) -> Singles:
-    """The same part of the scene itself.
+    """The crop of the scene itself.
 
     Raises:
         JobError: as :meth:`Crop.of`.

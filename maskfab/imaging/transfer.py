@@ -1,4 +1,4 @@
-r"""What the lens and the pixels pass of a scene, behind a panel that fills a stop of 4 mm: the camera of protocol F1.
+r"""Transfer of lens and pixels behind a panel that fills a stop of 4 mm: the camera of protocol F1.
 
 The stop's open dots make the pupil p. With A its autocorrelation divided by A(0) (all transmitted energy counts, no
 window is laid on the PSF), the transfer from scene samples to pixels is

@@ -22,7 +22,7 @@ Mask = NDArray[np.bool_]
 
 @dataclass(frozen=True)
 class CircuitRules:
-    """What the circuits need.
+    """Area rules of the drive circuits.
 
     Attributes:
         need_um2: area of the circuit and lines of one subpixel. 1985 um2 is derived from a panel on sale: BOE
@@ -55,7 +55,7 @@ class CircuitRules:
 
 @dataclass(frozen=True, eq=False)
 class Room:
-    """What there is for circuits, and what they need.
+    """Area available for circuits, and area needed.
 
     Attributes:
         area_um2: room at least as wide as asked.

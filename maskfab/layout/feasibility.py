@@ -81,7 +81,7 @@ class DisplayRules:
 
 @dataclass(frozen=True, eq=False)
 class Feasibility:
-    """What was found of one panel.
+    """Display feasibility of one panel.
 
     Attributes:
         required: least footprint; 0 where none is.
@@ -209,7 +209,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
 
 
 def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
-    """How far apart the colours of a panel can be, other rules as they are; None for a sheet that has no pixels.
+    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels.
 
     Raises:
         JobError: as :func:`feasibility`.
@@ -237,7 +237,7 @@ def _demand(section: WiresSection, where: str) -> WireDemand:
 
 
 def _common(panel: Panel) -> Opening:
-    """What is clear in any of a panel's openings."""
+    """The union of a panel's openings."""
     if not panel.others:
         return panel.opening
     return replace(panel.opening, mask=np.any([opening.mask for opening in panel.openings], axis=0))

@@ -50,19 +50,19 @@ class Job:
 
     @property
     def blank(self) -> MaskBlank:
-        """What the plate is made of, as far as the job states it."""
+        """The mask blank, as far as the job states it."""
         return UNSTATED if self.spec.plate is None else self.spec.plate.mask_blank()
 
     @cached_property
     def scene(self) -> Scene | None:
-        """What the camera looks at; None if the job has no [scene]."""
+        """The scene of the camera; None if the job has no [scene]."""
         if self.spec.scene is None:
             return None
         return Scene.of(self.spec.scene, self.spec.curves, where=self.where).through(self.blank)
 
     @property
     def display_rules(self) -> DisplayRules | None:
-        """What the display's maker asks; None if the job has no [emitters]."""
+        """Rules of the display maker; None if the job has no [emitters]."""
         from maskfab.layout.feasibility import DisplayRules
 
         section = self.spec.emitters
@@ -87,7 +87,7 @@ class Job:
         return self.displays_of(self.plate(), progress, largest=largest)
 
     def displays_of(self, plate: Plate, progress: Progress = silent, *, largest: bool = False) -> Populated:
-        """The same for the job's plate, laid out already."""
+        """Displays of the job's plate, which is laid out already."""
         from maskfab.layout.populate import Populated, populate
 
         rules = self.display_rules

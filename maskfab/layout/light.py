@@ -1,4 +1,4 @@
-r"""What an emitter's area costs: current density, and the life that goes with it.
+r"""Cost of an emitter's area: current density, and the life that goes with it.
 
     J_k = L s_k / (η_k a_k),   life ~ J^-n,
 
@@ -28,7 +28,7 @@ MA_PER_CM2 = 0.1
 
 @dataclass(frozen=True)
 class Light:
-    """What is asked of the emitters, and what they give.
+    """Light required of the emitters, and their efficacies.
 
     Attributes:
         luminance_cd_per_m2: of white. 500 is a judgement: a phone indoors.

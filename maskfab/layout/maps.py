@@ -52,7 +52,7 @@ Shift = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class CellMap:
-    """What the cells round the axis hold.
+    """Orientation map: contents of the cells round the axis.
 
     Attributes:
         name: identifier.
@@ -238,7 +238,7 @@ def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -
 
 
 def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> NDArray[np.int8]:
-    """What each cell of a panel holds, int8 [rows, columns]: the map in the middle, all beyond it drawn at random.
+    """Contents of each cell of a panel, int8 [rows, columns]: the map in the middle, all beyond it drawn at random.
 
     A map larger than the panel loses its rim.
 

@@ -52,7 +52,7 @@ def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, 
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
-    """How far apart the colours can be, by die; nothing of dies that have no pixels.
+    """Widest gaps between colours, by die; dies without pixels are left out.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.layout.feasibility.feasibility`.

@@ -96,7 +96,7 @@ def _offset(dots: int, centre: float) -> NDArray[np.float64]:
 
 
 def _superellipse(x: NDArray[np.float64], y: NDArray[np.float64], a: float, b: float, exponent: float) -> Level:
-    """How far a blob of half axes proportional to a, b must grow to reach each dot's middle, [y, x]."""
+    """Growth at which a blob of half axes proportional to a, b reaches each dot's middle, [y, x]."""
     total: Level = (x[None, :] / a) ** exponent + (y[:, None] / b) ** exponent
     return np.asarray(total ** (1 / exponent), dtype=np.float64)
 

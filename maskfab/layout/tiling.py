@@ -1,4 +1,4 @@
-"""What each cell of a panel holds: which opening, under which of the eight orientations."""
+"""Contents of each cell of a panel: which opening, in which of the eight orientations."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _PASSES = 6
 def orientations(
     tiling: Tiling, rows: int, columns: int, seed: int | None, *, openings: int = 1, where: str = ""
 ) -> NDArray[np.int8]:
-    """What each cell holds, int8 [rows, columns]: 8 u + k for opening u under element k of D4.
+    """Contents of each cell, int8 [rows, columns]: 8 u + k for opening u under element k of D4.
 
     Everything is drawn by ``numpy.random.default_rng(seed)``; several openings are drawn independently of the
     orientations, except that ``blue_noise`` spreads both.

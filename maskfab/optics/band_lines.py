@@ -1,4 +1,4 @@
-"""How many lines stand for a band of light in a point PSF, by the error of each number.
+"""Number of lines that stand for a band of light in a point PSF, by the error of each number.
 
 Notes:
     The PSF in a window is smooth in the wavelength, so the error of Gauss nodes falls fast once the speckle at the

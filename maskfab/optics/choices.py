@@ -102,8 +102,8 @@ class Choice:
 
 @dataclass(frozen=True)
 class Price:
-    """What a choice takes: flops of matrix products, seconds at ``RATES``, bytes beyond the pupil's own, and its
-    relative L2 error, that of what it leaves out included."""
+    """Cost of a choice: flops of matrix products, seconds at ``RATES``, bytes beyond the pupil's own, and its relative
+    L2 error, that of what it leaves out included."""
 
     flops: float
     seconds: float
@@ -217,7 +217,7 @@ class Prices:
         return Price(flops, flops / RATES[choice.precision] + waiting, memory, error)
 
     def wavelengths(self, choice: Choice) -> int:
-        """How many lines a choice computes."""
+        """Number of lines that a choice computes."""
         return choice.lines * self.estimates.in_bands if self.estimates.in_bands else self.lines
 
     def own_error(self, choice: Choice) -> float:

@@ -92,7 +92,7 @@ def _odd(side: Floats) -> Floats:
 
 
 def edge_in_window(pixels: Psf) -> EdgeSpread:
-    """The same from pixel means in a window; half of what lies outside is taken to fall on either side."""
+    """Edge spread from pixel means in a window; half of what lies outside is taken to fall on either side."""
     outside = max(0.0, 1 - pixels.energy_in_window)
     sides = []
     for along in (0, 1):

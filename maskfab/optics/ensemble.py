@@ -1,4 +1,4 @@
-r"""What a random tiling does on average: mean PSF, mean OTF, and how far one layout strays from them.
+r"""Average of a random tiling: mean PSF, mean OTF, and the scatter of single layouts about them.
 
 Cells draw their orientations independently, so with A_c the field of what the stop leaves of cell c,
 

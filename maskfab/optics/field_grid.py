@@ -31,7 +31,7 @@ def psf_over_field(
 
 
 def residual_blur(psf: Psf, centre: Psf, noise_to_signal: float) -> Floats:
-    """What is left of a PSF after Wiener deblurring with another: its samples' share of the energy, float64 [n, n].
+    """Residue of a PSF after Wiener deblurring with another: its samples' share of the energy, float64 [n, n].
 
     Both are normalised to sum 1, as a camera's own calibration would have it.
     """

@@ -54,7 +54,7 @@ _SAMPLES_PER_DOT = 4
 
 
 def shift_um(camera: Camera, gap_um: float, image_um: Place, distance_um: float | None = None) -> Place:
-    """How far the openings' shadow moves in the stop's plane for an image point, g (x, y) / d.
+    """Displacement of the openings' shadow in the stop's plane for an image point, g (x, y) / d.
 
     Args:
         camera: lens.
@@ -82,7 +82,7 @@ def moved_pupil(openings: Aperture, stop: Stop, moved_um: Place) -> Pupil:
 
 
 def shifted_pupil(openings: Aperture, stop: Stop, moved_um: Place) -> Pupil:
-    """The same with its lattices centred, for paths that want symmetry.
+    """The shifted pupil with its lattices centred, for paths that want symmetry.
 
     Shifting a pupil as a whole only turns the field's phase: ``stop`` is off centre in the lattices that come back, so
     intensities are right, and what tells places in the stop is not: take :func:`moved_pupil` for a phase.
@@ -107,7 +107,7 @@ def moved_aperture(openings: Aperture, moved_um: Place, half_width_um: float) ->
 
 
 def magnified(openings: Aperture, gap_um: float, object_um: float) -> tuple[Aperture, float]:
-    """What an object at a finite distance sees, as openings and a gap for one at infinity.
+    """Openings and gap that show an object at infinity what these show one at a finite distance.
 
     A spherical wave behind openings is a plane one behind openings m times as large, m times as far away, with the
     sphere's curvature left to the lens; m = z / (z - g), z from the object to the stop (Goodman, Fourier Optics, 4.2).
@@ -248,7 +248,7 @@ def _cut_fields(
 
 
 def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float:
-    """How far sideways the finest waves that samples hold travel on their way over a gap; infinite if evanescent."""
+    """Sideways reach over a gap of the finest waves that samples hold; infinite if evanescent."""
     slope = wavelength_nm * 1e-3 / (2 * sample_um)
     return gap_um * slope / math.sqrt(1 - slope**2) if slope < 1 else math.inf
 
@@ -320,7 +320,7 @@ def _spectrum(aperture: Aperture, samples_per_dot: int, count: int) -> Complexes
 
 
 def _folded(values: Floats, size: int) -> Floats:
-    """What a period of so many rows and columns sums up; openings may be wider than it by cells that do not matter."""
+    """Sums over a period of so many rows and columns; openings may be wider than it by cells that do not matter."""
     rows, columns = (-(-n // size) for n in values.shape)
     padded = np.zeros((rows * size, columns * size))
     padded[: values.shape[0], : values.shape[1]] = values

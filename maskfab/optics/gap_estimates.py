@@ -1,4 +1,4 @@
-"""How much a gap between panel and stop changes a PSF, estimated from the mean PSF over layouts."""
+"""Change of a PSF by a gap between panel and stop, estimated from the mean PSF over layouts."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
 
 
 def rim_crowding(openings: Aperture, inside: Pupil, distance_um: float) -> float:
-    """How much more clear area a stop trades when it moves by a distance than even openings would have it, at least 1.
+    """Ratio of the clear area that a stop trades when it moves by a distance to that of even openings, at least 1.
 
     The clear area of the strips along the rim that the stop loses on one side and gains on the other, over their whole
     area times the open share of the stop; the worst of many directions. Cells that are few or sparse stand on the rim

@@ -55,7 +55,7 @@ class FrequencyNodes:
         return self.highest * _unmapped(np.cos(self._theta), self.stretch)
 
     def interpolation(self, frequency: Floats) -> Reals:
-        """What takes values at the nodes to those at frequencies, of even and of odd functions, [2, count, n]."""
+        """Matrix from values at the nodes to those at frequencies, of even and of odd functions, [2, count, n]."""
         # From the rounded nodes, at which the values are taken, not from their angles.
         y, nodes = self._mapped(frequency), self._mapped(self.frequency)[:, None]
         apart = (y - nodes) * (y + nodes)

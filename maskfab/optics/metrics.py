@@ -54,7 +54,7 @@ AREA_ERROR = 1e-8
 
 
 def model_notes(camera: Camera) -> tuple[Quantity, ...]:
-    """What a user must know of the model itself, each a quantity without a verdict; none for a lens slower than f/1.4.
+    """Notes on the model itself, each a quantity without a verdict; none for a lens slower than f/1.4.
 
     The size is that of an open stop: the PSF of an aplanatic lens in unpolarised light (B. Richards and E. Wolf, Proc.
     R. Soc. A 253, 358, 1959) against Airy's, energies equal, is off by 0.052 to 0.056 / F² from f/2.5 to f/0.8, by
@@ -242,7 +242,7 @@ def mtf_volume(table: LagTable, area_um2: float, die: str | None, limit: float, 
 def aliasing_quantities(
     lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, camera: Camera, die: str | None
 ) -> list[Quantity]:
-    """How far sampling once per pixel moves the MTF from the presampled one, and how far its phase does.
+    """Difference between the MTF sampled once per pixel and the presampled one, and its variation with phase.
 
     Args:
         lags: see :func:`maskfab.optics.axis_lags.axis_lags`.
@@ -307,7 +307,7 @@ def _over_phases(along_x: Floats, along_y: Floats) -> Floats:
 
 
 def restoration_quantities(table: LagTable, camera: Camera, wavelength_nm: float, die: str | None) -> list[Quantity]:
-    """What a Wiener filter brings back at its worst, and how much it amplifies noise."""
+    """Worst restored contrast of a Wiener filter, and its noise amplification."""
     line = Spectrum(np.array([wavelength_nm]), np.ones(1), f"{wavelength_nm:g} nm")
     square = sensor_square(table, camera, line, _WIENER_SAMPLES)
     return [worst_wiener(square, NOISE_TO_SIGNAL, die), noise_gain(square, NOISE_TO_SIGNAL, die)]
@@ -338,7 +338,7 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
 
 
 def colour_quantities(pixels: Sequence[Psf], die: str | None, edges: Sequence[EdgeSpread] = ()) -> list[Quantity]:
-    """How three colours differ, longest wavelength red, shortest blue; nothing for any other number of them.
+    """Differences of three colours, longest wavelength red, shortest blue; nothing for any other number of them.
 
     Args:
         pixels: averaged over pixels, one of each colour.

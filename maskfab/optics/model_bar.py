@@ -83,7 +83,7 @@ class Omission:
 
 
 def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission, ...]:
-    """What the numbers of a die on the axis leave out, the largest first; what there is none of is not listed.
+    """Effects that the numbers of a die on the axis omit, the largest first; those of size 0 are not listed.
 
     Args:
         pupil: openings inside the stop.
@@ -94,7 +94,7 @@ def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission,
 
 
 def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -> tuple[Omission, ...]:
-    """What a scene leaves out besides what the numbers on the axis do, the largest first.
+    """Effects that a scene omits besides those of the numbers on the axis, the largest first.
 
     These are what light from the side sees, the gap aside, and a leak that only the numbers on the axis hold.
 
@@ -131,7 +131,7 @@ def weighed(found: Sequence[Omission], accuracy: float) -> list[dict[str, object
 
 
 def weighed_table(found: Sequence[Omission], accuracy: float) -> list[str]:
-    """The same as lines of text; none for no omissions."""
+    """The omissions as lines of text; none for no omissions."""
     if not found:
         return []
     rows = [
@@ -211,7 +211,7 @@ class _Known:
 
     @property
     def openings(self) -> Aperture:
-        """What is clear before the stop, dots that it cuts whole; what it hides is dark."""
+        """Openings before the stop, dots that it cuts whole; what it hides is dark."""
         clear = self.pupil.whole.copy()
         clear[self.pupil.rim_row, self.pupil.rim_column] = self.pupil.rim_transmission
         return Aperture(self.pupil.x, self.pupil.y, clear, zeros(clear.shape))

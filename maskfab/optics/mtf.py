@@ -124,7 +124,7 @@ class _View:
         return abs(optics) * pixel, error * pixel
 
     def bounded_on_grid(self, step: float, steps_x: Indices, steps_y: Indices) -> tuple[Floats, Floats]:
-        """The same at so many steps of frequency, fewer than RINGS of them, and not downwards."""
+        """The bounded MTF at so many steps of frequency, fewer than RINGS of them, and not downwards."""
         axis = step * np.arange(1 - RINGS, RINGS, dtype=np.float64)
         column, row = steps_x + RINGS - 1, steps_y + RINGS - 1
         lag, pixel = self.scale_um2 * axis, np.sinc(axis * self.camera.pixel_um)

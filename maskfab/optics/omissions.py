@@ -1,4 +1,4 @@
-r"""What a scene could ask of the optics, and how large the error of leaving each of it out is.
+r"""Effects that a scene could ask of the optics, with the error of omitting each.
 
 Every estimate is the relative L2 error of the point PSF over the camera's window, at the worst of the camera's
 shortest and longest lines, times a safety factor by which the truth was seen to exceed the plain estimate. They are
@@ -217,7 +217,7 @@ def _lens_share(camera: Camera, wavefront: Wavefront) -> float:
 
 
 def _defocus_share(camera: Camera, scene: Scene) -> float:
-    """The same of defocus, the worse end of the depth range."""
+    """The share that defocus turns out of phase, at the worse end of the depth range."""
     edges = [
         edge_defocus_waves(camera, line, distance, scene.focus_um)
         for line in camera.wavelengths_nm

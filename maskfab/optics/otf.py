@@ -91,7 +91,7 @@ class LagTable:
         return exact
 
     def coarse_otf(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """The same without what the shapes of cut dots change, within ``coarse_uncertainty``, and much faster.
+        """The OTF without the effect of the shapes of cut dots, within ``coarse_uncertainty``, and much faster.
 
         Raises:
             InternalError: MF901 for a lag beyond the table's reach.
@@ -109,7 +109,7 @@ class LagTable:
         return total / self.energy_um2
 
     def coarse_grid(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """The same where columns [n] of lags cross rows [m] of them, [m, n], faster still.
+        """The coarse OTF where columns [n] of lags cross rows [m] of them, [m, n], faster still.
 
         Raises:
             InternalError: MF901 for a lag beyond the table's reach.
@@ -142,7 +142,7 @@ class LagTable:
 
     @property
     def cut_dots(self) -> int:
-        """How many cut dots have shapes that count."""
+        """Number of cut dots whose shapes count."""
         return sum(rim.dots.row.size for rim in self.rims)
 
     @cached_property
@@ -315,7 +315,7 @@ def _power(blocks: Reals, sizes: list[int]) -> NDArray[np.complexfloating[Any]]:
 
 
 def _lags(power: NDArray[np.complexfloating[Any]], sizes: list[int]) -> Iterator[tuple[slice, Floats]]:
-    """The same at lags along x, a few rows at a time."""
+    """The autocorrelation at lags along x, a few rows at a time."""
     for start in range(0, len(power), _ROWS_AT_A_TIME):
         rows = slice(start, min(start + _ROWS_AT_A_TIME, len(power)))
         yield rows, fft.irfftn(power[rows], *_along_x(sizes))

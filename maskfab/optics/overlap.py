@@ -121,7 +121,7 @@ def _disc_before(x: _Lines, y: _Lines) -> Floats:
 
 
 def _on_the_axis(box: Floats, lag: Floats, power: Floats, own_radius: float, moved_radius: float) -> Floats:
-    """The same where the radical axis splits rectangles, into two polygons with a single circle each."""
+    """The overlap where the radical axis splits rectangles, into two polygons with a single circle each."""
     x, y = box[[0, 1, 1, 0]], box[[2, 2, 3, 3]]
     height = x * lag[0] + y * lag[1] + power
     moved_x, moved_y = _beside(x, y, height, lag)

@@ -124,7 +124,7 @@ class PhasedPupil:
         return matrix
 
     def _rim_columns(self, orders: range, p: int, stacked_y: Floats) -> Floats:
-        """What the cut dots alone add for one order in x and those in y above the degree, [2, nx, 2 nv].
+        """Contribution of the cut dots alone for one order in x and those in y above the degree, [2, nx, 2 nv].
 
         Args:
             orders: in y.
@@ -191,7 +191,7 @@ def window_frequency(camera: Camera, wavelength_nm: float, distance_um: float | 
 
 
 def halved(pupil: Pupil) -> Pupil:
-    """The same pupil on dots of half the side, those at the stop's rim cut anew."""
+    """The pupil on dots of half the side, those at the stop's rim cut anew."""
     transmission = np.array(pupil.whole)
     transmission[pupil.rim_row, pupil.rim_column] = pupil.rim_transmission
     rows, columns = pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel()
@@ -338,7 +338,7 @@ def _linearisation(nodes: int) -> Floats:
 
 
 def _rim_orders(pupil: Pupil, u: Floats, v: Floats) -> int:
-    """How many Legendre orders the cut dots need at the highest frequency; none without cut dots."""
+    """Number of Legendre orders that the cut dots need at the highest frequency; none without cut dots."""
     if not pupil.rim_row.size:
         return 0
     phase = np.pi * max(u[-1] * pupil.x.dot_um, v[-1] * pupil.y.dot_um)

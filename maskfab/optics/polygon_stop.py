@@ -1,4 +1,4 @@
-r"""What a stop of straight sides leaves of the dots that it cuts.
+r"""Parts of dots inside a stop of straight sides that cuts them.
 
 By Green's theorem an integral over what a polygon and a box have in common is one along the polygon's edges,
 

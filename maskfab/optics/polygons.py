@@ -117,7 +117,7 @@ class Boundary:
         return field
 
     def _near(self, step: float, most: int) -> int:
-        """How many frequencies on either side of 0 are summed directly."""
+        """Number of frequencies on either side of 0 that are summed directly."""
         extent = 2 * step * max(float(self.edges_um.max(initial=0.0)), -float(self.edges_um.min(initial=0.0)))
         return min(most, _MOST_NEAR, int(_NEAR_CYCLES / extent) if extent > _NEAR_CYCLES / _MOST_NEAR else _MOST_NEAR)
 

@@ -47,7 +47,7 @@ def point_step_um(camera: Camera) -> float:
 
 
 def odd_samples(width_um: float, step_um: float) -> int:
-    """How many samples, an odd number with one on the axis, fit a window of that width."""
+    """Number of samples, odd with one on the axis, that fit a window of that width."""
     return 2 * int((width_um / step_um - 1) / 2 + 1e-9) + 1
 
 
@@ -60,7 +60,7 @@ def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 
 def point_psfs(
     pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None, precision: Precision = "double"
 ) -> list[Psf]:
-    """The same at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
+    """PSFs at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
 
     With a leak the pupil is that of the openings of a binary mask, and the film's light is added.
     """
@@ -134,7 +134,7 @@ def pixel_sum_error(pixels: Psf, highest: float) -> float:
 
 
 def pixel_margin(camera: Camera) -> int:
-    """How many points beyond the window the pixel filter needs at every wavelength."""
+    """Number of points beyond the window that the pixel filter needs at every wavelength."""
     step = point_step_um(camera)
     inside = odd_samples(camera.window_um, step) // 2
     pixels = round(camera.pixel_um / step) * (odd_samples(camera.window_um, camera.pixel_um) // 2)

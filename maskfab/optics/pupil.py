@@ -37,7 +37,7 @@ _ORDERS_AT_A_TIME = 5120
 
 @dataclass(frozen=True, eq=False)
 class Pupil:
-    """What is clear inside the stop.
+    """Clear dots inside the stop.
 
     Attributes:
         x, y: lattices whose edges bound the intervals.

@@ -65,7 +65,7 @@ def rim_bands(pupil: Pupil, highest_u: float, highest_v: float) -> tuple[Band, .
 
 
 def rim_orders(pupil: Pupil, highest_u: float, highest_v: float) -> int:
-    """How many Legendre orders of the rim matter at the highest frequency; at least one.
+    """Number of Legendre orders of the rim that matter at the highest frequency; at least one.
 
     What cut dots hold in orders from P on is their clear share less the squares of the moments before (Parseval). At
     most (2P + 1) j_P² of that lies within the phase that j_P is taken at.

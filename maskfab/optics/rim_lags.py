@@ -1,4 +1,4 @@
-r"""What the shapes of cut dots add to an autocorrelation into which they enter with their mean transmissions.
+r"""Contribution of the shapes of cut dots to an autocorrelation into which they enter with their mean transmissions.
 
 A shifted cut dot meets up to four whole ones in rectangles, and what of these is clear follows from
 
@@ -59,7 +59,7 @@ class RimLags:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
-        """What a table of means, given its due at lag 0, lacks at lags [n], in square micrometres."""
+        """Correction to a table of means, given its due at lag 0, at lags [n], in square micrometres."""
         total = self._correction_um2(lag_x_um, lag_y_um)
         # Between lag 0 and the next ones the table is linear.
         at_zero = np.clip(1 - abs(lag_x_um) / self.x.dot_um, 0, None) * np.clip(
@@ -183,7 +183,7 @@ class _Shift:
 
     @property
     def intervals(self) -> Indices:
-        """How many intervals onward lies the interval met first, [n]."""
+        """Number of intervals from each one onward to the interval met first, [n]."""
         return np.asarray(np.clip(self.cells * self.lattice.period + self.dots, -self.limit, self.limit - 1))
 
     def meets(self, at: Indices, interval: Indices, step: int | Indices) -> NDArray[np.bool_]:
@@ -219,13 +219,13 @@ class _Meeting:
     where: Indices
 
     def few_at_a_time(self) -> Iterator[_Meeting]:
-        """The same, so few at a time that they stay in the fastest cache."""
+        """The meetings, so few at a time that they stay in the fastest cache."""
         for start in range(0, self.at.size, _MET_AT_A_TIME):
             some = slice(start, start + _MET_AT_A_TIME)
             yield replace(self, at=self.at[some], part=self.part[some], where=self.where[some])
 
     def with_whole_um2(self) -> Floats:
-        """What shapes change in the overlap with whole dots, for each lag."""
+        """Change of the overlap with whole dots by shapes, for each lag."""
         here, right, above, beyond = (self._transmission(j, i) for j in _NEXT for i in _NEXT)
         quarters = [each - beyond for each in (here, right, above)]
         share_x, share_y = self.along_x.edge[self.at], self.along_y.edge[self.at]
@@ -242,7 +242,7 @@ class _Meeting:
         return np.asarray(value, dtype=np.float64)
 
     def with_cut_um2(self, place: Indices, lag_um: Floats) -> Floats:
-        """What shapes change in the overlap with cut dots, for each lag.
+        """Change of the overlap with cut dots by shapes, for each lag.
 
         Args:
             place: flat index of all cut dots.
@@ -255,7 +255,7 @@ class _Meeting:
         return self._with_cut(near[k], np.searchsorted(place, met[way, k]), j[way], i[way], lag_um)
 
     def _with_cut(self, near: Indices, second: Indices, j: Indices, i: Indices, lag_um: Floats) -> Floats:
-        """The same for pairs of a meeting and a dot that lies j and i intervals on from where it is."""
+        """Change of the overlap for pairs of a meeting and a dot that lies j and i intervals on from where it is."""
         dots = self.rim.dots
         at, first = self.at[near], self.part[near]
         clear, mean = dots.transmission, dots.mean

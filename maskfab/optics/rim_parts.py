@@ -1,4 +1,4 @@
-r"""What a stop leaves of the dots that it cuts, left of lines and below others, in closed form.
+r"""Parts inside a stop of the dots that it cuts, left of lines and below others, in closed form.
 
 Stretched so that its half sides are 1, a stop is a unit disc or a square; the dark middle of an annulus is one more
 disc, taken away. Cut dots are parted at the axes, and every part is mirrored into the first quadrant. There the rim
@@ -68,7 +68,7 @@ class RimParts:
         )  # fmt: skip
 
     def excess_um2(self, part: Indices, share_x: Floats, share_y: Floats, quarters: list[Floats]) -> Floats:
-        """What quarters of parts' dots pass if they transmit unlike amounts, less the mean's share of it.
+        """Area that quarters of parts' dots pass if they transmit unlike amounts, less the mean's share of it.
 
         Args:
             part: intp [n].
@@ -99,7 +99,7 @@ class RimParts:
         return both
 
     def _before(self, x: _Line, y: _Line) -> Floats:
-        """What is clear before lines along both axes."""
+        """Clear area before lines along both axes."""
         if not self.round:
             return (np.minimum(x.place, x.on_rim) - x.low) * (np.minimum(y.place, y.on_rim) - y.low)
         # x₁ is the rim's height above the line along x.

@@ -1,4 +1,4 @@
-r"""What a sampled picture shows: the aliased modulation transfer, and how it moves with the sub-pixel phase.
+r"""MTF of a sampled picture: the aliased modulation transfer, and its change with the sub-pixel phase.
 
 Samples h((n + φ) p) of a PSF with transfer function O have the discrete transform
 

@@ -1,4 +1,4 @@
-"""What a camera looks at: distances, field, gap, aberrations and the bands of light, as a job's [scene] states them."""
+"""The scene of a camera: distances, field, gap, aberrations and the bands of light, as stated in [scene]."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _NONE: Mapping[str, str] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Scene:
-    """What the camera looks at; the defaults ask for nothing.
+    """Scene of a camera; the defaults ask for nothing.
 
     Attributes:
         nearest_um, farthest_um: distances of objects from the lens.
@@ -64,7 +64,7 @@ class Scene:
         )  # fmt: skip
 
     def through(self, blank: MaskBlank) -> Scene:
-        """The same behind the plate's glass: with the chrome away from the lens, its t/n adds to the gap."""
+        """The scene behind the plate's glass: with the chrome away from the lens, its t/n adds to the gap."""
         glass = blank.glass
         return self if glass is None or not glass.gap_um else replace(self, gap_um=self.gap_um + glass.gap_um)
 
@@ -85,7 +85,7 @@ def _bands(section: SceneSection, curves: Mapping[str, str], where: str) -> tupl
 def _illuminant(
     stated: str | float, response: Mapping[str, Curve], curves: Mapping[str, str], where: str
 ) -> Curve | None:
-    """What lights the scene; None for equal energy at all wavelengths."""
+    """Illuminant of the scene; None for equal energy at all wavelengths."""
     if stated == "equal":
         return None
     if isinstance(stated, float):

@@ -210,7 +210,7 @@ def _path(choice: Choice, task: Task) -> FieldPath:
 
 
 def _modelled_distance_um(choice: Choice, scene: Scene, object_um: float | None) -> float:
-    """How far away the object is for a choice: that of its own if defocus is modelled, else at the focus if that is."""
+    """Distance of the object for a choice: its own if defocus is modelled, else the focus distance if that is."""
     if choice.defocus and object_um is not None:
         return object_um
     return scene.focus_um if choice.scale else math.inf

@@ -276,7 +276,7 @@ def polychromatic_otf(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x:
 
 
 def polychromatic_otf_grid(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats) -> Floats:
-    """The same on a rectilinear grid, [ny, nx] from [nx] and [ny], by one sparse product along each axis.
+    """The polychromatic OTF on a rectilinear grid, [ny, nx] from [nx] and [ny], by one sparse product along each axis.
 
     Raises:
         InternalError: MF901 for a lag beyond the table's reach.

@@ -1,4 +1,4 @@
-"""What the shape of a stop alone decides: where it is, how much it loses when moved, its Strehl ratio under a phase."""
+"""Properties of a stop's shape alone: its area, its loss when moved, its Strehl ratio under a phase."""
 
 from __future__ import annotations
 

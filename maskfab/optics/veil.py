@@ -1,4 +1,4 @@
-"""What wires let pass of each dot that they cross: mean amplitude and mean power, exact for upright outlines."""
+"""Transmission of wires over each dot that they cross: mean amplitude and mean power, exact for upright outlines."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Positions:
 
     @property
     def reach_um(self) -> float:
-        """How far from the axis light comes from at most."""
+        """Largest distance from the axis at which light enters."""
         if not self.count:
             return 0.0
         coarse, fine = divmod(self.first + self.count - 1, self.fine_um.size)

@@ -1,4 +1,4 @@
-r"""How well a Wiener filter can undo the blur, from the transfer function on the sensor's square of frequencies.
+r"""Restoration by a Wiener filter, from the transfer function on the sensor's square of frequencies.
 
 With O the presampled transfer function and ε the noise-to-signal ratio, the filter O* / (|O|² + ε) restores
 

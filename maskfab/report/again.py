@@ -41,7 +41,7 @@ _NOISY = re.compile(r" design_\d+$")
 
 
 def differences(then: str, now: str, pictures: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
-    """What differs between two pages: :data:`TEXT`, the names of pictures, as ``die figure``, or :data:`NOISE`.
+    """Differences between two pages: :data:`TEXT`, the names of pictures, as ``die figure``, or :data:`NOISE`.
 
     Args:
         then: the page that is there.

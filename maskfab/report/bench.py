@@ -93,7 +93,7 @@ def case_table(outcomes: Iterable[Outcome]) -> Iterable[str]:
 
 
 def case_document(outcomes: Sequence[Outcome]) -> dict[str, Any]:
-    """The same for machines."""
+    """The outcomes of the cases as plain data."""
     rows = [
         {
             "name": o.case.name,

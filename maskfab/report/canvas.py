@@ -86,7 +86,7 @@ def img(address: str, words: str, kind: str) -> str:
 
 
 def _slim(svg: str) -> str:
-    """The same picture in fewer bytes: paths to 0.01 pt, images as palettes, the reader's own sans-serif type."""
+    """The SVG in fewer bytes: paths to 0.01 pt, images as palettes, the reader's own sans-serif type."""
     svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
     svg = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=\s]+", lambda uri: _palette(uri[0]), svg)
     svg = re.sub(r"<!--.*?-->", "", re.sub(r'<g id="[^"]*"', "<g", svg), flags=re.DOTALL)

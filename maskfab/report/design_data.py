@@ -1,4 +1,4 @@
-"""What report.json says of how a die's opening was designed: as its provenance states it, beside what was found here.
+"""The design of a die's opening in report.json: as stated in its provenance, beside what was computed here.
 
 Provenance is somebody else's text. What is missing or is no number is told as missing; numbers are never recomputed
 from it, and nothing that is measured here depends on it.
@@ -28,7 +28,7 @@ _MOST_PRICES = 40
 
 @dataclass(frozen=True)
 class Stated:
-    """What the files of one die say of their design.
+    """Design facts stated in the files of one die.
 
     Attributes:
         opening: provenance of the die's first opening.
@@ -132,7 +132,7 @@ def _designed(facts: Facts) -> bool:
 
 
 def _prices(facts: Facts) -> list[Document]:
-    """What each rule costs, in the order in which they are stated."""
+    """Costs of the rules, in the order in which they are stated."""
     names = [key for key in map(str, facts) if key.startswith("price_") and key.endswith("_db")]
     told = []
     for name in names[:_MOST_PRICES]:

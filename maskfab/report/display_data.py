@@ -1,4 +1,4 @@
-"""What report.json says of a die's display: verdict, proofs, placement, borders and wires."""
+"""A die's display in report.json: verdict, proofs, placement, borders and wires."""
 
 from __future__ import annotations
 

@@ -280,12 +280,12 @@ def _plain(die: Mapping[str, Any], folded: bool) -> list[Row]:
 
 
 def _left_out(die: Mapping[str, Any]) -> list[Row]:
-    """What is not modelled of a die, the largest first."""
+    """Effects not modelled for a die, the largest first."""
     return [row for row in die["quantities"] if row["name"].startswith(MODEL_BAR)]
 
 
 def _asked(asked: Row) -> list[tuple[str, str]]:
-    """What a scene asks for, by name; what it leaves at its default is left out."""
+    """Settings of a scene, by name; those at their default are left out."""
     said = []
     near, far, focus = (_distance(asked[key]) for key in ("nearest_um", "farthest_um", "focus_um"))
     if near != far or far != focus:

@@ -58,7 +58,7 @@ def pictures(scene: SceneOptics) -> dict[str, str]:
 
 
 def bitmaps(scene: SceneOptics) -> dict[str, bytes]:
-    """The same as PNG files."""
+    """The figures of a scene as PNG files."""
     return {name: _file(figure) for name, (figure, _) in _figures(scene).items()}
 
 

@@ -26,7 +26,7 @@ Task = tuple[Callable[..., Pictures], tuple[Any, ...]]
 
 
 def drawn(tasks: Sequence[Task], workers: int) -> list[Pictures]:
-    """What every task draws, in order; by this process if one is enough.
+    """Pictures of every task, in order; drawn by this process if one is enough.
 
     Raises:
         InternalError: MF901 with the last words of a process that fails.
@@ -69,7 +69,7 @@ def _send(tasks: Sequence[Task], process: subprocess.Popen[bytes]) -> None:
 
 
 def read_only(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
-    """What a read-only view becomes on the other side, where its own class has no name to be found by."""
+    """A read-only view for unpickling, where its own class has no name to be found by."""
     return MappingProxyType(content)
 
 

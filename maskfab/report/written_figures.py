@@ -36,7 +36,7 @@ def pictures(written: Written) -> dict[str, str]:
 
 
 def bitmaps(written: Written) -> dict[str, bytes]:
-    """The same as PNG files."""
+    """The figures of the written mask as PNG files."""
     return {f"written_{which}": _file(written, which) for which in _FIGURES}
 
 

@@ -1,4 +1,4 @@
-"""What one section of a job file alone cannot tell."""
+"""Checks of a job file that involve more than one section."""
 
 from __future__ import annotations
 

@@ -119,7 +119,7 @@ class GlassSection(Section):
 
 
 class BlankSection(Section):
-    """What [plate] says of chrome and glass; what it leaves out is no part of the model but of the model's bar.
+    """Chrome and glass of [plate]; what is left out is part of the model bar instead of the model.
 
     ``optical_density`` is that of the chrome, ``film_phase`` by how many waves the light that leaks through it lags
     behind that of the openings, at every line.
@@ -134,7 +134,7 @@ class BlankSection(Section):
         return refusing(_with_density, self)  # type: ignore[no-any-return]
 
     def mask_blank(self) -> MaskBlank:
-        """What the plate is made of, in the model's terms."""
+        """The mask blank, in the model's terms."""
         glass = None if self.glass is None else Glass(self.glass.thickness, self.glass.index, self.glass.chrome)
         return MaskBlank(self.optical_density, self.film_phase, glass)
 

@@ -1,4 +1,4 @@
-"""What mask houses publish about the data they take: one profile each, with the pages that it was read on.
+"""Profiles of mask shops: the data they accept, as published, with the pages that each was read on.
 
 A profile states facts only. What it leaves out the house does not publish, so nothing is judged by it.
 """
@@ -281,7 +281,7 @@ class Shop(Section):
 
     @property
     def layer_names(self) -> dict[str, str]:
-        """What every layer is called in DXF and OASIS, by its name on the plate."""
+        """Names of the layers in DXF and OASIS, by their names on the plate."""
         return {name: self.names.layers.get(name, name) for name in _LAYERS}
 
 

@@ -57,7 +57,7 @@ def _limit(what: str, found: int, most: int) -> None:
 
 
 def _depth(bare: str) -> int:
-    """How many brackets are open at most."""
+    """Largest number of brackets that are open at once."""
     depth = most = 0
     for found in _BRACKETS.finditer(bare):
         opens = found[0][0] in "[{"

@@ -69,7 +69,7 @@ class Workload:
 
 @dataclass(frozen=True)
 class Timing:
-    """What one contestant needed and how far off it was.
+    """Time and error of one contestant.
 
     Attributes:
         name, precision: who.

@@ -1,4 +1,4 @@
-"""How a mask file lies compared with a design: mirrored, turned, shifted, in another unit, or in the other tone.
+"""Alignment of a mask file with a design: mirrored, turned, shifted, in another unit, or in the other tone.
 
 A few windows of the design, the middle and a corner of every die and the marks, are held against the same places of
 the file under every trial of the eight symmetries of the square, the units that programs mistake for each other, the
@@ -48,7 +48,7 @@ _TURNS = {
 
 @dataclass(frozen=True)
 class Alignment:
-    """What makes a file lie like the design.
+    """Orientation, offset, scale and tone that align a file with the design.
 
     Attributes:
         turn: klayout's number of the symmetry that is applied to the file: quarter turns, plus 4 if mirrored at the
@@ -80,7 +80,7 @@ class Alignment:
         return self.differing < UNLIKE
 
     def faults(self, *, positioned: bool = True, dark: bool = False) -> tuple[str, ...]:
-        """What the file is instead of lying as the design does; empty if it does.
+        """Deviations of the file from the design's position, orientation, scale and tone; empty if there are none.
 
         Args:
             positioned: False for files that do not say where they lie, in which a shift is no fault.
@@ -107,7 +107,7 @@ class Alignment:
 
 
 def align(plate: Plate, design: db.Layout, read: db.Layout) -> Alignment:
-    """How a file lies; the simplest of the trials that differ least.
+    """The alignment of a file; the simplest of the trials that differ least.
 
     Args:
         plate: the design, or one die of it.
@@ -187,7 +187,7 @@ def _scales(whole: db.Box, file_box: db.Box, turn: int) -> list[float]:
 
 
 def likely_unit_scale(alignment: Alignment, design: db.Layout, read: db.Layout) -> float:
-    """What a unit that was mistaken for the file's makes the coordinates too small by; 1 if none was.
+    """Scale by which a mistaken unit makes the coordinates too small; 1 if none was.
 
     What is rounded far too coarsely is unlike the design in every unit; then its outline tells.
     """

@@ -1,4 +1,4 @@
-"""What was read from a file as an aperture: the share of every interval of a grid that its polygons leave clear.
+"""Aperture of a file: the clear share of every interval of a grid, from the polygons read.
 
 An interval that the stop cuts holds the share of what the stop leaves of it: what lies beyond changes nothing.
 """
@@ -59,7 +59,7 @@ def read_aperture(x: Lattice, y: Lattice, covered: Floats) -> Aperture:
 def aperture_in_stop(
     x: Lattice, y: Lattice, shapes: Shapes, edges_um: Floats, stop: Stop, axis: tuple[float, float]
 ) -> Aperture:
-    """What is clear before a stop, on lattices about its axis.
+    """Aperture before a stop, on lattices about its axis.
 
     Args:
         x, y: the lattices.

@@ -159,7 +159,8 @@ def _smallest_nm(die: Die, enough_nm: float) -> float:
 
 
 def _lengths_nm(die: Die) -> tuple[int, int]:
-    """What pixels have to divide to follow every dot: a dot, and what lies between the panel's border and the first."""
+    """Lengths that pixels have to divide to follow every dot: a dot, and the distance from the panel's border to the
+    first."""
     return die.panel.dot_nm, die.panel.gutter_nm // 2
 
 

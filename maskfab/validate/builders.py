@@ -31,7 +31,7 @@ def panel(mask: Mask, *, dot_nm: int = 8000, gutter_nm: int = 0, cells: int = 4,
 
 
 def pupil(laid_out: Panel, stop: Stop) -> Pupil:
-    """What a stop about the panel's middle leaves of it."""
+    """The pupil that a stop about the panel's middle leaves."""
     return cut(panel_aperture(laid_out, stop.diameter_um / 2), stop)
 
 

@@ -151,7 +151,8 @@ def incommensurate_gutter() -> float:
 
 
 def gutters_dot_by_dot() -> float:
-    """The same panel in a square stop that cuts no dot: matrix path against a sum over dots at whole nanometres."""
+    """Error of the matrix path against a sum over dots at whole nanometres, for the panel in a square stop that cuts no
+    dot."""
     panel = build.panel(build.noise(21, 0.2, 1), dot_nm=4030, gutter_nm=8000, cells=6, seed=1)
     u = 0.4e-3 * np.arange(33, dtype=np.float64)
     half_nm = 3 * panel.pitch_nm
@@ -185,7 +186,7 @@ def half_grid_ties() -> float:
 
 
 def far_origin() -> float:
-    """The same polygons 50 mm away from the plate's origin have the same field to the last digits."""
+    """Change of the field of polygons that lie 50 mm away from the plate's origin; 0 to the last digits."""
     panel, stop = build.panel(build.noise(6, 0.4, 3), cells=6, seed=1), Stop("circle", 250.0)
     region, away = build.clear_region(panel), (50_000_000.0, -50_000_000.0)
     fields = []

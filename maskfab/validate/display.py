@@ -1,4 +1,4 @@
-"""What is told of a die's display: emitters, borders, circuits, wires and light."""
+"""Report rows of a die's display: emitters, borders, circuits, wires and light."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How far everything in a mask file reaches: figures, texts, and what a drawing's header says of itself."""
+"""Extent of everything in a mask file: figures, texts, and the extents stated in a drawing's header."""
 
 from __future__ import annotations
 

@@ -78,11 +78,11 @@ class Drawn:
 
     @property
     def plate(self) -> Plate:
-        """What is drawn."""
+        """The plate that is drawn."""
         return self.figures.plate
 
     def account(self) -> tuple[Quantity, ...]:
-        """What was done to draw polygons that formats and readers accept, as rows of the report."""
+        """Changes made to draw polygons that formats and readers accept, as rows of the report."""
         said = self.figures.account
         counts = {
             "drawn_holes": (said.holed, f"outlines with holes, drawn by {self.figures.options.holes}"),
@@ -117,7 +117,7 @@ def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | Non
 
 @dataclass(frozen=True, eq=False)
 class ReadBack:
-    """What reading files back has shown: of layouts, the first measured further, and every row of the report.
+    """Result of reading files back: of layouts, the first measured further, and every row of the report.
 
     Only the first layout is kept; those of the others are empty, for a flat one takes a hundred megabytes.
     """
@@ -191,7 +191,7 @@ def read_back(
 
 @contextmanager
 def _ahead(made: Drawn, take: Callable[[int], _Taken]) -> Iterator[dict[str, Future[_Taken]]]:
-    """What is read beside the caller's own work, by the file's name; what was not begun is left out at the end."""
+    """Start slow reads in background threads; yields futures by file name. Unstarted reads are cancelled on exit."""
     workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
     with ThreadPoolExecutor(workers) as pool:
         slow = [number for number, each in enumerate(made.products) if Path(each.name).suffix in _READ_AHEAD]

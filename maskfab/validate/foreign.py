@@ -43,7 +43,7 @@ _MOST_TOLERATED = 0.01
 
 @dataclass(frozen=True)
 class How:
-    """How a file is to be read where it does not say so itself.
+    """Reading options of a file where it does not state them itself.
 
     Attributes:
         layer: what is clear; CLEAR or the only layer if None.

@@ -1,4 +1,4 @@
-"""How a file from elsewhere is drawn: twice, in long outlines, at an angle, under odd names, or beyond the blank."""
+"""Drawing faults of a foreign file: duplicates, long outlines, odd angles, odd names, figures beyond the blank."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ def named_cells(read: db.Layout) -> Iterator[Quantity]:
 
 @dataclass(frozen=True, eq=False)
 class Known:
-    """What is known of a file that lies upon a design.
+    """Facts known of a file that is aligned with a design.
 
     Attributes:
         design: its layout, in which nothing overlaps.
@@ -81,7 +81,7 @@ def drawn_figures(
     max_vertices: int | None,
     known: Known | None = None,
 ) -> Iterator[Quantity]:
-    """What is drawn more than once, and outlines of too many vertices, in the layout's own coordinates.
+    """Duplicate shapes, and outlines of too many vertices, in the layout's own coordinates.
 
     Args:
         layout: one top cell.
@@ -122,7 +122,7 @@ def slanted(laid: db.Layout, design: db.Layout | None) -> Quantity:
 
 
 def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
-    """How far what is drawn reaches beyond the blank.
+    """Distance by which the drawing extends beyond the blank.
 
     Args:
         plate: the design.

@@ -24,7 +24,7 @@ _UNTOLD = (
 
 @dataclass(frozen=True)
 class Ordered:
-    """What the job says of layers.
+    """Layers as stated by the job.
 
     Attributes:
         names: what its mask house calls them in DXF, by their names on the plate; empty if as there.
@@ -41,7 +41,7 @@ class Ordered:
 
 @dataclass(frozen=True)
 class LayersRead:
-    """What was read as clear.
+    """Layers that were read as clear.
 
     Attributes:
         clear: the layer, as it is called in the file; empty for files that have no layers.

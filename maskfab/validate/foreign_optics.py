@@ -1,4 +1,4 @@
-"""What a file from elsewhere does to light, die by die, against the design."""
+"""Optics of a foreign file, die by die, against the design."""
 
 from __future__ import annotations
 

@@ -43,7 +43,7 @@ _AT_A_TIME = 20_000_000
 
 @dataclass(frozen=True)
 class Asked:
-    """What is asked of a file.
+    """Rules that apply to a file.
 
     Attributes:
         rules: on what is clear, in nanometres of the plate.
@@ -158,7 +158,7 @@ def rules_of_unlike(read: db.Layout, wanted: Asked) -> Iterator[Quantity]:
 
 
 def _of_plate(plate: Plate, rules: DesignRules) -> dict[str, Broken]:
-    """What the design breaks, all its dies and marks together."""
+    """Rules broken by the design, all its dies and marks together."""
     known: dict[str, Broken] = {}
     for result in check_plate(plate, rules, most=_TOLD):
         before = known.get(result.rule, NOTHING)
@@ -233,7 +233,7 @@ def _cropped(places: db.Region, layouts: tuple[db.Layout, ...], most: int) -> tu
 
 
 def _shapes(layout: db.Layout, places: db.Region) -> db.Region:
-    """What a layout draws in some boxes, not cut at their sides."""
+    """Shapes of a layout in some boxes, not cut at their sides."""
     if places.is_empty():
         return db.Region()
     index = layout.find_layer(layer_info(CLEAR))
@@ -241,7 +241,7 @@ def _shapes(layout: db.Layout, places: db.Region) -> db.Region:
 
 
 def _look(layout: db.Layout, places: db.Region, rules: DesignRules) -> dict[str, Broken]:
-    """What breaks rules in some boxes. A ring round them is cut off with them, so that its own rim breaks nothing."""
+    """Violations in some boxes. A ring round them is cut off with them, so that its own rim breaks nothing."""
     reach = rules.reach_nm
     ring = places.sized(2 * reach + 1).merged()
     clear = merged(_shapes(layout, ring) & ring)

@@ -84,7 +84,7 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
 def _pupils(
     die: Die, camera: Camera, shapes: Shapes, edges_um: Floats, leak: Leak | None
 ) -> tuple[Pupil, Pupil, LitPupils]:
-    """What the stop leaves of what was read and of the design, one object where they are the same; and the lags."""
+    """Pupils of what was read and of the design, one object where they are the same; and the lags."""
     stop = camera.stop
     designed = panel_aperture(die.panel, stop.diameter_um / 2)
     read = aperture_in_stop(designed.x, designed.y, shapes, edges_um, stop, axis_nm(die))
@@ -191,7 +191,7 @@ def lit_pupils(openings: Aperture, pupil: Pupil, leak: Leak | None, camera: Came
 
 
 def _lags_of(pupil: Pupil, camera: Camera) -> LitPupils:
-    """The same where the film is opaque."""
+    """The lags where the film is opaque."""
     table = lag_table(pupil, longest_lag_um(camera))
     return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
 
@@ -238,7 +238,7 @@ def reach_box(die: Die, reach_um: float) -> Box:
 
 
 def read_openings(die: Die, shapes: Shapes, reach_um: float) -> Aperture:
-    """What was read back as far as a distance from the axis, on the design's own grid.
+    """Openings read back, as far as a distance from the axis, on the design's own grid.
 
     Args:
         die: the design; beyond its panel nothing is clear.

@@ -37,7 +37,7 @@ _WRITERS = ("maskfab_version", "matplotlib_version")
 
 @dataclass(frozen=True)
 class Ordered:
-    """What the papers of a package tell about.
+    """The order that the papers of a package describe.
 
     Attributes:
         job: what the plate was made of.
@@ -79,7 +79,7 @@ def papers(ordered: Ordered) -> dict[str, bytes]:
 
 
 def facts(job: Job, shop: Shop, figures: Figures) -> dict[str, Any]:
-    """What a manifest says of a package beside its files."""
+    """Facts of a package in its manifest, beside its files."""
     return {
         "schema_version": _VERSION,
         "maskfab_version": __version__,
@@ -97,7 +97,7 @@ def facts(job: Job, shop: Shop, figures: Figures) -> dict[str, Any]:
 def check_papers(
     ordered: Ordered, manifest: Mapping[str, Any], present: Collection[str], *, readable: bool
 ) -> Iterator[Quantity]:
-    """What a package says of itself, and every paper in it, against what its job and profile make.
+    """Checks of a package's own statements, and of every paper in it, against what its job and profile make.
 
     Papers are compared by the hashes of the manifest, which are held against the files elsewhere. What another version
     of maskfab wrote otherwise is a note, and so are drawings by another matplotlib: their ``passed`` is None.
@@ -185,7 +185,7 @@ def _text(said: object) -> str:
 
 
 def _remark(finding: Finding) -> str:
-    """What the house has to decide, as the order asks it."""
+    """A question for the shop to decide, as the order puts it."""
     if finding.rule == "corner_touches":
         return (
             f"Clear shapes meet by a corner only in {finding.value} places, first at {finding.place}: writers round "

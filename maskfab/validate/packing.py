@@ -42,7 +42,7 @@ _MASK_SUFFIXES = tuple(f".{MASK_TAILS[each].rpartition('.')[2]}" for each in PAC
 
 @dataclass(frozen=True)
 class Package:
-    """What came of packing.
+    """Result of packing.
 
     Attributes:
         path: the zip; None if the house would refuse the plate or a file did not read back, so that none was written.
@@ -247,7 +247,7 @@ def _as_listed(path: Path, kind: Format, digest: str) -> WrittenFile:
 
 
 def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
-    """What everything in a file spans, where the house asks for an exact extent."""
+    """Extent of everything in a file, where the shop asks for an exact extent."""
     asked = extent_nm(shop)
     if asked is not None:
         found = extent(box, asked)
@@ -313,7 +313,7 @@ def _read(path: Path) -> db.Layout:
 
 
 def _held(figures: Figures, path: Path, style: DrawingStyle) -> tuple[Box, tuple[Quantity, ...]]:
-    """What all of a file spans, and :func:`read_back`, of a file that anybody may have written, within limits."""
+    """Extent of a whole file, and :func:`read_back`, within limits, of a file from any source."""
 
     def work(_tell: Progress) -> tuple[Box, tuple[Quantity, ...]]:
         read = _read(path)
@@ -339,7 +339,7 @@ def read_back(figures: Figures, path: Path, style: DrawingStyle, read: db.Layout
 
 
 def _exposed(read: db.Layout) -> db.Layout:
-    """What a writer exposes of a file whose holes lie on a layer of their own."""
+    """The exposed layout of a file whose holes lie on a layer of their own."""
     layout = db.Layout()
     layout.dbu = DBU_UM
     top = layout.create_cell(read.top_cell().name)

@@ -60,7 +60,7 @@ class Peer:
         return None
 
     def function(self, task: Task) -> Callable[[], NDArray[np.floating[Any]]]:
-        """What computes the task; calls after the first may use what the first has kept."""
+        """The function that computes the task; calls after the first may use what the first has kept."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return self.prepare(importlib.import_module(self.module), task)

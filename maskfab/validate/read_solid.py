@@ -47,7 +47,7 @@ class ReadShape:
 
 @dataclass(frozen=True, eq=False)
 class ReadSolid:
-    """What a file holds, z away from the glass, the middle of the die's slot the origin.
+    """Content of a solid file, z away from the glass, the middle of the die's slot the origin.
 
     Attributes:
         shapes: everything that is placed.

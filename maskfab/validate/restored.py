@@ -1,4 +1,4 @@
-"""How good restored photographs are behind a die: the surrogate's prediction, and photographs simulated through it."""
+"""Restored photographs behind a die: the surrogate's prediction, and photographs simulated through it."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ RESIDUAL_DB: Mapping[int, float] = MappingProxyType({24: 0.7, 32: 0.5, 40: 1.0})
 
 @dataclass(frozen=True, eq=False)
 class Restored:
-    """What is told of the photographs behind one die.
+    """Quality of the photographs behind one die.
 
     Attributes:
         quantities: ``restored_psnr`` at every level of light.

@@ -92,7 +92,7 @@ class CdCheck:
 
 @dataclass(frozen=True, eq=False)
 class RoundTrip:
-    """What reading a file back has shown.
+    """Result of reading a file back.
 
     Attributes:
         path: the file.
@@ -237,7 +237,7 @@ def compare(
     tolerance_nm: float = 0.0,
     dots_prove: bool = False,
 ) -> RoundTrip:
-    """The same of a layout that was read already; ``path`` names it. It has one top cell.
+    """Comparison of a layout that was read already; ``path`` names it. It has one top cell.
 
     What differs on the layer CLEAR and is no wider than ``tolerance_nm`` is told apart, see
     :mod:`maskfab.geometry.slivers`, and no difference. If ``dots_prove``, no polygons are compared within a die whose
@@ -284,7 +284,7 @@ def clear_length_nm(layout: db.Layout, gauge: Gauge) -> int:
 
 
 def _xor(design: db.Layout, read: db.Layout, layer: Layer, alike: Sequence[Die] = ()) -> db.Region:
-    """What only one of two layouts covers, merged; compared in hierarchy, for most cells are alike.
+    """Symmetric difference of two layouts, merged; compared in hierarchy, for most cells are alike.
 
     Where dies are known to be alike, only what lies between them is compared.
     """
@@ -318,7 +318,7 @@ def _further_layers(read: db.Layout) -> Iterator[Layer]:
 
 
 def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
-    """What the file exposes in a box."""
+    """Exposed shapes of the file in a box."""
     clear = region(layout, CLEAR, box_nm)
     return clear if layout.find_layer(layer_info(CUT)) is None else clear - region(layout, CUT, box_nm)
 
@@ -333,7 +333,7 @@ def _deep(layout: db.Layout, layer: Layer, store: db.DeepShapeStore) -> db.Regio
 
 
 def _within(layout: db.Layout, layer: Layer, places: db.Region) -> db.Region:
-    """What is exposed in some places."""
+    """Exposed shapes in some places."""
     drawn = []
     for each in (layer, CUT) if layer is CLEAR else (layer,):
         index = layout.find_layer(layer_info(each))

@@ -196,7 +196,7 @@ class _Shown:
         )  # fmt: skip
 
     def errors(self) -> list[Quantity]:
-        """What the scene changes, what the plan is estimated to leave out, and what it does leave out."""
+        """Change of the PSF by the scene, estimated error of what the plan omits, and its measured error."""
         plan, accuracy, sampled = self.plan, self.plan.accuracy, sampling_camera(self.camera, self.scene)
         line = min(sampled.wavelengths_nm)
         here = self.psf(line, self.corner, self.farthest_off)
@@ -246,7 +246,7 @@ class _Shown:
         ]
 
     def of_field(self, field: tuple[tuple[View, ...], ...]) -> Iterable[Quantity]:
-        """What is left in the worst corner of the field after deblurring with the centre's PSF."""
+        """Residue in the worst corner of the field after deblurring with the centre's PSF."""
         if field:
             worst = max((field[y][x] for y in (0, -1) for x in (0, -1)), key=lambda view: view.residual)
             x, y = (1e-3 * coordinate for coordinate in worst.image_um)
@@ -275,7 +275,7 @@ class _Shown:
             )
 
     def of_depth(self, depth: tuple[View, ...]) -> Iterable[Quantity]:
-        """The same for the worse end of the depth range, and how far its PSF is from the one in focus."""
+        """Residue at the worse end of the depth range, and the difference of its PSF from the one in focus."""
         if not depth:
             return
         worst = max(depth, key=lambda view: view.residual)

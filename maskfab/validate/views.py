@@ -1,4 +1,4 @@
-"""What is shown of a scene: the pictures of single points over the field, the depth and the colours."""
+"""Views of a scene: the pictures of single points over the field, the depth and the colours."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class View:
 
 @dataclass(frozen=True, eq=False)
 class SceneOptics:
-    """What one die does to the pictures of a scene.
+    """Optics of a scene behind one die.
 
     Attributes:
         die: the design.

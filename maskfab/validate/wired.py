@@ -1,4 +1,4 @@
-"""What a display's wires do to the picture: the light that they leave, and how far they change the PSF."""
+"""Effect of a display's wires on the picture: the light that they leave, and the change of the PSF."""
 
 from __future__ import annotations
 

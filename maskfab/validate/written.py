@@ -259,7 +259,7 @@ def _lines(lattice: Lattice) -> Floats:
 
 
 def _kissing(vertices: _Vertices, stop: Stop) -> tuple[int, tuple[float, float]]:
-    """How many corners kiss inside the stop, and where the nearest of them to the axis is, or else any corner."""
+    """Number of touching corners inside the stop, and the place of the one nearest the axis, or else of any corner."""
     x, y = vertices.x_um, vertices.y_um[..., None, None]
     distance = np.hypot(x, y) if stop.round else np.maximum(abs(x), abs(y))
     kissing = inside(stop, x, y) & np.isin(vertices.held, (6, 9))
@@ -367,7 +367,7 @@ def _parts(vertices: _Vertices, die: Die, process: Process, where: str) -> int:
 
 
 def _margin(vertices: _Vertices, process: Process) -> int:
-    """How many parts round every cell take what grows out of it."""
+    """Number of parts round every cell that take what grows out of it."""
     return 1 if vertices.x.has_gutter and process.cd_bias_um > 0 else 0
 
 

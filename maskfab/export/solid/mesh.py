@@ -232,7 +232,7 @@ def _triangles(die: Die, chrome: Mapping[int, Mesh]) -> int:
 
 
 def _surface(alpha: float) -> dict[str, Any]:
-    """What glass and chrome look like: the same, so that it does not show which of the two a viewer takes to be nearer.
+    """Appearance of glass and chrome: the same, so that it does not show which of the two a viewer takes to be nearer.
 
     They lie 100 nm apart, less than the depth buffer of most viewers resolves for a whole die, which mottles the chrome
     with any other colour of glass. Matt and without metal they stay dark where a light shines back at the camera.

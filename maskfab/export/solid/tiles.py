@@ -45,7 +45,7 @@ class Stack:
         return self.chrome_nm * self.exaggeration
 
     def remarks(self) -> tuple[str, ...]:
-        """What a file says about its thicknesses."""
+        """Remarks of a file about its thicknesses."""
         said = f"chrome {self.chrome_nm:g} nm on {self.glass_nm / 1e6:g} mm of glass"
         return (said,) if self.exaggeration == 1 else (said, f"film drawn {self.exaggeration:g} times too thick")
 
@@ -76,7 +76,7 @@ def rotation(orientation: int) -> Floats:
 
 
 def units_in_use(panel: Panel) -> tuple[int, ...]:
-    """What at least one cell holds (8 u + k), ascending."""
+    """Entries (8 u + k) of the cells in use, ascending."""
     return tuple(int(cell) for cell in np.unique(panel.orientations))
 
 

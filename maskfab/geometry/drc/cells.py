@@ -15,7 +15,7 @@ from maskfab.model import Panel
 
 @dataclass(frozen=True, eq=False)
 class PanelCells:
-    """What the cells of a panel hold.
+    """Contents of the cells of a panel.
 
     Attributes:
         panel: the panel.
@@ -57,7 +57,7 @@ class PanelCells:
         return self.regions(np.where(raster, 0, -1)).get(0, db.Region())
 
     def regions(self, labels: Ints) -> dict[int, db.Region]:
-        """What has each label of one cell's raster, int64 [n, n], from the cell's corner; -1 is left out."""
+        """Regions by label of one cell's raster, int64 [n, n], from the cell's corner; -1 is left out."""
         edges = self.edges_nm.tolist()
         regions: dict[int, db.Region] = {}
         n = labels.shape[1]

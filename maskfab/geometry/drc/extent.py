@@ -1,4 +1,4 @@
-"""How far the written data reaches."""
+"""Extent of the written data."""
 
 from __future__ import annotations
 

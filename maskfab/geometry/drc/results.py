@@ -1,4 +1,4 @@
-"""What a rule found, over a whole panel or plate."""
+"""Result of a rule over a whole panel or plate."""
 
 from __future__ import annotations
 

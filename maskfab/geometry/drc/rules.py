@@ -1,4 +1,4 @@
-"""What a mask house asks of the data it writes."""
+"""Design rules of a mask shop for the data it writes."""
 
 from __future__ import annotations
 
@@ -79,5 +79,5 @@ class DesignRules:
 
     @property
     def reach_nm(self) -> int:
-        """How far apart two shapes may be that still meet in a rule."""
+        """Largest distance in nanometres at which two shapes can interact in a rule."""
         return max(1, self.min_width_nm or 0, self.min_space_nm or 0, self.min_notch_nm or 0)

@@ -1,4 +1,4 @@
-"""What drawing a mark gives: figures, and the gauges by which they are measured."""
+"""Result of drawing a mark: figures, and the gauges by which they are measured."""
 
 from __future__ import annotations
 

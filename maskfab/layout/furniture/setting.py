@@ -1,4 +1,4 @@
-"""What marks say, and what they are laid out to."""
+"""Texts of the marks, and the sizes they are laid out to."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is said about a pixel: a placement, a proof that there is none, or how far apart the best known of both are."""
+"""Answer about a pixel: a placement, a proof that there is none, or the bracket between the best known of both."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class Certificate:
 
 @dataclass(frozen=True, eq=False)
 class Footprint:
-    """How large three emitters can be.
+    """Bracket of the largest footprint of three emitters.
 
     Attributes:
         verdict: whether the required footprint is reached.

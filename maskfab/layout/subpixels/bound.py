@@ -1,4 +1,4 @@
-"""How large three emitters can be at most: a bound that no placement exceeds, of any shape.
+"""Upper bound of the footprint of three emitters of any shape.
 
 An emitter is a union of w x w squares joined by unit shifts, so it lies in one *piece*: the cells of squares that reach
 one another by such shifts. Say that emitters A, B, C share a piece of V cells, at a gap g.

@@ -65,7 +65,7 @@ def _members(bits: int, total: int) -> NDArray[np.bool_]:
 
 @dataclass
 class _Found:
-    """What walks from one face back to it leave on their left.
+    """Sizes that closed walks from one face enclose on their left.
 
     Attributes:
         at: by length, the sizes as bits.

@@ -122,7 +122,7 @@ def largest_gap(
     step_nm: int | None = None,
     seed: int = 0,
 ) -> LargestGap:
-    """How far apart the colours can be, by halving: what fits at a gap fits at every narrower one.
+    """Widest gap between colours, by bisection: what fits at a gap fits at every narrower one.
 
     Args:
         opening, dot_nm, gutter_nm, orientations, rules: as for ``footprint``; the rules' colour gap is not used.

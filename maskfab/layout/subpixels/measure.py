@@ -21,7 +21,7 @@ _APART, _COLUMNS = 4, 16
 
 @dataclass(frozen=True)
 class Violation:
-    """What breaks a rule.
+    """Violation of a rule.
 
     Attributes:
         rule: which one.
@@ -76,7 +76,7 @@ def _told(rule: str, shapes: db.Region, corner: tuple[int, int] | None, pitch_nm
 
 
 def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
-    """What the cells of a tile hold, and where they stand (column, row): every pair that meets, each by itself.
+    """Contents and positions (column, row) of the cells of a tile: every pair that meets, each by itself.
 
     Pairs of orientations are told apart up to quarter turns of both, pairs of several openings as they stand.
     """

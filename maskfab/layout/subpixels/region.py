@@ -61,7 +61,7 @@ def free_region(
 
 
 def relative(orientations: Iterable[int]) -> tuple[int, ...]:
-    """How neighbours stand as seen from a pixel that itself is turned, for all pairs of the orientations."""
+    """Orientations of neighbours relative to a pixel's own, for all pairs of the orientations."""
     marks = np.arange(9).reshape(3, 3)
     used = tuple(sorted(set(orientations)))
     return tuple(

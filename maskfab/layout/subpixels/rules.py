@@ -1,4 +1,4 @@
-"""What a display's maker asks of emitters, and the square grid on which these rules are whole numbers."""
+"""Emitter rules of a display maker, and the square grid on which these rules are whole numbers."""
 
 from __future__ import annotations
 

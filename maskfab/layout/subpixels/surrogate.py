@@ -1,4 +1,4 @@
-"""How much of a pixel's closed area is wide enough for emitters, with a gradient for optimisers."""
+"""Fraction of a pixel's closed area that is wide enough for emitters, with a gradient for optimisers."""
 
 from __future__ import annotations
 

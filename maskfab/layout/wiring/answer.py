@@ -19,7 +19,7 @@ from maskfab.model import ORIENTATIONS, Opening, Panel, Track
 
 @dataclass(frozen=True)
 class WireDemand:
-    """What the display's maker asks of the wires.
+    """Wires required by the display maker.
 
     Attributes:
         rules: width, space and clearance of opaque lines.
@@ -36,7 +36,7 @@ class WireDemand:
 
 @dataclass(frozen=True, eq=False)
 class Wiring:
-    """How far the pixels of a panel can be wired.
+    """Wiring of the pixels of a panel.
 
     Attributes:
         wanted: lines along each axis.

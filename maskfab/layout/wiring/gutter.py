@@ -1,4 +1,4 @@
-"""How many lines a gutter holds, how wide one must be for them, and what it costs in light."""
+"""Capacity of a gutter for lines, the width needed for them, and its cost in light."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from maskfab.errors import JobError
 
 @dataclass(frozen=True)
 class WireRules:
-    """What a maker keeps to when drawing lines; the defaults are a judgement, no source was found.
+    """Width and space rules for drawing lines; the defaults are a judgement, no source was found.
 
     Attributes:
         line_nm: width of a line.

@@ -1,4 +1,4 @@
-"""How each emitter is joined to a gutter through closed dots, or why it cannot be."""
+"""Path of each emitter to a gutter through closed dots, or the reason why there is none."""
 
 from __future__ import annotations
 
