@@ -195,7 +195,7 @@ def _foreign(
 
 
 def _read_as(found: Foreign) -> str:
-    """The layer, tone and unit with which a file was read, in one line."""
+    """Layer and tone with which a file was read, in one line."""
     layers = found.layers
     of_layer = f" on layer {layers.clear}" if layers.clear else ""
     beside = f"; not looked at, though they hold shapes: {', '.join(layers.others)}" if layers.others else ""
