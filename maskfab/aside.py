@@ -178,7 +178,7 @@ def _add(aside: Path, target: Path) -> None:
         return
     kept = next(name for name in free_name(target, "new") if _linked(aside, name))
     raise OutputError(
-        "MF404", f"{target} was written by somebody else meanwhile and stays; what was to be written lies in {kept}",
+        "MF404", f"{target} was written by another program meanwhile and is kept; the new result lies in {kept}",
         cure="Keep the one that you want",
     )  # fmt: skip
 

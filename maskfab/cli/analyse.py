@@ -140,12 +140,12 @@ def _table(text: str, option: str) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise JobError(
             "MF101",
-            f"{text!r} is no table of TOML",
+            f"{text!r} is not a TOML table",
             where=option,
             cure="Write it as --help shows",
         ) from error
     if not isinstance(found, dict):
-        raise JobError("MF105", f"{text!r} is no table", where=option, cure="Write it as --help shows")
+        raise JobError("MF105", f"{text!r} is not a table", where=option, cure="Write it as --help shows")
     return found
 
 

@@ -123,7 +123,7 @@ def _check_meant(said: Sequence[str], meant: Sequence[str], subject: str) -> Non
     if "--against" in strangers:
         cure += ": a finished directory is held against the job in it. Or name one of its mask files"
     if strangers:
-        raise JobError("MF105", f"{' '.join(strangers)} cannot be said of {subject}", where=strangers[0], cure=cure)
+        raise JobError("MF105", f"{' '.join(strangers)} does not apply to {subject}", where=strangers[0], cure=cure)
 
 
 def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, quiet: bool) -> None:

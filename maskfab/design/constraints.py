@@ -146,7 +146,7 @@ class Constraints:
         if self.kissing not in {"allowed", "cell", "neighbours"}:
             raise JobError(
                 "MF105",
-                f"kissing = {self.kissing!r} is no rule",
+                f"kissing = {self.kissing!r} is not a rule",
                 where="design.kissing",
                 cure="Use allowed, cell or neighbours",
             )

@@ -74,7 +74,7 @@ class ExpectedPsnr:
         if not (all(math.isfinite(w) and w >= 0 for w in weights) and sum(weights) > 0):
             raise JobError(
                 "MF104",
-                f"the weights {weights} are no shares",
+                f"the weights {weights} are not shares",
                 where="design.weights",
                 cure="Give one weight of 0 or more per level, at least one above 0",
             )

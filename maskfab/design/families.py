@@ -110,7 +110,7 @@ def discs(
     if allowed.size != dots * dots:
         raise JobError(
             "MF105",
-            f"what is free has {allowed.size} dots, the cell {dots} x {dots}",
+            f"the free area has {allowed.size} dots, the cell {dots} x {dots}",
             where="design.keep_out",
             cure="Give one value per dot",
         )

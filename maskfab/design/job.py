@@ -86,7 +86,7 @@ def constraints_of(section: DesignSection, *, where: str = "design") -> Constrai
     if asked.circuit == 0:
         raise JobError(
             "MF104",
-            "a circuit of 0 um2 asks for nothing",
+            "a circuit of 0 um2 has no effect",
             where=f"{where}.rules.circuit",
             cure="Give its area, or remove the key",
         )

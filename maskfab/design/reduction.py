@@ -32,7 +32,7 @@ def reduced(unit: NDArray[np.bool_], clear_dots: int, objective: Objective) -> N
             "MF104",
             f"{clear_dots} dots are to be clear, and the opening has {int(mask.sum())}",
             where="reduction",
-            cure="Choose as many or fewer",
+            cure="Choose that number or fewer",
         )
     while mask.sum() > clear_dots:
         worths = []

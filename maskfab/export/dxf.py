@@ -261,14 +261,16 @@ def _checked_names(figures: Figures, wanted: Mapping[str, str] | None, *, noted:
     lacking = [layer.name for layer in figures.layers if layer.written and layer.name not in wanted]
     if lacking:
         raise OutputError(
-            "MF414", f"the layer {lacking[0]} is written but has no name", cure="Give that layer a name as well"
+            "MF414",
+            f"the layer {lacking[0]} is written on the mask but has no name",
+            cure="Give that layer a name as well",
         )
     names = {layer: wanted[layer.name] for layer in layers if layer.name in wanted}
     for name in names.values():
         if not _LAYER_NAME.fullmatch(name) or name.upper() in _RESERVED_LAYERS:
             raise OutputError(
                 "MF414",
-                f"{name!r} is no layer name for DXF",
+                f"{name!r} is not a valid DXF layer name",
                 cure="Take 1 to 31 letters, digits, _, $ or -, and neither 0 nor DEFPOINTS",
             )
     folded = [name.upper() for name in names.values()]

@@ -187,9 +187,9 @@ def _replace(aside: Aside, place: Place) -> None:
             if kept is not None:
                 raise OutputError(
                     "MF405",
-                    f"the new result lies in {place.asked}; the old one was changed while it was replaced, and what is "
-                    f"left of it lies in {kept}",
-                    cure="Look what is of use there",
+                    f"the new result lies in {place.asked}; the old one was changed while it was replaced, and the "
+                    f"rest of it lies in {kept}",
+                    cure="Keep what you need of it, and delete the rest",
                 )
             return
         exchange(aside.path, place.path)

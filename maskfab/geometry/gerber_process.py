@@ -146,7 +146,7 @@ def _check_command(path: Path, command: str, known: re.Pattern[str], ended: bool
             "MF315",
             f"{path.name} says that its polarity is not positive ({command[:60]!r})",
             where=str(path),
-            cure="Draw dark what is clear in the chrome, and state Positive or nothing",
+            cure="Draw clear areas as dark objects, and state Positive or no polarity",
         )
     if known.fullmatch(command):
         return
@@ -220,7 +220,7 @@ class _Outlines:
                     "MF313",
                     f"{self._path.name} reaches {reach:.3g} m from its origin; the limit is 1 m",
                     where=str(self._path),
-                    cure="Check its unit, and what lies far outside",
+                    cure="Check the unit, and delete shapes far from the origin",
                 )
             yield dark, corners, sizes
 
@@ -249,7 +249,7 @@ class _Outlines:
         if hasattr(each, "x1") and type(aperture).__name__ != "CircleAperture":
             raise SourceError(
                 "MF315",
-                f"{self._path.name} draws a line with an aperture that is no circle",
+                f"{self._path.name} draws a line with an aperture that is not a circle",
                 where=str(self._path),
                 cure="Draw it as a region",
             )

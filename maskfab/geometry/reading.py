@@ -81,7 +81,7 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
     if unit_um is not None and path.suffix.lower() != ".dxf":
         raise JobError(
             "MF105",
-            f"{path.name} is no DXF, and only the unit of a DXF can be stated",
+            f"{path.name} is not a DXF; only the unit of a DXF can be stated",
             where="--unit",
             cure="Leave out --unit: other formats state their own",
         )
@@ -193,7 +193,7 @@ def _damaged(path: Path, what: str) -> SourceError:
 
 
 def _wrong_kind(path: Path, kind: str) -> SourceError:
-    return SourceError("MF304", f"{path.name} is no {kind} file", where=str(path), cure="Give it its true suffix")
+    return SourceError("MF304", f"{path.name} is not a {kind} file", where=str(path), cure="Give it its true suffix")
 
 
 def _first_bytes(path: Path, count: int) -> bytes:
@@ -419,7 +419,7 @@ class _Conversion:
                 f"{self._path.name} has an array of {columns} x {rows} with steps of 0 nm: some readers take its "
                 "copies for one",
                 where=str(self._path),
-                cure="Place once what is meant once, and the rest where it is meant",
+                cure="Place each copy once, at its own position",
             )
 
     def _offsets(self, repetition: Any) -> list[list[int]]:

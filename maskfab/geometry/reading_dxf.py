@@ -108,9 +108,9 @@ def _refuse_unseen(path: Path, told: list[str]) -> None:
     if told:
         raise SourceError(
             "MF317",
-            f"{path.name} draws {', '.join(told[:6])}; a mask has what is seen in model space only",
+            f"{path.name} draws {', '.join(told[:6])}; a mask contains visible shapes of model space only",
             where=str(path),
-            cure="Delete what is no part of the mask, draw the rest flat in model space, and show all its layers",
+            cure="Delete what is not part of the mask, draw the rest flat in model space, and show all its layers",
         )
 
 

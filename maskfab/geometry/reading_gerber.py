@@ -35,7 +35,7 @@ def read_gerber(path: Path) -> db.Layout:
     with path.open("rb") as file:
         if not _START.match(file.read(_FIRST_BYTES)):
             raise SourceError(
-                "MF304", f"{path.name} is no Gerber file", where=str(path), cure="Give it its true suffix"
+                "MF304", f"{path.name} is not a Gerber file", where=str(path), cure="Give it its true suffix"
             )
     seconds = _SECONDS_TO_START + path.stat().st_size / _BYTES_PER_SECOND
     runs, curves = read_apart(path, Path(__file__).with_name("gerber_process.py"), seconds=seconds)

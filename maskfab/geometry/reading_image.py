@@ -80,7 +80,10 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
         start = file.read(8)
     if not any(start.startswith(magic) for magic in _MAGIC[path.suffix.lower()]):
         raise SourceError(
-            "MF304", f"{path.name} is not what its suffix says", where=str(path), cure="Give it its true suffix"
+            "MF304",
+            f"the content of {path.name} does not match its suffix",
+            where=str(path),
+            cure="Give it its true suffix",
         )
     if path.suffix.lower() == ".png" and not _ends(path):
         raise _damaged(path, "it ends without IEND")
@@ -116,7 +119,7 @@ def _ends(path: Path) -> bool:
 def _unknown(path: Path) -> float:
     raise SourceError(
         "MF314",
-        f"{path.name} does not say how large its pixels are",
+        f"{path.name} does not state the size of its pixels",
         where=str(path),
         cure="State the scale, such as --dots-per-um 0.25",
     )

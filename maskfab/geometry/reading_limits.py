@@ -121,7 +121,7 @@ def check_limits(layout: db.Layout, path: Path) -> None:
             "MF313",
             f"{path.name} draws {shapes:.3g} shapes, references followed; the limit is {MOST_SHAPES:.0e}",
             where=str(path),
-            cure="Write the plate without what repeats outside of it",
+            cure="Export the plate without arrays outside of it",
         )
     _refuse_distant(layout, path)
     for layer in layout.layer_indexes():
@@ -174,7 +174,7 @@ def _refuse_distant(layout: db.Layout, path: Path) -> None:
                 "MF313",
                 f"{path.name}: cell {cell.name!r} reaches {reach / 1e9:.3g} m from its origin; the limit is 1 m",
                 where=str(path),
-                cure="Check its unit, and what lies far outside",
+                cure="Check the unit, and delete shapes far from the origin",
             )
 
 

@@ -82,7 +82,7 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
     if not (np.isfinite(radius) and np.isfinite(bias) and radius >= 0):
         raise JobError(
             "MF104",
-            f"a corner radius of {radius:g} um with a CD bias of {bias:g} um is no process",
+            f"a corner radius of {radius:g} um with a CD bias of {bias:g} um is not a valid process",
             where=where,
             cure='Give a radius of at least 0 and a finite bias, such as "1 um" and "0.1 um"',
         )

@@ -171,7 +171,7 @@ def _checked(image: Floats) -> tuple[int, int]:
     """Rows and columns of an image that can be shown."""
     if image.ndim != 3 or image.shape[2] != 3 or 0 in image.shape:
         raise JobError(
-            "MF121", f"an array of shape {image.shape} is no picture", cure="Give [rows, columns, 3], not empty"
+            "MF121", f"an array of shape {image.shape} is not a picture", cure="Give [rows, columns, 3], not empty"
         )
     if not np.isfinite(image).all() or image.min() < 0 or image.max() > 1:
         raise JobError("MF121", "a picture's light is not within 0 to 1", cure="Scale the picture to 0 to 1")

@@ -61,7 +61,7 @@ def read(path: str | Path) -> Picture:
     if image is None:
         raise SourceError(
             "MF308",
-            f"{where} is no picture: {_first_line(said_by(oiio))}",
+            f"{where} is not a picture: {_first_line(said_by(oiio))}",
             cure="Save the picture as PNG, TIFF or JPEG",
         )
     try:
@@ -177,7 +177,7 @@ def _channels(spec: Any, where: str) -> list[int]:
     except UnicodeDecodeError as error:
         raise SourceError(
             "MF303",
-            f"{where} is damaged: the name of a channel is no text",
+            f"{where} is damaged: the name of a channel is not text",
             cure="Save the picture again, as PNG or in grey or RGB",
         ) from error
     colours = [names.index(name) for name in ("R", "G", "B") if name in names]

@@ -109,7 +109,7 @@ def _refuse_too_many(rows: int, columns: int) -> None:
     if rows * columns > MOST_SEEN:
         raise JobError(
             "MF115",
-            f"from so near the eye resolves {columns} x {rows} samples of the picture, more than {MOST_SEEN}",
+            f"from this distance the eye resolves {columns} x {rows} samples of the picture, more than {MOST_SEEN}",
             where="distance, pixels",
             cure="Look from farther away, or show fewer pixels",
         )

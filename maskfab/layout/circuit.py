@@ -103,7 +103,8 @@ def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, 
     if rules.min_width_nm % emitters.cell_nm:
         raise JobError(
             "MF118",
-            f"a width of {rules.min_width_nm / 1e3:g} um is no multiple of the emitters' {emitters.cell_nm / 1e3:g} um",
+            f"a width of {rules.min_width_nm / 1e3:g} um is not a multiple of the emitters' "
+            f"{emitters.cell_nm / 1e3:g} um",
             where="circuit.min_width",
             cure="Round min_width to a multiple of that",
         )

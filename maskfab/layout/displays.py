@@ -363,7 +363,7 @@ def _check(dots: int, **lengths: int) -> None:
 def _check_multiple(dots: int, of: int) -> None:
     if dots % of:
         raise JobError(
-            "MF104", f"dots = {dots} is no multiple of {of}", where="dots", cure=f"Use {dots + of - dots % of} dots"
+            "MF104", f"dots = {dots} is not a multiple of {of}", where="dots", cure=f"Use {dots + of - dots % of} dots"
         )
 
 

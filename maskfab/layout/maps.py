@@ -308,7 +308,7 @@ def _digits(text: str, digits: str, where: str) -> NDArray[np.int8]:
             "MF115",
             f"the map is {len(rows)} x {width} cells; the limit is {_MOST_CELLS} along a side",
             where=where,
-            cure="Draw what lies over the stop",
+            cure="Draw only the cells over the stop",
         )
     return np.array([[digits.index(character) for character in row] for _, row in reversed(rows)], dtype=np.int8)
 
@@ -333,7 +333,7 @@ def _shifts(stated: object, where: str) -> tuple[Shift, ...]:
         not isinstance(pair, list) or len(pair) != 2 or not all(map(whole, pair)) for pair in stated
     ):
         raise JobError(
-            "MF105", "shifts is no list of pairs of whole numbers", where=where, cure="Write [[0, 0], [2, 0]]"
+            "MF105", "shifts is not a list of pairs of whole numbers", where=where, cure="Write [[0, 0], [2, 0]]"
         )
     if len(stated) > MOST_OPENINGS:
         raise JobError("MF122", f"{len(stated)} shifts are more than {MOST_OPENINGS}", where=where, cure="Use fewer")

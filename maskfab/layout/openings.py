@@ -198,8 +198,8 @@ def dot_of_pitch(pitch: object, dots: int, *, where: str = "") -> int:
         below, above = (f"{d * dots / NM_PER_UM:g} um" for d in (dot_nm, dot_nm + 1))
         raise JobError(
             "MF106",
-            f"pitch {pitch_nm / NM_PER_UM:.15g} um is no multiple of {dots} dots of whole nanometres: one dot would be "
-            f"{pitch_nm / dots:.4f} nm",
+            f"pitch {pitch_nm / NM_PER_UM:.15g} um is not a multiple of {dots} dots of whole nanometres: one dot would "
+            f"be {pitch_nm / dots:.4f} nm",
             where=where,
             cure=f"Use a pitch of {above}" + (f" or {below}" if dot_nm else ""),
         )

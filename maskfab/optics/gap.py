@@ -66,7 +66,7 @@ def shift_um(camera: Camera, gap_um: float, image_um: Place, distance_um: float 
         JobError: MF104 for a gap that is negative or not finite.
     """
     if not (math.isfinite(gap_um) and gap_um >= 0):
-        raise JobError("MF104", f"a gap of {gap_um:g} um is no distance", cure="Give 0 um or more")
+        raise JobError("MF104", f"a gap of {gap_um:g} um is not a distance", cure="Give 0 um or more")
     distance = camera.focal_um if distance_um is None else distance_um
     return gap_um * image_um[0] / distance, gap_um * image_um[1] / distance
 

@@ -92,7 +92,7 @@ def aliased_mtf(
         InternalError: MF901 if the table's reach is short.
     """
     if phases < 1:
-        raise JobError("MF104", f"{phases} sub-pixel phases are none", cure="Give 1 phase or more")
+        raise JobError("MF104", f"{phases} sub-pixel phases are too few", cure="Give 1 phase or more")
     wanted_x, wanted_y = np.append(nu_x, 0.0), np.append(nu_y, 0.0)
     orders_x, orders_y = (_orders(camera, spectrum, nu) for nu in (wanted_x, wanted_y))
     alias_x = wanted_x + orders_x[:, None] / camera.pixel_um

@@ -103,7 +103,7 @@ def check_method(document: object, where: str) -> None:
     if method not in METHODS:
         raise JobError(
             "MF105",
-            f"design.method = {method!r} is no method of design",
+            f"design.method = {method!r} is not a design method",
             where=f"{where}: design.method",
             cure=f"Use {' or '.join(map(repr, METHODS))}",
         )
@@ -160,7 +160,7 @@ def _check_search(design: SearchSection, where: str) -> None:
         if idle[key] and each in stated:
             raise JobError(
                 "MF105",
-                f"{key} = {getattr(design, key)!r} leaves {each} nothing to do",
+                f"{key} = {getattr(design, key)!r} makes {each} useless",
                 where=f"{where}.{each}",
                 cure=f"Remove {each}, or {key}",
             )

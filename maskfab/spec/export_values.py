@@ -29,7 +29,7 @@ def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
     if formats[0] not in MASK_FORMATS:
         raise JobError(
             "MF105",
-            f"{list(formats)}: the optics are measured from the first file, and {formats[0]} is no layout for that",
+            f"{list(formats)}: the optics are measured from the first file, and {formats[0]} cannot be measured",
             cure=f"Put one of {', '.join(MASK_FORMATS)} first",
         )
     if len(set(formats)) < len(formats):

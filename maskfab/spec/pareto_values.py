@@ -26,7 +26,7 @@ def _listed(value: object) -> object:
     ):
         raise JobError(
             "MF105",
-            f"{value!r} is no range of whole numbers from 1 upwards",
+            f"{value!r} is not a range of whole numbers from 1 upwards",
             cure="Write { from = 60, to = 110, step = 10 }, or a list",
         )
     # One more than may be is enough to be refused.

@@ -51,7 +51,7 @@ def _accuracy(value: object) -> float:
         return ACCURACIES[value]
     names = ", ".join(f'"{name}"' for name in ACCURACIES)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise JobError("MF105", f"{value!r} is no accuracy", cure=f"Use {names} or a number between 0 and 1")
+        raise JobError("MF105", f"{value!r} is not an accuracy", cure=f"Use {names} or a number between 0 and 1")
     if not 0 < value < 1:
         raise JobError("MF104", f"{value!r} is outside 0 to 1", cure=f"Use {names} or a ratio such as 1e-3")
     return float(value)
@@ -73,7 +73,7 @@ def _aberrations(value: object) -> tuple[tuple[int, float], ...]:
         if not math.isfinite(waves):
             raise JobError("MF104", f"{pair!r} has a coefficient that is not finite", cure=cure)
         if term in (known for known, _ in found):
-            raise JobError("MF105", f"{pair!r} gives Noll's term {term} once more", cure="Give every term once")
+            raise JobError("MF105", f"{pair!r} repeats Noll's term {term}", cure="Give every term once")
         found.append((term, float(waves)))
     return tuple(found)
 
@@ -85,7 +85,9 @@ def is_table(name: str) -> bool:
 
 def _spectrum(value: object) -> str:
     if not isinstance(value, str) or not (value in ("lines", "rgb") or is_table(value)):
-        raise JobError("MF105", f"{value!r} is no spectrum", cure='Use "lines", "rgb" or a file such as "camera.csv"')
+        raise JobError(
+            "MF105", f"{value!r} is not a spectrum", cure='Use "lines", "rgb" or a file such as "camera.csv"'
+        )
     return value
 
 
@@ -96,7 +98,7 @@ def _illuminant(value: object) -> str | float:
     cure = 'Use "equal", a temperature such as "6500 K" or a file such as "light.csv"'
     found = None if isinstance(value, bool) else _TEMPERATURE.fullmatch(str(value))
     if found is None:
-        raise JobError("MF105", f"{value!r} is no illuminant", cure=cure)
+        raise JobError("MF105", f"{value!r} is not an illuminant", cure=cure)
     if found[2] != "K":
         problem = "no unit" if not found[2] else f"the unit {found[2]!r}, which is no kelvin"
         raise JobError("MF103", f"{value!r} has {problem}", cure=cure)

@@ -143,7 +143,7 @@ def _with_density(section: BlankSection) -> BlankSection:
     if section.film_phase is not None and section.optical_density is None:
         raise JobError(
             "MF105",
-            "film_phase is that of a leak which nothing states",
+            "film_phase is given without optical_density",
             cure="Add optical_density, such as 3, or remove film_phase",
         )
     return section

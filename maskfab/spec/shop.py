@@ -321,7 +321,7 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
     except (ValueError, RecursionError) as error:
         raise OutputError(
             "MF421",
-            f"the profile is no valid TOML: {error}",
+            f"the profile is not valid TOML: {error}",
             where=where,
             cure="Correct the TOML there: close quotes and brackets, give every key one value",
         ) from error

@@ -34,7 +34,7 @@ def _corners(value: object) -> tuple[Corner, ...]:
             touch, corners that coincide, or fewer than three; MF115 for more than 256.
     """
     if not isinstance(value, list | tuple) or not all(isinstance(p, list | tuple) and len(p) == 2 for p in value):
-        raise JobError("MF105", f"{value!r} is no list of pairs", cure=_CURE)
+        raise JobError("MF105", f"{value!r} is not a list of pairs", cure=_CURE)
     if len(value) < 3:
         raise JobError("MF132", f"{len(value)} corners hold no area; 3 are needed", cure=_CURE)
     if len(value) > _MOST_CORNERS:
@@ -50,7 +50,7 @@ def _refuse_crossing(corners: Sequence[Corner]) -> None:
     sides = list(zip(corners, (*corners[1:], *corners[:1]), strict=True))
     for k, first in enumerate(sides):
         if first[0] == first[1]:
-            raise JobError("MF132", f"corner {k + 1} and the next are one place", cure="Remove one of the two corners")
+            raise JobError("MF132", f"corner {k + 1} and the next coincide", cure="Remove one of the two corners")
         for j in range(k + 1, len(sides)):
             second = sides[j]
             if j == k + 1 or (k == 0 and j == len(sides) - 1):

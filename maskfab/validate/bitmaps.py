@@ -118,7 +118,7 @@ def _compared(path: Path, clear: Floats, dots_per_um: float) -> tuple[int, float
     if stated is None:
         raise SourceError(
             "MF314",
-            f"{path.name} does not say how large its pixels are",
+            f"{path.name} does not state the size of its pixels",
             where=str(path),
             cure="Run the job again to rewrite it",
         )

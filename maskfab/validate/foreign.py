@@ -196,7 +196,7 @@ def _check_tolerance(plate: Plate, tolerance_nm: float) -> None:
             "MF104",
             f"a tolerance of {tolerance_nm:g} nm is more than {largest:g} nm, a hundredth of the smallest dot",
             where="--tolerance",
-            cure="State a smaller one: 1 nm is what fractures into trapezoids need",
+            cure="Give a smaller one; 1 nm is enough for data fractured into trapezoids",
         )
 
 

@@ -37,7 +37,7 @@ def read_svg(path: Path) -> db.Layout:
     except (ElementTree.ParseError, InvalidOperation, AttributeError, LookupError, ValueError, TypeError) as error:
         raise SourceError(
             "MF303",
-            f"{path.name} is no SVG of a plate: {error!r}",
+            f"{path.name} is not an SVG of a plate: {error!r}",
             where=str(path),
             cure="Run the job again to rewrite it",
         ) from error

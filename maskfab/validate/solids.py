@@ -107,7 +107,7 @@ def _read(die: Die, path: Path) -> tuple[ReadSolid, str]:
         return read_stl(path, die), TRIMESH
     raise SourceError(
         "MF308",
-        f"{path.name} is no STEP, GLB, 3MF or STL file",
+        f"{path.name} is not a STEP, GLB, 3MF or STL file",
         where=str(path),
         cure="Give a file that ends in .step, .glb, .3mf or .stl",
     )

@@ -262,7 +262,7 @@ def test_a_line_on_no_layer_is_refused(tmp_path):
 def test_files_that_state_their_unit_take_no_other(tmp_path, suffix):
     path = tmp_path / f"x.{suffix}"
     path.write_bytes(b"1234")
-    with pytest.raises(JobError, match=r"MF105 x\..* is no DXF.*--unit"):
+    with pytest.raises(JobError, match=r"MF105 x\..* is not a DXF.*--unit"):
         read_layout(path, unit_um=1.0)
 
 
