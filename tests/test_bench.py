@@ -46,8 +46,8 @@ def test_a_peer_that_cannot_race_is_told_with_the_reason(
     lame = Peer("lame_peer", "lame", "double", PEERS[0].prepare)
     monkeypatch.setattr("maskfab.validate.accuracy.PEERS", (nobody, lame))
     told = "\n".join(race_table(timings, {"double": 1.0}, absent()))
-    assert "not raced: nobody, not installed" in told
-    assert "not raced: lame, installed, but does not import: No module named 'a_thing_that_is_not_there'" in told
+    assert "not compared: nobody, not installed" in told
+    assert "not compared: lame, installed, but does not import: No module named 'a_thing_that_is_not_there'" in told
 
 
 def test_a_peer_keeps_what_it_can_between_calls() -> None:

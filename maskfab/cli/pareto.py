@@ -108,8 +108,8 @@ def _lines(found: Pareto, named: Named) -> list[str]:
             continue
         cut = "" if curve.complete else "; the budget ended it"
         lines.append(
-            f"{curve.clear_dots} clear dots ({curve.front[0].open_ratio:.1%} open): {curve.evaluated} openings judged, "
-            f"{curve.measured} footprints measured{cut}"
+            f"{curve.clear_dots} clear dots ({curve.front[0].open_ratio:.1%} open): {curve.evaluated} openings "
+            f"evaluated, {curve.measured} footprints measured{cut}"
         )
         lines += [
             f"  {'*' if id(each) in best else ' '} {_told(each)}  {names[id(each)]}: {each.shape}"
@@ -118,9 +118,9 @@ def _lines(found: Pareto, named: Named) -> list[str]:
     for each in found.compared:
         gain = found.gain_db(each)
         more = (
-            "nothing found has as much room at no more light"
+            "nothing found has that footprint at no more clear dots"
             if gain is None
-            else f"the best found gains {gain:+.2f} dB"
+            else f"the front is {gain:+.2f} dB better"
         )
         lines.append(f"    {_told(each)}  {each.shape}, {each.open_ratio:.1%} open; {more}")
     return lines

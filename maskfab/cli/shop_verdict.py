@@ -36,7 +36,7 @@ def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> N
         typer.echo(plain(finding))
     refused = [each for each in findings if each.passed is False]
     for source in dict.fromkeys(each.source for each in refused if each.source):
-        typer.echo(plain(f"rules as read on {source}"), err=True)
+        typer.echo(plain(f"source of the rules: {source}"), err=True)
     verdict = "PASS" if passed else "REFUSED"
     typer.echo(plain(f"{verdict}: {len(refused)} of {len(findings)} rules of {shop} broken"), err=True)
 

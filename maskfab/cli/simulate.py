@@ -67,7 +67,10 @@ def simulate(
                 raise
     if not laid:
         raise JobError(
-            "MF122", f"protocol {protocol.upper()} can judge no die", where=str(job), cure="Add --die NAME to see why"
+            "MF122",
+            f"protocol {protocol.upper()} supports no die of the job",
+            where=str(job),
+            cure="Add --die NAME to see why",
         )
     names = [each.name for each in laid]
     check_dies([reference] if reference else (), names)

@@ -63,14 +63,14 @@ def verify(
     if shop is not None:
         raise JobError(
             "MF105",
-            f"--shop {shop} is for packages, and {subject.name} is none",
+            f"--shop {shop} applies to packages only, and {subject.name} is not one",
             where="--shop",
             cure="Name a .zip that maskfab package wrote, or leave --shop out",
         )
     if against is None and os.path.isfile(subject):
         raise JobError(
             "MF105",
-            f"{subject.name} is a file, and no job is named to hold it against",
+            f"no job is given to compare {subject.name} with",
             where="--against",
             cure="Add --against JOB.toml, or name the --out of a finished run",
         )
@@ -130,7 +130,7 @@ def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, 
     if against is None and shop is not None:
         raise JobError(
             "MF105",
-            "--against is missing: a package is drawn again from its job for its shop",
+            "--against is missing: with --shop the package is rebuilt from its job",
             where="--against",
             cure="Add --against JOB.toml, or leave --shop out: the package holds its job and its shop",
         )
@@ -198,8 +198,8 @@ def _read_as(found: Foreign) -> str:
     """Layer and tone with which a file was read, in one line."""
     layers = found.layers
     of_layer = f" on layer {layers.clear}" if layers.clear else ""
-    beside = f"; not looked at, though they hold shapes: {', '.join(layers.others)}" if layers.others else ""
-    return f"{found.path.name}: what is drawn{of_layer} is {'opaque' if found.dark else 'clear'}{beside}"
+    beside = f"; ignored layers with shapes: {', '.join(layers.others)}" if layers.others else ""
+    return f"{found.path.name}: polygons{of_layer} are {'opaque' if found.dark else 'clear'}{beside}"
 
 
 def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:

@@ -30,7 +30,7 @@ from maskfab.progress import Progress, silent
 
 Mask = NDArray[np.bool_]
 Objective = Callable[[Mask], float]
-"""What an opening, bool [dots, dots], is worth; higher is better. In dB where it is an expected PSNR."""
+"""Value of an opening, bool [dots, dots]; higher is better. In dB where it is an expected PSNR."""
 
 Move = Literal["swap", "border", "segment", "shift"]
 MOVES: tuple[Move, ...] = get_args(Move)

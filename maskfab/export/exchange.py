@@ -11,11 +11,11 @@ from pathlib import Path
 from maskfab.aside import free_name, make
 
 OLD = ".old"
-"""How the third name ends; the folder of that name holds the second under its own."""
+"""Ending of the third name; the folder of that name holds the second under its own."""
 _HERE, _EXCHANGE = -100, 2
 """AT_FDCWD and RENAME_EXCHANGE of renameat2(2)."""
 _UNKNOWN = frozenset({errno.ENOSYS, errno.EINVAL, errno.EPERM, errno.EOPNOTSUPP})
-"""How systems refuse to exchange names; EPERM is a sandbox's word for a call that it does not know."""
+"""Errors of systems that cannot exchange names; EPERM is a sandbox's word for a call that it does not know."""
 
 
 def exchange(one: Path, other: Path) -> None:

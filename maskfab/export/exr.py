@@ -16,7 +16,7 @@ Fact: TypeAlias = str | float
 Facts: TypeAlias = Mapping[str, Fact]
 
 PREFIX = "maskfab:"
-"""What the names of our entries in a header begin with."""
+"""Prefix of the names of our entries in a header."""
 
 
 def write_channels(

@@ -34,7 +34,7 @@ _ALWAYS: tuple[OrderField, ...] = (
     "mask_name", "tone", "parity", "min_cd_and_location", "grid", "blank", "centred", "units", "design_layers",
     "display_work", "comments",
 )  # fmt: skip
-"""What every writer must know, whether its form asks for it or not."""
+"""Fields that every writer must know, whether its form asks for them or not."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ _DAMAGE = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, IndexError,
     OSError,
 )  # fmt: skip
-"""What zipfile raises over archives that are damaged somewhere."""
+"""Errors that zipfile raises for damaged archives."""
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
 

@@ -47,7 +47,7 @@ MASK_TAILS: Mapping[str, str] = {
     "gerber": ".gbr",
     "svg": ".svg",
 }
-"""What a file that holds a whole plate is called beyond the plate's name, by format."""
+"""Ending of the file name of a whole plate, after the plate's name, by format."""
 _DIE_SUFFIX: Mapping[str, str] = {
     "step": ".step",
     "glb": ".glb",

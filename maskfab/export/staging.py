@@ -19,9 +19,9 @@ from maskfab.export.finished import Finished, discard, finished
 
 _NO_ROOM = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO, errno.EROFS})
 _TAKEN = frozenset({errno.ENOTEMPTY, errno.EEXIST, errno.ENOTDIR})
-"""How the system refuses to give a folder the name of what is not an empty folder."""
+"""Errors of the system for giving a folder the name of what is not an empty folder."""
 _NEW, _TURN = ".partial", ".turn"
-"""How the hidden name ends of what is not finished, which may be removed whole, and of one result while it exchanges
+"""Endings of the hidden names of what is not finished, which may be removed whole, and of one result while it exchanges
 names with another: of whichever has it then, nothing may be removed that its manifest does not know.
 """
 _PATIENCE_S = 60.0

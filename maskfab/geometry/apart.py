@@ -13,7 +13,7 @@ from maskfab.errors import MaskfabError, SourceError
 from maskfab.geometry.limits import allow, children_seconds
 
 _TOOK_TOO_LONG = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
-"""How the system ends a process that has had its share."""
+"""Signals with which the system ends a process at its limit."""
 
 
 def read_apart(path: Path, script: Path, *arguments: str, seconds: float) -> Any:

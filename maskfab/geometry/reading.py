@@ -544,7 +544,7 @@ def _checked_dxf_unit(path: Path, data: bytes) -> int:
 
 
 GERBER_SUFFIXES = frozenset({".gbr", ".ger"})
-"""What files without layers end in."""
+"""Suffixes of files without layers."""
 
 _READERS: dict[str, Callable[[Path], db.Layout]] = {
     **dict.fromkeys((".gds", ".gdsii", ".gds2"), _read_gdsii),
@@ -554,4 +554,4 @@ _READERS: dict[str, Callable[[Path], db.Layout]] = {
 }
 
 LAYOUT_SUFFIXES = frozenset(_READERS)
-"""What the files that :func:`read_layout` reads end in."""
+"""Suffixes of the files that :func:`read_layout` reads."""

@@ -32,7 +32,7 @@ TRIM = 64
 """Pixels left out at each edge of the inner frame."""
 LEVELS = (24, 32, 40)
 ASSUMED = "protocol F1's own camera, an opaque film and no glass, whatever the job says of its camera and plate"
-"""What photographs take for granted."""
+"""Assumptions of the photographs."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ PHASED = "phased"
 SPECTRUM = "angular spectrum"
 
 GAP_SAMPLES = (1, 2, 4, 8, 16, 32)
-"""How many samples per dot a field over a gap may have."""
+"""Numbers of samples per dot that a field over a gap may have."""
 
 # Samples err where the stop cuts them, hence by its edge's share of the area, one sample wide, and by how openings
 # crowd it; an even field has no such error, so by its unevenness. Edges that follow the dots meet theirs and err in

@@ -48,7 +48,7 @@ MOST_GAP_SAMPLES = 64_000_000
 """As many samples as a propagated field may have."""
 
 MOST_WAVES_PER_SAMPLE = 0.125
-"""How fast a phase may turn in the stop's plane."""
+"""Largest change of a phase between samples in the stop's plane."""
 
 _SAMPLES_PER_DOT = 4
 

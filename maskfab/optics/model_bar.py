@@ -41,16 +41,16 @@ Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
 
 MODEL_BAR = "model_"
-"""How the names of the bar's rows begin."""
+"""Prefix of the names of the bar's rows."""
 
 ASSUMED_DENSITY = 3.0
-"""What mask houses promise of chrome, at the lines of exposure; in visible light it is seldom told."""
+"""Optical density of chrome that mask shops guarantee, at the lines of exposure; seldom stated for visible light."""
 
 ASSUMED_GLASS = Glass(2286.0, 1.46, "away")
 """A plate of 90 mil of fused silica, on the worse side."""
 
 ASSUMED_BIAS_UM = 0.2
-"""What houses for plates of a few micrometres promise of widths, in all."""
+"""Total CD tolerance of shops for plates of a few micrometres."""
 
 CHROME_REFLECTS = 0.6
 """Share of visible light that bright chrome throws back; with an antireflective coat a tenth."""
@@ -59,7 +59,7 @@ _MOST_GAP_SIDE = 600
 """Dots across the stop that a gap is tried on, about; finer ones are gathered in squares."""
 
 _GAP_DETAIL = 10
-"""The same along what is as wide as the window's edge tells apart: finer dots throw light that misses the window."""
+"""Dots along the finest width that the window's edge resolves: finer dots throw light that misses the window."""
 
 _EVERY = 2
 """Of the PSF's samples along each axis one in so many is looked at: the field's own Nyquist distance, about."""

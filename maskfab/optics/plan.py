@@ -27,7 +27,7 @@ from maskfab.optics.pupil import cut
 from maskfab.optics.scene import Scene
 
 AT_MOST = "at most"
-"""What errors of a plan are in its document: with their safety they may be far above the truth, and not below it."""
+"""Qualifier of a plan's errors in its document: with their safety they may be far above the truth, and not below it."""
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ Indices = NDArray[np.intp]
 Range = tuple[Indices, Indices]
 
 RIM_ORDERS = 10
-"""How many Legendre orders a cut dot gets at once, enough for most cameras; :meth:`Pupil.moments` gives any number."""
+"""Legendre orders that a cut dot gets at once, enough for most cameras; :meth:`Pupil.moments` gives any number."""
 
 _SLICE_NODES = 12
 _SLICES = 3

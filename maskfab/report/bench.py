@@ -47,7 +47,7 @@ def race_table(timings: Iterable[Timing], bound_ms: Mapping[str, float], absent:
             f"{t.error:14.1e}  {t.error_with_dots:15.1e}"
         )
     bounds = ", ".join(f"{value:.2f} ms {precision}" for precision, value in bound_ms.items())
-    lines += [f"not raced: {name}, {reason}" for name, reason in absent.items()]
+    lines += [f"not compared: {name}, {reason}" for name, reason in absent.items()]
     return [
         *lines,
         "processor time on one thread; cold: a first call and what it sets up, warm: the next",

@@ -87,10 +87,10 @@ _RARELY_READ = frozenset(
         "orders_lowest_five_incident",
     }
 )
-"""What the page folds, unless it failed."""
+"""Rows that the page folds, unless they failed."""
 
 _RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "psf_file_", "solid_")
-"""The same, by how names begin: a die has such rows for every file of its own."""
+"""Prefixes of further rows that it folds: a die has such rows for every file of its own."""
 
 _COLUMNS = (
     Column("open_ratio", "Open ratio", "worst"),

@@ -14,7 +14,7 @@ FileFormat: TypeAlias = Literal[
     "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff", "exr"
 ]
 MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
-"""What a plate becomes if a job asks for nothing, and what its optics can be measured from."""
+"""Default formats of a plate, and those from which its optics can be measured."""
 
 MOST_DOTS_PER_UM = 100
 """Pixels of a PNG or a TIFF in a micrometre."""

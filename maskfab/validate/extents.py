@@ -13,7 +13,7 @@ from maskfab.model import Box
 _HEADER_BYTES = 1_000_000
 _HEADER = re.compile(rb"\$EXTMIN\s+10\s+(\S+)\s+20\s+(\S+)\s.*?\$EXTMAX\s+10\s+(\S+)\s+20\s+(\S+)\s", re.DOTALL)
 _BELOW = 0.3
-"""How far letters reach below their base line, in their heights."""
+"""Descent of letters below their base line, in their heights."""
 
 _FAR = 2**31 - 1
 

@@ -31,7 +31,7 @@ MOST_LOOKED = 200_000
 """Shapes that are flattened for the rules of a file that is the design, or nearly."""
 
 MOST_LOOKED_ALONE = 15_000
-"""The same for a file that is not: it fails, whatever its rules."""
+"""Limit for a file that is not: it fails, whatever its rules."""
 
 _TOLD = 4
 _SAMPLE = 1000

@@ -22,16 +22,16 @@ from maskfab.spec.shop import Format, Shop, dump_shop
 from maskfab.validate.shop import Finding
 
 PROFILE = "shop.toml"
-"""What a package calls the profile of the house that it is for."""
+"""Name in a package of the profile of its shop."""
 JOB_COPY = "job.json"
-"""What a package calls the job that it was made of, with everything that the job names."""
+"""Name in a package of its job, with everything that the job names."""
 CERTIFICATE = "certificate.json"
-"""What a package calls the rules that it was judged by, and what reading its files back has shown."""
+"""Name in a package of the rules it was checked against, and of the result of reading its files back."""
 _VERSION = 2
 _SOURCES = (JOB_COPY, PROFILE)
 _DRAWINGS = ("plate.svg", "plate.pdf")
 _LASTING = ("plate", "shop", "job_hash", "tone", "parity")
-"""What a manifest says in the same words whatever version wrote it."""
+"""Entries of a manifest that do not depend on the version that wrote it."""
 _WRITERS = ("maskfab_version", "matplotlib_version")
 
 

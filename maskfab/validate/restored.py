@@ -25,7 +25,7 @@ from maskfab.units import NM_PER_UM
 SHOWN_LEVELS = (24, 40)
 """Levels at which photographs are taken, dB: little light and much."""
 CROP = Crop(144, 192)
-"""What is shown of them."""
+"""Part of the photographs that is shown."""
 
 _SAME_UM = 1e-6
 

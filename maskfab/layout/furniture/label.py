@@ -9,7 +9,7 @@ _HEIGHT_NM = 400_000
 _GAP_NM = 200_000
 
 LABEL_NM = _GAP_NM + _HEIGHT_NM
-"""What a label takes below a die's slot."""
+"""Height that a label needs below a die's slot."""
 
 
 def label(die: Die) -> Furniture:
