@@ -28,7 +28,7 @@ class Section(BaseModel):
 
 
 class JobSection(Section):
-    """[job]: what the plate is called."""
+    """[job]: name and title of the plate."""
 
     name: Name
     title: DrawnText = Field(max_length=80)
@@ -97,7 +97,7 @@ def _whole(section: StopSection) -> StopSection:
 
 
 class CameraSection(Section):
-    """[camera]: what looks through the panel, and how much of the sensor around the axis is looked at."""
+    """[camera]: the camera behind the panel, and the window of the sensor around the axis."""
 
     focal: Length
     stop: StopSection
@@ -121,8 +121,8 @@ class GlassSection(Section):
 class BlankSection(Section):
     """Chrome and glass of [plate]; what is left out is part of the model bar instead of the model.
 
-    ``optical_density`` is that of the chrome, ``film_phase`` by how many waves the light that leaks through it lags
-    behind that of the openings, at every line.
+    ``optical_density`` is that of the chrome, ``film_phase`` the phase lag, in waves, of
+    the light that leaks through it, the same at every line.
     """
 
     optical_density: float | None = Field(default=None, gt=0, le=12, allow_inf_nan=False)
@@ -152,8 +152,8 @@ def _with_density(section: BlankSection) -> BlankSection:
 class PlateSection(BlankSection):
     """[plate]: the blank and how dies are arranged on it.
 
-    ``template`` names a file of export_templates/plates/ that says the blank, its writable area and the marks on it;
-    ``blank`` and ``writable`` may then be left out. Without one they are needed.
+    ``template`` names a file of export_templates/plates/ that states the blank, its writable area and its marks;
+    without one, ``blank`` and ``writable`` are required.
     """
 
     template: str | None = None
@@ -165,7 +165,7 @@ class PlateSection(BlankSection):
 
 
 class LimitsSection(Section):
-    """[limits]: what a die must keep to; what is left out is reported without judgement."""
+    """[limits]: limits of every die; quantities without a limit are reported without a verdict."""
 
     corner_touches: int | None = Field(default=None, ge=0)
     min_feature: Length | None = None
@@ -176,7 +176,7 @@ class DieSection(Section):
     """[[die]]: one opening laid out as one panel.
 
     ``opening`` is a key of [openings], or the path of a file relative to the job file; ``opening_layer`` and
-    ``opening_cell`` say where in a layout file it is. ``others`` are further openings: every cell draws one of all.
+    ``opening_cell`` locate it in a layout file. ``others`` are further openings: every cell draws one of all.
     ``map``, for the tiling of that name, is a key of [maps] or the path of a file.
     """
 
@@ -195,7 +195,7 @@ class DieSection(Section):
 
 
 class RulesSection(Section):
-    """design.rules: what the opening must keep; see :class:`maskfab.design.constraints.Constraints` for each.
+    """design.rules: rules of the opening; see :class:`maskfab.design.constraints.Constraints` for each.
 
     ``rim_dots`` is the gutter, half of it on each side: cells meet with twice as many closed dots between them.
     ``footprint`` is the least share of the pixel that each colour's emitter covers; ``gap_to_opening``, ``colour_gap``
@@ -223,7 +223,7 @@ class RulesSection(Section):
 class DesignSection(Section):
     """[design]: an opening to be found, by either method.
 
-    ``clear_dots`` are met exactly and ``rules`` are kept, whatever the method. ``output`` is a path relative to the job
+    ``clear_dots`` and ``rules`` are met exactly by either method. ``output`` is a path relative to the job
     file.
     """
 
@@ -387,16 +387,15 @@ DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references
 
 
 class ExportSection(Section):
-    """[export]: which files a plate becomes, and how their polygons are drawn.
+    """[export]: the files of a plate, and how their polygons are drawn.
 
-    ``max_references`` draws two pixels in each cell of a die that has more; ``dots_per_um`` are the pixels of PNG and
+    A die with more than ``max_references`` puts two pixels in each cell; ``dots_per_um`` sets the pixels of PNG and
     TIFF. The format ``exr`` is of the PSFs that are measured in the files before it.
 
-    ``shop`` is a mask house: its name, or a profile of your own by its path, relative to the job file. Its rules become
-    checks of what is written: of every GDSII, OASIS, DXF and Gerber file with all that is in it, while SVG, solids and
-    pictures are for people. What the job says of formats and of how polygons are drawn is done, and judged. What it
-    leaves out is None and follows the house: its first format, and polygons as ``maskfab package`` would draw them,
-    except that holes never get a layer of their own.
+    ``shop`` is a mask shop: its name, or the path of your own profile, relative to the job file. Its rules are checked
+    on every GDSII, OASIS, DXF and Gerber file with all its layers; SVG, solids and pictures are for people. Formats and
+    drawing options that the job states are honoured and checked. Those it omits are None and default to the shop's: its
+    first format, and polygons as ``maskfab package`` would draw them, except that holes never get a layer of their own.
     """
 
     formats: Formats | None = MASK_FORMATS
