@@ -1,4 +1,4 @@
-"""The program: its verbs in the order in which help lists them, its exit codes, and how errors are told."""
+"""The program: its verbs in the order in which help lists them, its exit codes, and the printing of errors."""
 
 from __future__ import annotations
 

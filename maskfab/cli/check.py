@@ -1,4 +1,4 @@
-"""``maskfab check``: can the displays of a job be built?"""
+"""``maskfab check``: feasibility of the displays of a job, or the verdict of a mask shop."""
 
 from __future__ import annotations
 

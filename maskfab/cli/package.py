@@ -1,4 +1,4 @@
-"""``maskfab package``: one zip for a mask house."""
+"""``maskfab package``: one zip for a mask shop."""
 
 from __future__ import annotations
 

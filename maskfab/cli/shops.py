@@ -1,4 +1,4 @@
-"""``maskfab shops``: the mask houses whose rules are known."""
+"""``maskfab shops``: the mask shops with published rules."""
 
 from __future__ import annotations
 

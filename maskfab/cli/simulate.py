@@ -1,4 +1,4 @@
-"""``maskfab simulate``: how good restored photographs are behind the dies of a job."""
+"""``maskfab simulate``: quality of restored photographs behind the dies of a job."""
 
 from __future__ import annotations
 

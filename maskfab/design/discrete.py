@@ -1,4 +1,4 @@
-"""Openings found dot by dot: a look at whole families, then annealing that never leaves what the display allows.
+"""Discrete search for openings: a scan of whole families, then annealing within the rules of the display.
 
 A budget is a number of evaluations, so that the same seed gives the same opening on a slow machine as on a fast one. A
 limit in seconds is there too; it stops at whole batches, and the result says how many evaluations were made, which as

@@ -1,4 +1,4 @@
-"""The method "search": scan families, anneal the best, turn the cells, and say what that brought.
+"""The method "search": scan families, anneal the best, turn the cells, and report the gain.
 
 A checkpoint holds the scan once it is whole, and the annealing at every so many evaluations; the map is designed again.
 A run that goes on from it ends byte for byte where an uninterrupted one does. A budget of time ends the scan early,

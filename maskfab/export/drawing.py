@@ -1,4 +1,4 @@
-"""A drawing of the plate for the mask house: dimensions, marks and a die map, as SVG and as PDF, without dates."""
+"""A drawing of the plate for the mask shop: dimensions, marks and a die map, as SVG and as PDF, without dates."""
 
 from __future__ import annotations
 

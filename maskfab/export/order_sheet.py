@@ -1,4 +1,4 @@
-"""The sheet that goes with an order: what the house's form asks for, answered as far as the design knows."""
+"""The order sheet: the fields of the shop's form, filled in as far as the design determines them."""
 
 from __future__ import annotations
 

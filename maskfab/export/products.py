@@ -1,4 +1,4 @@
-"""The files that a plate becomes, by the formats a job asks for: their names, what each is about, and its writer."""
+"""The files of a plate, by the formats of the job: name, subject and writer of each."""
 
 from __future__ import annotations
 

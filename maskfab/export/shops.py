@@ -1,4 +1,4 @@
-"""The mask houses whose rules are known: the bundled profiles, and those that users bring."""
+"""Profiles of mask shops: the bundled ones, and those of users."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Work on somebody else's file in a copy of this process, which ends it when it takes more than a file like it may.
+"""Work on a foreign file in a forked process with limits on time and memory that grow with the file.
 
 The libraries that read and merge polygons cannot be interrupted: a few bytes that repeat, nest or overlap keep them
 busy for hours, or fill memory. So the work is done in a copy of the process whose processor time and memory the system

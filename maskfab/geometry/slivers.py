@@ -1,4 +1,4 @@
-"""Differences too narrow to matter, told apart from faults by how wide they are.
+"""Slivers: differences too narrow to matter, told from faults by their width.
 
 A fracture into trapezoids rounds every corner that it makes on a slanted edge to the grid, so that slivers narrower
 than a grid step are left out or drawn twice all along it. A difference is a sliver if nothing is left of it once its

@@ -1,4 +1,4 @@
-"""Whether a TIFF says which of its values is white, as TIFF 6.0 asks of every baseline file.
+"""Tone of a TIFF: which of its values is white, as TIFF 6.0 requires of every baseline file.
 
 Readers disagree about files that do not: where PhotometricInterpretation is missing OpenImageIO takes 0 for black and
 Pillow for white, and signed samples are black to one and white to the other.

@@ -1,4 +1,4 @@
-"""Is there room for the drive circuits? A panel that emits upwards hides them under its emitters and closed area.
+"""Room for the drive circuits. A panel that emits upwards hides them under its emitters and closed area.
 
 What counts is area at least ``min_width`` wide: the union of squares of that side that hold no opening.
 """

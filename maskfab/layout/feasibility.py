@@ -1,4 +1,4 @@
-"""Can a display be built round an opening? Emitters, their borders, circuits, wires and light, in one answer."""
+"""Feasibility of a display around an opening: emitters, their borders, circuits, wires and light, in one answer."""
 
 from __future__ import annotations
 

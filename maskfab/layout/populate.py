@@ -1,4 +1,4 @@
-"""The dies of a plate with the emitters and wires that its job asks for, and what stands in the way of either."""
+"""The dies of a plate with the emitters and wires of its job, and the obstacles to either."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The files of a rendering: emitted light, what the eye takes in, a comparison, and the numbers."""
+"""The files of a rendering: emitted light, the image that the eye sees, a comparison, and the results."""
 
 from __future__ import annotations
 

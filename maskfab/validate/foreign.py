@@ -1,4 +1,4 @@
-"""A mask file that maskfab did not write, against a job: how it lies, what differs where, and what that does to light.
+"""Comparison of a foreign mask file with a job: its orientation, offset, scale and tone, differences, and optics.
 
 Whatever is wrong with how the file lies is undone first, and told, so that everything else can be compared.
 """

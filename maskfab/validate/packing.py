@@ -1,4 +1,4 @@
-"""From a job to one zip for a mask house: drawn as it asks, judged by its rules, written, read back, certified."""
+"""From a job to one zip for a mask shop: drawn to its format, checked by its rules, written, read back, certified."""
 
 from __future__ import annotations
 

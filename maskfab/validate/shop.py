@@ -1,4 +1,4 @@
-"""A plate against what a mask house publishes: one finding for each of its rules, with value, limit, place and cure.
+"""Check of a plate against the published rules of a mask shop: one finding for each of its rules, with value, limit, place and cure.
 
 What a package would send is judged by :func:`check_shop`, what a job writes by :func:`check_written`.
 """

@@ -1,4 +1,4 @@
-"""Where an emitter may lie in a pixel: closed, and far enough from this pixel's opening and from its neighbours'."""
+"""Free area for emitters in a pixel: closed, and far enough from this pixel's opening and from its neighbours'."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Can the pixels be wired: lines under the closed area, lines in the gutter, ports that fit in every orientation?"""
+"""Wiring of the pixels: lines through the closed area, lines in the gutter, ports that fit in every orientation."""
