@@ -1,4 +1,4 @@
-"""Check of a plate against the published rules of a mask shop: one finding for each of its rules, with value, limit, place and cure.
+"""Check of a plate against the published rules of a mask shop: for each rule its value, limit, place and cure.
 
 What a package would send is judged by :func:`check_shop`, what a job writes by :func:`check_written`.
 """
