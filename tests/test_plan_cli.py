@@ -65,7 +65,7 @@ def test_accuracies(tmp_path: Path, stated: str, value: float) -> None:
         ("accuracy = 0", "MF104", "outside 0 to 1"),
         ("accuracy = 2", "MF104", "outside 0 to 1"),
         ("accuracy = nan", "MF104", "nan is outside"),
-        ("accuracy = true", "MF105", "no accuracy"),
+        ("accuracy = true", "MF105", "not an accuracy"),
         ('accuracy = "best"', "MF105", "'best' is not an accuracy"),
         ('depth = ["2 m", "1 m"]', "MF104", "beyond the farthest"),
         ('depth = ["inf", "1 m"]', "MF104", "beyond the farthest"),
