@@ -88,7 +88,9 @@ def _frequencies(camera: Camera, wavelength_nm: float, margin: int) -> Floats:
 
 def _point_psf(quadrant: ParityField, pupil: Pupil, camera: Camera, wavelength_nm: float) -> Psf:
     scale = image_scale_um2(camera, wavelength_nm)
-    values = quadrant.intensity() / (scale**2 * pupil.energy_um2)
+    values = quadrant.intensity()
+    values /= scale**2 * pupil.energy_um2
+    values.flags.writeable = False
     return Psf(values, point_step_um(camera), wavelength_nm, "point")
 
 

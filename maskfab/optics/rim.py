@@ -131,15 +131,17 @@ def _band(pupil: Pupil, chosen: NDArray[np.intp], along_x: _Side, along_y: _Side
     rim = pupil.moments(orders)
     signs = (-1.0) ** np.arange(orders)
     ny, nx = along_y.positions.count, along_x.positions.count
-    quadrants = np.zeros((2, 2, ny, nx))
+    quadrants = np.empty((2, 2, ny, nx))
     for flip_y in (0, 1):
         for flip_x in (0, 1):
             cells = np.flatnonzero((below == flip_y) & (left == flip_x))
             # Mirroring an interval multiplies P_p by (-1)^p.
             moments = rim[chosen[cells]] * np.where(flip_y, signs, 1.0)[:, None] * np.where(flip_x, signs, 1.0)
             across = (moments @ along_x.of(column[cells])).reshape(-1, nx)
-            quadrants[flip_y, flip_x] = along_y.of(row[cells]).reshape(-1, ny).T @ across
+            np.matmul(along_y.of(row[cells]).reshape(-1, ny).T, across, out=quadrants[flip_y, flip_x])
     # Mirror images add in the even part and subtract in the odd one.
-    halves = np.stack([quadrants[0] + quadrants[1], quadrants[0] - quadrants[1]])
-    parts = np.stack([halves[:, 0] + halves[:, 1], halves[:, 0] - halves[:, 1]], axis=1)
-    return Band(along_x.positions, along_y.positions, parts)
+    for turned in (quadrants, quadrants.transpose(1, 0, 2, 3)):
+        odd = turned[0] - turned[1]
+        turned[0] += turned[1]
+        turned[1] = odd
+    return Band(along_x.positions, along_y.positions, quadrants)

@@ -10,13 +10,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 from optics_cases import noise, panel, pupil
-from scipy.special import j1
+from scipy.special import j1, jv
 
 from maskfab.errors import InternalError
 from maskfab.model import Panel, Stop
 from maskfab.optics.aperture import Lattice, covered_aperture, panel_aperture
 from maskfab.optics.field import direct_field, parity_field, prepare
-from maskfab.optics.nodes import nodes_for
+from maskfab.optics.nodes import NODE_TOLERANCE, node_count, nodes_for
 from maskfab.optics.paths import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, Task, admissible, field
 from maskfab.optics.polygons import boundary
 from maskfab.optics.pupil import Pupil, cut
@@ -238,6 +238,14 @@ def test_nodes_carry_every_wave(phase: float) -> None:
         expected = size * np.sinc(frequency * size) * np.exp(-2j * np.pi * frequency * centre)
         found = shares @ np.exp(-2j * np.pi * frequency * nodes.position_um)
         np.testing.assert_allclose(found, expected, atol=2e-13)
+
+
+@pytest.mark.parametrize("phase", [0.0, 1e-4, 0.7, 5.0, 61.3, 700.0])
+def test_nodes_hold_every_order_of_a_wave_that_matters_and_spare_few(phase: float) -> None:
+    """Against all its Chebyshev coefficients, far beyond the last that may matter."""
+    size = 2 * abs(jv(np.arange(int(2 * phase) + 100), phase))
+    last = int(np.flatnonzero(size >= NODE_TOLERANCE)[-1])
+    assert last < node_count(phase / np.pi, 1.0) <= last + 3
 
 
 @pytest.mark.parametrize("cells", [1, 2, 5])
