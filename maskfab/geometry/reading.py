@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.apart import read_apart
+from maskfab.geometry.outlines import drawn, plain
 from maskfab.geometry.reading_counts import refuse_many_blocks, refuse_many_in_gdsii
 from maskfab.geometry.reading_dxf import POLYLINE_MODE, close_lines, look_through
 from maskfab.geometry.reading_gerber import read_gerber
@@ -29,6 +30,7 @@ from maskfab.geometry.reading_limits import (
     ROUNDING_KEY,
     LeftOut,
     check_limits,
+    check_size,
     count_shapes,
     is_empty,
     left_out,
@@ -250,7 +252,7 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
 
 def _checked_by_klayout(path: Path) -> db.Layout:
     layout = _read_with_klayout(path, db.LoadLayoutOptions())
-    check_limits(layout, path)
+    check_size(layout, path)
     return layout
 
 
@@ -273,22 +275,6 @@ def _look_at_names(layout: db.Layout) -> None:
         str(info.name)
     for cell in layout.each_cell():
         str(cell.name)
-
-
-def _boxes(corners: NDArray[np.int64], sizes: NDArray[np.int64]) -> list[list[int] | None]:
-    """Left, bottom, right and top of those outlines that are boxes, of so many corners each."""
-    found: list[list[int] | None] = [None] * len(sizes)
-    owner = np.flatnonzero(sizes == 4)
-    first = np.cumsum(sizes)[owner] - 4
-    x, y = np.moveaxis(corners[first[:, None] + np.arange(4)], -1, 0)
-    turned = x[:, [1, 2, 3, 0]], y[:, [1, 2, 3, 0]]
-    upright, level = x == turned[0], y == turned[1]
-    # Sides along y and along x take turns, and none has no length.
-    boxes = (upright != level).all(axis=1) & (upright[:, [1, 2, 3, 0]] == level).all(axis=1)
-    sides = np.stack([x.min(axis=1), y.min(axis=1), x.max(axis=1), y.max(axis=1)], axis=1)
-    for each, box in zip(owner[boxes].tolist(), sides[boxes].tolist(), strict=True):
-        found[each] = box
-    return found
 
 
 class _Conversion:
@@ -354,31 +340,33 @@ class _Conversion:
         """Draw polygons of those numbers, of which the corners of each end before ``ends`` in the array of all."""
         sizes = polygons["sizes"][which.start : which.stop]
         corners = self._on_grid(polygons["corners"][ends[which.start] - sizes[0] : ends[which.stop - 1]])
-        boxes = _boxes(corners, sizes)
-        vertices: list[list[int]] = corners.tolist()
-        layers: list[list[int]] = polygons["layers"][which.start : which.stop].tolist()
-        end = 0
-        for number, size, layer, box in zip(which, sizes.tolist(), layers, boxes, strict=True):
-            start, end = end, end + size
-            shapes = target.shapes(self._layer(*layer))
-            repetition = polygons["repetitions"].get(number)
-            if box is not None and repetition is None:
-                shapes.insert(db.Box(*box))
-                continue
-            shape = db.Polygon([db.Point(x, y) for x, y in vertices[start:end]])
-            if shape.num_points() < size:
-                own = corners[start:end]
-                self._repeated_vertices += int((own == np.roll(own, 1, axis=0)).all(1).sum())
-            if is_empty(shape):
-                self._empty_polygons += 1
-            elif isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
-                # One placement of a cell of its own instead of as many polygons.
-                repeated = self._layout.create_cell(f"{name}_REPEATED")
-                repeated.shapes(self._layer(*layer)).insert(shape)
-                target.insert(self._array(repeated.cell_index(), db.Trans(), repetition))
-            else:
-                for dx, dy in self._offsets(repetition):
-                    shapes.insert(shape.moved(dx, dy) if dx or dy else shape)
+        at_once = plain(corners, sizes)
+        at_once[[each - which.start for each in polygons["repetitions"] if each in which]] = False
+        number, datatype = polygons["layers"][which.start : which.stop].astype(np.uint64).T
+        layers, owners = np.unique(number << 32 | datatype, return_inverse=True)
+        indices = [self._layer(*divmod(each, 1 << 32)) for each in layers.tolist()]
+        drawing = drawn(corners[np.repeat(at_once, sizes)], sizes[at_once], owners[at_once])
+        for info in drawing.layer_infos():
+            target.shapes(indices[info.layer]).insert(drawing.top_cell().shapes(drawing.find_layer(info)))
+        stops = np.cumsum(sizes)
+        for k in np.flatnonzero(~at_once).tolist():
+            own = corners[stops[k] - sizes[k] : stops[k]]
+            self._draw_one(name, own, indices[owners[k]], polygons["repetitions"].get(which.start + k), target)
+
+    def _draw_one(self, name: str, corners: NDArray[np.int64], layer: int, repetition: Any, target: db.Cell) -> None:
+        shape = db.Polygon([db.Point(x, y) for x, y in corners.tolist()])
+        if shape.num_points() < len(corners):
+            self._repeated_vertices += int((corners == np.roll(corners, 1, axis=0)).all(1).sum())
+        if is_empty(shape):
+            self._empty_polygons += 1
+        elif isinstance(repetition, tuple) and repetition[0] * repetition[1] > _MANY_COPIES:
+            # One placement of a cell of its own instead of as many polygons.
+            repeated = self._layout.create_cell(f"{name}_REPEATED")
+            repeated.shapes(layer).insert(shape)
+            target.insert(self._array(repeated.cell_index(), db.Trans(), repetition))
+        else:
+            for dx, dy in self._offsets(repetition):
+                target.shapes(layer).insert(shape.moved(dx, dy) if dx or dy else shape)
 
     def _layer(self, number: int, datatype: int) -> int:
         key = number, datatype

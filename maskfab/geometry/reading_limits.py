@@ -88,6 +88,16 @@ def count_vertices(layout: db.Layout) -> int:
     return _count(layout, own)
 
 
+def own_polygons(cell: db.Cell, layer: int) -> db.Region:
+    """What a cell itself draws on a layer other than boxes, of which there are most, each as it is drawn."""
+    shapes = cell.begin_shapes_rec(layer)
+    shapes.max_depth = 0
+    shapes.shape_flags = db.Shapes.SRegions & ~db.Shapes.SBoxes
+    polygons = db.Region(shapes)
+    polygons.merged_semantics = False
+    return polygons
+
+
 def _count(layout: db.Layout, own: Callable[[db.Cell], int]) -> int:
     counts: dict[int, int] = {}
     for index in layout.each_cell_bottom_up():
@@ -102,6 +112,19 @@ def check_limits(layout: db.Layout, path: Path) -> None:
 
     Raises:
         SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy.
+    """
+    check_size(layout, path)
+    for layer in layout.layer_indexes():
+        for cell in layout.each_cell():
+            if not cell.shapes(layer).is_empty():
+                _refuse_crossing(cell, layer, path)
+
+
+def check_size(layout: db.Layout, path: Path) -> None:
+    """Refuse what cannot be worked with in reasonable time.
+
+    Raises:
+        SourceError: MF313 too many shapes, too deep a hierarchy, or too far from the origin.
     """
     if layout.layers() > MOST_LAYERS:
         raise too_many_layers(path)
@@ -124,10 +147,6 @@ def check_limits(layout: db.Layout, path: Path) -> None:
             cure="Export the plate without arrays outside of it",
         )
     _refuse_distant(layout, path)
-    for layer in layout.layer_indexes():
-        for cell in layout.each_cell():
-            if not cell.shapes(layer).is_empty():
-                _refuse_crossing(cell, layer, path)
 
 
 def too_many_layers(path: Path) -> SourceError:
@@ -179,10 +198,9 @@ def _refuse_distant(layout: db.Layout, path: Path) -> None:
 
 
 def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
-    raw = db.Region(cell.shapes(layer))
-    raw.merged_semantics = False
+    raw = own_polygons(cell, layer)
     try:
-        crossing = raw.non_rectangles().strange_polygon_check()
+        crossing = raw.strange_polygon_check()
     except RuntimeError:  # klayout gave up on them
         crossing = raw
     if crossing.is_empty():

@@ -11,7 +11,7 @@ from klayout import db
 from maskfab.geometry.drc import DesignRules
 from maskfab.geometry.drc.extent import checked_extent
 from maskfab.geometry.drc.names import checked_names
-from maskfab.geometry.reading_limits import count_shapes
+from maskfab.geometry.reading_limits import count_shapes, own_polygons
 from maskfab.geometry.region import NAME_LENGTH, layer_info
 from maskfab.geometry.slivers import sift
 from maskfab.model import CLEAR, Plate, Quantity
@@ -182,9 +182,7 @@ def _drawn_area(layout: db.Layout, index: int) -> int | None:
 def _long_outlines(layout: db.Layout, most: int) -> Iterator[tuple[str, int]]:
     index = layout.find_layer(layer_info(CLEAR))
     for cell in layout.each_cell():
-        own = db.Region(cell.shapes(index))
-        own.merged_semantics = False
-        for polygon in own.non_rectangles().each():
+        for polygon in own_polygons(cell, index).each():
             if polygon.num_points() > most:
                 yield cell.name, polygon.num_points()
 
@@ -192,9 +190,9 @@ def _long_outlines(layout: db.Layout, most: int) -> Iterator[tuple[str, int]]:
 def _any_slanted(layout: db.Layout) -> bool:
     index = layout.find_layer(layer_info(CLEAR))
     for cell in layout.each_cell():
-        own = db.Region(cell.shapes(index))
-        own.merged_semantics = False
-        if not own.non_rectilinear().is_empty() or any(each.is_complex() for each in cell.each_inst()):
+        if not own_polygons(cell, index).non_rectilinear().is_empty() or any(
+            each.is_complex() for each in cell.each_inst()
+        ):
             return True
     return False
 

@@ -142,6 +142,19 @@ def test_every_polygon_is_read_and_time_grows_no_faster_than_their_number(tmp_pa
     assert seconds[24_000] < 6 * 1.8 * seconds[4_000]
 
 
+def test_polygons_of_a_file_are_not_made_one_by_one(tmp_path):
+    """What this process takes besides the one that reads, in units of what klayout takes to read the same file."""
+    path = write_gds(tmp_path / "x.gds", steps(40_000))
+
+    def seconds(work):
+        start = time.process_time()
+        work()
+        return time.process_time() - start
+
+    alone = min(seconds(lambda: db.Layout().read(str(path))) for _ in range(3))
+    assert min(seconds(lambda: read_layout(path)) for _ in range(2)) < 17 * alone
+
+
 def test_more_shapes_than_can_be_worked_with_are_refused_with_value_limit_and_cure(tmp_path, monkeypatch):
     path = write_gds(tmp_path / "x.gds", steps(2_000))
     monkeypatch.setattr(reading_limits, "MOST_SHAPES", 1_999)
