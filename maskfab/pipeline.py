@@ -16,6 +16,7 @@ from typing import TypeVar
 from klayout import db
 
 from maskfab import __version__, provenance, resources
+from maskfab.errors import JobError
 from maskfab.export.finished import RESULT_MARK, TIMES, times_text
 from maskfab.export.fitting import blank_of
 from maskfab.export.markers import write_markers
@@ -26,6 +27,7 @@ from maskfab.export.staging import check_target, staged
 from maskfab.geometry.drc import RuleResult, check_plate
 from maskfab.geometry.region import clear_shapes, plate_names
 from maskfab.geometry.written import check_process
+from maskfab.imaging.camera import PhotoCamera
 from maskfab.layout.job import Job, load
 from maskfab.layout.populate import Populated
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
@@ -55,7 +57,7 @@ from maskfab.validate.files import Drawn, drawn, read_back
 from maskfab.validate.memory import give_back
 from maskfab.validate.optics import measure, reach_box, read_openings
 from maskfab.validate.psf_files import check_psf_file
-from maskfab.validate.restored import Restored, photographer
+from maskfab.validate.restored import Restored, not_judged, photographer
 from maskfab.validate.scene import measure_scene, peak_bytes, reach_um, scene_plan
 from maskfab.validate.shop import check_written
 from maskfab.validate.views import SceneOptics
@@ -134,7 +136,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         checked = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
         stated = design_data.stated(job)
         with clock.stage("photographs"):
-            restored = restore_photographs(plate, stated, progress, clock.seconds)
+            restored = restore_photographs(plate, job.camera, stated, progress, clock.seconds)
         report = assemble(job, built, checked, optics, scenes, restored, written, files, clock.seconds)
         designs = {name: design_data.design_document(said, restored.get(name)) for name, said in stated.items()}
         with clock.stage("figures"):
@@ -340,21 +342,29 @@ def measure_process(
 
 def restore_photographs(
     plate: Plate,
+    camera: Camera,
     designed: Collection[str],
     progress: Progress,
     seconds: dict[str, float] | None = None,
 ) -> dict[str, Restored]:
-    """Restored photographs behind dies that protocol F1 can judge: expected PSNRs; taken through ``designed`` ones."""
-    take = photographer(plate.dies)
+    """Restored photographs behind dies that can be judged so: expected PSNRs; taken through ``designed`` ones."""
+    try:
+        seen = PhotoCamera.of(camera)
+    except JobError as refusal:
+        return {die.name: not_judged(die, refusal) for die in plate.dies}
+    take = photographer(plate.dies, camera=seen)
     if take is None:
         return {}
     dies = [die for die in plate.dies if die.name in take.laid]
+    notes = dict(take.refused)
+    if not dies:
+        return notes
 
     def one(die: Die) -> Restored:
         return take(die, photographs=die.name in designed)
 
     found = _each(dies, one, "photographs", progress, seconds, os.cpu_count() or 1)
-    return {die.name: restored for die, restored in zip(dies, found, strict=True)}
+    return notes | {die.name: restored for die, restored in zip(dies, found, strict=True)}
 
 
 def _mask(die: Die) -> Die:
@@ -410,6 +420,9 @@ def assemble(
         of_dies[name] += photographs.quantities
     for name, process in written.items():
         of_dies[name] += process.quantities
+    for name, note in design_data.camera_notes(job).items():
+        if name in of_dies:
+            of_dies[name] += (note,)
     everything = [*of_plate]
     of_scenes = {scene.die.name: scene.quantities for scene in scenes}
     for name, quantities in of_dies.items():

@@ -111,7 +111,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
         # Of files that differ from the design the numbers differ as well; what differs is told above.
         stated = design_data.stated(job)
-        restored = restore_photographs(plate, stated, progress)
+        restored = restore_photographs(plate, job.camera, stated, progress)
         written = measure_process(job, plate, progress)
         now = data.to_document(
             assemble(job, built, read, optics, scenes, restored, written, _listed(manifest), {}),

@@ -27,7 +27,10 @@ _SCENES_OF_MAPS = 16
 
 def design(
     job: JobFile,
-    out: Annotated[Path | None, typer.Option(help="File for the opening; default: design.output of the job.")] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="File for the opening, its map beside it; default: design.output of the job."),
+    ] = None,
     images: Annotated[
         Path | None, typer.Option(help="Folder of photographs to design for; default: synthetic scenes.")
     ] = None,
@@ -103,28 +106,34 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
         )
     targets = {"opening": target}
     if isinstance(section, SearchSection) and section.map is not None:
-        if section.map_output is None:
+        if section.map_output is None and out is None:
             raise JobError(
                 "MF105",
                 "the map has no output file",
                 where=f"{job}: design.map_output",
                 cure='Add map_output = "maps/x.toml" to [design]',
             )
-        targets["map"] = job.parent / section.map_output
+        # The job's own map belongs to the opening that it names.
+        beside = target.with_name(f"{target.stem}_map.toml")
+        targets["map"] = beside if section.map_output is None or out is not None else job.parent / section.map_output
         if section.density is not None:
             targets["outer"] = target.with_name(f"{target.stem}_outer{target.suffix}")
     return targets
 
 
 def _check_rules(spec: JobSpec, job: Path) -> None:
-    """Refuse rules that no opening keeps before anything is read or drawn."""
+    """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn."""
     from maskfab.design.job import constraints_of
-    from maskfab.spec import RelaxSection, check_protocol
+    from maskfab.imaging.camera import PhotoCamera
+    from maskfab.imaging.transfer import lattice
+    from maskfab.spec import RelaxSection
 
     assert spec.design is not None
-    constraints_of(spec.design, where=f"{job}: design").require_possible()
+    rules = constraints_of(spec.design, where=f"{job}: design")
+    rules.require_possible()
     if not isinstance(spec.design, RelaxSection):
-        check_protocol(spec.camera.camera(), "design with a search", where=str(job))
+        camera = PhotoCamera.of(spec.camera.camera(), where=str(job))
+        lattice(spec.design.dots, rules.dot_nm, camera=camera, where=f"{job}: design.dots")
 
 
 def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Scene]:
@@ -148,11 +157,13 @@ def _found(
     from maskfab.spec import RelaxSection
 
     assert spec.design is not None
+    camera = spec.camera.camera()
     if isinstance(spec.design, RelaxSection):
         from maskfab.design.relax import relax
 
-        camera = spec.camera.camera()
         return relax(spec.design, camera, scenes, command, progress, budget_s=limit_s, checkpoint=checkpoint)
     from maskfab.design.search import search
+    from maskfab.imaging.camera import PhotoCamera
 
-    return search(spec.design, scenes, command, progress, budget_s=limit_s, checkpoint=checkpoint)
+    seen = PhotoCamera.of(camera)
+    return search(spec.design, scenes, command, progress, camera=seen, budget_s=limit_s, checkpoint=checkpoint)

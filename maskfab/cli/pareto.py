@@ -33,12 +33,14 @@ def pareto(
     from maskfab import provenance
     from maskfab.design.pareto import openings, rules_of, sweep
     from maskfab.export.staging import check_target
+    from maskfab.imaging.camera import PhotoCamera
     from maskfab.imaging.photographs import folder
     from maskfab.imaging.scenes import bundled
+    from maskfab.imaging.transfer import lattice
     from maskfab.layout.feasibility import DisplayRules
     from maskfab.layout.openings import dumps, load
     from maskfab.report import pareto as report
-    from maskfab.spec import SearchSection, check_protocol, read
+    from maskfab.spec import SearchSection, read
 
     spec = read(job)
     if spec.pareto is None:
@@ -56,7 +58,7 @@ def pareto(
             where=f"{job}: design",
             cure='Add [design] with method = "search"',
         )
-    check_protocol(spec.camera.camera(), "pareto", where=str(job))
+    camera = PhotoCamera.of(spec.camera.camera(), where=str(job))
     limit = seconds(budget)
     compared = [load(job.parent / path) for path in spec.pareto.compare]
     texts = {opening.name: dumps(opening) for opening in compared}
@@ -68,7 +70,7 @@ def pareto(
             cure="Give one of the openings another name in its file",
         )
     rules = None if spec.emitters is None else DisplayRules.of(spec.emitters, None, None, where=str(job)).emitters
-    rules_of(section, compared, rules)
+    lattice(section.dots, rules_of(section, compared, rules).dot_nm, camera=camera, where=f"{job}: design.dots")
     place = check_target(out, force=force)
     command = f"maskfab pareto {job.as_posix()} --out {out.as_posix()}"
     command += "" if images is None else f" --images {images.as_posix()}"
@@ -81,11 +83,12 @@ def pareto(
             scenes or bundled(),
             compared=compared,
             emitters=rules,
+            camera=camera,
             budget_s=limit,
             progress=progress,
         )
         progress("files", 0, 1)
-        named = openings(found, section, command)
+        named = openings(found, section, command, camera)
         digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
         paths = report.write(place, found, named, digest)
         progress("files", 1, 1)

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from maskfab.imaging.camera import PhotoCamera
     from maskfab.imaging.protocol import Score, Table
 
 _PICTURE = (160, 200)
@@ -27,11 +28,13 @@ _PICTURE = (160, 200)
 def simulate(
     job: JobFile,
     die: Annotated[
-        list[str] | None, typer.Option(help="Die of the job (repeatable); default: all that the protocol supports.")
+        list[str] | None, typer.Option(help="Die of the job (repeatable); default: all that can be judged.")
     ] = None,
     reference: Annotated[str | None, typer.Option(help="Die to compare with; default: the first.")] = None,
     images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: synthetic scenes.")] = None,
-    protocol: Annotated[str, typer.Option(help="Protocol of capture and restoration: f1.")] = "f1",
+    protocol: Annotated[
+        str | None, typer.Option(help="f1: use that protocol's camera; default: the job's. Light levels are F1's.")
+    ] = None,
     picture: Annotated[
         Path | None, typer.Option(help="Write a PNG of the truth and each die, one row per light level.")
     ] = None,
@@ -41,34 +44,34 @@ def simulate(
 ) -> None:
     """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference."""
     from maskfab.export.staging import check_file, write_bytes
+    from maskfab.imaging.camera import F1, PhotoCamera
     from maskfab.imaging.laid_panel import laid_panel
     from maskfab.imaging.photographs import folder
     from maskfab.imaging.protocol import ASSUMED, evaluate
     from maskfab.imaging.scenes import bundled
     from maskfab.imaging.shots import Crop, Shot, truth_of
     from maskfab.layout.job import load
-    from maskfab.spec import check_protocol
 
-    if protocol != "f1":
+    if protocol not in (None, "f1"):
         raise JobError("MF105", f"there is no protocol {protocol!r}", where="--protocol", cure="Use f1")
     if picture is not None:
         check_file(picture, force=force)
     loaded = load(job)
-    check_protocol(loaded.camera, "simulate", where=str(job))
+    camera = F1 if protocol else PhotoCamera.of(loaded.camera, where=str(job), colours=True)
     panels = {each.name: each.panel for each in loaded.plate().dies}
     check_dies(die or (), list(panels))
     chosen = list(dict.fromkeys(die)) if die else list(panels)
     laid = []
     for name in chosen:
         try:
-            laid.append(laid_panel(name, panels[name]))
+            laid.append(laid_panel(name, panels[name], camera))
         except JobError:
             if die:
                 raise
     if not laid:
         raise JobError(
             "MF122",
-            f"protocol {protocol.upper()} supports no die of the job",
+            f"no die can be judged behind a camera of {camera.described}",
             where=str(job),
             cure="Add --die NAME to see why",
         )
@@ -95,15 +98,18 @@ def simulate(
         write_bytes(picture, sheet(truth_of(scenes[0], crop), scenes[0].name, shown), replace=force)
     base = reference or names[0]
     if as_json:
-        print_json({"assumed": ASSUMED, **_document(table, base, protocol, [scene.name for scene in scenes])})
+        print_json({"assumed": ASSUMED, **_document(table, base, camera, [scene.name for scene in scenes])})
         return
+    if not camera.protocol:
+        typer.echo(f"camera: {camera.described}; levels of light of protocol F1")
     for line in (*_lines(table, base), f"Assumed: {ASSUMED}."):
         typer.echo(line)
 
 
-def _document(table: Table, reference: str, protocol: str, scenes: list[str]) -> dict[str, Any]:
+def _document(table: Table, reference: str, camera: PhotoCamera, scenes: list[str]) -> dict[str, Any]:
     return {
-        "protocol": protocol,
+        "protocol": "f1" if camera.protocol else None,
+        "camera": camera.described,
         "reference": reference,
         "scenes": scenes,
         "scores": [vars(score) for score in table.scores],

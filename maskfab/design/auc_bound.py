@@ -25,7 +25,7 @@ from scipy import optimize, sparse
 
 from maskfab.design.interior import unit_modulation
 from maskfab.design.residue_bound import residue_classes
-from maskfab.imaging.transfer import WAVELENGTHS_NM, Lattice, autocorrelation, lags_per_frequency, lattice, stop
+from maskfab.imaging.transfer import Lattice, OpenStop, lattice
 
 Floats = NDArray[np.float64]
 
@@ -70,25 +70,23 @@ class Rings:
         return self.area(np.stack(found))
 
 
-def rings(dots: int = 21, wavelength_nm: float = WAVELENGTHS_NM[2], *, room: Lattice | None = None) -> Rings:
-    """The rings of the protocol's camera; blue by default.
+def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: Lattice | None = None) -> Rings:
+    """The rings of a camera.
 
     Args:
         dots: along the unit's side.
-        wavelength_nm: of the light.
-        room: of the cells behind the stop, of so many dots; None for cells of 168 um.
+        wavelength_nm: of the light; None for the camera's shortest.
+        room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
     """
     room = room or lattice(dots)
-    side = room.side
-    per_cycle = lags_per_frequency(side, wavelength_nm, room.dot_um)
-    table = autocorrelation(stop(side, room.dot_um).astype(np.float64))
-    table /= table[side - 1, side - 1]
-    longest = min(round(per_cycle / 2), side - 1)
+    nm = wavelength_nm or room.camera.shortest_nm
+    per_cycle = room.per_cycle(nm)
+    longest = round(per_cycle / 2)
     y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, 0 : longest + 1])
     ring = np.rint(np.hypot(y, x)).astype(np.int64)
     kept = (y <= x) & (ring <= int(per_cycle / 2))
     y, x, ring = y[kept], x[kept], ring[kept]
-    clear = np.maximum(table[side - 1 + y, side - 1 + x], 0) * np.sinc(y / per_cycle) * np.sinc(x / per_cycle)
+    clear = np.maximum(OpenStop.of(room, nm).at(y, x), 0) * np.sinc(y / per_cycle) * np.sinc(x / per_cycle)
     return Rings(dots, np.stack([y, x]), ring, clear)
 
 

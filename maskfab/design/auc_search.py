@@ -37,7 +37,7 @@ from numpy.typing import NDArray
 
 from maskfab.design.auc_bound import Rings, rings
 from maskfab.errors import JobError, OpeningError
-from maskfab.imaging.transfer import WAVELENGTHS_NM, Lattice, lags_per_frequency, lattice, stop
+from maskfab.imaging.transfer import Lattice, lattice
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.progress import Progress, silent
 
@@ -80,7 +80,7 @@ def best_for_auc(
         steps: exchanges, the whole budget; None takes :data:`STEPS`.
         scatter: standard deviations of one panel of 24 x 24 cells by which its modulation may fall short of what is
             expected; units turned at random only.
-        room: of the cells behind the stop, of so many dots; None for cells of 168 um.
+        room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
         progress: told every 20 steps.
 
     Raises:
@@ -229,13 +229,13 @@ class Smoothed:
         n = around.dots
         room = room or lattice(n)
         index = np.arange(n * n).reshape(n, n)
-        cells = float(stop(room.side, room.dot_um).sum()) / n**2
+        cells = float(room.stop.sum()) / n**2
         number = np.bincount(around.ring)
         first = np.cumsum(number) - number
         place = np.arange(number.max())
         filled = place >= number[:, None]
         order = np.argsort(around.ring, kind="stable")[np.where(filled, first[:, None], first[:, None] + place)]
-        per_cycle = lags_per_frequency(room.side, WAVELENGTHS_NM[2], room.dot_um)
+        per_cycle = room.per_cycle(room.camera.shortest_nm)
         pixel = np.prod(np.sinc(around.lags / per_cycle), axis=0)
         return cls(
             n,

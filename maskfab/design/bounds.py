@@ -28,7 +28,7 @@ from maskfab.design.surrogate import Surrogate
 from maskfab.errors import JobError, OpeningError
 from maskfab.imaging.capture import ELECTRONS
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import STOP_UM, autocorrelation
+from maskfab.imaging.transfer import at_lags, autocorrelation
 
 Floats = NDArray[np.float64]
 
@@ -195,13 +195,12 @@ def _smaller_stop(inner: Interior, ratio: float) -> Floats:
     side = (len(inner.stop_table) + 1) // 2
     distance = (np.arange(side) - (side - 1) / 2) ** 2
     square = distance[:, None] + distance
-    radius = STOP_UM / 2 / inner.lattice.dot_um
     # As many dots as are clear, nearest to the axis first.
-    area = max(1, round(ratio * np.count_nonzero(square <= radius**2)))
+    area = max(1, round(ratio * inner.lattice.stop.sum()))
     clear = (square <= np.partition(square.ravel(), area - 1)[area - 1]).astype(np.float64)
     table = autocorrelation(clear)
     y, x = inner.lags
-    return np.asarray(np.maximum(table[side - 1 + y, side - 1 + x], 0) / table[side - 1, side - 1])
+    return np.asarray(np.maximum(at_lags(table, y, x), 0) / table[side - 1, side - 1])
 
 
 def _decibels(error: float) -> float:

@@ -34,7 +34,7 @@ from numpy.typing import NDArray
 from scipy import optimize
 
 from maskfab.design.interior import Interior
-from maskfab.imaging.transfer import Lattice, stop
+from maskfab.imaging.transfer import Lattice
 
 Floats = NDArray[np.float64]
 
@@ -185,7 +185,7 @@ def _cut_cell_sums(room: Lattice, ratio: float, open_share: float, pairs: list[t
     filling goes from the largest gain down.
     """
     n, cells = room.dots, room.cells
-    inside = stop(room.side, room.dot_um).reshape(cells, n, cells, n).sum(axis=(1, 3)).astype(np.float64)
+    inside = room.stop.reshape(cells, n, cells, n).sum(axis=(1, 3)).astype(np.float64)
     count = ratio * n * n
     most = np.minimum(inside, count)
     whole = np.where(inside == n * n, count, 0.0)

@@ -16,7 +16,7 @@ which judges the mean of all layouts; this judges one.
 Notes:
     Good for photographs, and aware of photons: a darker unit is noisier, and gets no bonus.
     min over ε has the slope of the chosen ε (envelope theorem), so ε costs no gradient.
-    One wavelength, 530 nm: colours matter by a few hundredths of a decibel.
+    One wavelength, the camera's middle one: colours matter by a few hundredths of a decibel.
 """
 
 from __future__ import annotations
@@ -35,11 +35,9 @@ from maskfab.design.tiled_stop import Precision, TiledStop, tiled_stop
 from maskfab.errors import JobError
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import FOCAL_UM, PIXEL_UM, STOP_UM
-from maskfab.model import Camera, Stop
+from maskfab.model import Camera
 from maskfab.units import NM_PER_UM
 
-WAVELENGTH_NM = 530.0
 FEW_EPSILONS = EPSILONS[::2]
 
 
@@ -151,7 +149,7 @@ def expected_error(
     precision: Precision = "float32",
     device: str = "cpu",
 ) -> ExpectedError:
-    """The expected error of one layout behind protocol F1's camera.
+    """The expected error of one layout behind the surrogate's camera.
 
     Args:
         known: of the scenes and the unit's dots.
@@ -180,20 +178,24 @@ def expected_error(
             where="design.levels",
             cure=f"Choose levels among {', '.join(map(str, ELECTRONS))}",
         )
-    camera = Camera(FOCAL_UM, Stop("circle", STOP_UM), (WAVELENGTH_NM,), PIXEL_UM, 256.0)
+    seen = known.lattice.camera
+    # A window is no part of the transfer.
+    camera = Camera(seen.focal_um, seen.stop, (seen.middle_nm,), seen.pixel_um, 256.0)
     dot_nm = round(known.lattice.dot_um * NM_PER_UM)
     stop = tiled_stop(known.dots, dot_nm, orientations, camera, precision=precision, device=device)
-    size = stop.correlation.size
+    size, reach = stop.correlation.size, stop.correlation.reach
     y, x = known.lags
-    nu = known.lags / stop.per_cycle(WAVELENGTH_NM)
+    seen_lags = np.maximum(abs(y), abs(x)) <= reach
+    nu = known.lags / stop.per_cycle(seen.middle_nm)
     constants = stop.here(np.asarray(epsilons, dtype=np.float64))
     leak = _leak(known, stop, constants) if with_leak else None
     # Low frequencies have no signal in the surrogate, where the leak stands for them; alone, the interior needs them.
     return ExpectedError(
         stop.correlation,
         stop,
-        stop.here(y * size + x % size),
-        stop.here(np.sinc(nu[0]) * np.sinc(nu[1])),
+        stop.here(np.where(seen_lags, y * size + x % size, 0)),
+        # Beyond the table the stop passes nothing.
+        stop.here(np.sinc(nu[0]) * np.sinc(nu[1]) * seen_lags),
         stop.here(known.folded),
         stop.here(known.weight),
         stop.here(known.signal if with_leak else _whole_signal(known)),
@@ -215,12 +217,14 @@ def boundary_leak(
 
 
 def _leak(known: Surrogate, stop: TiledStop, epsilons: torch.Tensor) -> BoundaryLeak:
-    n, size = len(known.near) // 2, stop.correlation.size
+    known_reach, size = len(known.near) // 2, stop.correlation.size
+    n = min(known_reach, stop.correlation.reach)
+    kept = slice(known_reach - n, known_reach + n + 1)
     y, x = np.mgrid[0 : n + 1, -n : n + 1]
     complex_type = torch.complex64 if stop.dtype == torch.float32 else torch.complex128
     return BoundaryLeak(
         stop.correlation,
-        (stop.here(known.along[0]), stop.here(known.along[1].T)),
+        (stop.here(known.along[0][:, kept]), stop.here(known.along[1][:, kept].T)),
         stop.here(y * size + x % size),
         torch.from_numpy(known.low).to(stop.device, complex_type),
         stop.here(known.low_truth),

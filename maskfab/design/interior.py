@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from maskfab.design.surrogate import Surrogate
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import Lattice, autocorrelation, stop
+from maskfab.imaging.transfer import Lattice, OpenStop
 from maskfab.model import ORIENTATIONS, orient
 
 Floats = NDArray[np.float64]
@@ -131,7 +131,6 @@ def unit_modulation(unit: NDArray[np.bool_], *, periodic: bool = False) -> tuple
 
 def interior(estimate: Surrogate) -> Interior:
     """The interior part of a surrogate, at every lag instead of its sample of them, low frequencies included."""
-    side = estimate.lattice.side
     distance = 0.1 * np.sqrt(np.maximum(estimate.inverse_prior - 1e-12, 0))
     farthest = int(np.argmax(distance))
     per_cycle = float(np.hypot(*estimate.lags[:, farthest]) / distance[farthest])
@@ -146,22 +145,7 @@ def interior(estimate: Surrogate) -> Interior:
     y, x = y[kept], x[kept]
     count = np.where(y == x, 4.0, 8.0) / np.where(y == 0, 2, 1)
     count[0] = 1
-    table = autocorrelation(stop(side, estimate.lattice.dot_um).astype(np.float64))
-    area = float(table[side - 1, side - 1])
-    table /= area
-
-    def at(rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
-        inside = (abs(rows) < side) & (abs(columns) < side)
-        reach = side - 1
-        return np.asarray(table[np.clip(rows, -reach, reach) + reach, np.clip(columns, -reach, reach) + reach] * inside)
-
-    folded = np.zeros(len(y))
-    for k in range(-2, 3):
-        for j in range(-2, 3):
-            if (k, j) != (0, 0):
-                v, u = y / per_cycle + k, x / per_cycle + j
-                place = np.rint(v * per_cycle).astype(np.int64), np.rint(u * per_cycle).astype(np.int64)
-                folded += at(*place) * np.sinc(v) * np.sinc(u)
+    open_stop = OpenStop.of(estimate.lattice, estimate.lattice.camera.middle_nm, per_cycle)
     frequency = np.hypot(y, x) / per_cycle
     power = np.exp(logs[0][1] + slope * (np.log(np.maximum(frequency, 1e-3)) - logs[0][0]))
     return Interior(
@@ -169,13 +153,13 @@ def interior(estimate: Surrogate) -> Interior:
         np.stack([y, x]),
         count,
         count / count.sum(),
-        at(y, x),
+        open_stop.at(y, x),
         np.sinc(y / per_cycle) * np.sinc(x / per_cycle),
-        folded,
+        open_stop.folded(y / per_cycle, x / per_cycle),
         power,
         (frequency / 0.1) ** 2 + 1e-12,
         estimate.light,
         per_cycle,
-        area,
-        table,
+        open_stop.dots,
+        open_stop.table,
     )

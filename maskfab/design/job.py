@@ -16,17 +16,21 @@ from maskfab.design.discrete import Prices
 from maskfab.design.orientation_map import DesignedMap
 from maskfab.design.surrogate import Surrogate
 from maskfab.errors import JobError
+from maskfab.imaging.camera import F1, PhotoCamera, described
 from maskfab.imaging.photographs import Scene
 from maskfab.imaging.protocol import LEVELS
 from maskfab.layout.circuit import CircuitRules
 from maskfab.layout.maps import CellMap
 from maskfab.layout.openings import dot_of_pitch
 from maskfab.layout.subpixels.rules import EmitterRules
-from maskfab.model import ORIENTATIONS, Opening, Tiling
+from maskfab.model import ORIENTATIONS, Camera, Opening, Tiling
 from maskfab.spec import DesignSection
 from maskfab.units import NM_PER_UM, to_nm
 
 Facts = dict[str, str | int | float]
+
+LEVELS_OF_F1 = "another camera at the levels of F1"
+"""In the place of a protocol's name."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -149,9 +153,19 @@ def appraised(
     return psnr, facts | by_level("head_room_frame", gap.head_room_frame), gap.head_room, gap
 
 
-def origin(section: DesignSection, command: str) -> Facts:
-    """Who made it, and how it is made again."""
-    return {"author": "maskfab", "command": command, "version": __version__, "seed": section.seed}
+def origin(section: DesignSection, command: str, camera: Camera | PhotoCamera = F1) -> Facts:
+    """Who made it, how it is made again, and for which camera."""
+    made: Facts = {"author": "maskfab", "command": command, "version": __version__, "seed": section.seed}
+    return made | camera_facts(camera)
+
+
+def camera_facts(camera: Camera | PhotoCamera) -> Facts:
+    """The camera that an opening was designed for, as provenance; nothing for that of protocol F1.
+
+    What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
+    """
+    told = described(camera)
+    return {} if told == F1.described else {"camera": told, "protocol": LEVELS_OF_F1}
 
 
 def by_level(name: str, values: Sequence[float]) -> Facts:

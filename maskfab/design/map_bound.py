@@ -31,6 +31,7 @@ from maskfab.imaging.protocol import LEVELS
 Floats = NDArray[np.float64]
 
 _STEPS = 25
+_FAINT = 0.1
 _LOW = 1 / 16
 """Cycles per pixel below which, on both axes, the leak takes the bias's place."""
 
@@ -102,7 +103,9 @@ def layout_bound(inner: Interior, ratio: float, level: int, open_share: float) -
         level: of light, dB.
         open_share: clear share of the stop.
     """
-    most = 1 / float(inner.stop.min())
+    faintest = float(inner.stop.min())
+    # No lag has more pairs of clear dots than of dots, of which the stop passes the share that is clear.
+    most = 1 / (faintest if faintest > _FAINT else open_share)
     nodes, cost = wiener_cost(inner, inner.variance(level, open_share), open_share, most)
     around = blocks(inner, ratio, cut_cells=True, open_share=open_share)
     found = block_error(inner, nodes, cost, around, open_share, moving=True, steps=_STEPS)[0]

@@ -24,6 +24,7 @@ from maskfab.design.families import FAMILIES
 from maskfab.design.job import Facts, by_level, constraints_of, origin
 from maskfab.design.surrogate import surrogate
 from maskfab.errors import InputError, JobError
+from maskfab.imaging.camera import F1, PhotoCamera
 from maskfab.imaging.photographs import Scene
 from maskfab.imaging.protocol import LEVELS
 from maskfab.layout.subpixels.facing import border_margin
@@ -238,6 +239,7 @@ def sweep(
     *,
     compared: Sequence[Opening] = (),
     emitters: EmitterRules | None = None,
+    camera: PhotoCamera = F1,
     budget_s: float | None = None,
     workers: int | None = None,
     progress: Progress = silent,
@@ -250,6 +252,7 @@ def sweep(
         scenes: photographs whose spectrum and edges count.
         compared: openings on the same grid, judged as if laid in the same tiling.
         emitters: their rules; by default those that [design] takes, 8 um between colours and two dots of width.
+        camera: that looks through the panel.
         budget_s: stop after about this time; every size has its share of it, and at least 64 shapes.
         workers: threads; by default as many as there are processors.
         progress: told where the work stands.
@@ -262,7 +265,9 @@ def sweep(
     periodic = section.tiling is Tiling.PERIODIC
     footprints = _footprints(rules)
     progress("photographs", 0, 1)
-    objective = ExpectedPsnr(surrogate(scenes, section.dots), periodic, LEVELS, section.weights)
+    objective = ExpectedPsnr(
+        surrogate(scenes, section.dots, dot_nm=rules.dot_nm, camera=camera), periodic, LEVELS, section.weights
+    )
     progress("photographs", 1, 1)
     work = _Sweep(pareto, section, objective, footprints, rules, workers or os.cpu_count() or 1, progress)
     counts = sorted(set(pareto.clear_dots))
@@ -283,20 +288,23 @@ def sweep(
     return Pareto(tuple(curves), best, given, rules.dot_nm)
 
 
-def openings(found: Pareto, section: SearchSection, command: str) -> dict[str, tuple[Judged, Opening]]:
+def openings(
+    found: Pareto, section: SearchSection, command: str, camera: PhotoCamera = F1
+) -> dict[str, tuple[Judged, Opening]]:
     """Every opening on a curve with its provenance, by its name: the job's, the clear dots and its place in the curve.
 
     Args:
         found: by a sweep.
         section: of that sweep.
         command: how a user repeats it.
+        camera: of that sweep.
     """
     named: dict[str, tuple[Judged, Opening]] = {}
     for curve in found.curves:
         for place, each in enumerate(curve.front, start=1):
             name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
             facts: Facts = {
-                **origin(section, command),
+                **origin(section, command, camera),
                 "shape": each.shape,
                 **by_level("expected_psnr", each.psnr),
                 "footprint": round(each.footprint, 6),

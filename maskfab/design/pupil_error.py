@@ -4,11 +4,12 @@ The error is that of :mod:`maskfab.design.surrogate`, noise + what the filter ho
 for the panel that is there, cut cells and all, in place of the mean over random ones. It is a function of the pupil's
 autocorrelation A alone: the light is A(0), and with L lags to one cycle per pixel
 
-    H(t / L) = sum over k of A(t + kL) / A(0) sinc(t / L + k),    k = -1, 0, 1 on each axis,
+    H(t / L) = sum over k of A(t + kL) / A(0) sinc(t / L + k),    k = -1, 0, 1 on each axis for protocol F1,
 
-exact for square dots at whole lags t once L is a whole odd number (331 for 331.25 of 8 µm, so that lags are off by
-0.08 %, which moves no comparison of layouts; by one dot in L at most). Beyond 1.5 L there is no stop. One wavelength,
-530 nm, stands for the three colours.
+exact for square dots at whole lags t once L is a whole odd number M. Protocol F1 takes M for L (331 for 331.25 of 8 µm,
+so that lags are off by 0.08 %, which moves no comparison of layouts; by one dot in L at most) and leaves out what the
+stop's outermost hundredth passes. For other cameras A is interpolated at the lags t L / M first, which is exact for
+square dots, and as many k are summed as the stop passes. The middle wavelength stands for all, 530 nm for F1.
 
 The slope by the pupil is a field that costs two transforms: with g = ∂E/∂A,
 
@@ -28,16 +29,19 @@ from numpy.typing import NDArray
 
 from maskfab.design.surrogate import Surrogate
 from maskfab.errors import JobError
+from maskfab.imaging.camera import PhotoCamera
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import CELLS, PANEL_UM, Lattice, lags_per_frequency, lay, stop
-from maskfab.units import NM_PER_UM
+from maskfab.imaging.transfer import Lattice, lay
 
 Floats = NDArray[np.float64]
 
-_WAVELENGTH_NM = 530.0
 _LOW = 1 / 16
 """Cycles per pixel below which, on both axes, the surrogate's low-passed scenes take over."""
+_RIM = 0.01
+"""Outer share of the stop's diameter that protocol F1 leaves out: its lags pass next to nothing."""
+_FEWEST_FREQUENCIES = 129
+"""Along an axis, where a camera has fewer dots of lag to one cycle per pixel."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,14 +110,17 @@ class PupilError:
         lattice: of the cells behind the stop.
         size: points of the transforms along each side; no lag wraps.
         inside: the stop, bool [side, side], side = ``lattice.side``.
+        reach: largest whole lag that is asked for.
         levels: keys of :data:`maskfab.imaging.capture.ELECTRONS`.
         weights: of the levels in the loss; they sum to 1.
-        cycle: L, whole and odd.
-        pixel: sinc of the lags from -1.5 L to 1.5 L along one axis.
-        share: of the square of frequencies, [(L + 1) / 2, L], its upper half; sums to 1.
+        cycle: M, whole and odd: frequencies are multiples of 1 / M cycles per pixel.
+        stretch: for each of these from 0 on, the whole lag below it and how far it lies beyond; None where all are
+            whole lags themselves.
+        pixel: sinc of the frequencies from -(k + 0.5) to k + 0.5 along one axis, k the orders folded back.
+        share: of the square of frequencies, [(M + 1) / 2, M], its upper half; sums to 1.
         signal: the same times the scenes' mean spectrum, 0 where the leak counts.
         inverse_prior: (f / 0.1)² at the same places.
-        along: matrices from the lags that reach 168 µm, [.., 2 k + 1], to the low frequencies of y and x.
+        along: matrices from the lags that reach the low frequencies, [.., 2 k + 1], to these, of y and x.
         low, low_truth, low_prior: the low-passed scenes as in :class:`maskfab.design.surrogate.Surrogate`.
         mirror: for y and x, where the mirrored record takes its rows and columns from.
         light: mean of the scenes, white is 1.
@@ -122,9 +129,11 @@ class PupilError:
     lattice: Lattice
     size: int
     inside: NDArray[np.bool_]
+    reach: int
     levels: tuple[int, ...]
     weights: tuple[float, ...]
     cycle: int
+    stretch: tuple[torch.Tensor, torch.Tensor] | None
     pixel: torch.Tensor
     share: torch.Tensor
     signal: torch.Tensor
@@ -148,11 +157,7 @@ class PupilError:
 
     def laid(self, units: NDArray[np.bool_], orientations: NDArray[np.int8] | None = None, seed: int = 0) -> Floats:
         """The pupil of units laid on these cells, [side, side] of 0 and 1, as :func:`maskfab.imaging.transfer.lay`."""
-        room = self.lattice
-        common = math.isclose(room.dots * room.dot_um, PANEL_UM / CELLS, rel_tol=1e-9)
-        # Cells of 168 um are told by their dots alone, which need be no whole number of nanometres.
-        dot_nm = None if common else round(room.dot_um * NM_PER_UM)
-        return lay("panel", units, orientations, seed, dot_nm=dot_nm).pupil
+        return lay("panel", units, orientations, seed, room=self.lattice).pupil
 
     def psnr(self, pupil: Floats) -> tuple[float, ...]:
         """Expected restored PSNR in dB at each level, each with its best ε.
@@ -173,8 +178,8 @@ class PupilError:
         return Judged(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
 
     def _table(self, pupil: Floats) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
-        """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within 1.5 L."""
-        size, reach = self.size, len(self.pixel) // 2
+        """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach."""
+        size, reach = self.size, self.reach
         lines = scipy.fft.rfft(pupil.astype(np.float32), n=size, axis=1, workers=1)
         spectrum = scipy.fft.fft(lines, n=size, axis=0, workers=1)
         power = spectrum.real**2 + spectrum.imag**2
@@ -185,17 +190,31 @@ class PupilError:
 
     def _transfers(self, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """H on the upper half of the square of frequencies, at the low ones, and the light in dots."""
-        reach, near_reach, cycle = len(self.pixel) // 2, self.along[0].shape[1] // 2, self.cycle
+        reach, near_reach, cycle = self.reach, self.along[0].shape[1] // 2, self.cycle
         light = table[0, reach].to(torch.float64)
-        seen = table * self.pixel
-        lines = (seen[:, :cycle] + seen[:, cycle : 2 * cycle] + seen[:, 2 * cycle :]) * self.pixel[reach:, None]
+        seen = self._stretched(table) * self.pixel
+        around = [seen[:, start : start + cycle] for start in range(0, seen.shape[1], cycle)]
+        lines = sum(around[1:], start=around[0]) * self.pixel[len(self.pixel) // 2 :, None]
         half = cycle // 2 + 1
-        # Rows from below 0 are rows above it, mirrored.
-        below = lines[half : cycle + 1].flip(0, 1)
-        folded = (lines[:half] + lines[cycle : cycle + half] + below).to(torch.float64) / light
+        folded = lines[:half]
+        for start in range(cycle, len(lines), cycle):
+            # Rows from below 0 are rows above it, mirrored.
+            folded = folded + lines[start : start + half] + lines[start - half + 1 : start + 1].flip(0, 1)
+        folded = folded.to(torch.float64) / light
         upper = table[: near_reach + 1, reach - near_reach : reach + near_reach + 1].to(torch.float64)
         near = torch.cat([upper[1:].flip(0, 1), upper]) / light
         return folded, self.along[0] @ near @ self.along[1].T, light
+
+    def _stretched(self, table: torch.Tensor) -> torch.Tensor:
+        """The autocorrelation at the lags of the frequencies, those of y from 0."""
+        if self.stretch is None:
+            return table
+        below, beyond = self.stretch
+        rows = torch.lerp(table[below], table[below + 1], beyond[:, None])
+        right = self.reach + below
+        # At lags to the left everything is mirrored.
+        left = torch.lerp(rows[:, self.reach - below[1:]], rows[:, self.reach - below[1:] - 1], beyond[1:])
+        return torch.cat([left.flip(1), torch.lerp(rows[:, right], rows[:, right + 1], beyond)], dim=1)
 
     def _loss(self, table: torch.Tensor, epsilons: Sequence[float]) -> torch.Tensor:
         transfer, low, light = self._transfers(table)
@@ -266,10 +285,15 @@ def pupil_error(
             cure="Give one for each level",
         )
     room = estimate.lattice
-    side = room.side
-    per_cycle = lags_per_frequency(side, _WAVELENGTH_NM, room.dot_um)
+    side, camera = room.side, room.camera
+    per_cycle = room.per_cycle(camera.middle_nm)
     cycle = 2 * round((per_cycle - 1) / 2) + 1
-    reach = (3 * cycle - 1) // 2
+    if not camera.whole_lags:
+        cycle = max(cycle, _FEWEST_FREQUENCIES)
+    half = cycle // 2 + _orders(camera) * cycle
+    stretch = None if camera.whole_lags else _parts(np.arange(half + 1, dtype=np.float64) * (per_cycle / cycle))
+    reach = half if stretch is None else int(stretch[0].max()) + 1
+    reach = max(reach, len(estimate.near) // 2)
     nu = np.arange(-(cycle // 2), cycle // 2 + 1) / cycle
     upper = nu[cycle // 2 :, None]
     distance = np.hypot(upper, nu)
@@ -283,11 +307,13 @@ def pupil_error(
     return PupilError(
         room,
         int(scipy.fft.next_fast_len(max(2 * side - 1, side + reach, 2 * reach + 1), real=True)),
-        stop(side, room.dot_um),
+        room.stop,
+        reach,
         tuple(levels),
         tuple(float(w) for w in share / share.sum()),
         cycle,
-        torch.from_numpy(np.sinc(np.arange(-reach, reach + 1) / cycle).astype(np.float32)),
+        stretch,
+        torch.from_numpy(np.sinc(np.arange(-half, half + 1) / cycle).astype(np.float32)),
         torch.from_numpy(square),
         torch.from_numpy(signal),
         torch.from_numpy((distance / 0.1) ** 2 + 1e-12),
@@ -298,6 +324,18 @@ def pupil_error(
         (_mirrored(rows, height), _mirrored(columns, width)),
         estimate.light,
     )
+
+
+def _orders(camera: PhotoCamera) -> int:
+    """Multiples of the sampling frequency that are folded back."""
+    passed = 1 - _RIM if camera.whole_lags else 1
+    return max(1, math.ceil(passed * camera.reach(camera.middle_nm) - 0.5))
+
+
+def _parts(lags: Floats) -> tuple[torch.Tensor, torch.Tensor]:
+    """The whole lags below these, and how far they lie beyond."""
+    below = np.floor(lags)
+    return torch.from_numpy(below.astype(np.int64)), torch.from_numpy((lags - below).astype(np.float32))
 
 
 def _power_law(estimate: Surrogate, per_cycle: float) -> tuple[float, float]:

@@ -25,10 +25,13 @@ from maskfab.design.nearest import nearest
 from maskfab.design.objective import AreaPenalty, Objective, Weighted
 from maskfab.design.recipes import PaperLosses, paper
 from maskfab.design.stop_grid import cells_across
-from maskfab.design.surrogate import Surrogate, surrogate
+from maskfab.design.surrogate import Surrogate, surrogate_behind
 from maskfab.design.tiled_stop import invertibility_of, tiled_stop
 from maskfab.design.top_residual import top_residual
+from maskfab.errors import JobError
+from maskfab.imaging.camera import PhotoCamera
 from maskfab.imaging.photographs import Scene
+from maskfab.imaging.transfer import Lattice, lattice
 from maskfab.layout.tiling import orientations
 from maskfab.model import Camera, Opening, Tiling
 from maskfab.progress import Progress, silent
@@ -89,7 +92,8 @@ def relax(
     rules = constraints_of(section)
     rules.require_possible()
     progress("photographs", 0, 1)
-    estimate = surrogate(scenes, section.dots, dot_nm=rules.dot_nm)
+    room, told = _judging(section, rules, camera)
+    estimate = surrogate_behind(scenes, room)
     progress("photographs", 1, 1)
     plan = schedule(section, rules, camera, scenes, estimate)
     found, notes = _descended(plan, clock, checkpoint, progress)
@@ -99,14 +103,24 @@ def relax(
     psnr, known, head_room, gap = appraised(estimate, mask, periodic=periodic)
     progress("bounds", 1, 1)
     evaluated = found.iterations + section.anneal
-    facts: Facts = {**origin(section, command), "shape": plan.name, "tiling": section.tiling.value}
+    facts: Facts = {**origin(section, command, camera), "shape": plan.name, "tiling": section.tiling.value}
     facts |= {} if section.tiling_seed is None else {"tiling_seed": section.tiling_seed}
+    facts |= {"protocol": "F1"} if told else {}
     facts |= {**known, "evaluated": evaluated, "loss": round(loss, 6)}
     cut = bool(notes) or unfinished
     opening = Opening(section.name, mask, rules.dot_nm, facts)
     return Designed(
-        opening, plan.name, psnr, head_room, evaluated, gap=gap, notes=(*found.notes, *notes, *more), cut=cut
+        opening, plan.name, psnr, head_room, evaluated, gap=gap, notes=(*found.notes, *notes, *more, *told), cut=cut
     )
+
+
+def _judging(section: RelaxSection, rules: Constraints, camera: Camera) -> tuple[Lattice, tuple[str, ...]]:
+    """The cells behind which photographs are judged: protocol F1's camera stands in for one that they cannot have."""
+    try:
+        return lattice(section.dots, rules.dot_nm, camera=PhotoCamera.of(camera)), ()
+    except JobError as refusal:
+        told = f"Expected PSNRs are those behind the camera of protocol F1: {refusal.what}."
+        return lattice(section.dots, rules.dot_nm), (told,)
 
 
 def schedule(

@@ -23,6 +23,7 @@ from maskfab.design.job import (
     Facts,
     appraised,
     by_level,
+    camera_facts,
     constraints_of,
     of_prices,
     origin,
@@ -34,10 +35,11 @@ from maskfab.design.nearest import nearest
 from maskfab.design.orientation_map import MapMode, require_size
 from maskfab.design.pupil_error import pupil_error
 from maskfab.design.shortlist import shortlisted
-from maskfab.design.surrogate import surrogate
+from maskfab.design.surrogate import surrogate_behind
+from maskfab.imaging.camera import F1, PhotoCamera
 from maskfab.imaging.photographs import Scene
 from maskfab.imaging.protocol import LEVELS
-from maskfab.imaging.transfer import Lattice, lattice
+from maskfab.imaging.transfer import FEWEST_CELLS, Lattice, lattice
 from maskfab.model import Opening, Tiling
 from maskfab.progress import Progress, silent
 from maskfab.spec import SearchSection
@@ -54,6 +56,7 @@ def search(
     command: str,
     progress: Progress = silent,
     *,
+    camera: PhotoCamera = F1,
     budget_s: float | None = None,
     checkpoint: Path | None = None,
 ) -> Designed:
@@ -64,29 +67,30 @@ def search(
         scenes: photographs whose spectrum and edges count.
         command: for the provenance.
         progress: told where the work stands.
+        camera: that looks through the panel.
         budget_s: seconds for the search; what every result needs is done beyond them: bounds, and one descent of a map.
         checkpoint: file to go on from, and to keep.
 
     Raises:
-        JobError, OpeningError: MF104, MF106, MF107 for numbers; MF121 for scenes without a spectrum; MF123, MF203,
-            MF204 for rules that no opening keeps, or that cannot be shown to hold at several places in a cell; MF115
-            for a map of too many cells, or of cells of too many dots.
+        JobError, OpeningError: MF104, MF106, MF107, MF135 for numbers; MF121 for scenes without a spectrum; MF123,
+            MF203, MF204 for rules that no opening keeps, or that cannot be shown to hold at several places in a cell;
+            MF115 for a map of too many cells, or of cells of too many dots.
         SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
     """
     clock = Clock(budget_s)
     rules = constraints_of(section)
-    room = lattice(section.dots, rules.dot_nm)
+    room = lattice(section.dots, rules.dot_nm, camera=camera)
     if section.map is not None:
         require_size(room)
     if section.positions > 1:
         require_places(rules)
     rules.require_possible()
     progress("photographs", 0, 1)
-    estimate = surrogate(scenes, section.dots, dot_nm=rules.dot_nm)
+    estimate = surrogate_behind(scenes, room)
     progress("photographs", 1, 1)
     periodic = section.tiling is Tiling.PERIODIC
     expected = ExpectedPsnr(estimate, periodic, LEVELS, section.weights)
-    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes))
+    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *camera_facts(camera).values()))
     if section.objective == "auc":
         found = _by_auc(section, rules, room, clock, progress)
     else:
@@ -95,7 +99,7 @@ def search(
     error = None
     if section.map is not None:
         # On few pictures a map fits the very edges of those, and gains a tenth of a decibel less on any others.
-        wide = surrogate(scenes, section.dots, dot_nm=rules.dot_nm, leak_scenes=_MAP_LEAK_SCENES)
+        wide = surrogate_behind(scenes, room, leak_scenes=_MAP_LEAK_SCENES)
         error = pupil_error(wide, weights=section.weights)
     if error is not None and section.map is not None and section.objective != "auc" and section.density is None:
         found = shortlisted(
@@ -109,13 +113,15 @@ def search(
             seed=map_seed(section),
             positions=section.positions,
         )
-    facts: Facts = {**origin(section, command), "shape": found.best.name}
+    facts: Facts = {**origin(section, command, camera), "shape": found.best.name}
 
     def of_count(clear_dots: int) -> Mask:
         other = section.model_copy(update={"clear_dots": clear_dots, "anneal": 0})
         return scanned(other, replace(rules, clear_dots=clear_dots), expected, clock, None, progress).best.unit
 
-    laid = mapped(section, found.best.unit, rules, estimate, error, origin(section, command), of_count, clock, progress)
+    laid = mapped(
+        section, found.best.unit, rules, estimate, error, origin(section, command, camera), of_count, clock, progress
+    )
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap = laid.psnr, None, None
     if psnr is None:
@@ -138,9 +144,16 @@ def search(
         laid.head_room,
         gap,
         None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_out", laid.outer, rules.dot_nm, facts),
-        (*found.notes, *laid.notes),
+        (*_few_cells(room, section), *found.notes, *laid.notes),
         found.cut or laid.cut,
     )
+
+
+def _few_cells(room: Lattice, section: SearchSection) -> tuple[str, ...]:
+    if room.cells >= FEWEST_CELLS or section.tiling is Tiling.PERIODIC or section.map is not None:
+        return ()
+    told = f"Only {room.cells} x {room.cells} cells lie behind the stop: one random layout of them may restore 2 dB"
+    return (f"{told} better or worse than is expected of all.",)
 
 
 def _by_auc(section: SearchSection, rules: Constraints, room: Lattice, clock: Clock, progress: Progress) -> Best:

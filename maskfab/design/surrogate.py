@@ -1,4 +1,4 @@
-r"""Expected restored PSNR of a unit opening in about a millisecond: protocol F1 without the pictures' transforms.
+r"""Expected restored PSNR of a unit opening in about a millisecond: a protocol without its pictures' transforms.
 
 The squared error of the restored picture is the sum of
 
@@ -15,7 +15,8 @@ S of the open stop, C circular of the unit averaged over the orientations, V lin
 that of their mean. Sampled at whole lags: all short ones, and a fixed random choice of long ones, weighted.
 
 Notes:
-    The stop is protocol F1's, 4 mm, whatever the cell: see :func:`maskfab.imaging.transfer.lattice`.
+    The camera is that of the lattice, protocol F1's by default; its middle wavelength stands for all, and the levels of
+    light are F1's.
 """
 
 from __future__ import annotations
@@ -29,21 +30,21 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError
+from maskfab.imaging.camera import F1, PhotoCamera
 from maskfab.imaging.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.imaging.photographs import Scene
 from maskfab.imaging.protocol import EPSILONS, LEVELS
-from maskfab.imaging.transfer import CELLS, PANEL_UM, Lattice, autocorrelation, lags_per_frequency, lattice, stop
+from maskfab.imaging.transfer import Lattice, OpenStop, lattice
 from maskfab.model import ORIENTATIONS, orient
 
 Floats = NDArray[np.float64]
 
 _ROWS, _COLUMNS, _FACTOR = 128, 192, 8
 _WIDTH = 32
-_WAVELENGTH_NM = 530.0
 _LONG_LAGS = 3000
 _LEAK_EVERY = 7
-_NEAR_UM = PANEL_UM / CELLS
-"""Just beyond the lag of the highest low frequency, 165.6 um."""
+_NEAR = 168 / 165.625
+"""Share of the lag of the highest low frequency up to which lags are held: just beyond it."""
 LEAST_CONTRAST = 1e-4
 """A tenth of what the smallest step of eight bits is, evenly spread."""
 
@@ -60,7 +61,7 @@ class Surrogate:
         weight: [m], share of the square of frequencies; sums to 1.
         signal: [m], weight times P, 0 where the low-passed scene takes over.
         inverse_prior: [m], (f / 0.1)².
-        near: S at the lags -k to k that reach 168 um, [2 k + 1] twice; k is ``dots`` where cells are so wide.
+        near: S at the lags -k to k that reach the low frequencies, 168 um for protocol F1, [2 k + 1] twice.
         along: matrices from these lags to the low frequencies of y and x, the pixel's sinc in them.
         low: complex64 [scenes, 128, 97], low-passed scenes; their own part on the sensor is ``low_truth``.
         low_prior: (f / 0.1)² at their frequencies.
@@ -170,7 +171,14 @@ class Surrogate:
         return np.asarray(np.exp(np.interp(np.log(epsilons), np.log(known), np.log(np.maximum(errors, 1e-12)))))
 
 
-def surrogate(scenes: Sequence[Scene], dots: int = 21, *, dot_nm: int | None = None, leak_scenes: int = 2) -> Surrogate:
+def surrogate(
+    scenes: Sequence[Scene],
+    dots: int = 21,
+    *,
+    dot_nm: int | None = None,
+    camera: PhotoCamera = F1,
+    leak_scenes: int = 2,
+) -> Surrogate:
     """Prepare the surrogate for units of ``dots`` x ``dots``, from scenes of 1024 x 1536 pixels (others are left out).
 
     The spectrum P is c f^-p, fitted to the scenes' rings from 0.02 to 0.4 cycles per pixel; the scenes' own low
@@ -180,30 +188,25 @@ def surrogate(scenes: Sequence[Scene], dots: int = 21, *, dot_nm: int | None = N
         scenes: photographs, or drawn ones.
         dots: along the unit's side.
         dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
+        camera: that looks through the panel.
         leak_scenes: pictures that the leak is computed on; what is designed on few fits them and not others.
 
     Raises:
-        JobError: MF121 if no scene has that size, or one is the same grey everywhere; MF104, MF115 for dots as
+        JobError: MF121 if no scene has that size, or one is the same grey everywhere; MF104, MF115, MF135 for dots as
             :func:`maskfab.imaging.transfer.lattice`.
     """
-    room = lattice(dots, dot_nm)
+    return surrogate_behind(scenes, lattice(dots, dot_nm, camera=camera), leak_scenes=leak_scenes)
+
+
+def surrogate_behind(scenes: Sequence[Scene], room: Lattice, *, leak_scenes: int = 2) -> Surrogate:
+    """A surrogate for the units of given cells; arguments and errors as of :func:`surrogate`."""
     kept = _of_use(scenes)
-    side = room.side
-    per_cycle = lags_per_frequency(side, _WAVELENGTH_NM, room.dot_um)
-    table = autocorrelation(stop(side, room.dot_um).astype(np.float64))
-    table /= table[side - 1, side - 1]
-    lags, count = _choose_lags(dots, int(per_cycle / 2))
+    wavelength_nm = room.camera.middle_nm
+    per_cycle = room.per_cycle(wavelength_nm)
+    open_stop = OpenStop.of(room, wavelength_nm)
+    lags, count = _choose_lags(room.dots, int(per_cycle / 2))
     nu = lags / per_cycle
     distance = np.hypot(nu[0], nu[1])
-
-    def open_stop(y: Floats, x: Floats) -> Floats:
-        place = [np.rint(v * per_cycle).astype(np.int64) + side - 1 for v in (y, x)]
-        inside = (abs(place[0] - side + 1) < side) & (abs(place[1] - side + 1) < side)
-        values = table[np.clip(place[0], 0, 2 * side - 2), np.clip(place[1], 0, 2 * side - 2)] * inside
-        return np.asarray(values * np.sinc(y) * np.sinc(x))
-
-    orders = [(k, j) for k in range(-2, 3) for j in range(-2, 3) if (k, j) != (0, 0)]
-    folded = np.sum([open_stop(nu[0] + k, nu[1] + j) for k, j in orders], axis=0)
     light = float(np.mean([s.values.mean() for s in kept]))
     kept = _equalised(kept)
     factor, power = _spectrum(kept)
@@ -219,18 +222,18 @@ def surrogate(scenes: Sequence[Scene], dots: int = 21, *, dot_nm: int | None = N
     cut[:, :, -1] = 0
     small = scipy.fft.irfft2(cut, (_ROWS, _COLUMNS)).astype(np.float32)
     axes = scipy.fft.fftfreq(_ROWS) / _FACTOR, scipy.fft.rfftfreq(_COLUMNS) / _FACTOR
-    # Rounding must not add a dot where 168 um are a whole number of them.
-    reach = math.ceil(_NEAR_UM / room.dot_um - 1e-9)
-    middle = slice(side - 1 - reach, side + reach)
+    # Rounding must not add a dot where that is a whole number of them.
+    reach = math.ceil(_NEAR * edge * per_cycle - 1e-9)
+    near = np.arange(-reach, reach + 1)
     return Surrogate(
         room,
         lags,
         open_stop(nu[0], nu[1]),
-        folded,
+        open_stop.folded(nu[0], nu[1]),
         weight,
         np.where(low, 0, weight * density),
         (distance / 0.1) ** 2 + 1e-12,
-        table[middle, middle],
+        open_stop.at(near[:, None], near),
         (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
         cut.astype(np.complex64),
         small[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH],

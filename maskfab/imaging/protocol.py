@@ -31,7 +31,7 @@ EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 TRIM = 64
 """Pixels left out at each edge of the inner frame."""
 LEVELS = (24, 32, 40)
-ASSUMED = "protocol F1's own camera, an opaque film and no glass, whatever the job says of its camera and plate"
+ASSUMED = "an opaque film and no glass, whatever the job says of its plate"
 """Assumptions of the photographs."""
 
 
@@ -114,7 +114,7 @@ def evaluate(
 
     Raises:
         JobError: MF105 without designs, levels or scenes, or for two of one name; MF104 for other levels, or a closed
-            design.
+            design; MF134 behind a camera of other than three wavelengths.
     """
     for what, names in (
         ("designs", [d.name for d in designs]),
@@ -129,6 +129,7 @@ def evaluate(
         gain(level, 1.0)
     for design in designs:
         _require_light(design)
+        _ = design.lattice.camera.colours_nm
     prepared = {id(s): _prepare(s) for s in (*tuning, *test)}
     scores: list[Score] = []
     for design in designs:
@@ -180,7 +181,7 @@ class _Design:
 
     def __init__(self, laid: Laid, shapes: set[tuple[int, int]]) -> None:
         self.laid = laid
-        self.transfer = {shape: transfer_grid(shape, len(laid.pupil), laid.dot_um)(laid.pupil) for shape in shapes}
+        self.transfer = {shape: transfer_grid(shape, laid.lattice)(laid.pupil) for shape in shapes}
         self.prior = {shape: prior(shape) for shape in shapes}
 
     def record(self, known: _Prepared, level: int) -> NDArray[np.complex64]:

@@ -11,10 +11,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
+from maskfab.imaging.camera import F1, described
 from maskfab.imaging.protocol import LEVELS
 from maskfab.layout import maps
 from maskfab.layout.job import Job
-from maskfab.model import Opening
+from maskfab.model import Opening, Quantity
 from maskfab.validate.restored import Restored
 
 Document = dict[str, Any]
@@ -55,12 +56,32 @@ def stated(job: Job) -> dict[str, Stated]:
     return found
 
 
+def camera_notes(job: Job) -> dict[str, Quantity]:
+    """By die, a note where its opening or its map says that it was designed for another camera than the job's."""
+    here = described(job.camera)
+    notes = {}
+    for name, said in stated(job).items():
+        others = [each for each in (_camera(said.opening), _camera(said.cells or {})) if each not in (None, here)]
+        if others:
+            told = f"camera that this die was designed for; the job's is: {here}. What its files state holds there"
+            notes[name] = Quantity("designed_for", "", _plain(str(others[0])), "", told, die=name)
+    return notes
+
+
+def _camera(facts: Facts) -> object:
+    """The camera that a file was designed for; what states none was made for that of protocol F1, unless a descent for
+    a camera that former versions did not name."""
+    if "camera" in facts:
+        return facts["camera"]
+    return F1.described if facts.get("author") == "maskfab" and "loss" not in facts else None
+
+
 def design_document(said: Stated, restored: Restored | None = None) -> Document:
     """One die's design; all PSNRs and their differences in dB.
 
     Args:
         said: by its files.
-        restored: what protocol F1 makes of the die; None if it cannot judge it.
+        restored: photographs behind the die; None if they cannot be judged.
     """
     opening, cells = said.opening, said.cells or {}
     shots = {} if restored is None else {shot.score.level_db: shot.score for shot in restored.shots}

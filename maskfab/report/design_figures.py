@@ -74,7 +74,7 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]]) -> by
                 )
             axes.text(0.5, -0.04, caption, transform=axes.transAxes, ha="center", va="top", color=INK, fontsize=_LARGE)
     said = (
-        f"Middle of the scene {scene}, photographed and restored by protocol F1.\n"
+        f"Middle of the scene {scene}, photographed in the noise of protocol F1, and restored.\n"
         "PSNR of the whole frame, in brackets without 64 pixels at its edges."
     )
     figure.text(_LEFT / width, 0.08 / height, said, color=QUIET, fontsize=_SMALL, va="bottom")

@@ -220,9 +220,19 @@ QUANTITIES: Mapping[str, Term] = MappingProxyType(
         "restored_psnr": Term(
             "Restored PSNR",
             "Expected peak signal-to-noise ratio of restored photographs through this die at a given light "
-            "level: protocol F1, its camera of 10 mm at f/2.5 and 2 µm pixels, no denoiser. The level is the "
+            "level: taken by the job's camera, restored as protocol F1 does, no denoiser. The level is the "
             "signal-to-noise ratio of white behind the published display.",
             "Choose one compact opening with a designed orientation map, or raise the open ratio.",
+        ),
+        "photographs_refused": Term(
+            "Photographs not judged",
+            "Why restored photographs behind this die are not judged, or not taken, by the job's camera.",
+            "Change the camera as it says; everything else is measured all the same.",
+        ),
+        "designed_for": Term(
+            "Another camera's design",
+            "Camera that the die's opening or map was made for, where it is not the job's.",
+            "Design it again with maskfab design and this job's camera.",
         ),
         "psf_energy_in_window": Term(
             "PSF energy in window",
@@ -423,7 +433,7 @@ WORDS: Mapping[str, str] = MappingProxyType(
         "protocol F1": "Photographs of fixed scenes with photon noise, restored by a Wiener filter with the best "
         "constant for the design; compared with the truth over the whole frame and over the inner "
         "one, without 64 pixels at every edge.",
-        "surrogate": "A model that predicts the result of protocol F1 in two milliseconds.",
+        "surrogate": "A model that predicts the PSNR of restored photographs in two milliseconds.",
         "relative L2": "Root of the sum of squared differences over that of the squared values.",
         "Wiener filter": "The linear restoration with the least mean squared error at a given noise-to-signal ratio.",
         "XOR": "The area in which two layouts differ.",

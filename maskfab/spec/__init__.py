@@ -4,7 +4,7 @@ Every length is written with its unit (``"168 um"``); a validated spec holds mic
 dumps back to text that loads to the same spec.
 """
 
-from maskfab.spec.checks import check_lens, check_optics, check_protocol, even_nm
+from maskfab.spec.checks import check_lens, check_optics, even_nm
 from maskfab.spec.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, FileFormat
 from maskfab.spec.read import parse_section, read, validate
 from maskfab.spec.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
@@ -64,7 +64,6 @@ __all__ = [
     "check_lens",
     "check_name",
     "check_optics",
-    "check_protocol",
     "even_nm",
     "is_table",
     "parse_section",

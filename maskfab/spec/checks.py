@@ -264,23 +264,6 @@ def check_lens(camera: Camera, *, where: str) -> None:
         )
 
 
-def check_protocol(camera: Camera, verb: str, *, where: str) -> None:
-    """Refuse a stop that photographs know nothing of, for a verb that judges openings by them alone.
-
-    Raises:
-        JobError: MF133.
-    """
-    if camera.stop.shape in ("circle", "square"):
-        return
-    raise JobError(
-        "MF133",
-        f"{verb} judges by photographs through a round stop of 4 mm, and the job's is the {camera.stop.shape} of "
-        f"{camera.stop.diameter_um:g} um",
-        where=f"{where}: camera.stop",
-        cure='Give a circle; of other shapes run, analyse, plan and design with method = "relax" make use',
-    )
-
-
 def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
     """Refuse a window with replicas of the PSF in it, and an aperture or a PSF too fine to hold.
 

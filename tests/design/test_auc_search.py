@@ -13,7 +13,7 @@ from maskfab.design.mtf_auc import mtf_auc
 from maskfab.design.recipes import PAPER_CAMERA
 from maskfab.design.tiled_stop import tiled_stop
 from maskfab.errors import JobError, OpeningError
-from maskfab.imaging.transfer import CELLS, autocorrelation, lay, stop
+from maskfab.imaging.transfer import CELLS, autocorrelation, lattice, lay
 from maskfab.model import ORIENTATIONS, orient
 
 DOTS, CLEAR = 21, 100
@@ -38,7 +38,7 @@ def laid_area(unit, orientations):
     middle = len(table) // 2
     y, x = around.lags
     images = [(y, x), (-y, x), (x, y), (-x, y)]
-    open_stop = autocorrelation(stop(middle + 1).astype(np.float64))[middle + y, middle + x]
+    open_stop = autocorrelation(lattice(len(unit)).stop.astype(np.float64))[middle + y, middle + x]
     modulation = np.stack([table[middle + v, middle + u] for v, u in images]) / table[middle, middle]
     return around.area(modulation * open_stop[0] / np.maximum(open_stop, 1e-9))
 
@@ -181,7 +181,7 @@ def test_variance_of_laid_panels(unit):
     long, short = area._variance(torch.fft.rfft2(turned, s=(2 * n, 2 * n)))
     tables = [autocorrelation(lay("panel", unit, seed=seed).pupil) for seed in range(60)]
     middle = CELLS * n - 1
-    open_stop = autocorrelation(stop(CELLS * n).astype(np.float64))
+    open_stop = autocorrelation(lattice(n).stop.astype(np.float64))
     for y, x, variance in ((2, 4, short), (5, 6, short), (4, 23, long), (30, 8, long)):
         lags = [(a, b) for v, u in ((y, x), (x, y)) for a, b in ((v, u), (v, -u))]
         seen = np.mean([np.var([t[middle + a, middle + b] / t[middle, middle] for t in tables]) for a, b in lags])

@@ -31,7 +31,7 @@ from maskfab.imaging.laid_panel import laid_panel
 from maskfab.imaging.photographs import Scene
 from maskfab.imaging.protocol import evaluate
 from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import MOST_DOTS, autocorrelation, lattice, lay, stop, transfer_grid
+from maskfab.imaging.transfer import MOST_DOTS, autocorrelation, lattice, lay, transfer_grid
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling, refined
 
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
@@ -93,7 +93,9 @@ def test_cells_of_168_um_are_judged_as_they_ever_were(scenes: tuple[Scene, ...],
     old, new = lay("x", bar), lay("x", bar, dot_nm=8000)
     np.testing.assert_array_equal(old.pupil, new.pupil)
     assert old.open_share == new.open_share == float.fromhex("0x1.cf3dd7a5d8b0ep-3")
-    np.testing.assert_array_equal(transfer_grid((16, 24), 504)(old.pupil), transfer_grid((16, 24), 504, 8.0)(new.pupil))
+    np.testing.assert_array_equal(
+        transfer_grid((16, 24), old.lattice)(old.pupil), transfer_grid((16, 24), new.lattice)(new.pupil)
+    )
 
 
 @pytest.mark.parametrize(
@@ -112,7 +114,7 @@ def test_the_fewest_even_number_of_cells_covers_the_stop(dots: int, dot_nm: int,
 def test_the_stop_is_the_same_behind_every_dot() -> None:
     for dots, dot_nm in ((21, 8000), (21, 4000), (16, 8000), (20, 25000), (23, 7304)):
         made = lattice(dots, dot_nm)
-        inside = stop(made.side, made.dot_um)
+        inside = made.stop
         assert inside.sum() * made.dot_um**2 == pytest.approx(math.pi * 2000**2, rel=2e-3)
         np.testing.assert_array_equal(inside, inside[::-1, ::-1])
 
@@ -164,7 +166,7 @@ def test_the_transfer_behind_84_um_cells_is_the_lag_tables(scenes: tuple[Scene, 
     table = autocorrelation(design.pupil)
     side = len(design.pupil)
     table /= table[side - 1, side - 1]
-    found = transfer_grid((8, 12), side, design.dot_um)(design.pupil)
+    found = transfer_grid((8, 12), design.lattice)(design.pupil)
     # ν = 1/8 along y: the lag of green is 530 nm x 10 mm / (2 um x 12 um) / 8 dots; sampling folds back the others.
     expected = 0.0
     for k in range(-3, 4):
@@ -199,10 +201,10 @@ def test_a_panel_of_any_pitch_is_laid(dots: int, dot_nm: int, cells: int) -> Non
 def test_gutters_are_closed_dots_halved_where_they_must_be() -> None:
     unit = corner(10, 4, 6)
     even = laid_panel("x", panel_of(unit, 8000, 60, gutter_nm=16000))
-    assert (even.dot_um, len(even.pupil)) == (8.0, 12 * 42)
+    assert (even.lattice.dot_um, len(even.pupil)) == (8.0, 12 * 42)
     assert even.open_share == pytest.approx(24 / 144, rel=0.02)
     odd = laid_panel("x", panel_of(unit, 8000, 60, gutter_nm=8000))
-    assert (odd.dot_um, len(odd.pupil)) == (4.0, 22 * 46)
+    assert (odd.lattice.dot_um, len(odd.pupil)) == (4.0, 22 * 46)
     assert odd.open_share == pytest.approx(24 / 121, rel=0.02)
     told = refused("MF115", lambda: laid_panel("x", panel_of(unit, 4030, 99, gutter_nm=8000)))
     assert "gutter" in told

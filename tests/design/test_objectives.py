@@ -198,7 +198,7 @@ def test_grid_transfer_is_that_of_the_protocol() -> None:
     found = stop.on_grid((64, 96))(table).numpy()
     laid = lay("x", unit, RANDOM24)
     assert stop.share(table) == pytest.approx(laid.open_share)
-    expected = transfer_grid((64, 96), 504)(laid.pupil)
+    expected = transfer_grid((64, 96), laid.lattice)(laid.pupil)
     assert found.shape == expected.shape
     low = abs(np.fft.fftfreq(64))[:, None] + np.fft.rfftfreq(96) < 0.1
     np.testing.assert_allclose(found[:, low], expected[:, low], atol=0.02)

@@ -12,7 +12,7 @@ from maskfab.design.pupil_error import pupil_error
 from maskfab.design.surrogate import surrogate
 from maskfab.errors import JobError, OpeningError
 from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import CELLS, autocorrelation, lattice, lay, stop
+from maskfab.imaging.transfer import CELLS, autocorrelation, lattice, lay
 from maskfab.model import ORIENTATIONS, orient
 
 DOTS = 7
@@ -252,7 +252,7 @@ def test_a_map_of_other_cells_restores_better(small):
 def test_the_slope_is_exact_for_cells_of_any_size(dots, dot_nm):
     """Cells wider than the stop, cells of one dot, dots of a third of a millimetre: the field is the slope."""
     error = pupil_error(surrogate([dead_leaves(1)], dots, dot_nm=dot_nm), (24, 40))
-    pupil = stop(error.lattice.side, error.lattice.dot_um).astype(np.float64)
+    pupil = error.lattice.stop.astype(np.float64)
     pupil[::2, 1::3] = 0
     epsilons = error.epsilons(pupil)
     judged = error.judge(pupil, epsilons)

@@ -7,7 +7,7 @@ import pytest
 
 from maskfab.errors import JobError, OpeningError
 from maskfab.imaging.capture import ELECTRONS, FULL_WELL, READ_NOISE, capture, gain
-from maskfab.imaging.transfer import CELLS, autocorrelation, lags_per_frequency, lay, stop, transfer_grid
+from maskfab.imaging.transfer import CELLS, Lattice, autocorrelation, lattice, lay, transfer_grid
 
 
 def test_autocorrelation_is_the_sum_over_pairs():
@@ -22,8 +22,9 @@ def test_autocorrelation_is_the_sum_over_pairs():
 
 def test_transfer_is_the_sum_over_orders_and_lags():
     dots = 48
-    pupil = stop(dots) * (np.random.default_rng(1).random((dots, dots)) < 0.4).astype(np.float64)
-    found = transfer_grid((16, 24), dots)(pupil)
+    room = Lattice(dots, 1, 84.0)
+    pupil = room.stop * (np.random.default_rng(1).random((dots, dots)) < 0.4).astype(np.float64)
+    found = transfer_grid((16, 24), room)(pupil)
     assert found.shape == (3, 16, 13)
     np.testing.assert_allclose(found[:, 0, 0], 1, rtol=1e-6)
     table = np.pad(autocorrelation(pupil), 1) / pupil.sum()
@@ -32,7 +33,7 @@ def test_transfer_is_the_sum_over_orders_and_lags():
         total = 0.0
         for ky in range(-3, 4):
             for kx in range(-3, 4):
-                ty, tx = ((f + k) * lags_per_frequency(dots, 530) for f, k in ((fy, ky), (fx, kx)))
+                ty, tx = ((f + k) * room.per_cycle(530) for f, k in ((fy, ky), (fx, kx)))
                 if max(abs(ty), abs(tx)) >= dots:
                     continue
                 j, i = int(np.floor(ty)), int(np.floor(tx))
@@ -44,7 +45,7 @@ def test_transfer_is_the_sum_over_orders_and_lags():
 
 def test_the_stop_of_the_protocol():
     i = np.arange(504)
-    np.testing.assert_array_equal(stop(504), (i[:, None] - 251.5) ** 2 + (i - 251.5) ** 2 <= 250**2)
+    np.testing.assert_array_equal(lattice(21).stop, (i[:, None] - 251.5) ** 2 + (i - 251.5) ** 2 <= 250**2)
 
 
 def test_an_open_panel_is_the_stop_and_turning_every_cell_turns_the_panel():

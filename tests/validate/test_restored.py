@@ -72,7 +72,7 @@ def test_rows_state_level_method_and_error(take, dies):
         assert row.uncertainty == RESIDUAL_DB[row.level_db]
         assert "surrogate" in row.method
         assert "this very layout" in row.method
-        assert "assumed: protocol F1's own camera, an opaque film and no glass" in row.method
+        assert "assumed: an opaque film and no glass" in row.method
 
 
 def test_a_photograph_is_near_its_prediction(take, dies):
