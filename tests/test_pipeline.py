@@ -499,7 +499,7 @@ def without(attribute: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("shop", "code"), [("no-such-house", "MF420"), ("bad.toml", "MF421")])
 def test_an_unknown_shop_is_refused_before_any_work(capsys, tmp_path, monkeypatch, shop, code):
-    without("maskfab.layout.job.compose", monkeypatch)
+    without("maskfab.layout.plate.compose", monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text("title = 3", encoding="utf-8")
     job = write_job(tmp_path, ("[plate]", f'[export]\nshop = "{shop}"\n\n[plate]'))
