@@ -10,8 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from maskfab.model import frozen
 from maskfab.optics.aperture import Lattice
@@ -58,7 +58,7 @@ class AxisLags:
         cells, dots = self.values.shape
         dot = self.lattice.dot_um
         cell_lag = (self.lattice.pitch_um if self.lattice.has_gutter else dot) * np.arange(cells // 2 + 1)
-        dot_lag = dot * fft.fftfreq(dots, 1 / dots)
+        dot_lag = dot * scipy.fft.fftfreq(dots, 1 / dots)
         # Opposite lags are alike.
         weighed = self.values[: cell_lag.size] * np.where(cell_lag > 0, 2.0, 1.0)[:, None]
         along, between = (np.exp(2j * np.pi * places[:, None] * lag) for lag in (cell_lag, dot_lag))
@@ -82,14 +82,14 @@ def axis_lags(pupil: Pupil, energy_um2: float) -> tuple[AxisLags, AxisLags]:
     for lattice, rows in ((pupil.x, grey), (pupil.y, grey.T)):
         # Without gutters every dot is a cell, as in the lag table.
         period = (lattice.cells, lattice.dots) if lattice.has_gutter else (lattice.cells * lattice.dots, 1)
-        sizes = [fft.next_fast_len(2 * n - 1, real=True) for n in period]
+        sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in period]
         axes, sizes = ([1], sizes[:1]) if period[1] == 1 else ([1, 2], sizes)
         power: Floats | float = 0.0
         for start in range(0, len(rows), _ROWS_AT_A_TIME):
             part = rows[start : start + _ROWS_AT_A_TIME]
-            spectrum = fft.rfftn(part.reshape(-1, *period), sizes, axes=axes)
+            spectrum = scipy.fft.rfftn(part.reshape(-1, *period), sizes, axes=axes)
             power = power + (spectrum.real**2 + spectrum.imag**2).sum(axis=0)
-        values = fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
+        values = scipy.fft.irfftn(power, sizes, axes=[axis - 1 for axis in axes]) * area
         values[0, 0] = energy_um2
         found.append(AxisLags(lattice, values))
     return found[0], found[1]

@@ -10,8 +10,8 @@ An annulus is an ellipse less another.
 from __future__ import annotations
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import j1
 
 from maskfab.model import Stop
 from maskfab.optics.stop_shape import sides
@@ -44,7 +44,7 @@ def clear_field(stop: Stop, u: Floats, v: Floats) -> Complexes:
 def _ellipse_field(width: float, height: float, u: Floats, v: Floats) -> Floats:
     q = np.pi * np.hypot(width * u, height * v)
     known = np.where(q > 0, q, 1.0)
-    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * j1(known) / known, 1.0))
+    return np.asarray(np.pi / 4 * width * height * np.where(q > 0, 2 * scipy.special.j1(known) / known, 1.0))
 
 
 def _polygon_field(stop: Stop, u: Floats, v: Floats) -> Complexes:

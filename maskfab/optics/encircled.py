@@ -23,7 +23,6 @@ import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
-from scipy.special import erfc, j0, j1
 
 from maskfab.errors import JobError
 from maskfab.model import Psf, Quantity
@@ -174,7 +173,7 @@ def _low_pass(frequency: Floats, step: float, highest: float) -> Floats:
     """1 up to ``highest``, 0 beyond 1 / step - highest, smooth in between."""
     end = 1 / step - highest
     middle, half = (highest + end) / 2, (end - highest) / 2
-    return np.asarray(erfc(_SLOPE * (frequency - middle) / half) / 2)
+    return np.asarray(scipy.special.erfc(_SLOPE * (frequency - middle) / half) / 2)
 
 
 def _nodes(step: float, highest: float, reach: float) -> tuple[Floats, Floats]:
@@ -190,11 +189,11 @@ def _nodes(step: float, highest: float, reach: float) -> tuple[Floats, Floats]:
 def _disc_weights(distance: Floats, radius: float, step: float, highest: float) -> Floats:
     """W for a disc: 2π ∫ φ̂(ν) r J1(2πrν) J0(2πρν) dν."""
     nu, weights = _nodes(step, highest, radius + float(distance.max()))
-    amplitude = 2 * np.pi * radius * weights * _low_pass(nu, step, highest) * j1(2 * np.pi * radius * nu)
+    amplitude = 2 * np.pi * radius * weights * _low_pass(nu, step, highest) * scipy.special.j1(2 * np.pi * radius * nu)
     result = np.empty_like(distance)
     for start in range(0, distance.size, 512):
         part = slice(start, start + 512)
-        result[part] = j0(2 * np.pi * distance[part, None] * nu) @ amplitude
+        result[part] = scipy.special.j0(2 * np.pi * distance[part, None] * nu) @ amplitude
     return result
 
 

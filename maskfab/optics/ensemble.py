@@ -25,14 +25,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 from numpy.typing import NDArray
-from scipy import fft
-from scipy.special import spherical_jn
 
 from maskfab.errors import InternalError
 from maskfab.model import ORIENTATIONS, Camera, Panel, Psf, Stop, frozen, orient
 from maskfab.optics.aperture import Aperture, Lattice, panel_aperture
+from maskfab.optics.bessel import spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.field import parity_field
 from maskfab.optics.otf import LagTable, lag_table, shape_errors
 from maskfab.optics.psf import image_scale_um2, odd_samples, point_step_um
@@ -341,17 +341,14 @@ def _dot_kernels(lattice: Lattice, frequency: Floats, orders: int) -> list[Compl
     """Transforms of P_p on the dots of a cell about the cell's middle, complex128 [m, dots], for each order."""
     centre = lattice.dot_um * (np.arange(lattice.dots, dtype=np.float64) - (lattice.dots - 1) / 2)
     phase = np.exp(-2j * np.pi * frequency[:, None] * centre)
-    return [
-        (-1j) ** p * lattice.dot_um * spherical_jn(p, abs(np.pi * frequency * lattice.dot_um))[:, None]
-        * np.where(frequency < 0, (-1.0) ** p, 1.0)[:, None] * phase
-        for p in range(orders)
-    ]  # fmt: skip
+    size = lattice.dot_um * spherical_bessel(abs(np.pi * frequency * lattice.dot_um), orders)
+    return [(-1j) ** p * (size[p] * np.where(frequency < 0, (-1.0) ** p, 1.0))[:, None] * phase for p in range(orders)]
 
 
 def _rim_orders(x: Lattice, y: Lattice, nodes: Floats) -> int:
     phase = np.pi * abs(nodes).max() * max(x.dot_um, y.dot_um)
-    orders = np.arange(RIM_ORDERS)
-    return int(np.flatnonzero((2 * orders + 1) * abs(spherical_jn(orders, phase)) >= _RIM_TOLERANCE)[-1]) + 1
+    size = (2 * np.arange(RIM_ORDERS) + 1) * spherical_bessel_bounds(phase, RIM_ORDERS)
+    return int(np.flatnonzero(size >= _RIM_TOLERANCE)[-1]) + 1
 
 
 def _rim_by_cell(cells: _RandomCells) -> dict[tuple[int, int], NDArray[np.intp]]:
@@ -409,18 +406,18 @@ def _cell_correlation(cells: _RandomCells) -> Floats:
     """
     clear = cells.clear
     dots = cells.patterns.shape[1]
-    sizes = [fft.next_fast_len(2 * dots - 1, real=True)] * 2
+    sizes = [scipy.fft.next_fast_len(2 * dots - 1, real=True)] * 2
     inside = clear.mean_transmission
 
     def spread(patterns: Floats) -> Floats:
-        power = (abs(fft.rfft2(patterns, sizes)) ** 2).mean(axis=0)
-        return np.asarray(power - abs(fft.rfft2(patterns.mean(axis=0), sizes)) ** 2)
+        power = (abs(scipy.fft.rfft2(patterns, sizes)) ** 2).mean(axis=0)
+        return np.asarray(power - abs(scipy.fft.rfft2(patterns.mean(axis=0), sizes)) ** 2)
 
     total = cells.whole_cells * spread(cells.patterns)
     rows, columns = clear.y.dot_index(), clear.x.dot_index()
     for row, column in zip(*cells.cut_cells, strict=True):
         total += spread(cells.patterns * inside[np.ix_(rows[row], columns[column])])
-    wrapped: Floats = fft.irfft2(total, sizes)
+    wrapped: Floats = scipy.fft.irfft2(total, sizes)
     return wrapped
 
 

@@ -18,12 +18,12 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.special import spherical_jn
 
 from maskfab.errors import InternalError
 from maskfab.model import Scalar
+from maskfab.optics.bessel import spherical_bessel
 from maskfab.optics.interpolation import FrequencyNodes, frequency_nodes
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.rim import rim_bands, rim_orders
@@ -329,7 +329,7 @@ def direct_field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "dou
     place = np.repeat(pupil.rim_column, orders), (pupil.rim_row[:, None] + rows * np.arange(orders)).ravel()
     stacked = np.concatenate(y_kernels)
     for p in range(orders):
-        rim = sparse.coo_array((moments[:, :, p].ravel(), place), (columns, orders * rows))
+        rim = scipy.sparse.coo_array((moments[:, :, p].ravel(), place), (columns, orders * rows))
         total += (rim.tocsr() @ stacked).T @ x_kernels[p]
     return total
 
@@ -341,7 +341,9 @@ def _complex_kernels(edges: Floats, frequency: Floats, orders: int) -> list[NDAr
     # A lattice has few different widths, so each is worked out once.
     different, which = np.unique(np.round(width, 11), return_inverse=True)
     argument = np.pi * different[:, None] * frequency
-    return [(-1j) ** p * (different[:, None] * spherical_jn(p, argument))[which] * phase for p in range(orders)]
+    size = different[:, None] * spherical_bessel(abs(argument), orders)
+    signs = np.where(argument < 0, -1.0, 1.0)
+    return [(-1j) ** p * (size[p] * signs**p)[which] * phase for p in range(orders)]
 
 
 def fold(matrix: Reals) -> Reals:

@@ -28,8 +28,8 @@ import math
 from dataclasses import replace
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf, Stop
@@ -236,7 +236,7 @@ def _cut_fields(
     aperture = moved_aperture(openings, moved, radius + guard)
     extent = max(abs(edges).max() for edges in (aperture.x.edges_um(), aperture.y.edges_um()))
     dots = math.ceil((math.ceil((radius + extent + guard) / sample) + 4) / samples_per_dot)
-    count = samples_per_dot * fft.next_fast_len(dots)
+    count = samples_per_dot * scipy.fft.next_fast_len(dots)
     if count**2 > MOST_GAP_SAMPLES:
         raise JobError("MF115", f"the gap needs {count} x {count} samples", cure="Ask for fewer per dot")
     stop = _sampled_stop(camera.stop, sample)
@@ -300,10 +300,10 @@ def _spectrum(aperture: Aperture, samples_per_dot: int, count: int) -> Complexes
     repeat for every sample per dot, times the dot's own and the phase of where the grid begins.
     """
     x, y = aperture.x, aperture.y
-    frequency = np.asarray(fft.fftfreq(count, x.dot_um / samples_per_dot), dtype=np.float64)
+    frequency = np.asarray(scipy.fft.fftfreq(count, x.dot_um / samples_per_dot), dtype=np.float64)
     if not (x.has_gutter or y.has_gutter) and x.dot_um == y.dot_um:
         size = count // samples_per_dot
-        points = fft.fft2(_folded(aperture.transmission, size))
+        points = scipy.fft.fft2(_folded(aperture.transmission, size))
         across, up = (
             axis.dot_um
             * np.sinc(axis.dot_um * frequency)
@@ -332,7 +332,7 @@ def _transfer(
 ) -> Complexes:
     """H at the frequencies of :func:`_spectrum`."""
     across, up, size = carrier
-    q = np.asarray(fft.fftfreq(count, sample), dtype=np.float64)
+    q = np.asarray(scipy.fft.fftfreq(count, sample), dtype=np.float64)
     limit = 1 / (wavelength * math.sqrt(1 + (2 * gap_um / (sample * count)) ** 2))
     u, v = q[None, :], q[:, None]
     straight = math.sqrt(1 / wavelength**2 - size**2)
@@ -351,7 +351,7 @@ def _sampled_stop(stop: Stop, sample: float) -> Floats:
 
 def _in_stop_plane(spectrum: Complexes, sample: float, middle: int) -> Complexes:
     """The amplitude at the middle samples of the stop's plane."""
-    field: Complexes = np.roll(fft.ifft2(spectrum), (middle // 2, middle // 2), axis=(0, 1))[:middle, :middle]
+    field: Complexes = np.roll(scipy.fft.ifft2(spectrum), (middle // 2, middle // 2), axis=(0, 1))[:middle, :middle]
     return field / sample**2
 
 

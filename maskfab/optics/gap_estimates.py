@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.special import j0, j1
 
 from maskfab.model import Camera, Psf, Stop
 from maskfab.optics.aperture import Aperture
@@ -42,7 +42,7 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
     span = wavelength_nm * 1e-3 * gap_um
     if span > 0:
         eta = np.pi * moved**2 / (2 * span)
-        rice = np.exp(1j * eta) * ((1 - 2j * eta) * j0(eta) - 2 * eta * j1(eta))
+        rice = np.exp(1j * eta) * ((1 - 2j * eta) * scipy.special.j0(eta) - 2 * eta * scipy.special.j1(eta))
         mean: NDArray[np.complex128] = np.sqrt(span) / 2 * np.exp(0.25j * np.pi) * rice
     else:
         mean = moved.astype(np.complex128)

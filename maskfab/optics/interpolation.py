@@ -23,8 +23,8 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.fft import dct
 
+from maskfab.optics.chebyshev import lagrange_polynomials, node_angles, wave_degree
 from maskfab.optics.waves import Precision, Reals, real_type
 
 Floats = NDArray[np.float64]
@@ -52,22 +52,16 @@ class FrequencyNodes:
     @cached_property
     def frequency(self) -> Floats:
         """float64 [count], descending: a field is strongest near 0, and small terms are best summed first."""
-        return self.highest * _unmapped(np.cos(self._theta), self.stretch)
+        return self.highest * _unmapped(np.cos(node_angles(self.count) / 2), self.stretch)
 
     def interpolation(self, frequency: Floats) -> Reals:
         """Matrix from values at the nodes to those at frequencies, of even and of odd functions, [2, count, n]."""
         # From the rounded nodes, at which the values are taken, not from their angles.
         y, nodes = self._mapped(frequency), self._mapped(self.frequency)[:, None]
         apart = (y - nodes) * (y + nodes)
-        apart[apart == 0] = np.finfo(np.float64).tiny
-        sign = np.where(np.arange(self.count) % 2, -1.0, 1.0)
-        even = (sign * np.sin(self._theta))[:, None] * nodes / apart
-        even /= even.sum(axis=0)
+        # In 2 y² - 1 the nodes are Chebyshev's, all of them.
+        even = lagrange_polynomials(apart.T).T
         return np.stack([even, even * y / nodes]).astype(real_type(self.precision), copy=False)
-
-    @property
-    def _theta(self) -> Floats:
-        return np.pi * (np.arange(self.count, dtype=np.float64) + 0.5) / (2 * self.count)
 
     def _mapped(self, frequency: Floats) -> Floats:
         y: Floats = np.sin(self.stretch / self.highest * frequency) / np.sin(self.stretch)
@@ -82,12 +76,8 @@ def frequency_nodes(reach_um: float, highest: float, precision: Precision) -> Fr
     phase, tolerance = 2 * np.pi * reach_um * highest, _DROPPED[precision]
     roughly = 2 * phase / np.pi + 2 * np.sqrt(phase) + 20
     stretch = float(np.arcsin(1 / np.cosh(2 * np.log(tolerance) / roughly)))
-    samples = int(phase) + 40
-    angles = np.pi * (np.arange(samples, dtype=np.float64) + 0.5) / samples
-    wave = np.exp(1j * phase * _unmapped(np.cos(angles), stretch))
-    size = np.hypot(dct(wave.real), dct(wave.imag)) / samples
-    last = int(np.flatnonzero(size >= tolerance)[-1])
-    return FrequencyNodes(highest, stretch, last // 2 + 1, precision)
+    degree = wave_degree(phase, tolerance, lambda y: _unmapped(y, stretch))
+    return FrequencyNodes(highest, stretch, degree // 2 + 1, precision)
 
 
 def _unmapped(y: Floats, stretch: float) -> Floats:

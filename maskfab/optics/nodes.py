@@ -14,13 +14,13 @@ Notes:
 
 from __future__ import annotations
 
-from bisect import bisect
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
-from scipy.special import jv
+
+from maskfab.optics.chebyshev import lagrange_polynomials, node_angles, wave_degree
 
 Floats = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ class Nodes:
     @property
     def position_um(self) -> Floats:
         """float64 [count], ascending; mirror images of each other about the middle."""
-        return (self.low_um + self.high_um) / 2 + (self.high_um - self.low_um) / 2 * -np.cos(self._angles)
+        return (self.low_um + self.high_um) / 2 + (self.high_um - self.low_um) / 2 * -np.cos(node_angles(self.count))
 
     def moments(self, low_um: Floats, high_um: Floats, orders: int, quadrature: int) -> Floats:
         """Strengths of the nodes from Legendre profiles on parts of the interval.
@@ -65,35 +65,17 @@ class Nodes:
         x = (low_um + high_um)[:, None] / 2 + across / 2 * nodes
         local = (2 * x - self.low_um - self.high_um) / (self.high_um - self.low_um)
         profile = (legvander(nodes, orders - 1) * weights[:, None] / 2 * (2 * np.arange(orders) + 1)).T
-        moments: Floats = profile @ self._lagrange(local)
+        polynomials = lagrange_polynomials(local[..., None] + np.cos(node_angles(self.count)))
+        moments: Floats = profile @ polynomials
         moments *= across[:, :, None]
         return moments
 
-    def _lagrange(self, local: Floats) -> Floats:
-        """The nodes' Lagrange polynomials at places in [-1, 1], [..., count] (Berrut and Trefethen, 4.2)."""
-        apart = local[..., None] + np.cos(self._angles)
-        apart[apart == 0] = np.finfo(np.float64).tiny
-        sign = np.where(np.arange(self.count) % 2, -1.0, 1.0)
-        # Over what they are made of: fresh memory costs more than the quotients.
-        values: Floats = np.divide(sign * np.sin(self._angles), apart, out=apart)
-        values /= values.sum(axis=-1, keepdims=True)
-        return values
 
-    @property
-    def _angles(self) -> Floats:
-        return np.pi * (np.arange(self.count, dtype=np.float64) + 0.5) / self.count
-
-
-def nodes_for(low_um: float, high_um: float, highest: float, tolerance: float = NODE_TOLERANCE) -> Nodes:
+def nodes_for(low_um: float, high_um: float, highest: float) -> Nodes:
     """As many nodes as an interval needs for frequencies up to ``highest``, in cycles per micrometre."""
-    return Nodes(low_um, high_um, node_count(high_um - low_um, highest, tolerance))
+    return Nodes(low_um, high_um, node_count(high_um - low_um, highest))
 
 
-def node_count(width_um: float, highest: float, tolerance: float = NODE_TOLERANCE) -> int:
+def node_count(width_um: float, highest: float) -> int:
     """The fewest nodes whose interpolation of exp(-2πiux) errs by about the tolerance on an interval that wide."""
-    phase = np.pi * width_um * highest
-    # Below the phase all orders matter, and well above it none does.
-    orders = range(int(phase), int(phase + 16 * (phase / 2 + 1) ** (1 / 3)) + 24)
-    # From the phase on they only fall (by DLMF 10.6.1, as they fall to 0), so halving finds the last that matters.
-    needed = bisect(orders, -tolerance, key=lambda order: -2 * float(jv(order, phase)))
-    return orders[needed - 1] + _SPARE_NODES
+    return wave_degree(np.pi * width_um * highest, NODE_TOLERANCE) + _SPARE_NODES

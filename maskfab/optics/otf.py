@@ -20,8 +20,8 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from maskfab.errors import InternalError
 from maskfab.model import frozen
@@ -253,7 +253,7 @@ def _largest_overlap(deviation: Floats) -> float:
         first, second = np.nonzero(place[:, None] > place)
         found = np.bincount(place[first] - place[second], value[first] * value[second])
         return float(found.max(initial=0.0))
-    sizes = [fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
+    sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
     # A bound needs no more than single precision, whose error is added.
     blocks, padded = deviation.astype(np.float32)[:, None, None, :], [sizes[0], 1, 1, sizes[1]]
     largest = 0.0
@@ -280,7 +280,7 @@ def _periods(lattice: Lattice) -> tuple[int, int]:
 def _autocorrelation(pupil: Pupil, blocks: Floats, reach_um: float) -> Floats:
     """Autocorrelation along all four axes, padded so that nothing folds onto lags within reach."""
     sizes = [
-        fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
+        scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
         for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
     ]
     return _correlated(blocks, sizes)
@@ -303,14 +303,14 @@ def _power(blocks: Reals, sizes: list[int]) -> NDArray[np.complexfloating[Any]]:
 
     What is transformed along y is squared and transformed back a few columns at a time, never held in full.
     """
-    spectrum = fft.rfftn(blocks, *_along_x(sizes))
+    spectrum = scipy.fft.rfftn(blocks, *_along_x(sizes))
     columns = spectrum.reshape(*blocks.shape[:2], -1)
     power = np.empty((sizes[0] // 2 + 1, sizes[1], columns.shape[2]), dtype=columns.dtype)
     for start in range(0, columns.shape[2], _COLUMNS_AT_A_TIME):
         part = slice(start, start + _COLUMNS_AT_A_TIME)
-        field = fft.fftn(columns[:, :, part], sizes[:2], axes=(0, 1))
+        field = scipy.fft.fftn(columns[:, :, part], sizes[:2], axes=(0, 1))
         field *= field.conj()
-        power[:, :, part] = fft.ifftn(field, axes=(0, 1), overwrite_x=True)[: len(power)]
+        power[:, :, part] = scipy.fft.ifftn(field, axes=(0, 1), overwrite_x=True)[: len(power)]
     return power.reshape(*power.shape[:2], *spectrum.shape[2:])
 
 
@@ -318,7 +318,7 @@ def _lags(power: NDArray[np.complexfloating[Any]], sizes: list[int]) -> Iterator
     """The autocorrelation at lags along x, a few rows at a time."""
     for start in range(0, len(power), _ROWS_AT_A_TIME):
         rows = slice(start, min(start + _ROWS_AT_A_TIME, len(power)))
-        yield rows, fft.irfftn(power[rows], *_along_x(sizes))
+        yield rows, scipy.fft.irfftn(power[rows], *_along_x(sizes))
 
 
 def _along_x(sizes: list[int]) -> tuple[list[int], list[int]]:

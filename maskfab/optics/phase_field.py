@@ -26,14 +26,14 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
+import scipy
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.special import spherical_jn
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf, frozen
 from maskfab.optics.aperture import Aperture, Lattice
+from maskfab.optics.bessel import spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.psf import odd_samples, point_step_um
 from maskfab.optics.pupil import RIM_ORDERS, Pupil, cut
 
@@ -141,7 +141,7 @@ class PhasedPupil:
         )
         shape = (columns, stacked_y.shape[0])
         parts = (weighted.real.ravel(), weighted.imag.ravel())
-        return np.stack([sparse.coo_array((values, place), shape).tocsr() @ stacked_y for values in parts])
+        return np.stack([scipy.sparse.coo_array((values, place), shape).tocsr() @ stacked_y for values in parts])
 
 
 def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) -> PhasedPupil:
@@ -301,7 +301,7 @@ def _truncation_errors(
     sizes, periods = [], []
     for dot in (pupil.y.dot_um, pupil.x.dot_um):
         phase = np.linspace(0.0, np.pi * highest * dot, 65)
-        sizes.append(abs(spherical_jn(orders[:, None], phase)).max(axis=1) * np.sqrt(2 * orders + 1))
+        sizes.append(abs(spherical_bessel(phase, nodes)).max(axis=1) * np.sqrt(2 * orders + 1))
         periods.append(np.ceil(2 * highest * dot))
     bound = np.sqrt(np.prod(periods) * _order_power(pupil, row, column, moments) / energy) * np.outer(*sizes)
     total = np.add.outer(orders, orders)
@@ -341,9 +341,9 @@ def _rim_orders(pupil: Pupil, u: Floats, v: Floats) -> int:
     """Number of Legendre orders that the cut dots need at the highest frequency; none without cut dots."""
     if not pupil.rim_row.size:
         return 0
-    phase = np.pi * max(u[-1] * pupil.x.dot_um, v[-1] * pupil.y.dot_um)
-    orders = np.arange(RIM_ORDERS)
-    needed = np.flatnonzero((2 * orders + 1) * abs(spherical_jn(orders, phase)) >= _RIM_TOLERANCE)
+    phase = np.pi * np.maximum(u[-1] * pupil.x.dot_um, v[-1] * pupil.y.dot_um)
+    size = (2 * np.arange(RIM_ORDERS) + 1) * spherical_bessel_bounds(phase, RIM_ORDERS)
+    needed = np.flatnonzero(size >= _RIM_TOLERANCE)
     return int(needed[-1]) + 1
 
 
@@ -353,9 +353,10 @@ def _kernels(edges: Floats, frequency: Floats, orders: int) -> list[Floats]:
     different, which = np.unique(np.round(width, 11), return_inverse=True)
     phase = 2 * np.pi * centre[:, None] * frequency
     cosine, sine = np.cos(phase), np.sin(phase)
+    sizes = different[:, None] * spherical_bessel(np.pi * different[:, None] * frequency, orders)
     kernels = []
     for p in range(orders):
-        size = (different[:, None] * spherical_jn(p, np.pi * different[:, None] * frequency))[which]
+        size = sizes[p][which]
         # (-i)^p exp(-i phase) = cos(phase + pπ/2) - i sin(phase + pπ/2)
         even, odd = ((cosine, sine), (-sine, cosine), (-cosine, -sine), (sine, -cosine))[p % 4]
         kernels.append(np.concatenate([size * even, size * odd], axis=1))

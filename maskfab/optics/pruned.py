@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import fft
 
 from maskfab.errors import InternalError
 from maskfab.optics.aperture import Lattice
@@ -76,7 +76,7 @@ class PrunedField:
             columns[:, live] = (along_x * _dot_factor(self.pupil.x, u)).T
         if not on_axis:
             columns *= _half_step(size).astype(kind)
-        spectrum = fft.fft(columns, axis=1, overwrite_x=True).T
+        spectrum = scipy.fft.fft(columns, axis=1, overwrite_x=True).T
         factor = _dot_factor(self.pupil.y, v)[:, None]
         bins = np.arange(v.size)
         mirrored = -bins if on_axis else -1 - bins
@@ -129,10 +129,10 @@ def _row_transform(rows: Reals, lattice: Lattice, u: Floats, on_axis: bool) -> N
     """Rows at the frequencies u, [rows, nu], the first dot at the origin."""
     size = transform_size(lattice, u)
     if on_axis:
-        spectrum: NDArray[np.complexfloating[Any]] = fft.rfft(rows, size, axis=1)[:, : u.size]
+        spectrum: NDArray[np.complexfloating[Any]] = scipy.fft.rfft(rows, size, axis=1)[:, : u.size]
         return spectrum
     turned = rows * _half_step(size)[: rows.shape[1]].astype(np.result_type(rows.dtype, np.complex64))
-    spectrum = fft.fft(turned, size, axis=1, overwrite_x=True)[:, : u.size]
+    spectrum = scipy.fft.fft(turned, size, axis=1, overwrite_x=True)[:, : u.size]
     return spectrum
 
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import spherical_jn
 
+from maskfab.optics.bessel import spherical_bessel_bounds
 from maskfab.optics.nodes import nodes_for
 from maskfab.optics.pupil import Pupil
 from maskfab.optics.waves import Positions, points
@@ -73,9 +73,8 @@ def rim_orders(pupil: Pupil, highest_u: float, highest_v: float) -> int:
     if not pupil.rim_row.size:
         return 1
     widths, heights = np.diff(pupil.x.edges_um())[pupil.rim_column], np.diff(pupil.y.edges_um())[pupil.rim_row]
-    phase = np.pi * max(highest_u * widths.max(), highest_v * heights.max())
-    orders = np.arange(_MOST_ORDERS)
-    size = (2 * orders + 1) * spherical_jn(orders, phase) ** 2
+    phase = np.pi * np.maximum(highest_u * widths.max(), highest_v * heights.max())
+    size = (2 * np.arange(_MOST_ORDERS) + 1) * spherical_bessel_bounds(phase, _MOST_ORDERS) ** 2
     needed = np.flatnonzero(size * _left_out(pupil, widths * heights) >= _TOLERANCE**2)
     return int(needed[-1]) + 1 if needed.size else 1
 

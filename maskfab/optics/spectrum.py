@@ -18,9 +18,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
-from scipy import sparse
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, frozen
@@ -335,7 +335,7 @@ def check_weights(weights: Floats, where: str) -> None:
         raise JobError("MF104", "all weights are zero", where=where, cure="Give at least one positive weight")
 
 
-def _interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> sparse.csr_array:
+def _interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> scipy.sparse.csr_array:
     """Matrix [lags, cells x dots] that interpolates a lag table along one axis."""
     rows, columns, weights = [], [], []
     for place, weight in neighbours(lattice, lag_um, sizes):
@@ -343,6 +343,6 @@ def _interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> 
         columns.append(place)
         weights.append(weight)
     places = (np.concatenate(rows), np.concatenate(columns))
-    matrix = sparse.coo_array((np.concatenate(weights), places), (lag_um.size, sizes[0] * sizes[1])).tocsr()
+    matrix = scipy.sparse.coo_array((np.concatenate(weights), places), (lag_um.size, sizes[0] * sizes[1])).tocsr()
     matrix.eliminate_zeros()
     return matrix

@@ -21,9 +21,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy import linalg
-from scipy.special import eval_legendre
 
 from maskfab.errors import InternalError
 from maskfab.optics.interpolation import frequency_nodes
@@ -115,8 +114,8 @@ def _half_rule(count: int) -> tuple[Floats, Floats]:
     angle = np.pi * (4 * np.arange(1, count + 1) - 1) / (4 * degree + 2)
     node = (1 - (degree - 1) / (8 * degree**3)) * np.cos(angle)
     for _ in range(2):
-        value = eval_legendre(degree, node)
-        slope = degree * (eval_legendre(degree - 1, node) - node * value) / (1 - node**2)
+        value = scipy.special.eval_legendre(degree, node)
+        slope = degree * (scipy.special.eval_legendre(degree - 1, node) - node * value) / (1 - node**2)
         weight = 2 / ((1 - node**2) * slope**2)
         node = node - value / slope
     return node, weight
@@ -163,5 +162,5 @@ def _refined(place: Floats, samples: WindowNodes, highest: float, tolerance: flo
 
 def _least_squares(matrix: Floats, wanted: Floats, cutoff: float) -> Floats:
     """By pivoted QR, which takes a third of the time of singular values."""
-    solution: Floats = linalg.lstsq(matrix, wanted, cond=cutoff, lapack_driver="gelsy", check_finite=False)[0]
+    solution: Floats = scipy.linalg.lstsq(matrix, wanted, cond=cutoff, lapack_driver="gelsy", check_finite=False)[0]
     return solution
