@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optics.aperture import Lattice
+from maskfab.optics.torch_waves import cosines_and_sines
 
 Floats = NDArray[np.float64]
 
@@ -71,14 +72,9 @@ class WholeCells:
 
 def waves(position_um: Floats, dot_um: float, frequency: Floats) -> Floats:
     """Even and odd transforms of dots with their middles at these positions, [2, n, m]."""
-    return middles(position_um, frequency) * (dot_um * np.sinc(dot_um * frequency))
-
-
-def middles(position_um: Floats, frequency: Floats) -> Floats:
-    """Cosines and sines, [2, n, m], with phases reduced to half a cycle."""
-    cycles = position_um[:, None] * frequency
-    phase = 2 * np.pi * (cycles - np.rint(cycles))
-    return np.stack([np.cos(phase), np.sin(phase)])
+    both = cosines_and_sines(position_um, frequency)
+    both *= dot_um * np.sinc(dot_um * frequency)
+    return both
 
 
 def cell_tables(y: Lattice, x: Lattice, chosen: NDArray[np.int8], v: Floats, u: Floats) -> Floats:
@@ -89,7 +85,7 @@ def cell_tables(y: Lattice, x: Lattice, chosen: NDArray[np.int8], v: Floats, u: 
         chosen: int8 [rows, columns], elements of D4; -1 where a cell is not whole.
         v, u: frequencies in cycles per micrometre.
     """
-    at_y, at_x = (middles(_middle_um(lattice), f) for lattice, f in ((y, v), (x, u)))
+    at_y, at_x = (cosines_and_sines(_middle_um(lattice), f) for lattice, f in ((y, v), (x, u)))
     # The waves of the middles that turn part k of a cell into part i of the field: a sign and cos or sin.
     sign, wave = np.array([[1.0, -1.0], [1.0, 1.0]]), np.array([[0, 1], [1, 0]])
     tables = np.zeros((2, 2, 2, 2, 2, v.size, u.size))

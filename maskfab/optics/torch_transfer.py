@@ -24,6 +24,7 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
+from maskfab.optics.torch_waves import cosines_and_sines
 from maskfab.optics.window_nodes import WindowNodes
 
 Floats = NDArray[np.float64]
@@ -69,10 +70,8 @@ def window_transfer(
     """
     if frequency.min() < 0:
         raise InternalError("MF901", "frequencies of a quadrant must not be negative")
-    cycles = frequency[:, None] * nodes.position_um
-    phase = 2 * np.pi * (cycles - np.rint(cycles))
     # The weights are those of half a window along either axis, and the half planes' pairs of quadrants are two.
-    along_y = torch.from_numpy(np.sqrt(2) * np.stack([np.cos(phase), np.sin(phase)]) * nodes.weight).to(
+    along_y = torch.from_numpy(np.sqrt(2) * cosines_and_sines(frequency, nodes.position_um) * nodes.weight).to(
         device=device, dtype=dtype
     )
     return WindowTransfer(along_y, along_y.mT.contiguous())

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
 from maskfab.optics.interpolation import frequency_nodes
+from maskfab.optics.torch_waves import cosines_and_sines
 
 Floats = NDArray[np.float64]
 
@@ -83,7 +84,7 @@ def window_nodes(position_um: Floats, highest: float, tolerance: float = NODE_TO
         return samples
     abscissa, share = _half_rule(int(1.3 * cycles) + 40)
     frequency, root = abscissa * highest / 2, np.sqrt(share)
-    waves = _waves(frequency, position_um) * root[:, None] * np.sqrt(samples.weight)
+    waves = cosines_and_sines(frequency, position_um)[0] * root[:, None] * np.sqrt(samples.weight)
     # Squares of singular values, which the tolerance asks for, need no singular value decomposition.
     square, left = np.linalg.eigh(waves @ waves.T)
     few = int((square > tolerance * square[-1]).sum())
@@ -97,12 +98,6 @@ def window_nodes(position_um: Floats, highest: float, tolerance: float = NODE_TO
             if error <= 0.8 * tolerance:
                 return nodes
     return samples
-
-
-def _waves(frequency: Floats, position_um: Floats) -> Floats:
-    cycles = frequency[:, None] * position_um
-    waves: Floats = np.cos(2 * np.pi * (cycles - np.rint(cycles)))
-    return waves
 
 
 def _half_rule(count: int) -> tuple[Floats, Floats]:
@@ -126,13 +121,13 @@ def _zeros(frequency: Floats, coefficient: Floats, reach_um: float, cycles: floa
     block = math.isqrt(int(_GRID * cycles) + 200) + 1
     step = reach_um * (1 + 5e-4) / (block**2 - 1)
     # At sums of coarse and fine places the waves are products (DLMF 4.21.2), and no table of them is needed.
-    coarse, fine = (2 * np.pi * spread * step * np.arange(block)[:, None] * frequency for spread in (block, 1))
-    value = ((coefficient * np.cos(coarse)) @ np.cos(fine).T - (coefficient * np.sin(coarse)) @ np.sin(fine).T).ravel()
+    coarse, fine = (cosines_and_sines(spread * step * np.arange(block), frequency) for spread in (block, 1))
+    value = ((coefficient * coarse[0]) @ fine[0].T - (coefficient * coarse[1]) @ fine[1].T).ravel()
     before = np.flatnonzero(value[:-1] * value[1:] < 0)
     zero: Floats = step * (before - value[before] / (value[before + 1] - value[before]))
     for _ in range(2):
-        phase = 2 * np.pi * frequency[:, None] * zero
-        zero = zero + coefficient @ np.cos(phase) / ((2 * np.pi * frequency * coefficient) @ np.sin(phase))
+        even, odd = cosines_and_sines(frequency, zero)
+        zero = zero + coefficient @ even / ((2 * np.pi * frequency * coefficient) @ odd)
     return zero
 
 
@@ -140,12 +135,12 @@ def _refined(place: Floats, samples: WindowNodes, highest: float, tolerance: flo
     """Positions and weights after Gauss-Newton steps, the best of them, and its error."""
     # The sums are waves of frequency themselves, from within the window.
     frequency = frequency_nodes(float(samples.position_um[-1]), highest, "double").frequency
-    wanted, total = _waves(frequency, samples.position_um) @ samples.weight, samples.weight.sum()
-    weight = _least_squares(_waves(frequency, place), wanted, _CUTOFFS[-1])
+    wanted = cosines_and_sines(frequency, samples.position_um)[0] @ samples.weight
+    even, odd = cosines_and_sines(frequency, place)
+    weight, total = _least_squares(even, wanted, _CUTOFFS[-1]), samples.weight.sum()
     best, least = samples, np.inf
     for cutoff in _CUTOFFS:
-        waves = _waves(frequency, place)
-        missing = wanted - waves @ weight
+        missing = wanted - even @ weight
         error = float(np.abs(missing).max() / total)
         if error < least:
             # Of waves that hardly turn two nodes tell more than enough, and a step may let them pass each other.
@@ -153,10 +148,10 @@ def _refined(place: Floats, samples: WindowNodes, highest: float, tolerance: flo
             best, least = WindowNodes(place[order], weight[order]), error
         if error <= tolerance / 2:
             break
-        angular = 2 * np.pi * frequency[:, None]
-        slope = np.concatenate([waves, -angular * np.sin(angular * place) * weight], axis=1)
+        slope = np.concatenate([even, -2 * np.pi * frequency[:, None] * odd * weight], axis=1)
         step = _least_squares(slope, missing, cutoff)
         weight, place = weight + step[: place.size], place + step[place.size :]
+        even, odd = cosines_and_sines(frequency, place)
     return best, least
 
 
