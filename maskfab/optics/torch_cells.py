@@ -77,18 +77,21 @@ def waves(position_um: Floats, dot_um: float, frequency: Floats) -> Floats:
     return both
 
 
-def cell_tables(y: Lattice, x: Lattice, chosen: NDArray[np.int8], v: Floats, u: Floats) -> Floats:
+def cell_tables(
+    y: Lattice, x: Lattice, chosen: NDArray[np.int8], v: Floats, u: Floats, dtype: torch.dtype = torch.float64
+) -> torch.Tensor:
     """T of :class:`WholeCells`.
 
     Args:
         y, x: the cells' lattices.
         chosen: int8 [rows, columns], elements of D4; -1 where a cell is not whole.
         v, u: frequencies in cycles per micrometre.
+        dtype: of the tables; sums are double in any case.
     """
     at_y, at_x = (cosines_and_sines(_middle_um(lattice), f) for lattice, f in ((y, v), (x, u)))
     # The waves of the middles that turn part k of a cell into part i of the field: a sign and cos or sin.
     sign, wave = np.array([[1.0, -1.0], [1.0, 1.0]]), np.array([[0, 1], [1, 0]])
-    tables = np.zeros((2, 2, 2, 2, 2, v.size, u.size))
+    tables = torch.empty(2, 2, 2, 2, 2, v.size, u.size, dtype=dtype)
     elements = [_as_flips(k) for k in range(ORIENTATIONS)]
     for turned in range(2):
         for k in range(2):
@@ -98,10 +101,11 @@ def cell_tables(y: Lattice, x: Lattice, chosen: NDArray[np.int8], v: Floats, u: 
                     if transposed == turned:
                         count[chosen == number] = (-1.0) ** (k * flip_y + l * flip_x)
                 for i in range(2):
+                    rows = sign[i, k] * (at_y[wave[i, k]].T @ count)
                     for j in range(2):
-                        left, right = at_y[wave[i, k]].T, at_x[wave[j, l]]
-                        tables[turned, k, l, i, j] = sign[i, k] * sign[j, l] * (left @ count @ right)
-    return tables.reshape(8, 2, 2, v.size, u.size)
+                        product = (sign[j, l] * rows) @ at_x[wave[j, l]]
+                        tables[turned, k, l, i, j] = torch.from_numpy(product)
+    return tables.view(8, 2, 2, v.size, u.size)
 
 
 def unit_waves(lattice: Lattice, frequency: Floats) -> Floats:

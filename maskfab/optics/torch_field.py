@@ -129,12 +129,15 @@ def tiled_field(
     dots = panel.opening.dots
     unit_dot = _unit_dots(chosen, dots)
     share = share_inside(x, y, stop)[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())]
-    area = np.bincount(unit_dot.ravel(), share.ravel(), dots * dots).reshape(dots, dots) * x.dot_um * y.dot_um
     cells = share.reshape(y.cells, dots, x.cells, dots)
     # A cell that is mostly inside counts as whole, and what it lacks counts negative: that leaves a thinner ring.
     whole = cells.mean(axis=(1, 3)) > 0.5
-    surplus = cells - whole[:, None, :, None]
-    left: Floats = np.where(np.abs(surplus) < _ROUNDING, 0.0, surplus)
+    cells -= whole[:, None, :, None]
+    left = cells.reshape(share.shape)
+    left[np.abs(left) < _ROUNDING] = 0.0
+    ring = np.nonzero(left)
+    # A whole cell has every dot once.
+    copies = np.bincount(unit_dot[ring], left[ring], dots * dots).reshape(dots, dots) + np.count_nonzero(whole)
     along_y, along_x = unit_waves(y, v), unit_waves(x, u)
 
     def there(array: NDArray[np.floating[Any]]) -> torch.Tensor:
@@ -144,10 +147,10 @@ def tiled_field(
         whole=WholeCells(
             along_y=there(along_y.transpose(0, 2, 1)),
             along_x=there(along_x),
-            tables=there(cell_tables(y, x, np.where(whole, chosen, -1), v, u)),
+            tables=cell_tables(y, x, np.where(whole, chosen, -1), v, u, dtype).to(device),
         ),
-        rim=rim(y, x, unit_dot, left.reshape(share.shape), v, u, dtype=dtype, device=device),
-        area_um2=there(area),
+        rim=rim(y, x, unit_dot, left, v, u, dtype=dtype, device=device),
+        area_um2=there(copies * x.dot_um * y.dot_um),
         on_axis=bool(u[0] == 0),
     )
 

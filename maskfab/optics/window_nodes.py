@@ -121,7 +121,9 @@ def _zeros(frequency: Floats, coefficient: Floats, reach_um: float, cycles: floa
     block = math.isqrt(int(_GRID * cycles) + 200) + 1
     step = reach_um * (1 + 5e-4) / (block**2 - 1)
     # At sums of coarse and fine places the waves are products (DLMF 4.21.2), and no table of them is needed.
-    coarse, fine = (cosines_and_sines(spread * step * np.arange(block), frequency) for spread in (block, 1))
+    coarse, fine = (
+        cosines_and_sines(spread * step * np.arange(block, dtype=np.float64), frequency) for spread in (block, 1)
+    )
     value = ((coefficient * coarse[0]) @ fine[0].T - (coefficient * coarse[1]) @ fine[1].T).ravel()
     before = np.flatnonzero(value[:-1] * value[1:] < 0)
     zero: Floats = step * (before - value[before] / (value[before + 1] - value[before]))

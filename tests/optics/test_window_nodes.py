@@ -10,6 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from maskfab.errors import InternalError
+from maskfab.optics.torch_waves import cosines_and_sines
 from maskfab.optics.window_nodes import NODE_TOLERANCE, WindowNodes, every_position, window_nodes
 
 HALF_MICROMETRES = 0.5 * np.arange(257)
@@ -78,3 +79,14 @@ def test_refuses_what_is_no_half_window() -> None:
         every_position(-HALF_MICROMETRES)
     with pytest.raises(InternalError, match="highest"):
         window_nodes(HALF_MICROMETRES, -0.1)
+
+
+def test_waves_keep_their_digits_after_many_cycles() -> None:
+    """At eighths of a cycle beyond whole ones they are known; a phase in radians has lost four digits by then."""
+    eighths = np.arange(-4, 5)
+    found = cosines_and_sines(np.array([1.0, 4096.0, 2.0**20]), 1.0 + eighths / 8 / 2.0**20)
+    half = np.sqrt(0.5)
+    cosine = np.array([-1.0, -half, 0.0, half, 1.0, half, 0.0, -half, -1.0])
+    sine = np.array([0.0, -half, -1.0, -half, 0.0, half, 1.0, half, 0.0])
+    np.testing.assert_allclose(found[:, 2], [cosine, sine], atol=4e-16)
+    np.testing.assert_allclose(found[:, 0] ** 2, 1 - found[::-1, 0] ** 2, atol=4e-16)
