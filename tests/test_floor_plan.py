@@ -81,17 +81,20 @@ def test_a_plate_is_made_and_verified_without_what_only_designs_and_solids_need(
 
 
 @pytest.mark.parametrize("option", ["--version", "--help"])
-def test_version_and_help_answer_at_once(option):
-    """CPU time, the best of several, so that a busy machine does not count."""
+def test_version_and_help_answer_at_once(option, tmp_path):
+    """The process's own CPU time with bytecode kept, as after an install; the best of several, on a busy machine."""
+    kept = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
+    environment = {**kept, "PYTHONPYCACHEPREFIX": str(tmp_path / "bytecode")}
     times = []
     for _ in range(6):
-        before = os.times()
-        done = subprocess.run([sys.executable, "-m", "maskfab", option], capture_output=True, text=True, check=True)
-        after = os.times()
-        used = after.children_user + after.children_system - before.children_user - before.children_system
-        times.append(used)
-        assert "maskfab" in done.stdout
-        if used < SECONDS:
+        with (tmp_path / "printed").open("w+b") as printed:
+            started = subprocess.Popen([sys.executable, "-m", "maskfab", option], stdout=printed, env=environment)
+            _, status, used = os.wait4(started.pid, 0)
+            started.returncode = os.waitstatus_to_exitcode(status)
+        assert started.returncode == 0
+        assert b"maskfab" in (tmp_path / "printed").read_bytes()
+        times.append(used.ru_utime + used.ru_stime)
+        if times[-1] < SECONDS:
             break
     assert min(times) < SECONDS, times
 
