@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError, JobError
@@ -196,10 +195,11 @@ def _same_grid(first: Psf, second: Psf) -> None:
 def _side_lobes(psf: Psf) -> Floats:
     """Distance, height and uncertainty of the height of every side lobe, [k, 3]."""
     values, middle = psf.values, psf.values.shape[0] // 2
-    highest = scipy.ndimage.maximum_filter(values, size=3, mode="nearest")
-    found = (values == highest) & (values > _FAINTEST * values[middle, middle])
+    found = values > _FAINTEST * values[middle, middle]
     found[middle, middle] = False
     found[[0, -1]] = found[:, [0, -1]] = False
+    across = np.maximum(np.maximum(values[:, :-2], values[:, 1:-1]), values[:, 2:])
+    found[1:-1, 1:-1] &= values[1:-1, 1:-1] >= np.maximum(np.maximum(across[:-2], across[1:-1]), across[2:])
     row, column = np.nonzero(found)
     if not row.size:
         return np.empty((0, 3))
