@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maskfab.errors import SourceError
 from maskfab.geometry.reading_limits import ROUNDING_KEY, LeftOut, note_left_out
 from maskfab.geometry.region import DBU_UM, layer_info
-from maskfab.geometry.tiff_tone import check_tiff_tone
+from maskfab.geometry.tiff_tone import check_tiff_tone, with_full_palette
 from maskfab.model import CLEAR
 
 MOST_PIXELS = 400_000_000
@@ -89,7 +89,9 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
         raise _damaged(path, "it ends without IEND")
     if path.suffix.lower() in TIFF_SUFFIXES:
         check_tiff_tone(path)
-    return _pixels(path)
+        with with_full_palette(path) as shown:
+            return _pixels(path, shown)
+    return _pixels(path, path)
 
 
 def said_by(library: Any) -> str:
@@ -125,12 +127,17 @@ def _unknown(path: Path) -> float:
     )
 
 
-def _pixels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
-    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states."""
+def _pixels(path: Path, shown: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], float | None]:
+    """Mean brightness of every pixel, 0 to 255, the top row first; pixels in a micrometre that the file states.
+
+    Args:
+        path: the file, as it is told.
+        shown: the same, or what is read in its place.
+    """
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     where = str(path)
-    image = oiio.ImageInput.open(where)
+    image = oiio.ImageInput.open(str(shown))
     if image is None:
         raise _damaged(path, said_by(oiio))
     try:

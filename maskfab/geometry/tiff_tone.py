@@ -6,20 +6,25 @@ Pillow for white, and signed samples are black to one and white to the other.
 
 from __future__ import annotations
 
+import shutil
 import struct
-from collections.abc import Mapping
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
 from maskfab.errors import SourceError
 
-_PHOTOMETRIC, _SAMPLES, _SAMPLE_FORMAT = 262, 277, 339
-_WANTED = frozenset({_PHOTOMETRIC, _SAMPLES, _SAMPLE_FORMAT})
-_CODES = {3: "H", 4: "I"}
-_MOST_VALUES = 16
+_PHOTOMETRIC, _SAMPLES, _COLOUR_MAP, _SAMPLE_FORMAT = 262, 277, 320, 339
+_MOST_VALUES = {_PHOTOMETRIC: 16, _SAMPLES: 16, _COLOUR_MAP: 3 << 8, _SAMPLE_FORMAT: 16}
+_SHORT = 3
+_CODES = {_SHORT: "H", 4: "I"}
 _BIG = 43
 _LEAST_SAMPLES = {0: 1, 1: 1, 2: 3, 3: 1}
 """Samples per pixel of the interpretations in which white is known: white or black is 0, RGB, a palette."""
 
+_PALETTE = 3
 _UNSIGNED, _FLOAT = 1, 3
 _CURE = "Save it as grey or RGB with a program that writes PhotometricInterpretation, or as PNG"
 
@@ -31,7 +36,7 @@ def check_tiff_tone(path: Path) -> None:
         SourceError: MF303 if its first directory cannot be read, MF318 if it does not say what is white, or so that
             readers differ.
     """
-    tags = _tags(path)
+    tags = _directory(path).values
     stated = tags.get(_PHOTOMETRIC, [])
     if len(stated) != 1:
         what = "does not say" if not stated else "says more than once"
@@ -45,13 +50,51 @@ def check_tiff_tone(path: Path) -> None:
         raise _ambiguous(path, "has signed or undefined samples, whose least is black to some readers only")
 
 
+@contextmanager
+def with_full_palette(path: Path) -> Iterator[Path]:
+    """A TIFF that is shown alike by all readers: itself, or a copy where its palette is written as bytes times 256.
+
+    Raises:
+        SourceError: MF303 if its first directory cannot be read.
+    """
+    found = _directory(path)
+    start, count = found.shorts.get(_COLOUR_MAP, (0, 0))
+    entries = found.values.get(_COLOUR_MAP, [])[:count]
+    if found.values.get(_PHOTOMETRIC) != [_PALETTE] or not any(entries) or any(entry & 255 for entry in entries):
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
+        copy = Path(aside) / f"copy{path.suffix}"
+        shutil.copyfile(path, copy)
+        with copy.open("r+b") as file:
+            file.seek(start)
+            file.write(struct.pack(f"{found.order}{count}H", *(entry | entry >> 8 for entry in entries)))
+        yield copy
+
+
 def _ambiguous(path: Path, what: str) -> SourceError:
     return SourceError("MF318", f"{path.name} {what}", where=str(path), cure=_CURE)
 
 
-def _tags(path: Path) -> Mapping[int, list[int]]:
-    """The numbers of the tags that matter in the first directory; of one that is there twice those of both."""
-    found: dict[int, list[int]] = {}
+@dataclass(frozen=True)
+class _Directory:
+    """What matters of the first directory.
+
+    Attributes:
+        order: of bytes, as of :mod:`struct`.
+        values: numbers by tag; of one that is there twice those of both.
+        shorts: where in the file the first numbers of a tag stand that have no room in its row, and how many they are,
+            if they are of two bytes each.
+    """
+
+    order: str
+    values: Mapping[int, list[int]]
+    shorts: Mapping[int, tuple[int, int]]
+
+
+def _directory(path: Path) -> _Directory:
+    values: dict[int, list[int]] = {}
+    shorts: dict[int, tuple[int, int]] = {}
     try:
         with path.open("rb") as file:
             order, big, start = _header(file.read(16))
@@ -60,21 +103,25 @@ def _tags(path: Path) -> Mapping[int, list[int]]:
             (count,) = struct.unpack(order + count_code, file.read(struct.calcsize(count_code)))
             # One by one, for a damaged count may be any number.
             rows = (file.read(entry) for _ in range(count))
-            wanted = [row for row in rows if struct.unpack(order + "H", row[:2])[0] in _WANTED]
+            wanted = [row for row in rows if struct.unpack(order + "H", row[:2])[0] in _MOST_VALUES]
             for row in wanted:
                 tag, kind, many = struct.unpack(order + "HH" + ("Q" if big else "I"), row[:-room])
                 code = _CODES.get(kind, "B")
-                size = struct.calcsize(code) * min(many, _MOST_VALUES)
-                values = row[-room:][:size]
+                size = struct.calcsize(code) * min(many, _MOST_VALUES[tag])
+                held = row[-room:][:size]
                 if size > room:
-                    file.seek(*struct.unpack(order + ("Q" if big else "I"), row[-room:]))
-                    values = file.read(size)
-                found.setdefault(tag, []).extend(struct.unpack(f"{order}{size // struct.calcsize(code)}{code}", values))
+                    (place,) = struct.unpack(order + ("Q" if big else "I"), row[-room:])
+                    file.seek(place)
+                    held = file.read(size)
+                    if kind == _SHORT:
+                        shorts.setdefault(tag, (place, size // 2))
+                numbers = struct.unpack(f"{order}{size // struct.calcsize(code)}{code}", held)
+                values.setdefault(tag, []).extend(numbers)
     except (struct.error, OSError, ValueError, OverflowError, IndexError) as error:
         raise SourceError(
             "MF303", f"{path.name}: its first directory is damaged", where=str(path), cure="Write or copy it again"
         ) from error
-    return found
+    return _Directory(order, values, shorts)
 
 
 def _header(start: bytes) -> tuple[str, bool, int]:

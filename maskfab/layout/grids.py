@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError, SourceError
-from maskfab.geometry.tiff_tone import check_tiff_tone
+from maskfab.geometry.tiff_tone import check_tiff_tone, with_full_palette
 from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
@@ -83,16 +83,31 @@ def from_image(path: Path) -> Mask:
         OpeningError: MF201 not square, MF202 a brightness that is not finite, or no colour channel.
         JobError: MF115 too large.
     """
+    image = _opened_image(path, path)
+    if image.format_name() != "tiff":
+        return _of_image(image, str(path))
+    image.close()
+    check_tiff_tone(path)
+    with with_full_palette(path) as shown:
+        return _of_image(_opened_image(path, shown), str(path))
+
+
+def _opened_image(path: Path, shown: Path) -> Any:
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
     from maskfab.geometry.reading_image import said_by
 
-    where = str(path)
-    image = oiio.ImageInput.open(where)
+    image = oiio.ImageInput.open(str(shown))
     if image is None:
-        raise _damaged(where, said_by(oiio))
-    if image.format_name() == "tiff":
-        check_tiff_tone(path)
+        raise _damaged(str(path), said_by(oiio))
+    return image
+
+
+def _of_image(image: Any, where: str) -> Mask:
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
+    from maskfab.geometry.reading_image import said_by
+
     try:
         spec = image.spec()
         check_square(spec.height, spec.width, where)

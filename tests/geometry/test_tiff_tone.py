@@ -101,3 +101,44 @@ def test_what_programs_write_is_read(tmp_path, mode):
     pixels.save(tmp_path / "x.tiff")
     levels, _ = read_levels(tmp_path / "x.tiff")
     assert np.array_equal(levels.ravel(), np.frombuffer(PIXELS, np.uint8))
+
+
+def palette_tiff(path, bits, entry_of, order="<", big=False):
+    """All indices in turn, three in a row, of a grey palette; the whole picture if it is of 8 bits."""
+    entries = [entry_of(255 * k // (2**bits - 1)) for k in range(2**bits)]
+    packed = np.packbits(np.unpackbits(np.array([[0, 1, 2**bits - 1]] * 3, np.uint8)[..., None], axis=2)
+                         [..., 8 - bits :].reshape(3, -1), axis=1)  # fmt: skip
+    stated = [(262, [3]), (258, [bits]), (279, [packed.size]), (320, entries * 3)]
+    return tiff(path, *stated, order=order, big=big, pixels=packed.tobytes())
+
+
+@pytest.mark.parametrize("big", [False, True])
+@pytest.mark.parametrize("order", "<>")
+@pytest.mark.parametrize("bits", [1, 4, 8])
+@pytest.mark.parametrize("white", [65535, 65280])
+def test_the_white_of_a_palette_is_white_whichever_way_it_is_written(tmp_path, bits, white, order, big):
+    path = palette_tiff(tmp_path / "x.tif", bits, lambda byte: byte * white // 255, order, big)
+    before = path.read_bytes()
+    levels, _ = read_levels(path)
+    assert levels.tolist() == [[0, 255 // (2**bits - 1), 255]] * 3
+    assert path.read_bytes() == before
+
+
+def test_every_level_of_a_palette_is_read_as_the_program_that_wrote_it_reads_it(tmp_path):
+    """Pillow writes bytes times 256. The level next to black is one, too, and a half is clear as an opening's dot."""
+    picture = Image.fromarray(np.arange(256, dtype=np.uint8).reshape(16, 16), "P")
+    picture.putpalette([byte for byte in range(256) for _ in "RGB"])
+    picture.save(tmp_path / "x.tif")
+    with Image.open(tmp_path / "x.tif") as written:
+        assert max(written.tag_v2[320]) == 65280
+        shown = np.asarray(written.convert("L"))
+    levels, _ = read_levels(tmp_path / "x.tif")
+    assert np.array_equal(levels, shown)
+    assert np.array_equal(from_image(tmp_path / "x.tif"), (levels >= 128)[::-1])
+
+
+def test_a_picture_with_a_palette_that_is_cut_short_is_damage(tmp_path):
+    once = palette_tiff(tmp_path / "x.tif", 8, lambda byte: 256 * byte).read_bytes()
+    for cut in range(8, len(once), 97):
+        (tmp_path / "y.tif").write_bytes(once[:cut])
+        assert refusal(read_levels, tmp_path / "y.tif") == "MF303"
