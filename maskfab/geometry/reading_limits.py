@@ -89,7 +89,7 @@ def count_vertices(layout: db.Layout) -> int:
 
 
 def own_polygons(cell: db.Cell, layer: int) -> db.Region:
-    """Polygons and paths of a cell itself on a layer, each as it is drawn; boxes, of which there are most, are left out."""
+    """Polygons and paths of a cell itself on a layer, each as it is drawn, without boxes, of which there are most."""
     shapes = cell.begin_shapes_rec(layer)
     shapes.max_depth = 0
     shapes.shape_flags = db.Shapes.SRegions & ~db.Shapes.SBoxes

@@ -78,7 +78,7 @@ def _ambiguous(path: Path, what: str) -> SourceError:
 
 @dataclass(frozen=True)
 class _Directory:
-    """What matters of the first directory.
+    """The tags of a first directory that matter.
 
     Attributes:
         order: of bytes, as of :mod:`struct`.
