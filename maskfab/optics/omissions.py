@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -155,9 +156,13 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     bands = [band_errors(pupil, camera, band, target / 4) for band in scene.bands]
     counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
-    openings = panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.pitch_nm / 1e3)
+
+    @cache
+    def openings() -> Aperture:
+        return panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.pitch_nm / 1e3)
+
     blur = math.sqrt(1e-3 * max(ends) * scene.gap_um)
-    crowding = rim_crowding(openings, pupil, blur) if blur else 1.0
+    crowding = rim_crowding(openings(), pupil, blur) if blur else 1.0
     uneven = panel.pitch_nm / 1e3 / camera.stop.diameter_um if not panel.tiling.independent else 0.0
     return Estimates(
         scale=_scale(pilots, sampled, scene),
@@ -165,12 +170,14 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
         aberrations=_aberrations(
             means, sampled, scene.wavefront(camera), min(1.0, uneven + _defocus_share(sampled, scene))
         ),
-        shift=_shift(means, openings, pupil, sampled, scene, scene.field_um) if moved else NOTHING,
+        shift=_shift(means, openings(), pupil, sampled, scene, scene.field_um) if moved else NOTHING,
         diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled, precision, own),
         layout=_layout(means) if means else None,
         pilot=pilots[0],
-        places={n: _between(means, openings, pupil, sampled, scene, n) for n in (PLACES if moved else PLACES[:1])},
+        places=(
+            {n: _between(means, openings(), pupil, sampled, scene, n) for n in PLACES} if moved else {PLACES[0]: 0.0}
+        ),
         bands={count: max((each[count] for each in bands), default=0.0) for count in counts},
         in_bands=len(bands),
         crowding=crowding,

@@ -71,21 +71,23 @@ class Pupil:
         """A pupil whose stop takes or leaves whole intervals, as if its edge followed them."""
         none = np.zeros(0, dtype=np.intp)
         moments = np.zeros((0, RIM_ORDERS, RIM_ORDERS))
-        return cls(x, y, whole, np.zeros_like(whole), none, none, moments, np.zeros(0), stop)
+        return cls(x, y, whole, zeros(whole.shape), none, none, moments, np.zeros(0), stop)
 
     @property
     def mean_transmission(self) -> Floats:
-        """Amplitude averaged over each interval, float64 [ny, nx]: the grey-rim picture of the pupil."""
+        """Amplitude averaged over each interval, float64 [ny, nx]: the grey-rim picture of the pupil; read-only."""
         grey = self.whole.copy()
         grey[self.rim_row, self.rim_column] = self.rim_moments[:, 0, 0]
+        grey.flags.writeable = False
         return grey
 
     @property
     def variance(self) -> Floats:
-        """Variance of the amplitude within each interval, float64 [ny, nx]: what the grey-rim picture leaves out."""
+        """Variance of the amplitude within each interval, float64 [ny, nx], left out of the grey rim; read-only."""
         share = self.rim_moments[:, 0, 0] / self.rim_transmission
         spread = self.whole_variance.copy()
         spread[self.rim_row, self.rim_column] = self.rim_transmission**2 * np.clip(share * (1 - share), 0, None)
+        spread.flags.writeable = False
         return spread
 
     @cached_property

@@ -232,3 +232,19 @@ def test_samples_in_a_square_stop_err_no_more_than_stated(
         real = np.linalg.norm(found.values - expected) / np.linalg.norm(expected)
         print(f"{dot_nm} nm {side_um:g} um {samples} samples: stated {stated[samples]:.1e} real {real:.1e}")
         assert real <= stated[samples]
+
+
+@pytest.mark.parametrize(("scene", "laid_out"), [(Scene(), 0), (Scene(field_um=200.0, gap_um=500.0), 1)])
+def test_openings_beside_the_stop_are_laid_out_once_for_what_moves_or_spreads_only(
+    monkeypatch: pytest.MonkeyPatch, scene: Scene, laid_out: int
+) -> None:
+    asked: list[float] = []
+
+    def counted(design: Panel, half_width_um: float) -> Aperture:
+        asked.append(half_width_um)
+        return panel_aperture(design, half_width_um)
+
+    monkeypatch.setattr("maskfab.optics.omissions.panel_aperture", counted)
+    found = prices(panel(noise(5, 0.5, 1), cells=60, seed=3), camera(300.0), scene, 0.1).estimates
+    assert (len(asked), all(width > 150.0 for width in asked)) == (laid_out, True)
+    assert found.crowding >= 1
