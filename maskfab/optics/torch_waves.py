@@ -11,9 +11,10 @@ Floats = NDArray[np.float64]
 
 def cosines_and_sines(position_um: Floats, frequency: Floats) -> Floats:
     """Cosines and sines of 2πux, [2, positions, frequencies], with phases reduced to half a cycle."""
-    cycles = torch.outer(torch.from_numpy(position_um), torch.from_numpy(frequency))
-    cycles.sub_(cycles.round()).mul_(2 * np.pi)
-    both = cycles.new_empty(2, *cycles.shape)
-    torch.cos(cycles, out=both[0])
-    torch.sin(cycles, out=both[1])
-    return both.numpy()
+    both = np.empty((2, position_um.size, frequency.size))
+    cosines, sines = torch.from_numpy(both)
+    torch.outer(torch.from_numpy(position_um), torch.from_numpy(frequency), out=sines)
+    sines.sub_(sines.round()).mul_(2 * np.pi)
+    torch.cos(sines, out=cosines)
+    sines.sin_()
+    return both
