@@ -6,11 +6,12 @@ import math
 import os
 import re
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from klayout import db
+from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.export.gds import write_oasis
@@ -38,12 +39,12 @@ from maskfab.model import (
     Tiling,
 )
 from maskfab.optics import metrics
-from maskfab.optics.aperture import Lattice
+from maskfab.optics.aperture import Aperture, Lattice
 from maskfab.optics.leak import Leak
 from maskfab.optics.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.plan import sampling_camera
 from maskfab.optics.psf import pixel_margin
-from maskfab.optics.pupil import cut
+from maskfab.optics.pupil import Pupil, cut
 from maskfab.optics.response import curves_text
 from maskfab.optics.scene import Scene
 from maskfab.progress import Progress, silent
@@ -51,6 +52,7 @@ from maskfab.spec import SceneSection, check_lens, check_optics, even_nm, is_tab
 from maskfab.threads import one_thread
 from maskfab.units import to_nm
 from maskfab.validate.apertures import aperture_in_stop, edge_distances
+from maskfab.validate.memory import give_back
 from maskfab.validate.optics import (
     INVARIANT_LIMIT_ROUND,
     lit_pupils,
@@ -157,6 +159,7 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
                 where="--tiling",
                 cure="If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out",
             )
+        _check_finest(path, request)
         return bounded(path, lambda tell: _analyse_mask(path, request, tell), progress)
     return analyse_opening(_load(path, request), request, progress)
 
@@ -211,6 +214,12 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan, request.blank)
     progress("scene", 1, 1)
     return Analysis(opening.name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
+
+
+def _check_finest(path: Path, request: Request) -> None:
+    """Refuse before anything is read what no grid over the file's polygons could make good: the finest is the best."""
+    finest = request.camera.stop.diameter_um / _FINEST_GRID
+    check_optics(request.camera, min(finest, request.dot_um or finest), where=str(path))
 
 
 def _load(path: Path, request: Request) -> Opening:
@@ -282,7 +291,36 @@ def _name(path: Path) -> str:
     return kept if kept[:1].isalpha() else f"O_{kept}"
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A mask file as far as the stop sees it; the polygons themselves, which take more memory than all else, are gone.
+
+    Attributes:
+        name: of the cell.
+        edges_um: float64 [n, 4], see :func:`maskfab.geometry.stop.edges_in_stop`.
+        area_um2: clear area before the stop.
+        lattice: the grid that the aperture is on.
+        aperture: clear shares of its dots.
+    """
+
+    name: str
+    edges_um: NDArray[np.float64]
+    area_um2: float
+    lattice: Lattice
+    aperture: Aperture
+
+
 def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
+    seen, camera, stop = _see(path, request), request.camera, request.camera.stop
+    give_back()
+    pupil = cut(seen.aperture, stop)
+    standard = _measure_seen(seen, pupil, request, progress)
+    give_back()
+    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
+    return replace(standard, quantities=(*standard.quantities, *bar))
+
+
+def _see(path: Path, request: Request) -> _Seen:
     dots = _dots(request)
     layout = read_layout(path, request.unit_um)
     try:
@@ -307,24 +345,27 @@ def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
         )
     lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
     check_optics(camera, lattice.dot_um, where=str(path))
-    outline = stop_boundary(edges, area, camera, pixel_margin(camera))
-    read = aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0))
-    pupil = cut(read, stop)
-    leak = Leak.of(request.blank, stop)
-    lit = lit_pupils(read, pupil, leak, camera)
+    return _Seen(cell.name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)))
+
+
+def _measure_seen(seen: _Seen, pupil: Pupil, request: Request, progress: Progress) -> Analysis:
+    camera, leak = request.camera, Leak.of(request.blank, request.camera.stop)
+    outline = stop_boundary(seen.edges_um, seen.area_um2, camera, pixel_margin(camera))
+    lit = lit_pupils(seen.aperture, pupil, leak, camera)
     header = (
         *metrics.model_notes(camera),
-        metrics.stop_open_ratio(area, camera, None, "area of the file's polygons inside the stop over the stop's"),
-        metrics.mtf_volume(lit.table, area, None, INVARIANT_LIMIT_ROUND, leak),
+        metrics.stop_open_ratio(
+            seen.area_um2, camera, None, "area of the file's polygons inside the stop over the stop's"
+        ),
+        metrics.mtf_volume(lit.table, seen.area_um2, None, INVARIANT_LIMIT_ROUND, leak),
     )
 
     def difference(error: float, wavelength: float) -> Quantity:
-        method = f"relative L2 between the polygons' PSF and that of their raster of {lattice.dot_um:g} um"
+        method = f"relative L2 between the polygons' PSF and that of their raster of {seen.lattice.dot_um:g} um"
         return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
 
     found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
-    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
-    return Analysis(cell.name, found.psfs, found.mtfs, (*header, *found.quantities, *bar))
+    return Analysis(seen.name, found.psfs, found.mtfs, (*header, *found.quantities))
 
 
 def _polygons_box(layout: db.Layout, index: int, cell: db.Cell) -> db.Box:

@@ -16,7 +16,7 @@ from small_job import DRAWING, LOOK, MASK, OPENING, command, write_job
 
 import maskfab
 from maskfab.analysis import Request, analyse
-from maskfab.errors import SourceError
+from maskfab.errors import JobError, SourceError
 from maskfab.model import Camera, Stop, Tiling
 from maskfab.provenance import sha256_of_file
 
@@ -323,6 +323,15 @@ def test_a_round_hole_makes_an_airy_pattern(tmp_path, monkeypatch):
     airy = np.pi * 50**2 / (0.530 * 5000) ** 2 * (2 * j1(v) / v) ** 2
     airy[n // 2, n // 2] = np.pi * 50**2 / (0.530 * 5000) ** 2
     assert np.abs(point.values - airy).max() < 1e-4 * airy.max()
+
+
+def test_a_dot_too_fine_for_its_stop_is_refused_before_the_file_is_read(tmp_path):
+    """The file is damaged, which a reader would say first."""
+    (tmp_path / "x.gds").write_bytes(b"no mask")
+    with pytest.raises(JobError, match="MF115"):
+        numbers(tmp_path / "x.gds", dot_um=CAMERA.stop.diameter_um / 6001)
+    with pytest.raises(SourceError, match="MF304"):
+        numbers(tmp_path / "x.gds", dot_um=CAMERA.stop.diameter_um / 5999)
 
 
 @pytest.mark.parametrize("layer", ["7/3", "CLEAR"])
