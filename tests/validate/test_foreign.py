@@ -478,7 +478,7 @@ def test_the_first_line_and_the_document_tell_layer_and_tone(capsys, two_layers,
     shown = command(capsys, "verify", two_layers, "--against", job, "--quiet")
     first = shown.stdout.splitlines()[0]
     assert "1/0" in first
-    assert "is clear" in first
+    assert "are clear" in first
     assert "1/5" in first
     answer = command(capsys, "verify", two_layers, "--against", job, "--ignore", "1/5", "--quiet", "--json")
     keys = [*answer.document][:4]
