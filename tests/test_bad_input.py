@@ -343,7 +343,6 @@ def test_a_design_that_cannot_be_made_is_refused(capsys, tmp_path, old, new, cod
         ("joint = 2", "MF105", "joint"),
         ("density = 0.4", "MF105", "density"),
         ('map_output = "m.toml"', "MF105", "map_output"),
-        ('map = "equal_light"', "MF105", "map_output"),
         ('map = "equal_light"\ntiling = "periodic"', "MF105", "map"),
         ('objective = "auc"\nfamilies = ["discs"]', "MF105", "families"),
         ('objective = "beauty"', "MF105", "objective"),
@@ -358,6 +357,19 @@ def test_a_search_that_cannot_be_made_is_refused(capsys, tmp_path, added, code, 
     before = listing(tmp_path)
     error = refused(command(capsys, "design", job, "--out", tmp_path / "o.toml", "--json"), code)
     assert error["where"] == f"{job}: design.{key}"
+    assert listing(tmp_path) == before
+
+
+def test_a_map_without_a_place_is_refused(capsys, tmp_path):
+    job = design_job(
+        tmp_path,
+        ('method = "relax"', 'map = "equal_light"\noutput = "o.toml"'),
+        ('tiling = "periodic"\nseed', "seed"),
+        ("iterations = 3", ""),
+    )
+    before = listing(tmp_path)
+    error = refused(command(capsys, "design", job, "--json"), "MF105")
+    assert error["where"] == f"{job}: design.map_output"
     assert listing(tmp_path) == before
 
 
