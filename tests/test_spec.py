@@ -205,7 +205,7 @@ def test_export_and_process_survive_being_dumped(text):
 @pytest.mark.parametrize("first", ["gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"])
 def test_the_first_format_must_be_a_layout(first):
     error = refused("MF105", with_export(f'formats = ["{first}", "gdsii"]'))
-    assert f"{first} is no layout" in error.what
+    assert f"{first} cannot be measured" in error.what
     assert error.where == "job.toml: export.formats"
     assert "gdsii" in error.cure
 

@@ -23,6 +23,8 @@ Floats = NDArray[np.float64]
 # Bound of the field's relative L2 error from the orders left out.
 _TOLERANCE = 2e-13
 _MOST_ORDERS = 64
+# Squares of amplitudes below 1e-150 are not told from nothing.
+_LEAST_ENERGY_UM2 = 1e-290
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,11 @@ def _left_out(pupil: Pupil, area_um2: Floats) -> Floats:
     """Share of the field's energy in the rim's orders from P on, float64 [_MOST_ORDERS]."""
     shape = pupil.rim_moments / pupil.rim_transmission[:, None, None]
     weight = 2 * np.arange(shape.shape[1]) + 1
-    light = area_um2 * pupil.rim_transmission**2 / pupil.energy_um2
+    squares, energy_um2 = pupil.rim_transmission**2, pupil.energy_um2
+    if energy_um2 < _LEAST_ENERGY_UM2:
+        # As if the rim held all the light, which asks for no fewer orders.
+        squares, energy_um2 = np.ones_like(squares), float(area_um2.sum())
+    light = area_um2 * squares / energy_um2
     held = weight[:, None] * weight * np.einsum("k,kqp->qp", light, shape**2)
     before = np.array([held[:order, :order].sum() for order in range(len(held) + 1)])
     left = np.clip(light @ shape[:, 0, 0] - before, 0, None)
