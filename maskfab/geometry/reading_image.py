@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from maskfab.errors import SourceError
 from maskfab.geometry.reading_limits import ROUNDING_KEY, LeftOut, note_left_out
 from maskfab.geometry.region import DBU_UM, layer_info
-from maskfab.geometry.tiff_tone import check_tiff_tone, with_full_palette
+from maskfab.geometry.tiff_tone import shown_alike
 from maskfab.model import CLEAR
 
 MOST_PIXELS = 400_000_000
@@ -88,8 +88,7 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
     if path.suffix.lower() == ".png" and not _ends(path):
         raise _damaged(path, "it ends without IEND")
     if path.suffix.lower() in TIFF_SUFFIXES:
-        check_tiff_tone(path)
-        with with_full_palette(path) as shown:
+        with shown_alike(path) as shown:
             return _pixels(path, shown)
     return _pixels(path, path)
 

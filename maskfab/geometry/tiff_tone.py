@@ -29,14 +29,32 @@ _UNSIGNED, _FLOAT = 1, 3
 _CURE = "Save it as grey or RGB with a program that writes PhotometricInterpretation, or as PNG"
 
 
-def check_tiff_tone(path: Path) -> None:
-    """Refuse a TIFF of which readers could show the other tone.
+@contextmanager
+def shown_alike(path: Path) -> Iterator[Path]:
+    """A TIFF that is shown alike by all readers: itself, or a copy where its palette is written as bytes times 256.
 
     Raises:
         SourceError: MF303 if its first directory cannot be read, MF318 if it does not say what is white, or so that
             readers differ.
     """
-    tags = _directory(path).values
+    found = _directory(path)
+    _check_tone(path, found.values)
+    start, count = found.shorts.get(_COLOUR_MAP, (0, 0))
+    entries = found.values.get(_COLOUR_MAP, [])[:count]
+    if found.values[_PHOTOMETRIC] != [_PALETTE] or not any(entries) or any(entry & 255 for entry in entries):
+        yield path
+        return
+    with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
+        copy = Path(aside) / f"copy{path.suffix}"
+        shutil.copyfile(path, copy)
+        with copy.open("r+b") as file:
+            file.seek(start)
+            file.write(struct.pack(f"{found.order}{count}H", *(entry | entry >> 8 for entry in entries)))
+        yield copy
+
+
+def _check_tone(path: Path, tags: Mapping[int, list[int]]) -> None:
+    """Refuse a TIFF of which readers could show the other tone."""
     stated = tags.get(_PHOTOMETRIC, [])
     if len(stated) != 1:
         what = "does not say" if not stated else "says more than once"
@@ -48,28 +66,6 @@ def check_tiff_tone(path: Path) -> None:
         raise _ambiguous(path, f"has {samples} samples per pixel for PhotometricInterpretation = {stated[0]}")
     if not formats <= {_UNSIGNED, _FLOAT}:
         raise _ambiguous(path, "has signed or undefined samples, whose least is black to some readers only")
-
-
-@contextmanager
-def with_full_palette(path: Path) -> Iterator[Path]:
-    """A TIFF that is shown alike by all readers: itself, or a copy where its palette is written as bytes times 256.
-
-    Raises:
-        SourceError: MF303 if its first directory cannot be read.
-    """
-    found = _directory(path)
-    start, count = found.shorts.get(_COLOUR_MAP, (0, 0))
-    entries = found.values.get(_COLOUR_MAP, [])[:count]
-    if found.values.get(_PHOTOMETRIC) != [_PALETTE] or not any(entries) or any(entry & 255 for entry in entries):
-        yield path
-        return
-    with tempfile.TemporaryDirectory(prefix="maskfab-") as aside:
-        copy = Path(aside) / f"copy{path.suffix}"
-        shutil.copyfile(path, copy)
-        with copy.open("r+b") as file:
-            file.seek(start)
-            file.write(struct.pack(f"{found.order}{count}H", *(entry | entry >> 8 for entry in entries)))
-        yield copy
 
 
 def _ambiguous(path: Path, what: str) -> SourceError:

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError, SourceError
-from maskfab.geometry.tiff_tone import check_tiff_tone, with_full_palette
+from maskfab.geometry.tiff_tone import shown_alike
 from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
@@ -87,8 +87,7 @@ def from_image(path: Path) -> Mask:
     if image.format_name() != "tiff":
         return _of_image(image, str(path))
     image.close()
-    check_tiff_tone(path)
-    with with_full_palette(path) as shown:
+    with shown_alike(path) as shown:
         return _of_image(_opened_image(path, shown), str(path))
 
 
