@@ -151,22 +151,16 @@ def check_size(layout: db.Layout, path: Path) -> None:
 
 def too_many_layers(path: Path) -> SourceError:
     """MF313 for more than :data:`MOST_LAYERS`."""
-    return SourceError(
-        "MF313",
-        f"{path.name} has over {MOST_LAYERS} layers",
-        where=str(path),
-        cure="Write the layers of the mask alone",
-    )
+    return _too_many(path, f"{MOST_LAYERS} layers", "Write the layers of the mask alone")
 
 
 def too_many_cells(path: Path) -> SourceError:
     """MF313 for more than :data:`MOST_CELLS`."""
-    return SourceError(
-        "MF313",
-        f"{path.name} has over {MOST_CELLS} cells",
-        where=str(path),
-        cure="Flatten it in part, and write the cells of the mask alone",
-    )
+    return _too_many(path, f"{MOST_CELLS} cells", "Flatten it in part, and write the cells of the mask alone")
+
+
+def _too_many(path: Path, most: str, cure: str) -> SourceError:
+    return SourceError("MF313", f"{path.name} has over {most}", where=str(path), cure=cure)
 
 
 def _refuse_distant(layout: db.Layout, path: Path) -> None:
