@@ -11,10 +11,7 @@ import pytest
 from maskfab.design.constraints import Constraints
 from maskfab.design.density import central, counts, display_price, graded
 from maskfab.design.orientation_map import LIGHT_TOLERANCE
-from maskfab.design.pupil_error import pupil_error
-from maskfab.design.surrogate import surrogate
 from maskfab.errors import JobError
-from maskfab.imaging.scenes import dead_leaves
 from maskfab.imaging.transfer import CELLS, lay
 from maskfab.model import ORIENTATIONS
 
@@ -26,11 +23,6 @@ def block(count):
     mask = np.zeros(DOTS * DOTS, dtype=np.bool_)
     mask[:count] = True
     return mask.reshape(DOTS, DOTS).T
-
-
-@pytest.fixture(scope="module")
-def error():
-    return pupil_error(surrogate([dead_leaves(1)], DOTS), (24, 40))
 
 
 @pytest.fixture(scope="module")

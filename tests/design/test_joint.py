@@ -11,9 +11,7 @@ from maskfab.design.constraints import Constraints
 from maskfab.design.joint import dot_slopes, joint
 from maskfab.design.orientation_map import LIGHT_TOLERANCE, design_map
 from maskfab.design.pupil_error import Slope, pupil_error
-from maskfab.design.surrogate import surrogate
 from maskfab.errors import JobError
-from maskfab.imaging.scenes import dead_leaves
 from maskfab.imaging.transfer import CELLS, lay
 from maskfab.layout.maps import shifted
 
@@ -21,16 +19,6 @@ DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)
 BAR[:5, :2] = True
 SHIFTS = ((0, 0), (2, 1), (4, 0))
-
-
-@pytest.fixture(scope="module")
-def estimate():
-    return surrogate([dead_leaves(1)], DOTS)
-
-
-@pytest.fixture(scope="module")
-def error(estimate):
-    return pupil_error(estimate, (24, 40))
 
 
 @pytest.fixture(scope="module")

@@ -25,16 +25,6 @@ def bar(high=5, wide=2):
 
 
 @pytest.fixture(scope="module")
-def estimate():
-    return surrogate([dead_leaves(1)], DOTS)
-
-
-@pytest.fixture(scope="module")
-def error(estimate):
-    return pupil_error(estimate, (24, 40))
-
-
-@pytest.fixture(scope="module")
 def designed(error):
     return {mode: design_map(bar(), error, mode=mode, kicks=0) for mode in MapMode}
 

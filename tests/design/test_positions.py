@@ -9,10 +9,7 @@ import pytest
 
 from maskfab.design.orientation_map import LIGHT_TOLERANCE, design_map
 from maskfab.design.positions import best_places, places
-from maskfab.design.pupil_error import pupil_error
-from maskfab.design.surrogate import surrogate
 from maskfab.errors import JobError, OpeningError
-from maskfab.imaging.scenes import dead_leaves
 from maskfab.imaging.transfer import lay
 from maskfab.layout.maps import shifted
 from maskfab.model import ORIENTATIONS, orient
@@ -20,11 +17,6 @@ from maskfab.model import ORIENTATIONS, orient
 DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)
 BAR[:5, :2] = True
-
-
-@pytest.fixture(scope="module")
-def error():
-    return pupil_error(surrogate([dead_leaves(1)], DOTS), (24, 40))
 
 
 def images(mask):
