@@ -80,6 +80,20 @@ def test_oblique_and_manhattan_paths_agree():
     assert np.abs(coverage(shape, edges, edges) - coverage(shape + speck, edges, edges)).max() < 1e-15
 
 
+@pytest.mark.parametrize("is_oblique", [False, True])
+@examples(60)
+@given(parts=boxes)
+def test_overlaps_count_once_also_where_a_region_keeps_its_polygons_apart(is_oblique, parts):
+    array = boxes_to_array(parts)
+    apart = db.Region([db.Box(*box) for box in array.tolist()])
+    if is_oblique:
+        apart.insert(db.Polygon([db.Point(200, 200), db.Point(202, 200), db.Point(200, 201)]))
+    apart.merged_semantics = False
+    edges = np.arange(0.0, 41, 8)
+    exact = by_unit_cells(array).reshape(5, 8, 5, 8).mean(axis=(1, 3))
+    assert np.abs(coverage(apart, edges, edges) - exact).max() < 1e-14
+
+
 def test_nothing_covers_nothing():
     edges = np.arange(4.0)
     assert not coverage(db.Region(), edges, edges).any()
