@@ -13,8 +13,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from maskfab.analysis import analyse as analyse
-    from maskfab.layout.job import load as load_job
+    from maskfab.job import load as load_job
+    from maskfab.measure.analysis import analyse as analyse
     from maskfab.pipeline import run as run
     from maskfab.verification import verify as verify
 
@@ -22,8 +22,8 @@ __version__ = "0.1.0"
 __all__ = ["__version__", "analyse", "load_job", "run", "verify"]
 
 _WHERE = {
-    "analyse": ("maskfab.analysis", "analyse"),
-    "load_job": ("maskfab.layout.job", "load"),
+    "analyse": ("maskfab.measure.analysis", "analyse"),
+    "load_job": ("maskfab.job", "load"),
     "run": ("maskfab.pipeline", "run"),
     "verify": ("maskfab.verification", "verify"),
 }

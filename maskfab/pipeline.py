@@ -16,52 +16,44 @@ from typing import TypeVar
 from klayout import db
 
 from maskfab import __version__, provenance, resources
+from maskfab.camera.camera import PhotoCamera
+from maskfab.display.populate import Populated
+from maskfab.drc import RuleResult, check_plate
 from maskfab.errors import JobError
-from maskfab.export.finished import RESULT_MARK, TIMES, times_text
-from maskfab.export.fitting import blank_of
 from maskfab.export.markers import write_markers
 from maskfab.export.products import TITLES
 from maskfab.export.psf import PsfFile, psf_files
-from maskfab.export.shops import shop_of
-from maskfab.export.staging import check_target, staged
-from maskfab.geometry.drc import RuleResult, check_plate
+from maskfab.files.finished import RESULT_MARK, TIMES, times_text
+from maskfab.files.memory import give_back
+from maskfab.files.staging import check_target, staged
 from maskfab.geometry.region import clear_shapes, plate_names
 from maskfab.geometry.written import check_process
-from maskfab.imaging.camera import PhotoCamera
-from maskfab.layout.job import Job, load
-from maskfab.layout.populate import Populated
+from maskfab.job import Job, load
+from maskfab.jobfile.shop_profile import Shop
+from maskfab.measure.apertures import light_box
+from maskfab.measure.display import display_quantities
+from maskfab.measure.features import judged, limits_as_rules, smallest_features
+from maskfab.measure.optics import measure, reach_box, read_openings
+from maskfab.measure.restored import Restored, not_judged, photographer
+from maskfab.measure.scene import measure_scene, peak_bytes, reach_um, scene_plan
+from maskfab.measure.views import SceneOptics
+from maskfab.measure.written import Written, measure_written
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
-from maskfab.optics.metrics import model_notes
-from maskfab.optics.model_bar import bar_of_panel
-from maskfab.optics.mtf import area_under_radial_min
-from maskfab.optics.plan import Plan
+from maskfab.optics.image.mtf import area_under_radial_min
+from maskfab.optics.numbers.metrics import model_notes
+from maskfab.optics.scene.model_bar import bar_of_panel
+from maskfab.optics.scene.plan import Plan
 from maskfab.progress import Progress, silent
-from maskfab.report import (
-    data,
-    design_data,
-    design_figures,
-    display_figures,
-    figures,
-    html,
-    scene_figures,
-    written_figures,
-)
-from maskfab.report.workers import Task
-from maskfab.spec.shop import Shop
+from maskfab.report import data, design_data, html
+from maskfab.report.plots import design_figures, display_figures, figures, scene_figures, written_figures
+from maskfab.report.plots.workers import Task
+from maskfab.shops.fitting import blank_of
+from maskfab.shops.judge import check_written
+from maskfab.shops.shops import shop_of
 from maskfab.threads import one_thread
-from maskfab.validate.apertures import light_box
-from maskfab.validate.bitmaps import check_pixels
-from maskfab.validate.display import display_quantities
-from maskfab.validate.features import judged, limits_as_rules, smallest_features
-from maskfab.validate.files import Drawn, drawn, read_back
-from maskfab.validate.memory import give_back
-from maskfab.validate.optics import measure, reach_box, read_openings
-from maskfab.validate.psf_files import check_psf_file
-from maskfab.validate.restored import Restored, not_judged, photographer
-from maskfab.validate.scene import measure_scene, peak_bytes, reach_um, scene_plan
-from maskfab.validate.shop import check_written
-from maskfab.validate.views import SceneOptics
-from maskfab.validate.written import Written, measure_written
+from maskfab.verify.bitmaps import check_pixels
+from maskfab.verify.files import Drawn, drawn, read_back
+from maskfab.verify.psf_files import check_psf_file
 
 MANIFEST_VERSION = 1
 JOB_COPY = "job.json"

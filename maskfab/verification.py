@@ -14,15 +14,13 @@ from jinja2 import TemplateError
 
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
-from maskfab.export.finished import RESULT_MARK, TIMES
-from maskfab.export.staging import put_back
-from maskfab.geometry.reading import LAYOUT_SUFFIXES
-from maskfab.geometry.reading_image import IMAGE_SUFFIXES
+from maskfab.files.finished import RESULT_MARK, TIMES
+from maskfab.files.staging import put_back
 from maskfab.geometry.region import clear_shapes
-from maskfab.layout.job import Job, load
-from maskfab.layout.plate import compose
+from maskfab.job import Job, load
+from maskfab.measure.apertures import light_box, sees_light
 from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
-from maskfab.optics.metrics import model_notes
+from maskfab.optics.numbers.metrics import model_notes
 from maskfab.pipeline import (
     JOB_COPY,
     OVERVIEW,
@@ -42,13 +40,15 @@ from maskfab.pipeline import (
     restore_photographs,
     shop_quantities,
 )
+from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
+from maskfab.readers.reading import LAYOUT_SUFFIXES
+from maskfab.readers.reading_image import IMAGE_SUFFIXES
 from maskfab.report import again, data, design_data, html
 from maskfab.threads import one_thread
-from maskfab.validate.apertures import light_box, sees_light
-from maskfab.validate.files import read_back
-from maskfab.validate.psf_files import check_psf_file
-from maskfab.validate.roundtrip import RoundTrip
+from maskfab.verify.files import read_back
+from maskfab.verify.psf_files import check_psf_file
+from maskfab.verify.roundtrip import RoundTrip
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
 _SCHEMA = "report_schema"

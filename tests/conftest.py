@@ -10,12 +10,15 @@ import numpy as np
 import pytest
 from hypothesis import settings
 from once import BOUNDS, FIGURES, once
-from small_job import finished
+from small_job import finished, write_job
 
-from maskfab.geometry import reading
-from maskfab.geometry.gdstk_process import content
+from maskfab.export.gds import write_gdsii
 from maskfab.geometry.lettering import text_polygons
+from maskfab.geometry.region import plate_layout
+from maskfab.job import Job, load
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
+from maskfab.readers import reading
+from maskfab.readers.gdstk_process import content
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
 settings.register_profile("fixed", max_examples=30, derandomize=True, deadline=None)
@@ -93,3 +96,20 @@ def read_here(monkeypatch) -> None:
 def small_result(tmp_path_factory) -> Path:
     """The output directory of the small job as it stands; tests copy what they change."""
     return finished(tmp_path_factory.mktemp("small"))
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory) -> Job:
+    return load(write_job(tmp_path_factory.mktemp("job")))
+
+
+@pytest.fixture(scope="module")
+def plate(job) -> Plate:
+    return job.plate()
+
+
+@pytest.fixture(scope="module")
+def gds(plate, tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("gds") / "plate.gds"
+    write_gdsii(plate_layout(plate), path)
+    return path

@@ -15,27 +15,27 @@ from collections.abc import Callable, Iterator
 from dataclasses import replace
 
 import numpy as np
-from layout.subpixels.listing import largest_by_listing, small_grids
-from layout.subpixels.shapes import ALIKE, PUBLISHED, bar, cells, published
-from layout.subpixels.test_rectangles import ASPECTS, RATIOS, best_of_all_triples
+from display.emitters.listing import largest_by_listing, small_grids
+from display.emitters.shapes import ALIKE, PUBLISHED, bar, cells, published
+from display.emitters.test_rectangles import ASPECTS, RATIOS, best_of_all_triples
 
-from maskfab.imaging import grain, score, targets
-from maskfab.imaging.viewing import Viewing
-from maskfab.layout.circuit import CircuitRules
-from maskfab.layout.feasibility import DisplayRules, feasibility
-from maskfab.layout.light import Light
-from maskfab.layout.openings import load
-from maskfab.layout.subpixels.bound import upper_bound
-from maskfab.layout.subpixels.facing import border_margin
-from maskfab.layout.subpixels.fit import footprint
-from maskfab.layout.subpixels.freeform import guillotine, polish
-from maskfab.layout.subpixels.rectangles import rectangle_footprints, three_rectangles
-from maskfab.layout.subpixels.region import EVERY, free_region
-from maskfab.layout.subpixels.rules import EmitterRules, grid_of
-from maskfab.layout.tiling import orientations
-from maskfab.layout.wiring.answer import WireDemand
-from maskfab.layout.wiring.gutter import WireRules
+from maskfab.display.circuit import CircuitRules
+from maskfab.display.emitters.bound import upper_bound
+from maskfab.display.emitters.facing import border_margin
+from maskfab.display.emitters.fit import footprint
+from maskfab.display.emitters.freeform import guillotine, polish
+from maskfab.display.emitters.rectangles import rectangle_footprints, three_rectangles
+from maskfab.display.emitters.region import EVERY, free_region
+from maskfab.display.emitters.rules import EmitterRules, grid_of
+from maskfab.display.feasibility import DisplayRules, feasibility
+from maskfab.display.light import Light
+from maskfab.display.wires.answer import WireDemand
+from maskfab.display.wires.gutter import WireRules
+from maskfab.eye import grain, score, targets
+from maskfab.eye.viewing import Viewing
 from maskfab.model import Opening, Panel, Tiling
+from maskfab.opening.openings import load
+from maskfab.plate.tiling import orientations
 from maskfab.resources import path
 
 Row = tuple[str, float, float, str]

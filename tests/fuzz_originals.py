@@ -15,15 +15,15 @@ from small_job import DRAWING, OPENING, write_job
 from maskfab import resources
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.export.shops import load_shop
 from maskfab.geometry.region import plate_layout
-from maskfab.layout.job import Job
-from maskfab.layout.job import load as load_job
+from maskfab.job import Job
+from maskfab.job import load as load_job
+from maskfab.jobfile import ExportSection
 from maskfab.model import Plate
-from maskfab.spec import ExportSection
-from maskfab.validate.files import Drawn
-from maskfab.validate.files import drawn as drawn_files
-from maskfab.validate.packing import pack
+from maskfab.package.pack import pack
+from maskfab.shops.shops import load_shop
+from maskfab.verify.files import Drawn
+from maskfab.verify.files import drawn as drawn_files
 
 SUFFIXES = {
     "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif", "exr": ".exr",

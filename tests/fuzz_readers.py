@@ -8,7 +8,7 @@
 An input is refused with an error of maskfab's, or reads as the original does, or reads as something else that a
 comparison tells. Everything else is a finding: another exception, a process that ends, ten seconds of the processor,
 two gigabytes, and geometry that is not the original's where the comparison with the original says that it is. What is
-foreign is worked with as the command line does, within the limits of :mod:`maskfab.geometry.bounded`.
+foreign is worked with as the command line does, within the limits of :mod:`maskfab.readers.sandbox.bounded`.
 """
 
 from __future__ import annotations
@@ -41,24 +41,25 @@ from klayout import db
 from small_job import OPENING
 
 from maskfab.errors import InputError, SourceError
-from maskfab.export.drawing import plate_drawing
-from maskfab.export.shops import load_shop
-from maskfab.export.solid.quiet import quiet
-from maskfab.geometry import gdstk_process, gerber_process, reading, reading_gerber
-from maskfab.geometry.bounded import bounded
-from maskfab.geometry.reading import find_cell, read_layout
-from maskfab.geometry.reading_image import read_picture
-from maskfab.imaging import picture
-from maskfab.imaging.picture import on_pixels
-from maskfab.layout import maps, openings
-from maskfab.layout.furniture.template import load_template
-from maskfab.layout.job import load as load_job
+from maskfab.eye import picture
+from maskfab.eye.picture import on_pixels
+from maskfab.files.quiet import quiet
+from maskfab.job import load as load_job
+from maskfab.opening import openings
+from maskfab.package import papers
+from maskfab.package.pack import verify_package
+from maskfab.plate import maps
+from maskfab.plate.marks.template import load_template
 from maskfab.progress import silent
-from maskfab.validate import packed_papers, read_step, step_process
-from maskfab.validate.files import read_back
-from maskfab.validate.foreign import check_foreign
-from maskfab.validate.packing import verify_package
-from maskfab.validate.roundtrip import compare
+from maskfab.readers import gdstk_process, gerber_process, read_step, reading, reading_gerber, step_process
+from maskfab.readers.reading import find_cell, read_layout
+from maskfab.readers.reading_image import read_picture
+from maskfab.readers.sandbox.bounded import bounded
+from maskfab.shops.drawing import plate_drawing
+from maskfab.shops.shops import load_shop
+from maskfab.verify.files import read_back
+from maskfab.verify.foreign.foreign import check_foreign
+from maskfab.verify.roundtrip import compare
 
 try:
     import resource
@@ -351,7 +352,7 @@ def draw_once() -> None:
             drawn[key] = plate_drawing(*asked)  # type: ignore[arg-type]
         return drawn[key]
 
-    packed_papers.plate_drawing = remembered  # type: ignore[assignment]
+    papers.plate_drawing = remembered  # type: ignore[assignment]
 
 
 def _apart(reader: str, path: Path) -> str:
@@ -376,7 +377,7 @@ def _apart(reader: str, path: Path) -> str:
 
 
 def _gdstk(path: Path, _script: object, function: str, **_limits: object) -> object:
-    """What :func:`maskfab.geometry.apart.read_apart` returns or raises for GDSII and OASIS, in this process.
+    """What :func:`maskfab.readers.sandbox.apart.read_apart` returns or raises for GDSII and OASIS, in this process.
 
     Whatever exception ends the process of its own is a refusal there.
     """

@@ -30,7 +30,7 @@ from pathlib import Path
 from swaps import swap, whole
 
 from maskfab.errors import OutputError
-from maskfab.export import exchange, staging
+from maskfab.files import exchange, staging
 
 _TRACE_ME, _TO_CALL, _OPTIONS = 0, 24, 0x4200
 _TELL_CALLS, _END_WITH_TRACER = 0x1, 0x100000

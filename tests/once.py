@@ -19,9 +19,9 @@ from typing import Any
 
 import pytest
 
-from maskfab.report.workers import read_only
+from maskfab.report.plots.workers import read_only
 
-FIGURES = ("maskfab.report.figures.pictures", "maskfab.report.figures.overview")
+FIGURES = ("maskfab.report.plots.figures.pictures", "maskfab.report.plots.figures.overview")
 BOUNDS = ("maskfab.design.job.bounds",)
 
 _KNOWN: dict[tuple[str, bytes], Any] = {}

@@ -17,23 +17,23 @@ from optics.published_recipe import Recipe, published_autograd
 from optics.test_torch_field import full_size, published_loss
 from threadpoolctl import threadpool_limits
 
-from maskfab.design.tiled_stop import invertibility_of, tiled_stop
+from maskfab.bench.accuracy import absent, gemm_bound_ms, race, standard_workload
+from maskfab.bench.peers import PEERS, Task
+from maskfab.bench.published import published_intensity, published_size
+from maskfab.bench.published_step import WAVELENGTHS_NM, published_step
+from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.geometry.stop import edges_in_stop
-from maskfab.layout.tiling import orientations
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.field import parity_field
-from maskfab.optics.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.otf import lag_table
-from maskfab.optics.paths import STRUCTURE
-from maskfab.optics.polygons import boundary
-from maskfab.optics.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
-from maskfab.optics.pupil import cut
-from maskfab.optics.spectrum import lines, polychromatic_otf, reach_um
-from maskfab.validate.accuracy import absent, gemm_bound_ms, race, standard_workload
-from maskfab.validate.peers import PEERS, Task
-from maskfab.validate.published import published_intensity, published_size
-from maskfab.validate.published_step import WAVELENGTHS_NM, published_step
+from maskfab.optics.field.field import parity_field
+from maskfab.optics.field.paths import STRUCTURE
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
+from maskfab.optics.image.spectrum import lines, polychromatic_otf, reach_um
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.plate.tiling import orientations
 
 CAMERA = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)
 Row = tuple[str, str, str]

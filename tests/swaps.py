@@ -16,8 +16,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from maskfab.errors import OutputError
-from maskfab.export import exchange, staging
-from maskfab.export.finished import times_text
+from maskfab.files import exchange, staging
+from maskfab.files.finished import times_text
 
 EVENTS = ("os.", "open", "shutil.rmtree", "ctypes.dl", "fcntl.flock")
 NOTE = "what somebody wrote"

@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from small_job import Answer, command, finished, listing, write_job
 
-from maskfab.cli.display_json import document_schema
-from maskfab.layout import populate
-from maskfab.layout.subpixels.answer import Verdict
+from maskfab.cli.common.display_json import document_schema
+from maskfab.display import populate
+from maskfab.display.emitters.answer import Verdict
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
 

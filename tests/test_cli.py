@@ -17,10 +17,10 @@ from small_job import JOB, LOOK, MASK, OPENING, command, listing, write_job
 
 import maskfab
 from maskfab import resources
+from maskfab.camera.scenes import dead_leaves
 from maskfab.errors import CATALOGUE
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.layout.job import load as load_job
-from maskfab.layout.openings import load, parse
+from maskfab.job import load as load_job
+from maskfab.opening.openings import load, parse
 from maskfab.units import parse_pitch_um, to_nm
 
 pytestmark = pytest.mark.usefixtures("drawn_once", "bound_once")
@@ -229,7 +229,7 @@ def test_verify_prints_its_checks_as_json(capsys, out):
 
 @pytest.fixture
 def few_scenes(monkeypatch):
-    monkeypatch.setattr("maskfab.imaging.scenes.bundled", lambda count=4: (dead_leaves(1),))
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (dead_leaves(1),))
 
 
 def design_job(folder: Path, section: str = RELAX) -> Path:

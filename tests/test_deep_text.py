@@ -9,10 +9,11 @@ import pytest
 from small_job import write_job
 
 from maskfab.errors import InputError, OutputError
-from maskfab.export.shops import load_shop
-from maskfab.layout import maps, openings
-from maskfab.layout.furniture.template import load_template
-from maskfab.layout.job import load
+from maskfab.job import load
+from maskfab.opening import openings
+from maskfab.plate import maps
+from maskfab.plate.marks.template import load_template
+from maskfab.shops.shops import load_shop
 from maskfab.verification import verify
 
 DEPTH = 100_000

@@ -13,7 +13,7 @@ import maskfab
 from maskfab import resources
 from maskfab.error_codes import explained, grouped
 from maskfab.errors import CATALOGUE, MaskfabError
-from maskfab.layout.job import load
+from maskfab.job import load
 
 PACKAGE = Path(maskfab.__file__).parent
 LAYOUTS = resources.path("layouts")

@@ -12,13 +12,13 @@ from sweeps import examples
 from maskfab.geometry.region import coverage
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Opening, Panel, Stop, Tiling, orient
-from maskfab.optics.aperture import Aperture, covered_aperture, panel_aperture
-from maskfab.optics.field import direct_field, parity_field
-from maskfab.optics.mtf import presampled_mtf
-from maskfab.optics.otf import lag_table
-from maskfab.optics.polygons import boundary
-from maskfab.optics.psf import image_scale_um2, point_psf
-from maskfab.optics.pupil import Pupil, cut
+from maskfab.optics.field.field import direct_field, parity_field
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.image.mtf import presampled_mtf
+from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.psf import image_scale_um2, point_psf
+from maskfab.optics.pupil.aperture import Aperture, covered_aperture, panel_aperture
+from maskfab.optics.pupil.pupil import Pupil, cut
 
 masks = st.builds(noise, dots=st.integers(1, 7), share=st.floats(0.02, 0.98), seed=st.integers(0, 10_000))
 layouts = st.builds(

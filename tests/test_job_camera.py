@@ -8,17 +8,18 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maskfab.camera.camera import F1, PhotoCamera, described
+from maskfab.camera.photographs import Scene
 from maskfab.cli import run_command_line
-from maskfab.cli.design import _targets
+from maskfab.cli.verbs.design import _targets
 from maskfab.export.pictures import write_png
-from maskfab.imaging.camera import F1, PhotoCamera, described
-from maskfab.imaging.photographs import Scene
-from maskfab.layout import maps, openings
-from maskfab.layout.job import load
+from maskfab.job import load
+from maskfab.jobfile import read
+from maskfab.measure.restored import OTHER_RESIDUAL_DB, photographer
 from maskfab.model import Tiling
+from maskfab.opening import openings
+from maskfab.plate import maps
 from maskfab.report.design_data import camera_notes
-from maskfab.spec import read
-from maskfab.validate.restored import OTHER_RESIDUAL_DB, photographer
 
 ROOT = Path(__file__).parents[1]
 PHONE = 'focal = "5.56 mm"\nstop = { shape = "circle", diameter = "1 mm" }\npixel = "5 um"\n'
@@ -218,7 +219,7 @@ def test_shipped_openings_of_f1_are_at_home_in_shipped_jobs():
 
 @pytest.mark.parametrize("verb", [("design",), ("pareto", "--out", "none")], ids=lambda verb: verb[0])
 def test_dots_too_coarse_for_the_camera_are_refused_before_any_scene_is_drawn(folder, capsys, verb, monkeypatch):
-    monkeypatch.setattr("maskfab.imaging.scenes.bundled", None)
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", None)
     job = folder / "coarse.toml"
     job.write_text((folder / "phone.toml").read_text().replace('"1 mm"', '"800 um"'))
     assert run_command_line([verb[0], str(job), *verb[1:], "--quiet"]) == 2

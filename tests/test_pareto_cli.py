@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from maskfab.camera import scenes
+from maskfab.camera.scenes import dead_leaves
 from maskfab.cli import run_command_line
-from maskfab.imaging import scenes
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.layout.openings import load
+from maskfab.opening.openings import load
 
 JOB = """
 [design]

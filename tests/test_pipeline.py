@@ -19,7 +19,7 @@ from small_job import OPENING, command, finished, listing, write_job
 import maskfab
 from maskfab import resources
 from maskfab.errors import JobError, OutputError
-from maskfab.layout.job import load
+from maskfab.job import load
 from maskfab.model import Quantity
 from maskfab.pipeline import Result, check_rules, draw_files, write_files
 from maskfab.progress import silent
@@ -376,7 +376,7 @@ dots_per_um = 0.25
 WRITE = """\
 import sys
 from pathlib import Path
-from maskfab.layout.job import load
+from maskfab.job import load
 from maskfab.pipeline import draw_files, write_files
 from maskfab.progress import silent
 
@@ -499,7 +499,7 @@ def without(attribute: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.parametrize(("shop", "code"), [("no-such-house", "MF420"), ("bad.toml", "MF421")])
 def test_an_unknown_shop_is_refused_before_any_work(capsys, tmp_path, monkeypatch, shop, code):
-    without("maskfab.layout.plate.compose", monkeypatch)
+    without("maskfab.plate.plate.compose", monkeypatch)
     monkeypatch.chdir(tmp_path)
     (tmp_path / "bad.toml").write_text("title = 3", encoding="utf-8")
     job = write_job(tmp_path, ("[plate]", f'[export]\nshop = "{shop}"\n\n[plate]'))

@@ -9,10 +9,10 @@ from pathlib import Path
 import pytest
 from small_job import command, write_job
 
-from maskfab.layout.job import load
-from maskfab.optics.response import GENERIC_RGB
-from maskfab.optics.scene import Scene
-from maskfab.spec import SceneSection, read, validate
+from maskfab.job import load
+from maskfab.jobfile import SceneSection, read, validate
+from maskfab.optics.light.response import GENERIC_RGB
+from maskfab.optics.scene.scene import Scene
 
 PLATE = "[plate]"
 

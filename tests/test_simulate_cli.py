@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from maskfab.camera.laid_panel import laid_panel
+from maskfab.camera.protocol import ASSUMED
+from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.transfer import lay
 from maskfab.cli import run_command_line
 from maskfab.export.pictures import write_png
-from maskfab.imaging.laid_panel import laid_panel
-from maskfab.imaging.protocol import ASSUMED
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import lay
-from maskfab.layout.job import load
+from maskfab.job import load
 
 ROOT = Path(__file__).parents[1]
 JOB = ROOT / "layouts" / "upc12.toml"

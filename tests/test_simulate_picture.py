@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
+from maskfab.camera.scenes import dead_leaves
 from maskfab.cli import run_command_line
 from maskfab.export.pictures import write_png
-from maskfab.imaging.scenes import dead_leaves
 
 JOB = Path(__file__).parents[1] / "layouts" / "toled_against_ours.toml"
 

@@ -47,7 +47,8 @@ def test_every_verb_starts_libraries_with_one_thread(plain: list[int]) -> None:
 
 def test_a_program_that_calls_us_keeps_its_own_threads_and_lends_us_one(plain: list[int]) -> None:
     code = (
-        f"{LOADED}import maskfab\nfrom maskfab.analysis import Request\nfrom maskfab.model import Camera, Stop\n"
+        f"{LOADED}import maskfab\n"
+        "from maskfab.measure.analysis import Request\nfrom maskfab.model import Camera, Stop\n"
         "camera = Camera(10_000.0, Stop('circle', 400.0), (530.0,), 4.0, 64.0)\n"
         f"told = lambda *_: print({COUNTS})\ntold()\n"
         "maskfab.analyse('layouts/openings/toled.toml', Request(camera), told)\ntold()"

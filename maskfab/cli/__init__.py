@@ -4,6 +4,6 @@ Results go to stdout, progress and errors to stderr. Every verb imports what it 
 """
 
 from maskfab.cli.app import run_command_line
-from maskfab.cli.shape import SHAPES as _SHAPES
+from maskfab.cli.verbs.shape import SHAPES as _SHAPES
 
 __all__ = ["_SHAPES", "run_command_line"]

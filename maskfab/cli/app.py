@@ -14,21 +14,21 @@ from typing import Annotated, Any
 import typer
 
 from maskfab import __version__
-from maskfab.cli.analyse import analyse
-from maskfab.cli.bench import bench
-from maskfab.cli.check import check
-from maskfab.cli.design import design
-from maskfab.cli.explain import explain
-from maskfab.cli.package import package
-from maskfab.cli.pareto import pareto
-from maskfab.cli.plan import plan
-from maskfab.cli.printing import plain, print_json
-from maskfab.cli.render import render
-from maskfab.cli.run import run
-from maskfab.cli.shape import shape
-from maskfab.cli.shops import shops
-from maskfab.cli.simulate import simulate
-from maskfab.cli.verify import verify
+from maskfab.cli.common.printing import plain, print_json
+from maskfab.cli.verbs.analyse import analyse
+from maskfab.cli.verbs.bench import bench
+from maskfab.cli.verbs.check import check
+from maskfab.cli.verbs.design import design
+from maskfab.cli.verbs.explain import explain
+from maskfab.cli.verbs.package import package
+from maskfab.cli.verbs.pareto import pareto
+from maskfab.cli.verbs.plan import plan
+from maskfab.cli.verbs.render import render
+from maskfab.cli.verbs.run import run
+from maskfab.cli.verbs.shape import shape
+from maskfab.cli.verbs.shops import shops
+from maskfab.cli.verbs.simulate import simulate
+from maskfab.cli.verbs.verify import verify
 from maskfab.errors import InternalError, JobError, MaskfabError
 
 _EPILOG = (

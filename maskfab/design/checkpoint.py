@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.aside import partial
 from maskfab.errors import SourceError
+from maskfab.files.aside import partial
 
 State = Mapping[str, NDArray[np.generic]]
 _KEY = "run"

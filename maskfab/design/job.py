@@ -10,21 +10,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
-from maskfab.design.bounds import Gap, bounds, optimality_gap
-from maskfab.design.constraints import Constraints
-from maskfab.design.discrete import Prices
-from maskfab.design.orientation_map import DesignedMap
-from maskfab.design.surrogate import Surrogate
+from maskfab.camera.camera import F1, PhotoCamera, described
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import LEVELS
+from maskfab.design.bounds.bounds import Gap, bounds, optimality_gap
+from maskfab.design.maps.orientation_map import DesignedMap
+from maskfab.design.model.surrogate import Surrogate
+from maskfab.design.rules.constraints import Constraints
+from maskfab.design.rules.discrete import Prices
+from maskfab.display.circuit import CircuitRules
+from maskfab.display.emitters.rules import EmitterRules
 from maskfab.errors import JobError
-from maskfab.imaging.camera import F1, PhotoCamera, described
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.protocol import LEVELS
-from maskfab.layout.circuit import CircuitRules
-from maskfab.layout.maps import CellMap
-from maskfab.layout.openings import dot_of_pitch
-from maskfab.layout.subpixels.rules import EmitterRules
+from maskfab.jobfile import DesignSection
 from maskfab.model import ORIENTATIONS, Camera, Opening, Tiling
-from maskfab.spec import DesignSection
+from maskfab.opening.openings import dot_of_pitch
+from maskfab.plate.maps import CellMap
 from maskfab.units import NM_PER_UM, to_nm
 
 Facts = dict[str, str | int | float]

@@ -17,24 +17,24 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.camera.camera import F1, PhotoCamera
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import LEVELS
 from maskfab.design.clock import Clock
-from maskfab.design.constraints import Constraints
-from maskfab.design.discrete import ExpectedPsnr, Ranked, anneal, scan
-from maskfab.design.families import FAMILIES
 from maskfab.design.job import Facts, by_level, constraints_of, origin
-from maskfab.design.surrogate import surrogate
+from maskfab.design.model.surrogate import surrogate
+from maskfab.design.rules.constraints import Constraints
+from maskfab.design.rules.discrete import ExpectedPsnr, Ranked, anneal, scan
+from maskfab.design.rules.families import FAMILIES
+from maskfab.display.emitters.facing import border_margin
+from maskfab.display.emitters.freeform import guillotine
+from maskfab.display.emitters.rectangles import rectangle_footprints
+from maskfab.display.emitters.region import free_region
+from maskfab.display.emitters.rules import EmitterRules, Grid, grid_of
 from maskfab.errors import InputError, JobError
-from maskfab.imaging.camera import F1, PhotoCamera
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.protocol import LEVELS
-from maskfab.layout.subpixels.facing import border_margin
-from maskfab.layout.subpixels.freeform import guillotine
-from maskfab.layout.subpixels.rectangles import rectangle_footprints
-from maskfab.layout.subpixels.region import free_region
-from maskfab.layout.subpixels.rules import EmitterRules, Grid, grid_of
+from maskfab.jobfile import ParetoSection, SearchSection
 from maskfab.model import ORIENTATIONS, Opening, Tiling
 from maskfab.progress import Progress, silent
-from maskfab.spec import ParetoSection, SearchSection
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -145,7 +145,9 @@ class Footprints:
         return grid_of(nothing, self.dot_nm, 0, self.rules)
 
     def __call__(self, unit: Mask) -> float:
-        """Footprint of rectangles or straight cuts, as :class:`maskfab.design.constraints.Constraints` judges it."""
+        """Footprint of rectangles or straight cuts, as :class:`maskfab.design.rules.constraints.Constraints` judges
+        it.
+        """
         found = rectangle_footprints(
             unit[None],
             self.grid,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.design.discrete import Objective
+from maskfab.design.rules.discrete import Objective
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import frozen
 

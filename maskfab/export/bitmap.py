@@ -17,10 +17,10 @@ from klayout import db
 from numpy.typing import NDArray
 from scipy import sparse
 
-from maskfab.aside import partial
 from maskfab.errors import OutputError
-from maskfab.export.image import is_whole
 from maskfab.export.size import check_size
+from maskfab.files.aside import partial
+from maskfab.files.image import is_whole
 from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
 from maskfab.geometry.region import coverage, simple_polygon
 from maskfab.model import Box, Die, Furniture, Plate

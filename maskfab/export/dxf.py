@@ -19,11 +19,11 @@ import ezdxf
 from ezdxf.document import Drawing
 from ezdxf.layouts import BaseLayout
 
-from maskfab.aside import partial
 from maskfab.errors import OutputError
 from maskfab.export.figures import CUT, DieFigures, Figures, Grid, PolygonOptions, as_figures
 from maskfab.export.size import check_size
 from maskfab.export.stream import Gap, written
+from maskfab.files.aside import partial
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
 from maskfab.units import NM_PER_UM
 

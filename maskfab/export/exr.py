@@ -10,7 +10,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-from maskfab.export.image import write_image
+from maskfab.files.image import write_image
 
 Fact: TypeAlias = str | float
 Facts: TypeAlias = Mapping[str, Fact]

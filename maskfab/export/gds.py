@@ -6,9 +6,9 @@ from pathlib import Path
 
 from klayout import db
 
-from maskfab.aside import partial
 from maskfab.errors import OutputError
 from maskfab.export.figures import MAX_VERTICES
+from maskfab.files.aside import partial
 
 _BEGIN, _END, _END_OF_STREAM = b"\x00\x1c\x05\x02", b"\x00\x04\x07\x00", b"\x00\x04\x04\x00"
 """Records of GDSII: length, kind, type of its data. A structure begins with its times and its name."""

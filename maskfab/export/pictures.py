@@ -9,7 +9,7 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from maskfab.export.exr import Facts, write_channels
-from maskfab.export.image import write_image
+from maskfab.files.image import write_image
 
 Floats = NDArray[np.float64]
 

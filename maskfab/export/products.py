@@ -19,8 +19,8 @@ from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack
 from maskfab.export.svg import write_svg
+from maskfab.jobfile import FileFormat
 from maskfab.model import Die
-from maskfab.spec import FileFormat
 
 Kind: TypeAlias = Literal["mask", "solid", "plate_solid", "bitmap"]
 

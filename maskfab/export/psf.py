@@ -14,7 +14,7 @@ import numpy as np
 
 from maskfab import __version__
 from maskfab.export.exr import Fact, Facts, write_channels
-from maskfab.layout.job import Job
+from maskfab.job import Job
 from maskfab.model import Camera, Die, DieOptics, Plate, Psf, Stop
 
 AXES = (

@@ -47,7 +47,7 @@ class LeftOut:
 
 
 def left_out(layout: db.Layout) -> LeftOut:
-    """Notes by :mod:`maskfab.geometry.reading` on the file that the layout came from."""
+    """Notes by :mod:`maskfab.readers.reading` on the file that the layout came from."""
     stated = layout.meta_info_value(LEFT_OUT_KEY)
     return LeftOut(*stated) if stated else LeftOut()
 

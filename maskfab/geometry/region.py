@@ -80,7 +80,7 @@ def region(
 
     Args:
         layout: its database unit is 1 nm.
-        layer: a layer of the plate, or one found by :func:`maskfab.geometry.reading.find_layer`; the region of a
+        layer: a layer of the plate, or one found by :func:`maskfab.readers.reading.find_layer`; the region of a
             layer that the layout lacks is empty.
         box_nm: x0, y0, x1, y1 to which the region is clipped.
         cell: the cell to flatten, in its own coordinates; the only top cell if None.

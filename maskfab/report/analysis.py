@@ -5,11 +5,11 @@ from __future__ import annotations
 from pathlib import Path
 
 from maskfab import __version__
-from maskfab.analysis import Analysis
 from maskfab.export.exr import Facts
 from maskfab.export.psf import psf_facts, write_psf
-from maskfab.export.staging import check_target, staged
-from maskfab.report import figures, scene_figures
+from maskfab.files.staging import check_target, staged
+from maskfab.measure.analysis import Analysis
+from maskfab.report.plots import figures, scene_figures
 
 
 def write(analysis: Analysis, target: Path, facts: Facts) -> list[Path]:

@@ -11,16 +11,16 @@ from typing import Any, get_args
 import numpy as np
 
 from maskfab import __version__
+from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InternalError
 from maskfab.export.psf import stop_facts
-from maskfab.layout.feasibility import Feasibility
+from maskfab.measure.views import SceneOptics, View
 from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
-from maskfab.optics.plan import AT_MOST
-from maskfab.optics.plan import document as plan_document
+from maskfab.optics.scene.plan import AT_MOST
+from maskfab.optics.scene.plan import document as plan_document
 from maskfab.report.design_data import design_schema
 from maskfab.report.display_data import display_document, display_schema
 from maskfab.units import NM_PER_UM, dpi
-from maskfab.validate.views import SceneOptics, View
 
 SCHEMA_VERSION = 2
 

@@ -11,12 +11,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from maskfab.imaging.camera import F1, described
-from maskfab.imaging.protocol import LEVELS
-from maskfab.layout import maps
-from maskfab.layout.job import Job
+from maskfab.camera.camera import F1, described
+from maskfab.camera.protocol import LEVELS
+from maskfab.job import Job
+from maskfab.measure.restored import Restored
 from maskfab.model import Opening, Quantity
-from maskfab.validate.restored import Restored
+from maskfab.plate import maps
 
 Document = dict[str, Any]
 Facts = Mapping[str, object]

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from maskfab.layout.feasibility import Feasibility
-from maskfab.layout.subpixels.answer import Certificate, Verdict
+from maskfab.display.emitters.answer import Certificate, Verdict
+from maskfab.display.feasibility import Feasibility
 from maskfab.model import COLOURS
 
 Document = dict[str, Any]

@@ -11,12 +11,12 @@ from typing import Any, Literal
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from maskfab.optics.model_bar import MODEL_BAR
-from maskfab.report import figures
+from maskfab.measure.views import distance
+from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.glossary import QUANTITIES, WORDS, term
-from maskfab.report.numbers import number, short
+from maskfab.report.plots import figures
+from maskfab.report.plots.numbers import number, short
 from maskfab.resources import template
-from maskfab.validate.views import distance
 
 Row = Mapping[str, Any]
 
@@ -111,8 +111,8 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
 
     Args:
         document: report.json, as :func:`maskfab.report.data.to_document` makes it.
-        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.figures.pictures` makes them; a figure
-            that is missing is left out.
+        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.plots.figures.pictures` makes them; a
+            figure that is missing is left out.
 
     Equal documents and pictures give equal pages.
     """

@@ -10,13 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from maskfab import __version__, provenance
+from maskfab.camera.protocol import LEVELS
 from maskfab.design.pareto import Judged, Pareto
-from maskfab.export.finished import RESULT_MARK
-from maskfab.export.staging import Place, staged
-from maskfab.imaging.protocol import LEVELS
-from maskfab.layout.openings import dumps
+from maskfab.files.finished import RESULT_MARK
+from maskfab.files.staging import Place, staged
 from maskfab.model import Opening
-from maskfab.report.pareto_figure import png, svg
+from maskfab.opening.openings import dumps
+from maskfab.report.plots.pareto_figure import png, svg
 
 SCHEMA_VERSION = 1
 DOCUMENT, TABLE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.png", "pareto.svg"
@@ -74,7 +74,7 @@ def write(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path
     """Write everything into a directory that appears whole, and return the paths.
 
     Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.export.staging.staged`.
+        OutputError: MF401 or MF404 as :func:`maskfab.files.staging.staged`.
     """
     with staged(place) as folder:
         for name, (_, opening) in named.items():

@@ -11,12 +11,12 @@ import numpy as np
 
 from maskfab import __version__, provenance
 from maskfab.export.pictures import write_exr, write_png
-from maskfab.export.staging import check_target, staged
-from maskfab.imaging.display import show
-from maskfab.imaging.score import Judged
+from maskfab.eye.display import show
+from maskfab.eye.score import Judged
+from maskfab.files.staging import check_target, staged
 from maskfab.progress import Progress, silent
 from maskfab.report.data import quantity_document
-from maskfab.report.render_figure import comparison
+from maskfab.report.plots.render_figure import comparison
 from maskfab.units import dpi
 
 SCHEMA_VERSION = 1

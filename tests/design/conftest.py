@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from maskfab.design.pupil_error import PupilError, pupil_error
-from maskfab.design.surrogate import Surrogate, surrogate
-from maskfab.imaging.scenes import dead_leaves
+from maskfab.camera.scenes import dead_leaves
+from maskfab.design.model.pupil_error import PupilError, pupil_error
+from maskfab.design.model.surrogate import Surrogate, surrogate
 
 
 @pytest.fixture(scope="session")

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.design.auc_bound import auc_bound, rings
-from maskfab.design.auc_search import Pairs, Smoothed, best_for_auc
-from maskfab.design.interior import unit_modulation
-from maskfab.design.mtf_auc import mtf_auc
-from maskfab.design.recipes import PAPER_CAMERA
-from maskfab.design.tiled_stop import tiled_stop
+from maskfab.camera.transfer import CELLS, autocorrelation, lattice, lay
+from maskfab.design.bounds.auc_bound import auc_bound, rings
+from maskfab.design.model.interior import unit_modulation
+from maskfab.design.relax.mtf_auc import mtf_auc
+from maskfab.design.relax.recipes import PAPER_CAMERA
+from maskfab.design.relax.tiled_stop import tiled_stop
+from maskfab.design.search.auc_search import Pairs, Smoothed, best_for_auc
 from maskfab.errors import JobError, OpeningError
-from maskfab.imaging.transfer import CELLS, autocorrelation, lattice, lay
 from maskfab.model import ORIENTATIONS, orient
 
 DOTS, CLEAR = 21, 100

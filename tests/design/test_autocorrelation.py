@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 from optics_cases import noise, panel, pupil
 from sweeps import examples
 
-from maskfab.design.autocorrelation import Autocorrelation, autocorrelation
+from maskfab.design.relax.autocorrelation import Autocorrelation, autocorrelation
 from maskfab.model import Stop, orient
-from maskfab.optics.otf import lag_table
+from maskfab.optics.image.otf import lag_table
 
 
 def small(dots: int, rows: int, columns: int, reach: int, seed: int) -> tuple[Autocorrelation, np.ndarray, np.ndarray]:

@@ -12,18 +12,18 @@ from hypothesis import strategies as st
 from scipy.ndimage import gaussian_filter
 from sweeps import examples
 
-from maskfab.design.auc_bound import auc_bound, rings
-from maskfab.design.bounds import bounds, optimality_gap
-from maskfab.design.error_bound import block_error, blocks, tables, wiener_cost
-from maskfab.design.frame_bound import frame_bound, sampled
-from maskfab.design.interior import interior, unit_modulation
-from maskfab.design.map_bound import framed, layout_bound, map_gap
-from maskfab.design.pupil_error import pupil_error
-from maskfab.design.residue_bound import residue_classes, residue_error, residues
-from maskfab.design.surrogate import surrogate
+from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.transfer import autocorrelation, lay
+from maskfab.design.bounds.auc_bound import auc_bound, rings
+from maskfab.design.bounds.bounds import bounds, optimality_gap
+from maskfab.design.bounds.error_bound import block_error, blocks, tables, wiener_cost
+from maskfab.design.bounds.frame_bound import frame_bound, sampled
+from maskfab.design.bounds.map_bound import framed, layout_bound, map_gap
+from maskfab.design.bounds.residue_bound import residue_classes, residue_error, residues
+from maskfab.design.model.interior import interior, unit_modulation
+from maskfab.design.model.pupil_error import pupil_error
+from maskfab.design.model.surrogate import surrogate
 from maskfab.errors import JobError, OpeningError
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import autocorrelation, lay
 
 DOTS, CLEAR = 21, 100
 RATIO = CLEAR / DOTS**2

@@ -7,11 +7,11 @@ import itertools
 import numpy as np
 import pytest
 
-from maskfab.design.constraints import RULES, Constraints
+from maskfab.design.rules.constraints import RULES, Constraints
+from maskfab.display.circuit import CircuitRules
+from maskfab.display.emitters.rules import EmitterRules
+from maskfab.drc.raster_rules import corner_touches, smallest_runs
 from maskfab.errors import JobError, OpeningError
-from maskfab.geometry.rules import corner_touches, smallest_runs
-from maskfab.layout.circuit import CircuitRules
-from maskfab.layout.subpixels.rules import EmitterRules
 from maskfab.model import ORIENTATIONS, orient
 
 

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.design.constraints import Constraints
-from maskfab.design.density import central, counts, display_price, graded
-from maskfab.design.orientation_map import LIGHT_TOLERANCE
+from maskfab.camera.transfer import CELLS, lay
+from maskfab.design.maps.density import central, counts, display_price, graded
+from maskfab.design.maps.orientation_map import LIGHT_TOLERANCE
+from maskfab.design.rules.constraints import Constraints
 from maskfab.errors import JobError
-from maskfab.imaging.transfer import CELLS, lay
 from maskfab.model import ORIENTATIONS
 
 DOTS = 7

@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.design.descent import Descent, Outcome, RelaxStep, descend, iterations_within
-from maskfab.design.objective import AreaPenalty, Objective, Weighted
+from maskfab.design.relax.descent import Descent, Outcome, RelaxStep, descend, iterations_within
+from maskfab.design.relax.objective import AreaPenalty, Objective, Weighted
 from maskfab.errors import InputError, InternalError, SourceError
 
 DOTS = 6

@@ -7,9 +7,9 @@ import json
 import numpy as np
 import pytest
 
-from maskfab.design.constraints import Constraints
-from maskfab.design.discrete import MOVES, ExpectedPsnr, State, anneal, prices, scan
-from maskfab.design.families import Candidate, bars, discs
+from maskfab.design.rules.constraints import Constraints
+from maskfab.design.rules.discrete import MOVES, ExpectedPsnr, State, anneal, prices, scan
+from maskfab.design.rules.families import Candidate, bars, discs
 from maskfab.errors import InternalError, JobError, OpeningError
 
 

@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 import pytest
 
-from maskfab.design.families import FAMILIES, bars, blobs, crosses, discs, l_shapes, orbits, reachable
+from maskfab.design.rules.families import FAMILIES, bars, blobs, crosses, discs, l_shapes, orbits, reachable
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import orient
 

@@ -16,22 +16,22 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.design.constraints import Constraints
-from maskfab.design.descent import Descent, Outcome, descend
-from maskfab.design.discrete import ExpectedPsnr, State, anneal, scan
-from maskfab.design.expected_error import ExpectedError, expected_error
-from maskfab.design.families import FAMILIES, Candidate, bars, discs, orbits
-from maskfab.design.mtf_auc import mtf_auc
-from maskfab.design.objective import AreaPenalty, Objective, Weighted
-from maskfab.design.surrogate import Surrogate, surrogate
-from maskfab.design.tiled_stop import TiledStop, invertibility_of, tiled_stop
-from maskfab.design.top_residual import TopResidual, top_residual
+from maskfab.camera.laid_panel import laid_panel
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import evaluate
+from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.transfer import MOST_DOTS, autocorrelation, lattice, lay, transfer_grid
+from maskfab.design.model.surrogate import Surrogate, surrogate
+from maskfab.design.relax.descent import Descent, Outcome, descend
+from maskfab.design.relax.expected_error import ExpectedError, expected_error
+from maskfab.design.relax.mtf_auc import mtf_auc
+from maskfab.design.relax.objective import AreaPenalty, Objective, Weighted
+from maskfab.design.relax.tiled_stop import TiledStop, invertibility_of, tiled_stop
+from maskfab.design.relax.top_residual import TopResidual, top_residual
+from maskfab.design.rules.constraints import Constraints
+from maskfab.design.rules.discrete import ExpectedPsnr, State, anneal, scan
+from maskfab.design.rules.families import FAMILIES, Candidate, bars, discs, orbits
 from maskfab.errors import CATALOGUE, InputError, MaskfabError
-from maskfab.imaging.laid_panel import laid_panel
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.protocol import evaluate
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import MOST_DOTS, autocorrelation, lattice, lay, transfer_grid
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling, refined
 
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)

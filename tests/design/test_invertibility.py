@@ -8,12 +8,12 @@ import torch
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from maskfab.design.invertibility import Invertibility
-from maskfab.design.stop_grid import cells_across, stop_dots
-from maskfab.design.tiled_stop import invertibility_of, tiled_stop
+from maskfab.design.relax.invertibility import Invertibility
+from maskfab.design.relax.stop_grid import cells_across, stop_dots
+from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.errors import JobError
-from maskfab.layout.tiling import orientations
 from maskfab.model import Camera, Stop, Tiling, orient
+from maskfab.plate.tiling import orientations
 
 DOTS = 7
 STOP = Stop("circle", 400.0)

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.design.constraints import Constraints
-from maskfab.design.joint import dot_slopes, joint
-from maskfab.design.orientation_map import LIGHT_TOLERANCE, design_map
-from maskfab.design.pupil_error import Slope, pupil_error
+from maskfab.camera.transfer import CELLS, lay
+from maskfab.design.maps.joint import dot_slopes, joint
+from maskfab.design.maps.orientation_map import LIGHT_TOLERANCE, design_map
+from maskfab.design.model.pupil_error import Slope, pupil_error
+from maskfab.design.rules.constraints import Constraints
 from maskfab.errors import JobError
-from maskfab.imaging.transfer import CELLS, lay
-from maskfab.layout.maps import shifted
+from maskfab.plate.maps import shifted
 
 DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)

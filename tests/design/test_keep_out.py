@@ -7,7 +7,7 @@ import pytest
 
 from maskfab.design.job import constraints_of
 from maskfab.errors import InputError, JobError
-from maskfab.spec import RulesSection, SearchSection
+from maskfab.jobfile import RulesSection, SearchSection
 
 
 def section(keep_out: str) -> SearchSection:

@@ -8,23 +8,23 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.design.autocorrelation import Autocorrelation
-from maskfab.design.expected_error import FEW_EPSILONS, ExpectedError, boundary_leak, expected_error
-from maskfab.design.mtf_auc import MtfAuc, mtf_auc
-from maskfab.design.objective import AreaPenalty, Objective, Weighted
-from maskfab.design.surrogate import Surrogate, surrogate
-from maskfab.design.tiled_stop import TiledStop, invertibility_of, tiled_stop
-from maskfab.design.top_residual import TopResidual, top_residual
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import EPSILONS
+from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.transfer import lay, transfer_grid
+from maskfab.design.model.surrogate import Surrogate, surrogate
+from maskfab.design.relax.autocorrelation import Autocorrelation
+from maskfab.design.relax.expected_error import FEW_EPSILONS, ExpectedError, boundary_leak, expected_error
+from maskfab.design.relax.mtf_auc import MtfAuc, mtf_auc
+from maskfab.design.relax.objective import AreaPenalty, Objective, Weighted
+from maskfab.design.relax.tiled_stop import TiledStop, invertibility_of, tiled_stop
+from maskfab.design.relax.top_residual import TopResidual, top_residual
 from maskfab.errors import InputError
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.protocol import EPSILONS
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import lay, transfer_grid
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
-from maskfab.optics.otf import lag_table
-from maskfab.optics.pupil import cut
+from maskfab.optics.image.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
+from maskfab.optics.image.otf import lag_table
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
 
 DOTS = 7
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)

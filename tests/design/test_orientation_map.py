@@ -7,12 +7,12 @@ import pytest
 import scipy.signal
 import torch
 
-from maskfab.design.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
-from maskfab.design.pupil_error import pupil_error
-from maskfab.design.surrogate import surrogate
+from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.transfer import CELLS, autocorrelation, lattice, lay
+from maskfab.design.maps.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
+from maskfab.design.model.pupil_error import pupil_error
+from maskfab.design.model.surrogate import surrogate
 from maskfab.errors import JobError, OpeningError
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import CELLS, autocorrelation, lattice, lay
 from maskfab.model import ORIENTATIONS, orient
 
 DOTS = 7

@@ -8,18 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from sweeps import examples
 
-from maskfab.design.constraints import Constraints
-from maskfab.design.discrete import ExpectedPsnr
-from maskfab.design.families import bars
+from maskfab.camera.photographs import Scene
+from maskfab.camera.scenes import dead_leaves
+from maskfab.design.model.surrogate import surrogate
 from maskfab.design.pareto import Footprints, Judged, Pareto, non_dominated, openings, rules_of, sweep
-from maskfab.design.surrogate import surrogate
+from maskfab.design.rules.constraints import Constraints
+from maskfab.design.rules.discrete import ExpectedPsnr
+from maskfab.design.rules.families import bars
+from maskfab.display.emitters.rules import EmitterRules
 from maskfab.errors import MaskfabError
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.layout.openings import dumps, parse
-from maskfab.layout.subpixels.rules import EmitterRules
+from maskfab.jobfile import ParetoSection, SearchSection, parse_section
 from maskfab.model import Opening
-from maskfab.spec import ParetoSection, SearchSection, parse_section
+from maskfab.opening.openings import dumps, parse
 
 DOTS, DOT_NM = 8, 21000
 RULES = EmitterRules(DOT_NM, DOT_NM, DOT_NM)

@@ -7,12 +7,12 @@ import itertools
 import numpy as np
 import pytest
 
-from maskfab.design.orientation_map import LIGHT_TOLERANCE, design_map
-from maskfab.design.positions import best_places, places
+from maskfab.camera.transfer import lay
+from maskfab.design.maps.orientation_map import LIGHT_TOLERANCE, design_map
+from maskfab.design.rules.positions import best_places, places
 from maskfab.errors import JobError, OpeningError
-from maskfab.imaging.transfer import lay
-from maskfab.layout.maps import shifted
 from maskfab.model import ORIENTATIONS, orient
+from maskfab.plate.maps import shifted
 
 DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)

@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.design.invertibility import Invertibility
-from maskfab.design.objective import Weighted
-from maskfab.design.recipes import PAPER_CAMERA, Recipe, paper
-from maskfab.design.top_residual import TopResidual
+from maskfab.camera.photographs import Scene
+from maskfab.camera.scenes import dead_leaves
+from maskfab.design.relax.invertibility import Invertibility
+from maskfab.design.relax.objective import Weighted
+from maskfab.design.relax.recipes import PAPER_CAMERA, Recipe, paper
+from maskfab.design.relax.top_residual import TopResidual
 from maskfab.errors import InputError
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.scenes import dead_leaves
 from maskfab.model import Stop, Tiling
 
 SCENES = (dead_leaves(1, 512, 512),)

@@ -9,16 +9,16 @@ import pytest
 import torch
 from sweeps import sweep
 
+from maskfab.camera.photographs import Scene
+from maskfab.camera.scenes import dead_leaves
 from maskfab.design.job import Designed, constraints_of
-from maskfab.design.nearest import nearest
-from maskfab.design.relax import relax, schedule
-from maskfab.design.surrogate import Surrogate, surrogate
+from maskfab.design.model.surrogate import Surrogate, surrogate
+from maskfab.design.relax.relax import relax, schedule
+from maskfab.design.search.nearest import nearest
 from maskfab.errors import MaskfabError
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.layout.openings import dumps, parse
+from maskfab.jobfile import RelaxSection, parse_section
 from maskfab.model import Camera, Stop
-from maskfab.spec import RelaxSection, parse_section
+from maskfab.opening.openings import dumps, parse
 
 pytestmark = pytest.mark.usefixtures("bound_once")
 

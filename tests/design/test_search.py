@@ -8,32 +8,32 @@ import numpy as np
 import pytest
 from sweeps import sweep
 
-from maskfab.design import compact
-from maskfab.design import search as searching
-from maskfab.design.auc_bound import auc_bound, rings
-from maskfab.design.auc_search import best_for_auc
+from maskfab.camera.photographs import Scene
+from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.transfer import lattice
+from maskfab.design.bounds.auc_bound import auc_bound, rings
 from maskfab.design.clock import Clock
-from maskfab.design.compact import Best, scanned
-from maskfab.design.constraints import Constraints
-from maskfab.design.discrete import ExpectedPsnr, Ranked
-from maskfab.design.families import FAMILIES, Candidate, kind
 from maskfab.design.job import constraints_of
-from maskfab.design.nearest import nearest
-from maskfab.design.orientation_map import MapMode, design_map
-from maskfab.design.pupil_error import pupil_error
-from maskfab.design.search import search
-from maskfab.design.shortlist import different, shortlisted
-from maskfab.design.surrogate import surrogate
+from maskfab.design.maps.orientation_map import MapMode, design_map
+from maskfab.design.model.pupil_error import pupil_error
+from maskfab.design.model.surrogate import surrogate
+from maskfab.design.rules.constraints import Constraints
+from maskfab.design.rules.discrete import ExpectedPsnr, Ranked
+from maskfab.design.rules.families import FAMILIES, Candidate, kind
+from maskfab.design.search import compact
+from maskfab.design.search import search as searching
+from maskfab.design.search.auc_search import best_for_auc
+from maskfab.design.search.compact import Best, scanned
+from maskfab.design.search.nearest import nearest
+from maskfab.design.search.search import search
+from maskfab.design.search.shortlist import different, shortlisted
+from maskfab.display.circuit import CircuitRules
+from maskfab.display.emitters.rules import EmitterRules
 from maskfab.errors import MaskfabError
-from maskfab.imaging.photographs import Scene
-from maskfab.imaging.scenes import dead_leaves
-from maskfab.imaging.transfer import lattice
-from maskfab.layout import maps
-from maskfab.layout.circuit import CircuitRules
-from maskfab.layout.openings import dumps, parse
-from maskfab.layout.subpixels.rules import EmitterRules
+from maskfab.jobfile import SearchSection, parse_section
+from maskfab.opening.openings import dumps, parse
+from maskfab.plate import maps
 from maskfab.progress import silent
-from maskfab.spec import SearchSection, parse_section
 
 pytestmark = pytest.mark.usefixtures("bound_once")
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.design.surrogate import surrogate
+from maskfab.camera.scenes import dead_leaves
+from maskfab.design.model.surrogate import surrogate
 from maskfab.errors import JobError
-from maskfab.imaging.scenes import dead_leaves
 
 
 @pytest.fixture(scope="module")

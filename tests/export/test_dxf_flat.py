@@ -6,9 +6,9 @@ import pytest
 from maskfab.errors import OutputError
 from maskfab.export.dxf import DrawingStyle, flat_bytes, write_dxf
 from maskfab.export.figures import PolygonOptions, draw
-from maskfab.geometry.reading import read_layout
 from maskfab.geometry.region import plate_layout, region
 from maskfab.model import CLEAR, LAYERS, NOTE, OUTLINE
+from maskfab.readers.reading import read_layout
 
 versions = pytest.mark.parametrize("version", ["R12", "R2010"])
 without_blocks = pytest.mark.parametrize("hierarchy", ["flat", "merged"])

@@ -10,10 +10,10 @@ from maskfab.errors import OutputError
 from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.figures import CUT, PolygonOptions, draw
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.reading import read_layout
 from maskfab.geometry.region import plate_layout, region
 from maskfab.model import CLEAR, NOTE, OUTLINE, Die, Furniture, Note, Opening, Panel, Plate, Tiling
-from maskfab.validate.roundtrip import roundtrip
+from maskfab.readers.reading import read_layout
+from maskfab.verify.roundtrip import roundtrip
 
 EVERY = [
     PolygonOptions(hierarchy=hierarchy, holes=holes, corners=corners, max_vertices=most)

@@ -26,7 +26,7 @@ import numpy as np
 import pytest
 
 from maskfab.export.solid.mesh import write_glb
-from maskfab.validate.roundtrip import die_edges_nm, die_raster
+from maskfab.verify.roundtrip import die_edges_nm, die_raster
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (

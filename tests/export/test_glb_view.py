@@ -10,7 +10,7 @@ import pytest
 
 from maskfab.export.solid.mesh import write_glb
 from maskfab.export.solid.tiles import Stack
-from maskfab.validate.roundtrip import die_edges_nm, die_raster
+from maskfab.verify.roundtrip import die_edges_nm, die_raster
 
 
 def scene(path):

@@ -28,13 +28,13 @@ from maskfab.export.dxf import write_dxf
 from maskfab.export.figures import draw
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
-from maskfab.export.package import write_package
 from maskfab.export.pictures import write_exr, write_png
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
-from maskfab.export.staging import write_bytes
 from maskfab.export.svg import write_svg
-from maskfab.layout.job import load
+from maskfab.files.staging import write_bytes
+from maskfab.job import load
+from maskfab.package.archive import write_package
 
 
 def light():

@@ -7,10 +7,10 @@ import pytest
 from optics_cases import camera, clear_region, noise, panel, pupil
 
 from maskfab.geometry.stop import edges_in_stop
+from maskfab.measure.optics import polygon_psf, stop_boundary
 from maskfab.model import Stop
-from maskfab.optics.metrics import AREA_ERROR, relative_difference
-from maskfab.optics.psf import point_psf
-from maskfab.validate.optics import polygon_psf, stop_boundary
+from maskfab.optics.image.psf import point_psf
+from maskfab.optics.numbers.metrics import AREA_ERROR, relative_difference
 
 
 @pytest.mark.parametrize("diameter_um", [6.0, 11.0, 23.0, 50.0, 77.0, 97.3])

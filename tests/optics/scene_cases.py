@@ -9,10 +9,10 @@ import numpy as np
 from optics_cases import camera, noise, panel
 
 from maskfab.model import Camera, Panel
-from maskfab.optics.choices import Prices
-from maskfab.optics.plan import Plan, plan, prices
-from maskfab.optics.response import camera_bands, generic_rgb
-from maskfab.optics.scene import Scene
+from maskfab.optics.light.response import camera_bands, generic_rgb
+from maskfab.optics.scene.choices import Prices
+from maskfab.optics.scene.plan import Plan, plan, prices
+from maskfab.optics.scene.scene import Scene
 
 RGB = tuple(camera_bands(generic_rgb()).values())
 

@@ -14,7 +14,12 @@ from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Stop
-from maskfab.optics.aberration import (
+from maskfab.optics.field.field import parity_field
+from maskfab.optics.image.psf import point_psf
+from maskfab.optics.numbers.metrics import relative_difference
+from maskfab.optics.pupil.pupil import Pupil
+from maskfab.optics.scene.distortion import Distortion, distorted_psf
+from maskfab.optics.wavefront.aberration import (
     HIGHEST_TERM,
     NOLL,
     Wavefront,
@@ -26,13 +31,8 @@ from maskfab.optics.aberration import (
     strehl_ratio,
     zernike,
 )
-from maskfab.optics.distortion import Distortion, distorted_psf
-from maskfab.optics.ensemble import mean_psf
-from maskfab.optics.field import parity_field
-from maskfab.optics.metrics import relative_difference
-from maskfab.optics.phase_field import Waves, halved, phased, window_frequency
-from maskfab.optics.psf import point_psf
-from maskfab.optics.pupil import Pupil
+from maskfab.optics.wavefront.ensemble import mean_psf
+from maskfab.optics.wavefront.phase_field import Waves, halved, phased, window_frequency
 
 LINE = 530.0
 ALL_CLEAR = np.ones((5, 5), dtype=np.bool_)

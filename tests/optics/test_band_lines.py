@@ -14,12 +14,12 @@ from optics_cases import camera, noise, panel, pupil
 from sweeps import examples
 
 from maskfab.model import Camera
-from maskfab.optics import field
-from maskfab.optics.band_lines import band_errors, band_lines
-from maskfab.optics.psf import point_psf
-from maskfab.optics.pupil import Pupil
-from maskfab.optics.response import generic_rgb
-from maskfab.optics.spectrum import Band, Curve, Spectrum, lines
+from maskfab.optics.field import field
+from maskfab.optics.image.psf import point_psf
+from maskfab.optics.image.spectrum import Band, Curve, Spectrum, lines
+from maskfab.optics.light.band_lines import band_errors, band_lines
+from maskfab.optics.light.response import generic_rgb
+from maskfab.optics.pupil.pupil import Pupil
 
 
 def curve(name: str, *rows: tuple[float, float]) -> Curve:

@@ -8,9 +8,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.special import jv, spherical_jn
 
-from maskfab.optics.bessel import spherical_bessel, spherical_bessel_bounds
-from maskfab.optics.chebyshev import wave_degree
-from maskfab.optics.legendre import legendre
+from maskfab.optics.functions.bessel import spherical_bessel, spherical_bessel_bounds
+from maskfab.optics.functions.chebyshev import wave_degree
+from maskfab.optics.functions.legendre import legendre
 
 
 @given(st.floats(1e-9, 300.0), st.integers(1, 64))

@@ -14,7 +14,10 @@ from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel, Stop
-from maskfab.optics.depth import (
+from maskfab.optics.field.field import direct_field
+from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
+from maskfab.optics.numbers.metrics import relative_difference
+from maskfab.optics.wavefront.depth import (
     clear_stop_strehl,
     defocus_error,
     defocused_psf,
@@ -25,10 +28,7 @@ from maskfab.optics.depth import (
     scale_error,
     stretch_sensitivity,
 )
-from maskfab.optics.ensemble import mean_psf
-from maskfab.optics.field import direct_field
-from maskfab.optics.metrics import relative_difference
-from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
+from maskfab.optics.wavefront.ensemble import mean_psf
 
 LINE = 530.0
 FOCAL = 10_000.0

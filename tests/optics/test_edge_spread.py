@@ -12,15 +12,15 @@ from scipy.special import ndtr, sici
 
 from maskfab.errors import InternalError
 from maskfab.model import Camera, Psf
-from maskfab.optics.axis_lags import axis_lags
-from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
-from maskfab.optics.edge_spread import EdgeSpread, edge_colour_difference, edge_in_window, edge_spread
-from maskfab.optics.metrics import colour_quantities
-from maskfab.optics.mtf import longest_lag_um
-from maskfab.optics.otf import lag_table
-from maskfab.optics.psf import cutoff, pixel_margin, pixel_psf, point_psfs
-from maskfab.optics.psf_metrics import colour_distance
-from maskfab.optics.pupil import Pupil
+from maskfab.optics.image.axis_lags import axis_lags
+from maskfab.optics.image.mtf import longest_lag_um
+from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.psf import cutoff, pixel_margin, pixel_psf, point_psfs
+from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
+from maskfab.optics.numbers.edge_spread import EdgeSpread, edge_colour_difference, edge_in_window, edge_spread
+from maskfab.optics.numbers.metrics import colour_quantities
+from maskfab.optics.numbers.psf_metrics import colour_distance
+from maskfab.optics.pupil.pupil import Pupil
 
 LINES = (470.0, 530.0, 610.0)
 SPOT = np.pad(np.ones((6, 5), np.bool_), ((1, 2), (1, 3)))

@@ -13,12 +13,17 @@ from scipy.special import fresnel
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.depth import focused_psf, image_distance_um
-from maskfab.optics.ensemble import mean_psf
-from maskfab.optics.field import direct_field, parity_field
-from maskfab.optics.field_grid import deblurring_residual, field_places, psf_over_field, residual_blur
-from maskfab.optics.gap import (
+from maskfab.optics.field.field import direct_field, parity_field
+from maskfab.optics.image.psf import point_psf
+from maskfab.optics.numbers.metrics import relative_difference
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.optics.scene.field_grid import deblurring_residual, field_places, psf_over_field, residual_blur
+from maskfab.optics.scene.plan import prices
+from maskfab.optics.scene.scene import Scene
+from maskfab.optics.wavefront.depth import focused_psf, image_distance_um
+from maskfab.optics.wavefront.ensemble import mean_psf
+from maskfab.optics.wavefront.gap import (
     AXIS,
     gap_psf,
     magnified,
@@ -28,13 +33,14 @@ from maskfab.optics.gap import (
     shifted_psf,
     shifted_pupil,
 )
-from maskfab.optics.gap_estimates import common_share, fresnel_number, gap_error, share_across_gap, shift_error
-from maskfab.optics.metrics import relative_difference
-from maskfab.optics.phase_field import Waves, phased, phased_psf, window_frequency
-from maskfab.optics.plan import prices
-from maskfab.optics.psf import point_psf
-from maskfab.optics.pupil import cut
-from maskfab.optics.scene import Scene
+from maskfab.optics.wavefront.gap_estimates import (
+    common_share,
+    fresnel_number,
+    gap_error,
+    share_across_gap,
+    shift_error,
+)
+from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
 
 LINE = 530.0
 

@@ -10,20 +10,20 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 from scipy.special import fresnel
 
-from maskfab.layout.hexagonal import hexagonal_sheet
-from maskfab.layout.tiling import orientations
 from maskfab.model import Opening, Panel, Stop, Tiling
-from maskfab.optics.aperture import Aperture, panel_aperture
-from maskfab.optics.ensemble import layout_psf, mean_psf
-from maskfab.optics.gap import gap_psf, shifted_psf
-from maskfab.optics.gap_estimates import rim_crowding
-from maskfab.optics.metrics import relative_difference
-from maskfab.optics.omissions import estimate
-from maskfab.optics.plan import prices
-from maskfab.optics.psf import point_psf
-from maskfab.optics.pupil import cut
-from maskfab.optics.scene import Scene
-from maskfab.optics.stop_shape import edge_points, perimeter_um
+from maskfab.optics.image.psf import point_psf
+from maskfab.optics.numbers.metrics import relative_difference
+from maskfab.optics.pupil.aperture import Aperture, panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.optics.pupil.stop_shape import edge_points, perimeter_um
+from maskfab.optics.scene.omissions import estimate
+from maskfab.optics.scene.plan import prices
+from maskfab.optics.scene.scene import Scene
+from maskfab.optics.wavefront.ensemble import layout_psf, mean_psf
+from maskfab.optics.wavefront.gap import gap_psf, shifted_psf
+from maskfab.optics.wavefront.gap_estimates import rim_crowding
+from maskfab.plate.hexagonal import hexagonal_sheet
+from maskfab.plate.tiling import orientations
 
 LINE = 530.0
 
@@ -244,7 +244,7 @@ def test_openings_beside_the_stop_are_laid_out_once_for_what_moves_or_spreads_on
         asked.append(half_width_um)
         return panel_aperture(design, half_width_um)
 
-    monkeypatch.setattr("maskfab.optics.omissions.panel_aperture", counted)
+    monkeypatch.setattr("maskfab.optics.scene.omissions.panel_aperture", counted)
     found = prices(panel(noise(5, 0.5, 1), cells=60, seed=3), camera(300.0), scene, 0.1).estimates
     assert (len(asked), all(width > 150.0 for width in asked)) == (laid_out, True)
     assert found.crowding >= 1

@@ -13,11 +13,11 @@ from optics_cases import noise, panel, pupil
 from sweeps import examples
 
 from maskfab.model import Stop
-from maskfab.optics.field import SampledField, parity_field, prepare
-from maskfab.optics.interpolation import frequency_nodes
-from maskfab.optics.paths import DIRECT, PARITY, FieldPath
-from maskfab.optics.pupil import Pupil
-from maskfab.optics.waves import Precision
+from maskfab.optics.field.field import SampledField, parity_field, prepare
+from maskfab.optics.field.interpolation import frequency_nodes
+from maskfab.optics.field.paths import DIRECT, PARITY, FieldPath
+from maskfab.optics.field.waves import Precision
+from maskfab.optics.pupil.pupil import Pupil
 
 
 @examples(60)

@@ -12,7 +12,7 @@ from optics_cases import noise, panel, pupil
 from scipy import fft
 
 from maskfab.model import Stop
-from maskfab.optics.otf import lag_table
+from maskfab.optics.image.otf import lag_table
 
 
 @pytest.mark.parametrize(("dots", "cells", "gutter_nm"), [(1, 5, 0), (4, 1, 4000), (4, 2, 4000), (3, 6, 2000)])
@@ -31,7 +31,7 @@ WIDE = """
 import resource
 import numpy as np
 from maskfab.model import Camera, Die, Opening, Panel, Stop, Tiling
-from maskfab.validate.optics import measure
+from maskfab.measure.optics import measure
 
 mask = np.zeros((21, 21), dtype=bool)
 mask[1:19, 8:13] = True

@@ -14,14 +14,14 @@ from scipy.special import j1, jv
 
 from maskfab.errors import InternalError
 from maskfab.model import Panel, Stop
-from maskfab.optics.aperture import Lattice, covered_aperture, panel_aperture
-from maskfab.optics.field import direct_field, parity_field, prepare
-from maskfab.optics.nodes import NODE_TOLERANCE, node_count, nodes_for
-from maskfab.optics.paths import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, Task, admissible, field
-from maskfab.optics.polygons import boundary
-from maskfab.optics.pupil import Pupil, cut
-from maskfab.optics.structure import prepare_cells
-from maskfab.optics.waves import points, right_half
+from maskfab.optics.field.field import direct_field, parity_field, prepare
+from maskfab.optics.field.nodes import NODE_TOLERANCE, node_count, nodes_for
+from maskfab.optics.field.paths import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, Task, admissible, field
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.field.structure import prepare_cells
+from maskfab.optics.field.waves import points, right_half
+from maskfab.optics.pupil.aperture import Lattice, covered_aperture, panel_aperture
+from maskfab.optics.pupil.pupil import Pupil, cut
 
 masks = st.builds(noise, dots=st.integers(1, 7), share=st.floats(0.02, 0.98), seed=st.integers(0, 10_000))
 layouts = st.builds(

@@ -12,19 +12,20 @@ from optics.scene_cases import CASES, Case, planned, priced
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.model import Camera, Psf
-from maskfab.optics import omissions, psf
-from maskfab.optics.aberration import aberrated_psf
-from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.band_lines import band_lines
-from maskfab.optics.choices import PHASED, SPECTRUM, Choice, Prices
-from maskfab.optics.depth import defocused_psf, focused_psf
-from maskfab.optics.gap import gap_psf, shifted_psf
-from maskfab.optics.metrics import relative_difference
-from maskfab.optics.omissions import PLACES, grey
-from maskfab.optics.paths import PATHS, PRUNED, admissible
-from maskfab.optics.plan import Plan, plan
-from maskfab.optics.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
-from maskfab.optics.pupil import Pupil
+from maskfab.optics.field.paths import PATHS, PRUNED, admissible
+from maskfab.optics.image import psf
+from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
+from maskfab.optics.light.band_lines import band_lines
+from maskfab.optics.numbers.metrics import relative_difference
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import Pupil
+from maskfab.optics.scene import omissions
+from maskfab.optics.scene.choices import PHASED, SPECTRUM, Choice, Prices
+from maskfab.optics.scene.omissions import PLACES, grey
+from maskfab.optics.scene.plan import Plan, plan
+from maskfab.optics.wavefront.aberration import aberrated_psf
+from maskfab.optics.wavefront.depth import defocused_psf, focused_psf
+from maskfab.optics.wavefront.gap import gap_psf, shifted_psf
 
 LEFT_IN_PART = ("width of the bands", "field between places")
 

@@ -15,14 +15,14 @@ from scipy.special import j0, j1, sici
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.colour import delta_e_1976, lab_of_linear_srgb
-from maskfab.optics.edge_spread import edge_colour_difference, edge_in_window
-from maskfab.optics.encircled import encircled_energy, ensquared_energy, halo_energy
-from maskfab.optics.field import direct_field
-from maskfab.optics.metrics import energy_in_window
-from maskfab.optics.orders import order_efficiencies, order_quantities
-from maskfab.optics.psf import cutoff, image_scale_um2, pixel_margin, pixel_psf, point_psf
-from maskfab.optics.psf_metrics import (
+from maskfab.optics.field.field import direct_field
+from maskfab.optics.image.psf import cutoff, image_scale_um2, pixel_margin, pixel_psf, point_psf
+from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
+from maskfab.optics.numbers.edge_spread import edge_colour_difference, edge_in_window
+from maskfab.optics.numbers.encircled import encircled_energy, ensquared_energy, halo_energy
+from maskfab.optics.numbers.metrics import energy_in_window
+from maskfab.optics.numbers.orders import order_efficiencies, order_quantities
+from maskfab.optics.numbers.psf_metrics import (
     brightest_side_lobe,
     colour_distance,
     energy_normalised_strehl,
@@ -30,7 +30,7 @@ from maskfab.optics.psf_metrics import (
     peak_to_side_lobe,
     streak_index,
 )
-from maskfab.optics.pupil import Pupil
+from maskfab.optics.pupil.pupil import Pupil
 
 DIAMETER, SCALE = 4000.0, 5300.0
 HIGHEST = DIAMETER / SCALE

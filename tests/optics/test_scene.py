@@ -9,10 +9,10 @@ from hypothesis import strategies as st
 from sweeps import examples
 
 from maskfab.errors import JobError, MaskfabError
+from maskfab.jobfile import COLDEST_K, HOTTEST_K, SceneSection, parse_section
 from maskfab.model import Camera, Stop
-from maskfab.optics.response import black_body, generic_rgb
-from maskfab.optics.scene import Scene
-from maskfab.spec import COLDEST_K, HOTTEST_K, SceneSection, parse_section
+from maskfab.optics.light.response import black_body, generic_rgb
+from maskfab.optics.scene.scene import Scene
 
 CAMERA = "wavelength_nm,left,right\n400,0,0\n500,1,0\n600,0,1\n700,0,0\n"
 LAMP = "wavelength_nm,lamp\n380,1\n780,3\n"

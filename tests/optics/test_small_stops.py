@@ -12,10 +12,10 @@ from optics_cases import noise, panel
 from sweeps import in_turns, sweep
 
 from maskfab.model import Stop
-from maskfab.optics.aperture import Aperture, panel_aperture
-from maskfab.optics.paths import PATHS
-from maskfab.optics.pupil import RIM_ORDERS, cut
-from maskfab.optics.rim import rim_orders
+from maskfab.optics.field.paths import PATHS
+from maskfab.optics.field.rim import rim_orders
+from maskfab.optics.pupil.aperture import Aperture, panel_aperture
+from maskfab.optics.pupil.pupil import RIM_ORDERS, cut
 
 Floats = NDArray[np.float64]
 

@@ -13,13 +13,10 @@ from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import InternalError, JobError, SourceError
 from maskfab.model import Camera, Stop
-from maskfab.optics import rescale
-from maskfab.optics import spectrum as spectrum_module
-from maskfab.optics.otf import LagTable, lag_table
-from maskfab.optics.psf import pixel_margin, pixel_psf, point_psf
-from maskfab.optics.rescale import INTERPOLATION_ERROR, polychromatic_psf
-from maskfab.optics.response import GENERIC_RGB, black_body, camera_bands, generic_rgb, read_curves
-from maskfab.optics.spectrum import (
+from maskfab.optics.image import spectrum as spectrum_module
+from maskfab.optics.image.otf import LagTable, lag_table
+from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
+from maskfab.optics.image.spectrum import (
     Band,
     Curve,
     Spectrum,
@@ -29,6 +26,9 @@ from maskfab.optics.spectrum import (
     quadrature,
     reach_um,
 )
+from maskfab.optics.light import rescale
+from maskfab.optics.light.rescale import INTERPOLATION_ERROR, polychromatic_psf
+from maskfab.optics.light.response import GENERIC_RGB, black_body, camera_bands, generic_rgb, read_curves
 
 FREQUENCY = np.linspace(0.0, 0.25, 60)
 

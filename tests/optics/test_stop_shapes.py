@@ -17,20 +17,20 @@ from small_job import write_job
 from sweeps import examples
 
 from maskfab.cli import run_command_line
-from maskfab.design.stop_grid import stop_dots
-from maskfab.design.tiled_stop import tiled_stop
+from maskfab.design.relax.stop_grid import stop_dots
+from maskfab.design.relax.tiled_stop import tiled_stop
 from maskfab.errors import JobError
 from maskfab.geometry.stop import edges_in_stop
+from maskfab.jobfile import CameraSection, parse_section
 from maskfab.model import Camera, Stop
-from maskfab.optics.aberration import Wavefront
-from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.field import parity_field
-from maskfab.optics.otf import lag_table
-from maskfab.optics.polygon_stop import polygon_cover, polygon_moments
-from maskfab.optics.polygons import boundary
-from maskfab.optics.pupil import cut
-from maskfab.optics.stop_shape import inside, perimeter_um, stop_nodes, stop_strehl, widest_um
-from maskfab.spec import CameraSection, parse_section
+from maskfab.optics.field.field import parity_field
+from maskfab.optics.field.polygons import boundary
+from maskfab.optics.image.otf import lag_table
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.polygon_stop import polygon_cover, polygon_moments
+from maskfab.optics.pupil.pupil import cut
+from maskfab.optics.pupil.stop_shape import inside, perimeter_um, stop_nodes, stop_strehl, widest_um
+from maskfab.optics.wavefront.aberration import Wavefront
 
 HEXAGON = [(110 * np.cos(a), 95 * np.sin(a)) for a in np.pi * (np.arange(6) / 3 + 0.11)]
 ARROW = [(-90.0, -70.5), (10.25, -20.0), (95.0, -88.0), (3.0, 101.0)]

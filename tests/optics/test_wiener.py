@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
-from maskfab.optics.otf import lag_table
-from maskfab.optics.spectrum import lines
-from maskfab.optics.wiener import (
+from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.spectrum import lines
+from maskfab.optics.numbers.wiener import (
     SensorSquare,
     noise_gain,
     restoration_gain,

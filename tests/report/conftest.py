@@ -8,6 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from maskfab.measure.scene import measure_scene, scene_plan
+from maskfab.measure.views import SceneOptics
 from maskfab.model import (
     CLEAR,
     OUTLINE,
@@ -27,11 +29,9 @@ from maskfab.model import (
     Tiling,
     WrittenFile,
 )
-from maskfab.optics.aperture import panel_aperture
-from maskfab.optics.scene import Scene
-from maskfab.optics.spectrum import Band, Curve
-from maskfab.validate.scene import measure_scene, scene_plan
-from maskfab.validate.views import SceneOptics
+from maskfab.optics.image.spectrum import Band, Curve
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.scene.scene import Scene
 
 MARKUP = "<script>alert('x')</script>"
 

@@ -7,10 +7,11 @@ import json
 import numpy as np
 import pytest
 
-from maskfab.imaging.protocol import Score
-from maskfab.imaging.shots import Shot
-from maskfab.report import again, design_figures
-from maskfab.validate.restored import Restored
+from maskfab.camera.protocol import Score
+from maskfab.camera.shots import Shot
+from maskfab.measure.restored import Restored
+from maskfab.report import again
+from maskfab.report.plots import design_figures
 from maskfab.verification import _reported
 
 RNG = np.random.default_rng(11)

@@ -16,14 +16,15 @@ from report.test_report_data import check
 from report.test_report_html import read
 from sweeps import examples
 
-from maskfab.imaging.protocol import Score
-from maskfab.imaging.shots import Shot
-from maskfab.layout.job import load
+from maskfab.camera.protocol import Score
+from maskfab.camera.shots import Shot
+from maskfab.job import load
+from maskfab.measure.restored import Restored
 from maskfab.model import Quantity
-from maskfab.report import design_figures, html
+from maskfab.report import html
 from maskfab.report.data import dumps, schema, to_document
 from maskfab.report.design_data import Stated, design_document, stated
-from maskfab.validate.restored import Restored
+from maskfab.report.plots import design_figures
 
 MARKUP = "<script>alert('x')</script>\"&"
 FULL = {

@@ -14,8 +14,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from maskfab.model import Psf
-from maskfab.report import figures
 from maskfab.report.data import to_document
+from maskfab.report.plots import figures
 
 MARKUP = "<script>alert('x')</script>"
 

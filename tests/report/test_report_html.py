@@ -7,9 +7,10 @@ from html.parser import HTMLParser
 import pytest
 
 from maskfab.model import UNSTATED, Stop
-from maskfab.optics.model_bar import bar_of_panel
-from maskfab.report import figures, html
+from maskfab.optics.scene.model_bar import bar_of_panel
+from maskfab.report import html
 from maskfab.report.data import to_document
+from maskfab.report.plots import figures
 
 MARKUP = "<script>alert('x')</script>"
 

@@ -7,7 +7,7 @@ import pytest
 from matplotlib.image import imread
 
 from maskfab.model import Opening, Panel, Psf, Tiling
-from maskfab.report import raster
+from maskfab.report.plots import raster
 
 
 def panel(orientation: int = 0, gutter_nm: int = 2000) -> Panel:

@@ -10,9 +10,10 @@ from xml.etree import ElementTree
 
 import pytest
 
-from maskfab.report import html, scene_figures
+from maskfab.report import html
 from maskfab.report.data import to_document
-from maskfab.report.numbers import number
+from maskfab.report.plots import scene_figures
+from maskfab.report.plots.numbers import number
 
 
 @pytest.fixture(scope="module")

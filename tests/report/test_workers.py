@@ -8,9 +8,9 @@ from types import MappingProxyType
 import pytest
 
 from maskfab.errors import InternalError
-from maskfab.report import figures
 from maskfab.report.data import to_document
-from maskfab.report.workers import drawn
+from maskfab.report.plots import figures
+from maskfab.report.plots.workers import drawn
 
 
 def test_how_many_processes_draw_does_not_show(run) -> None:

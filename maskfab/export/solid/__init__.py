@@ -1,0 +1,1 @@
+"""Writers of three-dimensional files: STEP and meshes."""

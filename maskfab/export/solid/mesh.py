@@ -19,7 +19,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
-from maskfab.aside import partial
 from maskfab.errors import OutputError
 from maskfab.export.solid.tiles import (
     Mesh,
@@ -31,6 +30,7 @@ from maskfab.export.solid.tiles import (
     glass,
     unit_names,
 )
+from maskfab.files.aside import partial
 from maskfab.model import Die
 
 _MOST_VERTICES = 1_000_000

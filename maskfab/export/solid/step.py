@@ -16,9 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
-from maskfab.aside import partial
 from maskfab.errors import OutputError
-from maskfab.export.solid.quiet import quiet
 from maskfab.export.solid.step_colours import Shade, add_colours
 from maskfab.export.solid.tiles import (
     Stack,
@@ -30,6 +28,8 @@ from maskfab.export.solid.tiles import (
     rotation,
     unit_names,
 )
+from maskfab.files.aside import partial
+from maskfab.files.quiet import quiet
 from maskfab.model import ORIENTATIONS, Die, Panel, Plate
 
 _MM_PER_NM = 1e-6

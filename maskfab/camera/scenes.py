@@ -1,0 +1,59 @@
+r"""Scenes for those who have no photographs: dead leaves, whose spectrum falls as a power of f, as nature's does.
+
+Discs of random colours fall on each other; a radius r is drawn with density r^-3 between two limits, which makes the
+picture look the same at every scale (Lee, Mumford, Huang, Int. J. Comput. Vision 41, 35, 2001). Every scene follows
+from its seed. From 0.02 to 0.4 cycles per pixel its power falls as f^-2.9, as that of a sharp photograph in daylight.
+
+Photographs taken indoors are dimmer and softer, and what restores them best differs: of three at hand, one has a mean
+of 0.40 of white and a power of f^-2.7, the others 0.10 and 0.11, and f^-3.5 and f^-3.7. So every second scene is dim
+and soft too: 0.10 and f^-3.5.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.fft
+
+from maskfab.camera.photographs import LONG, SHORT, Scene
+
+_SMALLEST, _LARGEST = 3.0, 300.0
+_DISCS = 6000
+_DIM, _SOFTER, _SOFT_FROM = 0.3, 0.3, 0.01
+
+
+def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Scene:
+    """One scene of 6000 discs of radius 3 to 300 pixels, the last on top, edges one pixel soft."""
+    draw = np.random.default_rng(seed)
+    share = draw.random(_DISCS)
+    radii = 1 / np.sqrt(share / _LARGEST**2 + (1 - share) / _SMALLEST**2)
+    # Few large leaves fall; the ground is laid first with them so that no place stays bare.
+    radii[: _DISCS // 50] = np.maximum(radii[: _DISCS // 50], draw.uniform(80, _LARGEST, _DISCS // 50))
+    middles = draw.random((_DISCS, 2)) * (rows, columns)
+    brightness = draw.random(_DISCS) ** 2
+    colours = np.clip(brightness[:, None] * draw.uniform(0.6, 1.4, (_DISCS, 3)), 0.01, 1).astype(np.float32)
+    values = np.full((3, rows, columns), 0.2, dtype=np.float32)
+    for (y, x), radius, colour in zip(middles, radii, colours, strict=True):
+        top, left = max(0, int(y - radius) - 1), max(0, int(x - radius) - 1)
+        part = values[:, top : int(y + radius) + 3, left : int(x + radius) + 3]
+        up = np.arange(top, top + part.shape[1], dtype=np.float32)[:, None] - np.float32(y)
+        across = np.arange(left, left + part.shape[2], dtype=np.float32) - np.float32(x)
+        cover = np.clip(np.float32(radius + 0.5) - np.hypot(up, across), 0, 1)
+        part += cover * (colour[:, None, None] - part)
+    return Scene(f"leaves{seed}", seed, np.clip(values, 0, 1))
+
+
+def indoors(scene: Scene) -> Scene:
+    """The scene at 0.3 of its light, softened: amplitudes fall by another f^-0.3 beyond 0.01 cycles per pixel."""
+    rows, columns = scene.values.shape[1:]
+    frequency = np.hypot(np.arange(rows)[:, None] / (2 * rows), np.arange(columns) / (2 * columns))
+    softened = (1 + (frequency / _SOFT_FROM) ** 2) ** (-_SOFTER / 2)
+    values = scipy.fft.idctn(scipy.fft.dctn(scene.values, axes=(1, 2)) * softened, axes=(1, 2))
+    return replace(scene, name=f"{scene.name}_dim", values=np.clip(_DIM * values, 0, 1).astype(np.float32))
+
+
+def bundled(count: int = 4) -> tuple[Scene, ...]:
+    """The scenes used where no photographs are given: dead leaves of seeds 1 to ``count``, every second one indoors."""
+    leaves = (dead_leaves(seed) for seed in range(1, count + 1))
+    return tuple(scene if scene.number % 2 else indoors(scene) for scene in leaves)

@@ -1,0 +1,76 @@
+"""Restored photographs to look at, beside the truth: part of what protocol F1 scores as a whole."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import Score, evaluate
+from maskfab.camera.restore import Margin
+from maskfab.camera.transfer import Laid
+from maskfab.errors import JobError
+
+Singles = NDArray[np.float32]
+
+
+@dataclass(frozen=True)
+class Crop:
+    """Rows and columns in the middle of the sensor, in pixels."""
+
+    rows: int
+    columns: int
+
+    def of(self, picture: Singles) -> Singles:
+        """That part of a picture [3, rows, columns], a copy.
+
+        Raises:
+            JobError: MF104 if the picture is smaller, or the crop is empty.
+        """
+        rows, columns = picture.shape[1:]
+        if not (0 < self.rows <= rows and 0 < self.columns <= columns):
+            raise JobError(
+                "MF104",
+                f"a crop of {self.columns} x {self.rows} pixels of a picture of {columns} x {rows}",
+                where="crop",
+                cure="Cut out 1 pixel or more, and no more than there are",
+            )
+        top, left = (rows - self.rows) // 2, (columns - self.columns) // 2
+        return picture[:, top : top + self.rows, left : left + self.columns].copy()
+
+
+@dataclass(frozen=True, eq=False)
+class Shot:
+    """A photograph through a design, restored.
+
+    Attributes:
+        score: of the whole frame and of the inner one.
+        picture: part of it, float32 [3, rows, columns] within 0 to 1, row 0 on top; code values as the scene's.
+    """
+
+    score: Score
+    picture: Singles
+
+
+def shots(design: Laid, scene: Scene, levels: Sequence[int], crop: Crop) -> tuple[Shot, ...]:
+    """One scene through a design at every level, in rising order, each with the ε that is best for that very picture.
+
+    Raises:
+        JobError: as :func:`maskfab.camera.protocol.evaluate` and :meth:`Crop.of`.
+    """
+    taken: list[Shot] = []
+    evaluate([design], [scene], [scene], levels, show=lambda score, whole: taken.append(Shot(score, crop.of(whole))))
+    return tuple(taken)
+
+
+def truth_of(scene: Scene, crop: Crop) -> Singles:
+    """The crop of the scene itself.
+
+    Raises:
+        JobError: as :meth:`Crop.of`.
+    """
+    rows, columns = scene.values.shape[1:]
+    return crop.of(Margin((rows, columns)).sensor(scene.values))

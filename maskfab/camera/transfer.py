@@ -1,0 +1,378 @@
+r"""Transfer of a camera's lens and pixels behind a panel that fills its stop.
+
+The stop's open dots make the pupil p. With A its autocorrelation divided by A(0) (all transmitted energy counts, no
+window is laid on the PSF), the transfer from scene samples to pixels is
+
+    H(ν) = sum over k of A(λf (ν + k) / (pixel · dot)) sinc(ν_x + k_x) sinc(ν_y + k_y),    k as far as the stop passes,
+
+ν in cycles per pixel: optics times pixel (Goodman, Introduction to Fourier Optics, 6.3), and what sampling folds back.
+Between whole dots A is bilinear, exactly so for square dots. Every factor is separable but A, and A is real, so H is
+two real products with matrices of a dozen entries per row.
+
+Notes:
+    The stop is the dots whose middle lies in it; no dot is cut. The axis is where four cells meet, so the panel has an
+    even number of cells along a side, the least that covers the stop: 24 of 168 um for 4 mm; or it is in the middle of
+    a cell, and their number is odd.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+from scipy import sparse
+
+from maskfab.camera.camera import F1, PhotoCamera
+from maskfab.errors import JobError, OpeningError
+from maskfab.model import ORIENTATIONS, Scalar, orient
+from maskfab.optics.pupil.stop_shape import inside
+from maskfab.units import NM_PER_UM
+
+Floats = NDArray[np.float64]
+
+CELLS = 24
+"""Cells of 168 um that cover protocol F1's stop, along the panel's side."""
+FEWEST_CELLS = 6
+"""Along the stop for the mean of all random layouts to tell one: of 4 x 4 it lies up to 2 dB from that."""
+PITCH_UM = 168.0
+"""Of the cells that are meant where no dot is given."""
+MOST_DOTS = 2048
+"""Along the panel's side; its autocorrelation then takes half a gigabyte."""
+FEWEST_ACROSS = 64
+"""Dots across the stop of another camera than protocol F1's: of whole ones, a smaller one has no round edge."""
+FEWEST_PER_CYCLE = 32
+MOST_PER_CYCLE = 2048
+"""Dots of lag to one cycle per pixel: lags are frequencies, and stand for the whole square of them."""
+
+_ORDERS, _FOLDED = 3, 2  # orders summed at least; beyond the stop they add nothing
+
+
+@dataclass(frozen=True)
+class Lattice:
+    """Cells of dots that cover a camera's stop.
+
+    Attributes:
+        dots: along a cell's side.
+        cells: along the panel's side.
+        dot_um: side of a dot.
+        camera: whose stop it is.
+    """
+
+    dots: int
+    cells: int
+    dot_um: float
+    camera: PhotoCamera = F1
+
+    @property
+    def side(self) -> int:
+        """Dots along the panel's side."""
+        return self.cells * self.dots
+
+    @property
+    def stop(self) -> NDArray[np.bool_]:
+        """The dots within the stop, [side, side]."""
+        stop = self.camera.stop
+        if stop.shape == "circle":
+            distance = (np.arange(self.side) - (self.side - 1) / 2) ** 2
+            radius = stop.diameter_um / 2 / self.dot_um
+            return np.asarray(distance[:, None] + distance <= radius**2)
+        place_um = (np.arange(self.side, dtype=np.float64) - (self.side - 1) / 2) * self.dot_um
+        return inside(stop, place_um, place_um[:, None])
+
+    def per_cycle(self, wavelength_nm: float) -> float:
+        """Lag in dots that belongs to one cycle per pixel."""
+        return self.camera.cycle_um(wavelength_nm) / self.dot_um
+
+    def laid(self, cells: NDArray[Scalar]) -> NDArray[Scalar]:
+        """Cells [cells, cells, dots, dots] side by side, [side, side]."""
+        return cells.transpose(0, 2, 1, 3).reshape(self.side, self.side)
+
+
+def lattice(
+    dots: int,
+    dot_nm: int | None = None,
+    *,
+    camera: PhotoCamera = F1,
+    odd: bool = False,
+    where: str = "design.dots",
+) -> Lattice:
+    """The fewest cells of ``dots`` dots a side that cover the stop.
+
+    Args:
+        dots: along a cell's side.
+        dot_nm: side of a dot; None for cells of 168 um, however many dots they have.
+        camera: that looks through them.
+        odd: the axis is in the middle of a cell; otherwise four cells meet there.
+        where: named in errors.
+
+    Raises:
+        JobError: MF104 for a number below 1, or dots so large that half a cycle per pixel is a lag of less than one;
+            MF115 for more than 2048 dots along the panel's side; MF135 for another camera than protocol F1's with fewer
+            than 64 dots across the stop, or with other than 32 to 2048 dots of lag to one cycle per pixel.
+    """
+    if dots < 1 or (dot_nm is not None and dot_nm < 1):
+        raise JobError(
+            "MF104", f"{dots} dots of {dot_nm} nm make no cell", where=where, cure="Give at least 1 dot of 1 nm"
+        )
+    dot_um = PITCH_UM / dots if dot_nm is None else dot_nm / NM_PER_UM
+    pitch_nm = PITCH_UM * NM_PER_UM if dot_nm is None else dots * dot_nm
+    half = camera.stop.diameter_um * NM_PER_UM / (2 * pitch_nm)
+    made = Lattice(dots, 2 * math.ceil(half - 0.5) + 1 if odd else 2 * math.ceil(half), dot_um, camera)
+    _require_lags(made, where)
+    if made.side > MOST_DOTS:
+        across = camera.stop.diameter_um
+        raise JobError(
+            "MF115",
+            f"the stop of {across:g} um takes {made.cells} cells of {dots} dots of {made.dot_um:g} um, {made.side} "
+            f"dots along a side; the limit is {MOST_DOTS}",
+            where=where,
+            cure=f"Draw the opening with dots of {across / MOST_DOTS:.3g} um or more",
+        )
+    return made
+
+
+def _require_lags(room: Lattice, where: str) -> None:
+    """Refuse dots that are too coarse, or too fine, for a camera's frequencies."""
+    camera = room.camera
+    coarsest = camera.cycle_um(camera.shortest_nm) / 2
+    if room.dot_um > coarsest:
+        raise JobError(
+            "MF104",
+            f"a dot of {room.dot_um:g} um is wider than {coarsest:g} um, the lag of half a cycle per pixel",
+            where=where,
+            cure="Draw the opening with smaller dots",
+        )
+    if camera.whole_lags:
+        return
+    across = camera.stop.diameter_um / room.dot_um
+    least, most = (room.per_cycle(nm) for nm in (camera.shortest_nm, camera.wavelengths_nm[0]))
+    if across < FEWEST_ACROSS:
+        raise JobError(
+            "MF135",
+            f"the stop of {camera.stop.diameter_um:g} um is {across:.3g} dots of {room.dot_um:g} um across; "
+            f"photographs are judged through whole dots, of which it must be {FEWEST_ACROSS}",
+            where=where,
+            cure="Use smaller dots, or a larger stop",
+        )
+    if least < FEWEST_PER_CYCLE or most > MOST_PER_CYCLE:
+        raise JobError(
+            "MF135",
+            f"one cycle per pixel of {camera.pixel_um:g} um is a lag of {least:.0f} to {most:.0f} dots of "
+            f"{room.dot_um:g} um; the limits are {FEWEST_PER_CYCLE} and {MOST_PER_CYCLE}",
+            where=where,
+            cure=f"Use {'smaller' if least < FEWEST_PER_CYCLE else 'larger'} dots",
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Laid:
+    """A panel of cells, as light sees it inside the stop.
+
+    Attributes:
+        name: of the design.
+        pupil: float64 [side, side], amplitude of every dot, 0 outside the stop.
+        lattice: of its cells, behind the camera that looks through them.
+    """
+
+    name: str
+    pupil: Floats
+    lattice: Lattice
+
+    @property
+    def open_share(self) -> float:
+        """Share of the stop's area that is clear; of its light, for a grey pupil."""
+        return float((self.pupil**2).sum() / self.lattice.stop.sum())
+
+
+def lay(
+    name: str,
+    units: NDArray[np.bool_],
+    orientations: NDArray[np.int8] | None = None,
+    seed: int = 0,
+    *,
+    dot_nm: int | None = None,
+    room: Lattice | None = None,
+) -> Laid:
+    """Lay one opening, or several, over the panel.
+
+    Args:
+        name: of the design.
+        units: bool [dots, dots] or [units, dots, dots], True is clear, row 0 the lowest.
+        orientations: integers [cells, cells], 24 x 24 of 168 um, 8 u + k for unit u under element k of D4 as in
+            :func:`maskfab.model.orient`; None draws them as protocol F1 does, with
+            ``default_rng(seed).integers(8 · units)``.
+        seed: of that draw.
+        dot_nm: side of a dot; None for cells of 168 um.
+        room: the cells, in place of the fewest of such dots behind protocol F1's stop.
+
+    Raises:
+        OpeningError: MF201 if the openings are not square; MF202 if they are neither clear nor opaque; MF203 if closed.
+        JobError: MF122 for orientations of another shape, or of units that are not there; MF104, MF115 as
+            :func:`lattice`.
+    """
+    stack = np.asarray(units)
+    stack = stack[None] if stack.ndim == 2 else stack
+    if stack.ndim != 3 or stack.shape[1] != stack.shape[2] or stack.size == 0:
+        raise OpeningError(
+            "MF201", f"the opening has the shape {np.shape(units)}", where=name, cure="Give an array of dots x dots"
+        )
+    if stack.dtype != np.bool_ and not np.isin(stack, (0, 1)).all():
+        raise OpeningError(
+            "MF202",
+            "the opening has other values than 0 and 1",
+            where=name,
+            cure="Threshold the opening to 0 (opaque) and 1 (clear)",
+        )
+    if not stack.any():
+        raise OpeningError(
+            "MF203", "no dot of the opening is clear", where=name, cure="Give an opening with at least 1 clear dot"
+        )
+    kinds = ORIENTATIONS * len(stack)
+    room = lattice(stack.shape[1], dot_nm, where=name) if room is None else room
+    size = room.cells, room.cells
+    if orientations is None:
+        orientations = np.random.default_rng(seed).integers(kinds, size=size).astype(np.int8)
+    turned = np.asarray(orientations)
+    if turned.shape != size or turned.min() < 0 or turned.max() >= kinds:
+        told = f" and reach from {turned.min()} to {turned.max()}" if turned.size else ""
+        raise JobError(
+            "MF122",
+            f"the orientations have the shape {turned.shape}{told}",
+            where=name,
+            cure=f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}",
+        )
+    cells = np.stack([orient(unit, k) for unit in stack for k in range(ORIENTATIONS)]).astype(np.float64)
+    return Laid(name, room.laid(cells[turned]) * room.stop, room)
+
+
+def autocorrelation(pupil: NDArray[np.float64]) -> Floats:
+    """Of a real pupil [n, n]: [2n - 1, 2n - 1], lag 0 in the middle, not normalised."""
+    size = 2 * len(pupil) - 1
+    fast = int(scipy.fft.next_fast_len(size, real=True))
+    spectrum = scipy.fft.rfft2(pupil, (fast, fast), workers=1)
+    table = scipy.fft.irfft2(spectrum.real**2 + spectrum.imag**2, (fast, fast), workers=1)
+    lags = np.arange(-len(pupil) + 1, len(pupil)) % fast
+    return np.asarray(table[np.ix_(lags, lags)])
+
+
+def at_lags(table: Floats, y: NDArray[np.int64], x: NDArray[np.int64]) -> Floats:
+    """An autocorrelation [2n - 1, 2n - 1] at whole lags, 0 beyond."""
+    reach = len(table) // 2
+    inside = (abs(y) <= reach) & (abs(x) <= reach)
+    return np.asarray(table[np.clip(y, -reach, reach) + reach, np.clip(x, -reach, reach) + reach] * inside)
+
+
+@dataclass(frozen=True, eq=False)
+class OpenStop:
+    """Transfer of the open stop and the pixel, one colour.
+
+    Attributes:
+        table: its autocorrelation, [2 side - 1, 2 side - 1], 1 at lag 0 in the middle.
+        dots: within the stop.
+        per_cycle: lag in dots that belongs to one cycle per pixel.
+        orders: multiples of the sampling frequency that are folded back.
+        whole_lags: take the nearest whole lag; otherwise interpolate between them, which is exact for square dots.
+    """
+
+    table: Floats
+    dots: float
+    per_cycle: float
+    orders: int
+    whole_lags: bool
+
+    @classmethod
+    def of(cls, room: Lattice, wavelength_nm: float, per_cycle: float | None = None) -> OpenStop:
+        """Of a camera at one wavelength."""
+        table = autocorrelation(room.stop.astype(np.float64))
+        area = float(table[room.side - 1, room.side - 1])
+        table /= area
+        orders = max(_FOLDED, room.camera.orders(wavelength_nm))
+        return cls(table, area, per_cycle or room.per_cycle(wavelength_nm), orders, room.camera.whole_lags)
+
+    def __call__(self, y: Floats, x: Floats) -> Floats:
+        """At frequencies in cycles per pixel, any shape."""
+        lags = y * self.per_cycle, x * self.per_cycle
+        if self.whole_lags:
+            values = self.at(*(np.rint(lag).astype(np.int64) for lag in lags))
+        else:
+            (v, y_part), (u, x_part) = (_parted(lag) for lag in lags)
+            below = (1 - x_part) * self.at(v, u) + x_part * self.at(v, u + 1)
+            above = (1 - x_part) * self.at(v + 1, u) + x_part * self.at(v + 1, u + 1)
+            values = (1 - y_part) * below + y_part * above
+        return np.asarray(values * np.sinc(y) * np.sinc(x))
+
+    def at(self, y: NDArray[np.int64], x: NDArray[np.int64]) -> Floats:
+        """The autocorrelation at whole lags."""
+        return at_lags(self.table, y, x)
+
+    def folded(self, y: Floats, x: Floats) -> Floats:
+        """Sum of what sampling folds back at the given frequencies."""
+        around = range(-self.orders, self.orders + 1)
+        total = np.zeros(np.broadcast(y, x).shape)
+        for k in around:
+            for j in around:
+                if (k, j) != (0, 0):
+                    total += self(y + k, x + j)
+        return total
+
+
+def _parted(lag: Floats) -> tuple[NDArray[np.int64], Floats]:
+    below = np.floor(lag)
+    return below.astype(np.int64), lag - below
+
+
+@dataclass(frozen=True, eq=False)
+class TransferGrid:
+    """The frequencies of one size of picture, ready to be filled with any pupil of one size.
+
+    Attributes:
+        shape: rows and columns of the picture.
+        dots: dots along the panel's side.
+        lines: for each colour, the matrices from lags to frequencies along y (both signs, in FFT order) and x (from 0).
+    """
+
+    shape: tuple[int, int]
+    dots: int
+    lines: tuple[tuple[sparse.csr_array, sparse.csr_array], ...]
+
+    def __call__(self, pupil: Floats) -> NDArray[np.float32]:
+        """H of a pupil [dots, dots], float32 [colours, rows, columns / 2 + 1]; 1 at frequency 0."""
+        table = autocorrelation(pupil)
+        table /= table[self.dots - 1, self.dots - 1]
+        half = self.shape[1] // 2 + 1
+        found = np.empty((len(self.lines), self.shape[0], half), dtype=np.float32)
+        for colour, (along_y, along_x) in enumerate(self.lines):
+            found[colour] = (along_x @ np.ascontiguousarray((along_y @ table).T)).T
+        return found
+
+
+def transfer_grid(shape: tuple[int, int], room: Lattice) -> TransferGrid:
+    """Prepare H for pictures of ``shape`` behind panels of such cells.
+
+    Raises:
+        JobError: MF134 for a camera of other than three wavelengths.
+    """
+    frequency_y, frequency_x = scipy.fft.fftfreq(shape[0]), scipy.fft.rfftfreq(shape[1])
+    colours = room.camera.colours_nm
+    lines = tuple((_line(frequency_y, room, nm), _line(frequency_x, room, nm)) for nm in colours)
+    return TransferGrid(shape, room.side, lines)
+
+
+def _line(frequency: Floats, room: Lattice, wavelength_nm: float) -> sparse.csr_array:
+    """[frequencies, 2 side - 1]: bilinear weights times the pixel's sinc, summed over the orders."""
+    most, side = max(_ORDERS, room.camera.orders(wavelength_nm)), room.side
+    orders = np.arange(-most, most + 1)
+    nu = frequency[:, None] + orders
+    lag = nu * room.per_cycle(wavelength_nm)
+    below = np.floor(lag).astype(np.int64)
+    beyond = lag - below
+    pixel = np.sinc(nu)
+    row = np.broadcast_to(np.arange(len(frequency))[:, None], nu.shape)
+    column = np.concatenate([below, below + 1], axis=1) + side - 1
+    weight = np.concatenate([pixel * (1 - beyond), pixel * beyond], axis=1)
+    kept = (column >= 0) & (column < 2 * side - 1) & (weight != 0)
+    place = np.concatenate([row, row], axis=1)[kept], column[kept]
+    return sparse.csr_array((weight[kept], place), shape=(len(frequency), 2 * side - 1))

@@ -1,0 +1,118 @@
+"""The result of ``maskfab design`` as text for people and as one document for programs."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from maskfab.design.bounds.bounds import Gap
+    from maskfab.design.job import Designed
+    from maskfab.design.maps.orientation_map import DesignedMap
+    from maskfab.design.rules.discrete import Prices
+
+
+def lines(found: Designed, notes: Sequence[str]) -> list[str]:
+    """The opening, its bound, what the rules cost, the map, and the notes."""
+    told = [f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found.psnr)}"]
+    if found.head_room is not None:
+        told.append(f"proven headroom (frame interior): at most {_levels(found.head_room)}")
+    if found.gap is not None:
+        limit = found.gap.bounds
+        told.append(f"proven headroom (whole frame): at most {_levels(found.gap.head_room_frame)}")
+        told.append(f"grey filter of the same transmission: {_levels(limit.grey)} (frame interior)")
+        told.append(f"unobstructed stop with the same open area: {_levels(limit.open_stop)} (frame interior)")
+        most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
+        told.append(f"area under the radial minimum of the blue MTF: {found.gap.auc:.4f}{most}")
+    if found.prices is not None and found.prices.each:
+        told.append(f"all rules together cost {_db(found.prices.together)} ({found.evaluated} openings evaluated)")
+        told += [
+            f"  {price.rule}: {_db(price.alone)} if it is the only rule, {_db(price.last)} on top of the others"
+            for price in found.prices.each
+        ]
+    else:
+        told.append(f"{found.evaluated} openings evaluated")
+    if found.designed is not None:
+        gains = _levels(found.designed.gain_db, "+")
+        told.append(f"gain of the designed map over a random one: {gains}; transmission {_light(found.designed):+.2%}")
+    if found.map_head_room is not None:
+        told.append(
+            f"proven headroom of the map (same dots, same transmission): at most {_levels(found.map_head_room)}"
+        )
+    return [*told, *(f"note: {note}" for note in notes)]
+
+
+def document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -> dict[str, object]:
+    """The result as plain data; infinite values are null."""
+    designed = found.designed
+    return {
+        "name": found.opening.name,
+        "path": str(paths["opening"]),
+        "shape": found.shape,
+        "clear_dots": found.opening.clear_dots,
+        "open_ratio": found.opening.open_ratio,
+        "expected_psnr_db": _by_level(found.psnr),
+        "head_room_db": None if found.head_room is None else _by_level(found.head_room),
+        "bounds": None if found.gap is None else _bounds(found.gap),
+        "evaluated": found.evaluated,
+        **_prices(found.prices),
+        "map": None
+        if designed is None
+        else {
+            "path": str(paths["map"]),
+            "gain_db": _by_level(designed.gain_db),
+            "expected_psnr_db": _by_level(designed.psnr),
+            "head_room_db": None if found.map_head_room is None else _by_level(found.map_head_room),
+            "clear_dots": designed.clear_dots,
+            "random_clear_dots": designed.start_clear_dots,
+            "positions": max(1, len(designed.shifts)),
+        },
+        "outer": None if found.outer is None else str(paths["outer"]),
+        "notes": list(notes),
+        "provenance": dict(found.opening.provenance),
+    }
+
+
+def _bounds(gap: Gap) -> dict[str, object]:
+    limit = gap.bounds
+    return {
+        "interior_psnr_db": _by_level(gap.psnr),
+        "most_interior_psnr_db": _by_level(limit.psnr),
+        "most_frame_psnr_db": _by_level(limit.frame),
+        "grey_psnr_db": _by_level(limit.grey),
+        "open_stop_psnr_db": _by_level(limit.open_stop),
+        "auc": gap.auc,
+        "most_auc": limit.auc,
+        "method": list(limit.method),
+    }
+
+
+def _prices(prices: Prices | None) -> dict[str, object]:
+    if prices is None:
+        return {"rules_cost_db": None, "prices_db": {}}
+    each = {one.rule: {"alone": _finite(one.alone), "last": _finite(one.last)} for one in prices.each}
+    return {"rules_cost_db": _finite(prices.together), "prices_db": each}
+
+
+def _light(designed: DesignedMap) -> float:
+    return designed.clear_dots / designed.start_clear_dots - 1
+
+
+def _by_level(values: Sequence[float]) -> dict[str, float]:
+    from maskfab.camera.protocol import LEVELS
+
+    return {str(level): value for level, value in zip(LEVELS, values, strict=True)}
+
+
+def _levels(values: Sequence[float], sign: str = "") -> str:
+    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in _by_level(values).items())
+
+
+def _db(value: float) -> str:
+    return f"{value:.3f} dB" if math.isfinite(value) else "everything: no opening evaluated meets it"
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

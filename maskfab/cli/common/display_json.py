@@ -1,0 +1,103 @@
+"""The answers about the displays of a job as one JSON document, and its schema."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from maskfab.display.emitters.fit import LargestGap
+from maskfab.display.feasibility import Feasibility
+from maskfab.display.populate import Populated
+from maskfab.measure.display import display_quantities
+from maskfab.model import COLOURS, Die
+from maskfab.report.data import quantity_document, schema
+from maskfab.report.display_data import display_document, display_schema
+
+Document = dict[str, Any]
+
+
+def document(built: Populated, gaps: Mapping[str, LargestGap], digest: str, *, passed: bool) -> Document:
+    """Every die with the answer about it; ``display`` is null where a sheet has no pixels."""
+    return {
+        "job_hash": digest,
+        "verdict": "pass" if passed else "fail",
+        "dies": [_die(die, built.found.get(die.name), gaps.get(die.name)) for die in built.plate.dies],
+    }
+
+
+def _die(die: Die, found: Feasibility | None, gap: LargestGap | None) -> Document:
+    if found is None:
+        return {"name": die.name, "display": None, "quantities": [], **dict.fromkeys(_PARTS)}
+    return {
+        "name": die.name,
+        "display": display_document(found),
+        "quantities": [quantity_document(each) for each in display_quantities(die, found)],
+        "broken": [
+            {"rule": each.rule, "area_um2": each.area_um2, "place_um": [along / 1e3 for along in each.place_nm]}
+            for each in found.broken
+        ],
+        "circuits": {
+            "room_um2": found.room.area_um2,
+            "closed_um2": found.room.closed_um2,
+            "need_um2": found.room.need_um2,
+        },
+        "light": _light(found),
+        "largest_gap": None
+        if gap is None
+        else {
+            "found_um": None if gap.found_nm is None else gap.found_nm / 1e3,
+            "excluded_um": None if gap.excluded_nm is None else gap.excluded_nm / 1e3,
+        },
+    }
+
+
+def _light(found: Feasibility) -> Document | None:
+    if found.density_ma_per_cm2 is None or found.life is None:
+        return None
+    return {
+        "density_ma_per_cm2": dict(zip(COLOURS, found.density_ma_per_cm2, strict=True)),
+        "relative_life": dict(zip(COLOURS, found.life, strict=True)),
+        "centroid_px": list(found.centroid_px),
+        "wander_px": found.wander_px,
+    }
+
+
+def document_schema() -> Document:
+    """The JSON Schema (draft 2020-12) of what ``maskfab check --json`` prints."""
+    number, text = {"type": "number"}, {"type": "string"}
+    pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
+    colours = _object(dict.fromkeys(COLOURS, number))
+    broken = _object({"rule": text, "area_um2": number, "place_um": pair})
+    parts = {
+        "broken": {"type": "array", "items": broken},
+        "circuits": _object({"room_um2": number, "closed_um2": number, "need_um2": number}),
+        "light": _object(
+            {"density_ma_per_cm2": colours, "relative_life": colours, "centroid_px": pair, "wander_px": number}
+        ),
+        "largest_gap": _object({"found_um": {"type": ["number", "null"]}, "excluded_um": {"type": ["number", "null"]}}),
+    }
+    die = _object(
+        {
+            "name": text,
+            "display": _or_null(display_schema()),
+            "quantities": {"type": "array", "items": {"$ref": "#/$defs/quantity"}},
+            **{name: _or_null(part) for name, part in parts.items()},
+        }
+    )
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "maskfab check",
+        **_object({"job_hash": text, "verdict": {"enum": ["pass", "fail"]}, "dies": {"type": "array", "items": die}}),
+        "$defs": {"quantity": schema()["$defs"]["quantity"]},
+    }
+
+
+_PARTS = ("broken", "circuits", "light", "largest_gap")
+
+
+def _object(properties: Document) -> Document:
+    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
+
+
+def _or_null(part: Document) -> Document:
+    return {"anyOf": [part, {"type": "null"}]}

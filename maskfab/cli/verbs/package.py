@@ -1,0 +1,54 @@
+"""``maskfab package``: one zip for a mask shop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from maskfab.cli.common.options import JobFile, Json, Quiet
+from maskfab.cli.common.printing import leave, print_json, summarise
+from maskfab.cli.common.shop_verdict import chosen_formats, findings_document, print_findings
+from maskfab.cli.common.watch import watched
+
+
+def package(
+    job: JobFile,
+    shop: Annotated[str, typer.Option(help="Mask shop to pack for: a name from maskfab shops, or a profile (.toml).")],
+    out: Annotated[Path, typer.Option(metavar="FILE.zip", help="The package; written only once it is complete.")],
+    format_: Annotated[
+        list[str] | None, typer.Option("--format", help="Output format (repeatable); default: the shop's first.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier file.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
+    from maskfab.job import load
+    from maskfab.package.pack import pack
+    from maskfab.shops.shops import load_shop
+
+    profile, formats = load_shop(shop), chosen_formats(format_ or ())
+    with watched(quiet) as progress:
+        made = pack(load(job), profile, out, formats, force=force, progress=progress)
+    if as_json:
+        from maskfab.report.data import quantity_document
+
+        print_json(
+            {
+                "verdict": "pass" if made.path is not None else "fail",
+                "shop": profile.name,
+                "package": None if made.path is None else str(made.path),
+                "files": [vars(file) for file in made.files],
+                "rules": findings_document(made.findings),
+                "checks": [quantity_document(check) for check in made.checks],
+            }
+        )
+    else:
+        print_findings(made.findings, profile.name, passed=made.path is not None)
+        if made.checks:
+            summarise(made.checks)
+        if made.path is not None:
+            typer.echo(made.path)
+    leave(made.path is not None)

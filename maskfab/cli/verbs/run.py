@@ -1,0 +1,51 @@
+"""``maskfab run``: a plate from a job."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from maskfab.cli.common.options import JobFile, Json, Quiet
+from maskfab.cli.common.printing import leave, summarise
+from maskfab.cli.common.watch import watched
+
+
+def run(
+    job: JobFile,
+    out: Annotated[Path, typer.Option(help="Output directory; written only once all files are complete.")],
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in --out.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report."""
+    from maskfab.job import load
+    from maskfab.optics.numbers.metrics import model_notes
+    from maskfab.pipeline import REPORT
+    from maskfab.pipeline import run as run_job
+
+    with watched(quiet) as progress:
+        loaded = load(job)
+        result = run_job(loaded, out, force=force, progress=progress)
+    report = result.report
+    if not quiet:
+        _tell_times(report.seconds)
+    if as_json:
+        typer.echo((result.directory / REPORT).read_text(encoding="utf-8"), nl=False)
+    else:
+        for path in sorted(result.directory.iterdir()):
+            typer.echo(path)
+        summarise([*model_notes(loaded.camera), *report.checks])
+    leave(report.passed)
+
+
+def _tell_times(seconds: Mapping[str, float]) -> None:
+    """Print the time that the optics of every die took."""
+    for stage, took in seconds.items():
+        kind, _, die = stage.partition(" ")
+        if kind == "optics" and die:
+            scene = seconds.get(f"scene {die}")
+            more = "" if scene is None else f", scene {scene:.2f} s"
+            typer.echo(f"{die}: optics {took:.2f} s{more}", err=True)

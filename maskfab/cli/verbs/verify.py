@@ -1,0 +1,231 @@
+"""``maskfab verify``: a finished directory or a package read again, or any mask file held against a job."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from maskfab.cli.common.options import Json, Quiet, Unit, unit_um
+from maskfab.cli.common.printing import leave, plain, print_json, print_table, summarise
+from maskfab.cli.common.watch import watched
+from maskfab.errors import JobError
+
+if TYPE_CHECKING:
+    from maskfab.model import Quantity
+    from maskfab.progress import Progress
+    from maskfab.verify.foreign.foreign import Foreign, How
+
+
+def verify(
+    subject: Annotated[Path, typer.Argument(metavar="DIR|PACKAGE|FILE", help="The --out of a finished run, a .zip that "
+                                            "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) "
+                                            "from any source.")],
+    against: Annotated[Path | None, typer.Option(metavar="JOB", help="Job (.toml) to compare a mask file or package "
+                                                 "with; default for a package: the job in it.")] = None,
+    shop: Annotated[str | None, typer.Option(help="Shop profile to re-check the package against; default: the one in "
+                                             "the package.")] = None,
+    die: Annotated[str | None, typer.Option(help="Compare only this die of the job.")] = None,
+    layer: Annotated[str | None, typer.Option(help="Clear layer of the mask file, such as 1/0 or CLEAR.")] = None,
+    cell: Annotated[str | None, typer.Option(help="Cell of a mask file; default: its only top cell.")] = None,
+    dots_per_um: Annotated[float | None, typer.Option(min=1e-6, max=1e6, help="Image pixels per micrometre; default: "
+                                                      "the resolution stored in the file.")] = None,
+    unit: Unit = None,
+    tone: Annotated[str | None, typer.Option(metavar="clear|dark", help="Tone: what the polygons draw; default: "
+                                             "clear.")] = None,
+    ignore: Annotated[list[str] | None, typer.Option(metavar="LAYER", help="Layer with shapes that are not part of the "
+                                                     "mask (repeatable).")] = None,
+    tolerance: Annotated[str | None, typer.Option(help="Ignore differences (slivers) up to this width, such as "
+                                                  "'1 nm'.")] = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:  # fmt: skip
+    """Repeat every check on a finished run or package, or compare a mask file with a job."""
+    from maskfab.package.archive import is_package
+
+    reading: dict[str, object] = {
+        "--die": die,
+        "--layer": layer,
+        "--cell": cell,
+        "--dots-per-um": dots_per_um,
+        "--unit": unit,
+    }
+    reading |= {"--tone": tone, "--ignore": ignore or None, "--tolerance": tolerance}
+    said = [name for name, value in reading.items() if value is not None]
+    if is_package(subject):
+        _check_meant(said, (), "a package")
+        _package(subject, against, shop, as_json, quiet)
+        return
+    if shop is not None:
+        raise JobError(
+            "MF105",
+            f"--shop {shop} applies to packages only, and {subject.name} is not one",
+            where="--shop",
+            cure="Name a .zip that maskfab package wrote, or leave --shop out",
+        )
+    if against is None and os.path.isfile(subject):
+        raise JobError(
+            "MF105",
+            f"no job is given to compare {subject.name} with",
+            where="--against",
+            cure="Add --against JOB.toml, or name the --out of a finished run",
+        )
+    if os.path.isdir(subject):
+        _check_meant((*(() if against is None else ("--against",)), *said), (), f"{subject.name}, which is a directory")
+    if against is not None:
+        from maskfab.units import parse_length_um
+        from maskfab.verify.foreign.foreign import How
+
+        _check_meant(said, _meant(subject), subject.name)
+        wide = 0.0 if tolerance is None else 1e3 * parse_length_um(tolerance, where="--tolerance")
+        how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), _is_dark(tone), wide)
+        _foreign(subject, against, die, how, as_json, quiet)
+        return
+    from maskfab.verification import verify as verify_directory
+
+    with watched(quiet) as progress:
+        checks = verify_directory(subject, progress)
+    _tell(checks, {}, as_json)
+
+
+def _is_dark(tone: str | None) -> bool:
+    if tone not in {None, "clear", "dark"}:
+        raise JobError("MF105", f"there is no tone {tone!r}", where="--tone", cure="Use clear or dark")
+    return tone == "dark"
+
+
+def _meant(file: Path) -> Sequence[str]:
+    """Options with a meaning for a file of its kind; all of them where no such kind is read, which is told elsewhere.
+
+    Only the unit of a DXF can be stated, which the reader of the others says.
+    """
+    from maskfab.readers.reading import LAYOUT_SUFFIXES
+    from maskfab.readers.reading_image import IMAGE_SUFFIXES
+
+    kind, every = file.suffix.lower(), ("--die", "--unit", "--tone", "--tolerance")
+    if kind in IMAGE_SUFFIXES:
+        return (*every, "--dots-per-um")
+    return (*every, "--layer", "--cell", "--ignore", *(() if kind in LAYOUT_SUFFIXES else ("--dots-per-um",)))
+
+
+def _check_meant(said: Sequence[str], meant: Sequence[str], subject: str) -> None:
+    """Refuse options that cannot be said of what is verified.
+
+    Raises:
+        JobError: MF105 for all of them, at the first.
+    """
+    strangers = [name for name in said if name not in meant]
+    cure = "Leave it out"
+    if "--against" in strangers:
+        cure += ": a finished directory is held against the job in it. Or name one of its mask files"
+    if strangers:
+        raise JobError("MF105", f"{' '.join(strangers)} does not apply to {subject}", where=strangers[0], cure=cure)
+
+
+def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, quiet: bool) -> None:
+    if against is None and shop is not None:
+        raise JobError(
+            "MF105",
+            "--against is missing: with --shop the package is rebuilt from its job",
+            where="--against",
+            cure="Add --against JOB.toml, or leave --shop out: the package holds its job and its shop",
+        )
+    from maskfab.job import load
+    from maskfab.package.pack import verify_package
+    from maskfab.shops.shops import load_shop
+
+    profile, job = None if shop is None else load_shop(shop), None if against is None else load(against)
+    with watched(quiet) as progress:
+        progress("package", 0, 1)
+        checks = verify_package(path, job, profile)
+        progress("package", 1, 1)
+    said = {"package": str(path), "against": None if against is None else str(against), "shop": shop}
+    _tell(checks, said, as_json)
+
+
+def _tell(checks: Sequence[Quantity], said: dict[str, Any], as_json: bool) -> None:
+    """Print checks, and leave by their verdict."""
+    passed = all(check.passed is not False for check in checks)
+    if as_json:
+        from maskfab.report.data import quantity_document
+
+        rows = [quantity_document(quantity) for quantity in checks]
+        print_json({"verdict": "pass" if passed else "fail", **said, "checks": rows})
+    else:
+        summarise(checks)
+    leave(passed)
+
+
+def _foreign(
+    path: Path,
+    against: Path,
+    die: str | None,
+    how: How,
+    as_json: bool,
+    quiet: bool,
+) -> None:
+    with watched(quiet) as progress:
+        found = _checked(path, against, die, how, progress)
+    checks = [quantity for quantity in found.quantities if quantity.passed is not None]
+    passed = all(check.passed for check in checks)
+    if as_json:
+        from maskfab.report.data import quantity_document
+
+        print_json(
+            {
+                "verdict": "pass" if passed else "fail",
+                "layer": found.layers.clear or None,
+                "tone": "dark" if found.dark else "clear",
+                "other_layers": list(found.layers.others),
+                "file": str(path),
+                "against": str(against),
+                "die": die,
+                "quantities": [quantity_document(quantity) for quantity in found.quantities],
+            }
+        )
+    else:
+        typer.echo(plain(_read_as(found)))
+        print_table(found.quantities, dies=True)
+        summarise(checks)
+    leave(passed)
+
+
+def _read_as(found: Foreign) -> str:
+    """Layer and tone with which a file was read, in one line."""
+    layers = found.layers
+    of_layer = f" on layer {layers.clear}" if layers.clear else ""
+    beside = f"; ignored layers with shapes: {', '.join(layers.others)}" if layers.others else ""
+    return f"{found.path.name}: polygons{of_layer} are {'opaque' if found.dark else 'clear'}{beside}"
+
+
+def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:
+    from maskfab.job import load
+    from maskfab.readers.sandbox.bounded import bounded
+    from maskfab.shops.shops import shop_of
+    from maskfab.verify.foreign.foreign import check_foreign, only_die
+    from maskfab.verify.foreign.foreign_layers import Ordered
+
+    job = load(against)
+    house = shop_of(job.spec, job.where)
+    plate, drawing = job.plate(), job.spec.export
+    stated = drawing is not None and "max_vertices" in drawing.model_fields_set
+
+    def checked(tell: Progress) -> Foreign:
+        found = check_foreign(
+            plate if die is None else only_die(plate, die),
+            job.camera,
+            job.spec.limits,
+            path,
+            how,
+            tell,
+            blank=job.blank,
+            max_vertices=drawing.max_vertices if drawing is not None and stated else None,
+            ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
+        )
+        return replace(found, trip=None)  # whose layout stays in the process that read it
+
+    return bounded(path, checked, progress)

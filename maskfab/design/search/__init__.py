@@ -1,0 +1,1 @@
+"""Search over discrete openings: scan, anneal, choose, and finish with a map."""

@@ -1,0 +1,131 @@
+"""Room for the drive circuits. A panel that emits upwards hides them under its emitters and closed area.
+
+What counts is area at least ``min_width`` wide: the union of squares of that side that hold no opening.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import scipy
+from numpy.typing import NDArray
+
+from maskfab.display.emitters.answer import Certificate, Proof
+from maskfab.display.emitters.rules import MOST_CELLS, finest_cell
+from maskfab.errors import JobError
+from maskfab.model import COLOURS, Emitters, Opening, refined
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class CircuitRules:
+    """Area rules of the drive circuits.
+
+    Attributes:
+        need_um2: area of the circuit and lines of one subpixel. 1985 um2 is derived from a panel on sale: BOE
+            BF060Y8M, a pixel pitch of 63 um with two subpixels each (green beside red or blue), 63² / 2.
+        circuits: how many of them one pixel holds.
+        shared_by: pixels that share one circuit between them, in turn.
+        min_width_nm: narrower closed area holds no circuit. 8 um is a judgement.
+
+    Raises:
+        JobError: MF104 if a number is not positive.
+    """
+
+    need_um2: float = 1985.0
+    circuits: int = 3
+    shared_by: int = 1
+    min_width_nm: int = 8000
+
+    def __post_init__(self) -> None:
+        for name in ("need_um2", "circuits", "shared_by", "min_width_nm"):
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value > 0):
+                raise JobError(
+                    "MF104", f"{name} = {value:g} is not positive", where="circuit", cure=f"Give {name} above 0"
+                )
+
+    @property
+    def pixel_need_um2(self) -> float:
+        return self.need_um2 * self.circuits / self.shared_by
+
+
+@dataclass(frozen=True, eq=False)
+class Room:
+    """Area available for circuits, and area needed.
+
+    Attributes:
+        area_um2: room at least as wide as asked.
+        closed_um2: all of it, however narrow.
+        need_um2: what the circuits need.
+        certificate: why they do not fit; None where the area is enough (which does not lay them out).
+    """
+
+    area_um2: float
+    closed_um2: float
+    need_um2: float
+    certificate: Certificate | None
+
+    @property
+    def enough(self) -> bool:
+        return self.certificate is None
+
+
+def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
+    """Room of one pixel for all its circuits together, anywhere in the closed area between its dots; not the gutter.
+
+    Raises:
+        JobError: MF118 if dots and width are whole numbers only on a grid of more than 128 cells.
+    """
+    cell = math.gcd(dot_nm, rules.min_width_nm)
+    if opening.dots * dot_nm // cell > MOST_CELLS:
+        raise JobError(
+            "MF118",
+            f"dots of {dot_nm / 1e3:g} um and a width of {rules.min_width_nm / 1e3:g} um are whole numbers only on a "
+            f"grid of {cell / 1e3:g} um; the limit is {MOST_CELLS} cells a side",
+            where="circuit.min_width",
+            cure=f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / 1e3:g} um",
+        )
+    per_dot = dot_nm // cell
+    closed = refined(~opening.mask, per_dot)
+    return _room("the closed area", closed, cell, rules.min_width_nm // cell, rules.pixel_need_um2)
+
+
+def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, Room]:
+    """Room under the red, the green and the blue emitter for a circuit of its own each.
+
+    Raises:
+        JobError: MF118 if the width is no whole number of the emitters' cells.
+    """
+    if rules.min_width_nm % emitters.cell_nm:
+        raise JobError(
+            "MF118",
+            f"a width of {rules.min_width_nm / 1e3:g} um is not a multiple of the emitters' "
+            f"{emitters.cell_nm / 1e3:g} um",
+            where="circuit.min_width",
+            cure="Round min_width to a multiple of that",
+        )
+    width, need = rules.min_width_nm // emitters.cell_nm, rules.need_um2 / rules.shared_by
+    red, green, blue = (
+        _room(f"the {colour} emitter", emitters.labels == k, emitters.cell_nm, width, need)
+        for k, colour in enumerate(COLOURS, start=1)
+    )
+    return red, green, blue
+
+
+def _room(name: str, cells: Mask, cell_nm: int, width: int, need_um2: float) -> Room:
+    square = np.ones((width, width), dtype=np.bool_)
+    # Eroding and dilating about opposite ends of the square is the opening, also where its side is even.
+    wide = scipy.ndimage.binary_opening(np.pad(cells, width), square)[width:-width, width:-width]
+    area, closed = (float(kept.sum()) * cell_nm**2 / 1e6 for kept in (wide, cells))
+    if area >= need_um2 * (1 - 1e-12):
+        return Room(area, closed, need_um2, None)
+    statement = (
+        f"{name} holds {area:.0f} um2 at least {width * cell_nm / 1e3:g} um wide ({closed:.0f} um2 in all); "
+        f"the circuits need {need_um2:.0f} um2"
+    )
+    numbers = {"area_um2": area, "closed_um2": closed, "need_um2": need_um2}
+    return Room(area, closed, need_um2, Certificate(Proof.CIRCUIT_AREA, statement, numbers, wide, cell_nm))

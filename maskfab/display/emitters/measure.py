@@ -1,0 +1,119 @@
+"""A placement measured again from its polygons, by KLayout's own geometry, on a tile in which every pair meets."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from klayout import db
+
+from maskfab.display.emitters.borders import meetings
+from maskfab.display.emitters.rules import EmitterRules
+from maskfab.geometry.region import simple_polygon
+from maskfab.geometry.unit import unit_shapes
+from maskfab.model import CLEAR, EMITTERS, Panel, Polygon
+
+# Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances.
+_SQUARE = 2
+# Pairs stand so far apart, in pixels, that no rule reaches from one to the next.
+_APART, _COLUMNS = 4, 16
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Violation of a rule.
+
+    Attributes:
+        rule: which one.
+        area_um2: of what breaks it, on the whole tile.
+        place_nm: of the first such area on the tile.
+        outlines: of these areas in a pixel of orientation 0, its lower left corner the origin; empty without one.
+    """
+
+    rule: str
+    area_um2: float
+    place_nm: tuple[int, int]
+    outlines: tuple[Polygon, ...] = ()
+
+
+def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
+    """Every rule that the emitters of a panel break, on a tile that holds all pairs of neighbours of the panel.
+
+    Gaps are tested by growing one shape by the gap and looking for what it covers of the other, widths by shrinking and
+    growing back; gaps are exact, widths to 1 nm.
+    """
+    cells = _clusters(panel)
+    regions = _regions(panel, cells)
+    clear, colours = regions[CLEAR], [regions[layer] for layer in EMITTERS]
+    pitch = panel.pitch_nm
+    frame = db.Region()
+    for _, (column, row) in cells:
+        frame.insert(db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch))
+    found = [("emitter outside its pixel", shape - frame) for shape in colours]
+    for name, shape in zip(("red", "green", "blue"), colours, strict=True):
+        grown = shape.sized(rules.gap_to_opening_nm, _SQUARE)
+        found.append((f"gap from {name} to openings", grown & clear))
+        # Doubled, so that half a width is a whole number too, and a nanometre short, so that what is exactly wide
+        # enough does not vanish.
+        doubled, half = shape.transformed(db.ICplxTrans(2.0)), rules.min_width_nm - 1
+        opened = doubled.sized(-half, _SQUARE).sized(half, _SQUARE)
+        found.append((f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        close = colours[one].sized(rules.colour_gap_nm, _SQUARE) & colours[other]
+        found.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
+    upright = next(((column * pitch, row * pitch) for cell, (column, row) in cells if cell == 0), None)
+    return tuple(_told(rule, shapes, upright, pitch) for rule, shapes in found if shapes.area())
+
+
+def _told(rule: str, shapes: db.Region, corner: tuple[int, int] | None, pitch_nm: int) -> Violation:
+    outlines: tuple[Polygon, ...] = ()
+    if corner is not None:
+        x, y = corner
+        inside = (shapes & db.Region(db.Box(x, y, x + pitch_nm, y + pitch_nm))).moved(-x, -y)
+        outlines = tuple(tuple((p.x, p.y) for p in each.each_point_hull()) for each in inside.merged().each())
+    box = shapes.bbox()
+    return Violation(rule, shapes.merged().area() / 1e6, (box.left, box.bottom), outlines)
+
+
+def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
+    """Contents and positions (column, row) of the cells of a tile: every pair that meets, each by itself.
+
+    Pairs of orientations are told apart up to quarter turns of both, pairs of several openings as they stand.
+    """
+    if panel.others:
+        cells = panel.orientations
+        pairs = [
+            (int(one), int(other), step)
+            for step, (low, high) in {
+                (1, 0): (cells[:, :-1], cells[:, 1:]),
+                (0, 1): (cells[:-1], cells[1:]),
+                (1, 1): (cells[:-1, :-1], cells[1:, 1:]),
+                (-1, 1): (cells[:-1, 1:], cells[1:, :-1]),
+            }.items()
+            for one, other in sorted(set(zip(low.ravel().tolist(), high.ravel().tolist(), strict=True)))
+        ]
+    else:
+        beside, across = meetings(panel.orientations)
+        pairs = [(*pair, step) for step, found in (((1, 0), beside), ((1, 1), across)) for pair in sorted(found)]
+    placed = []
+    for number, (one, other, (right, up)) in enumerate(pairs):
+        column, row = _APART * (number % _COLUMNS) + 1, _APART * (number // _COLUMNS)
+        placed += [(one, (column, row)), (other, (column + right, row + up))]
+    return placed or [(int(panel.orientations[0, 0]), (1, 0))]
+
+
+def _regions(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> dict[object, db.Region]:
+    layout = db.Layout()
+    layers = {layer: layout.layer(layer.number, layer.datatype) for layer in (CLEAR, *EMITTERS)}
+    top = layout.create_cell("TILE")
+    units: dict[int, int] = {}
+    for cell, (column, row) in cells:
+        if cell not in units:
+            unit = layout.create_cell(f"UNIT_{cell}")
+            units[cell] = unit.cell_index()
+            for layer, polygons in unit_shapes(panel, cell).items():
+                if layer in layers:
+                    for polygon in polygons:
+                        unit.shapes(layers[layer]).insert(simple_polygon(polygon))
+        top.insert(db.CellInstArray(units[cell], db.Trans(column * panel.pitch_nm, row * panel.pitch_nm)))
+    return {layer: db.Region(top.begin_shapes_rec(index)).merged() for layer, index in layers.items()}

@@ -1,0 +1,260 @@
+"""Feasibility of a display around an opening: emitters, their borders, circuits, wires and light, in one answer."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from maskfab.display.circuit import CircuitRules, Room, emitter_rooms, pixel_room
+from maskfab.display.emitters.answer import Certificate, Footprint, Verdict
+from maskfab.display.emitters.borders import Borders, borders
+from maskfab.display.emitters.choose import centred, wander
+from maskfab.display.emitters.fit import LargestGap, footprint, largest_gap
+from maskfab.display.emitters.measure import Violation, violations
+from maskfab.display.emitters.rules import EmitterRules, grid_of
+from maskfab.display.light import Light, Triple, current_density, relative_life
+from maskfab.display.wires.answer import WireDemand, Wiring, check_wires, wiring
+from maskfab.display.wires.gutter import WireRules
+from maskfab.display.wires.reach import Reach, reaches
+from maskfab.jobfile import EmittersSection, LightSection, WiresSection, even_nm
+from maskfab.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling, refined
+from maskfab.optics.numbers.centroid import luminance_centroid
+from maskfab.units import to_nm
+
+REFERENCE_SHARE = 28 / 300
+"""Area of one colour over the pixel's in a panel of today, 28 % for all three at 300 DPI (a vendor's claim for fine
+metal masks); the life of emitters is told relative to it."""
+
+
+@dataclass(frozen=True)
+class DisplayRules:
+    """Everything that a display's maker asks.
+
+    Attributes:
+        emitters: gaps, width, ratio and footprint.
+        keep: share of the largest footprint that a placement with better centred light must have.
+        circuit: area for drive circuits.
+        light: what the emitters must give.
+        wires: what must be wired; None if nothing is asked.
+    """
+
+    emitters: EmitterRules
+    keep: float
+    circuit: CircuitRules
+    light: Light
+    wires: WireDemand | None
+
+    @classmethod
+    def of(
+        cls,
+        section: EmittersSection,
+        light: LightSection | None,
+        wires: WiresSection | None,
+        *,
+        where: str = "",
+    ) -> DisplayRules:
+        """The rules of a job.
+
+        Raises:
+            JobError: MF107 for a length off the grid of 1 nm, MF116 for a ratio.
+        """
+        gap, colour, width = (
+            to_nm(value, where=f"{where}: emitters.{name}", name=name)
+            for name, value in (
+                ("gap_to_opening", section.gap_to_opening),
+                ("colour_gap", section.colour_gap),
+                ("min_width", section.min_width),
+            )
+        )
+        aspect = float("inf") if section.max_aspect is None else section.max_aspect
+        rules = EmitterRules(gap, colour, width, section.ratio, section.required, aspect)
+        asked = light or LightSection()
+        return cls(
+            rules,
+            section.keep,
+            CircuitRules(section.circuit, section.circuits, section.shared_by, width),
+            Light(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
+            None if wires is None else _demand(wires, where),
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Feasibility:
+    """Display feasibility of one panel.
+
+    Attributes:
+        required: least footprint; 0 where none is.
+        footprint: how large emitters can be, with its proof.
+        emitters: those that the panel takes; None where none were found.
+        share: their own footprint: where ``keep`` lets better centred ones be smaller, below ``footprint.found_share``.
+        borders: gaps across pixels of the placement.
+        broken: rules that its polygons break, measured by KLayout; empty where all is well.
+        room: for the circuits of a pixel together.
+        own_rooms: under red, green and blue for a circuit each; empty without emitters, or where the circuits' width is
+            no multiple of the cells of emitters that came with the opening.
+        density_ma_per_cm2: current density of red, green and blue; None without emitters.
+        life: of each colour, relative to that of emitters of 9.3 % of the pixel each.
+        centroid_px: of the light, from the pixel's centre.
+        wander_px: how far the centroid moves about over the orientations in use.
+        wiring: how far the pixels can be wired; None if it was not asked.
+        reaches: each connected emitter's way to the pixel's side through closed dots; empty if no wires were asked.
+        given: whether the emitters came with the opening.
+        light: what was asked of the emitters.
+    """
+
+    required: float
+    footprint: Footprint
+    emitters: Emitters | None
+    share: float
+    borders: Borders | None
+    broken: tuple[Violation, ...]
+    room: Room
+    own_rooms: tuple[Room, ...]
+    density_ma_per_cm2: Triple | None
+    life: Triple | None
+    centroid_px: tuple[float, float]
+    wander_px: float
+    wiring: Wiring | None
+    reaches: tuple[Reach, ...]
+    given: bool
+    light: Light
+
+    @property
+    def verdict(self) -> Verdict:
+        """FITS if emitters and wires are there, keep every rule and leave room for circuits; a proof against any says
+        no."""
+        if self.certificates:
+            return Verdict.DOES_NOT_FIT
+        if self.broken or self.stranded or (self.wiring is not None and self.wiring.verdict is Verdict.UNKNOWN):
+            return Verdict.UNKNOWN
+        return self.footprint.verdict
+
+    @property
+    def stranded(self) -> tuple[Certificate, ...]:
+        """Why emitters of this placement have no way to the pixel's side; others might have one."""
+        if self.wiring is not None and self.wiring.transparent:
+            return ()
+        return tuple(reach.certificate for reach in self.reaches if reach.certificate is not None)
+
+    @property
+    def certificates(self) -> tuple[Certificate, ...]:
+        """Every proof that something cannot be."""
+        proofs = [self.footprint.certificate if self.footprint.verdict is Verdict.DOES_NOT_FIT else None]
+        wires = None if self.wiring is None else self.wiring.failed
+        return tuple(proof for proof in (*proofs, self.room.certificate, wires) if proof is not None)
+
+
+def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> Feasibility | None:
+    """Emitters for the pixels of a panel, or a proof that there are none; None for a sheet that has no pixels.
+
+    Emitters that come with the opening are taken as they are and measured; else the best that is found is placed.
+    Where cells choose among several openings, emitters keep clear of all of them.
+
+    Args:
+        panel: its opening, gutter and orientations.
+        rules: the maker's.
+        largest: search on for the largest emitters even if the required ones are found.
+
+    Raises:
+        JobError: MF117 if a rule is wider than the pixel, MF118 if rules and dots share no grid coarse enough, MF120
+            if a wire is wider than the pixel.
+    """
+    if panel.tiling is Tiling.HEXAGONAL:
+        return None
+    if rules.wires is not None:
+        check_wires(panel, rules.wires)
+    opening, used = _common(panel), _used(panel)
+    grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
+    found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
+    emitters = _given(panel)
+    given = emitters is not None
+    if emitters is None:
+        emitters = centred(found.found, opening, grid, panel.orientations, rules.emitters, keep=rules.keep)
+    room = pixel_room(opening, panel.dot_nm, rules.circuit)
+    wires = None if rules.wires is None else wiring(panel, opening, rules.wires)
+    if emitters is None:
+        required, nowhere = rules.emitters.required, (0.0, 0.0)
+        return Feasibility(
+            required, found, None, 0.0, None, (), room, (), None, None, nowhere, 0.0, wires, (), given, rules.light
+        )
+    pixel_um2 = (panel.pitch_nm / 1e3) ** 2
+    red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
+    shares = (red, green, blue)
+    density = current_density(rules.light, shares)
+    reference = current_density(rules.light, (REFERENCE_SHARE,) * 3)
+    life = tuple(relative_life(j, r, rules.light.ageing_exponent) for j, r in zip(density, reference, strict=True))
+    broken = violations(replace(panel, emitters=emitters), rules.emitters)
+    # Emitters that break the rules say nothing of how large those can be that keep them.
+    if given and not broken:
+        found = _judged(found, emitters, shares, rules.emitters)
+    return Feasibility(
+        rules.emitters.required,
+        found,
+        emitters,
+        _share(shares, rules.emitters),
+        None if given else borders(emitters.labels, refined(opening.mask, grid.per_dot), grid, panel.orientations),
+        broken,
+        room,
+        () if rules.circuit.min_width_nm % emitters.cell_nm else emitter_rooms(emitters, rules.circuit),
+        density,
+        (life[0], life[1], life[2]),
+        luminance_centroid(emitters, panel.pitch_nm),
+        wander(emitters, panel.pitch_nm, used),
+        wires,
+        () if wires is None else reaches(~opening.mask, emitters),
+        given,
+        rules.light,
+    )
+
+
+def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
+    """Widest gap between the colours of a panel, other rules unchanged; None for a sheet that has no pixels.
+
+    Raises:
+        JobError: as :func:`feasibility`.
+    """
+    if panel.tiling is Tiling.HEXAGONAL:
+        return None
+    return largest_gap(_common(panel), panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
+
+
+def _used(panel: Panel) -> tuple[int, ...]:
+    """The orientations of the panel's pixels."""
+    return tuple(int(k) for k in np.unique(panel.orientations % ORIENTATIONS))
+
+
+def _demand(section: WiresSection, where: str) -> WireDemand:
+    line, transparent = (
+        0 if value is None else even_nm(value, where=f"{where}: wires.{name}", name=name)
+        for name, value in (("line", section.line), ("transparent", section.transparent))
+    )
+    space, clearance = (
+        to_nm(value, where=f"{where}: wires.{name}", name=name)
+        for name, value in (("space", section.space), ("clearance", section.clearance))
+    )
+    return WireDemand(WireRules(line, space, clearance), section.lines, transparent, section.transmission)
+
+
+def _common(panel: Panel) -> Opening:
+    """The union of a panel's openings."""
+    if not panel.others:
+        return panel.opening
+    return replace(panel.opening, mask=np.any([opening.mask for opening in panel.openings], axis=0))
+
+
+def _given(panel: Panel) -> Emitters | None:
+    drawn = panel.opening.emitters
+    return None if drawn is None else Emitters(drawn, panel.dot_nm * panel.opening.dots // drawn.shape[0])
+
+
+def _judged(found: Footprint, emitters: Emitters, shares: tuple[float, ...], rules: EmitterRules) -> Footprint:
+    """The answer about a pixel whose emitters were given."""
+    share = _share(shares, rules)
+    verdict = Verdict.FITS if share >= rules.required - 1e-12 else found.verdict
+    return replace(found, found=emitters, found_share=share, verdict=verdict, method="given with the opening")
+
+
+def _share(shares: tuple[float, ...], rules: EmitterRules) -> float:
+    """The footprint of emitters: the least area, as a share of the pixel, over its ratio."""
+    return min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))

@@ -1,0 +1,78 @@
+"""The dies of a plate with the emitters and wires of its job, and the obstacles to either."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+from maskfab.display.emitters.borders import meetings
+from maskfab.display.emitters.fit import LargestGap
+from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility, widest_gap
+from maskfab.model import Die, Panel, Plate
+from maskfab.progress import Progress, silent
+
+
+@dataclass(frozen=True, eq=False)
+class Populated:
+    """A plate with its displays, and what was found of each, by die; nothing of dies that have no pixels."""
+
+    plate: Plate
+    found: Mapping[str, Feasibility]
+
+
+def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, largest: bool = False) -> Populated:
+    """Emitters for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+
+    Args:
+        plate: laid out, without emitters.
+        rules: the maker's.
+        progress: told how many dies are done.
+        largest: as for :func:`maskfab.display.feasibility.feasibility`.
+
+    Raises:
+        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
+    """
+    known: dict[object, Feasibility | None] = {}
+    dies: list[Die] = []
+    found: dict[str, Feasibility] = {}
+    for done, die in enumerate(plate.dies):
+        progress("emitters", done, len(plate.dies))
+        key = _key(die.panel)
+        if key not in known:
+            known[key] = feasibility(die.panel, rules, largest=largest)
+        answer = known[key]
+        if answer is None:
+            dies.append(die)
+            continue
+        found[die.name] = answer
+        tracks = () if answer.wiring is None else answer.wiring.tracks
+        dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
+    progress("emitters", len(plate.dies), len(plate.dies))
+    return Populated(replace(plate, dies=tuple(dies)), found)
+
+
+def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
+    """Widest gaps between colours, by die; dies without pixels are left out.
+
+    Raises:
+        JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
+    """
+    known: dict[object, LargestGap | None] = {}
+    found: dict[str, LargestGap] = {}
+    for done, die in enumerate(plate.dies):
+        progress("colour gaps", done, len(plate.dies))
+        key = _key(die.panel)
+        if key not in known:
+            known[key] = widest_gap(die.panel, rules)
+        answer = known[key]
+        if answer is not None:
+            found[die.name] = answer
+    progress("colour gaps", len(plate.dies), len(plate.dies))
+    return found
+
+
+def _key(panel: Panel) -> object:
+    masks = tuple(opening.mask.tobytes() for opening in panel.openings)
+    drawn = panel.opening.emitters
+    given = None if drawn is None else drawn.tobytes()
+    return masks, given, panel.dot_nm, panel.gutter_nm, meetings(panel.orientations)

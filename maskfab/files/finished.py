@@ -1,0 +1,108 @@
+"""Finished output directories: their known files by name and SHA-256, and removal of nothing else."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+from maskfab.files.exchange import move
+from maskfab.provenance import sha256_of_file
+
+RESULT_MARK = "manifest.json"
+"""The file that every finished output directory has."""
+TIMES = "timing.json"
+"""The file beside it that tells how long the work took, which no two runs have alike and no manifest knows."""
+_Trace = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A finished output directory as it was found.
+
+    Attributes:
+        digest: SHA-256 of its manifest, in which are those of its files.
+        own: its files as the manifest knows them, the manifest last: name, and by which a change would show.
+        strange: names of what it holds besides, or holds otherwise.
+    """
+
+    digest: str
+    own: Mapping[str, _Trace]
+    strange: tuple[str, ...]
+
+
+def times_text(job_hash: str, seconds: Mapping[str, float]) -> str:
+    """The content of :data:`TIMES`."""
+    return json.dumps({"job_hash": job_hash, "seconds": dict(seconds)}, indent=1) + "\n"
+
+
+def finished(folder: Path) -> Finished | None:
+    """Known content of an output directory; None if it is not a finished result of maskfab."""
+    try:
+        content = (folder / RESULT_MARK).read_bytes()
+        manifest = json.loads(content)
+        known = {row["path"]: row.get("sha256") for row in manifest["files"]} if "maskfab_version" in manifest else None
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return None
+    if known is None:
+        return None
+    digest = hashlib.sha256(content).hexdigest()
+    known[RESULT_MARK] = digest
+    own: dict[str, _Trace] = {}
+    strange = []
+    for path in sorted(folder.iterdir(), key=lambda each: (each.name == RESULT_MARK, each.name)):
+        trace = _trace(path)
+        if path.is_symlink() or not path.is_file():
+            strange.append(path.name)
+        elif known.get(path.name) == sha256_of_file(path) or (path.name == TIMES and _is_times(path, manifest)):
+            own[path.name] = trace
+        else:
+            strange.append(path.name)
+    return Finished(digest, own, tuple(strange))
+
+
+def _trace(path: Path) -> _Trace:
+    status = path.lstat()
+    return status.st_ino, status.st_size, status.st_mtime_ns
+
+
+def _is_times(path: Path, manifest: Mapping[str, object]) -> bool:
+    """Whether a file says what :func:`times_text` writes for the job, numbers under names, and nothing else."""
+    try:
+        text = path.read_text(encoding="utf-8")
+        seconds = {str(stage): float(took) for stage, took in json.loads(text)["seconds"].items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        return False
+    return text == times_text(str(manifest.get("job_hash")), seconds)
+
+
+def discard(folder: Path, target: Path, found: Finished | None) -> Path | None:
+    """Remove a result that another has replaced, and nothing else.
+
+    Args:
+        folder: where it lies now.
+        target: the name that it had.
+        found: what is in it; None if it is none, or no longer.
+
+    Returns:
+        Where the rest lies, beside ``target``; None if there is none.
+
+    Raises:
+        OSError: if the rest cannot be moved.
+    """
+    for name, trace in () if found is None or found.strange else found.own.items():
+        with suppress(OSError):
+            # The manifest is last, and stays with whatever has come meanwhile.
+            if _trace(folder / name) == trace and (name != RESULT_MARK or os.listdir(folder) == [name]):
+                (folder / name).unlink()
+    try:
+        folder.rmdir()
+    except FileNotFoundError:
+        return None
+    except OSError:
+        return move(folder, target, "kept")
+    return None

@@ -1,0 +1,343 @@
+"""Checks of a job file that involve more than one section."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+
+from maskfab import units
+from maskfab.errors import JobError
+from maskfab.jobfile.design_values import METHODS
+from maskfab.jobfile.sections import DesignSection, JobSpec, RelaxSection, SearchSection
+from maskfab.model import Camera, Tiling
+
+_MOST_DOTS_ACROSS_STOP = 6000
+_MOST_SAMPLES = 4096
+_SOLIDS = frozenset({"step", "glb", "3mf", "stl"})
+_FILM_UM = (0.01, 1e6)
+"""Films that solids show: STEP, to which 0.1 nm is nothing, cuts thinner ones wrongly; thicker ones dwarf any plate."""
+
+
+def check_dies(spec: JobSpec, where: str) -> None:
+    """Dies of different names, tiled with a seed where chance is asked for, on the grid of 1 nm, before a fit camera.
+
+    Raises:
+        JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_optics` for the camera.
+    """
+    check_lens(spec.camera.camera(), where=f"{where}: camera.stop")
+    for name, count in Counter(die.name for die in spec.die).items():
+        if count > 1:
+            raise JobError(
+                "MF109",
+                f"{count} dies have the name {name!r}",
+                where=f"{where}: die",
+                cure="Give each die a name of its own",
+            )
+    for folded, count in Counter(die.name.lower() for die in spec.die).items():
+        if count > 1:
+            alike = ", ".join(repr(die.name) for die in spec.die if die.name.lower() == folded)
+            raise JobError(
+                "MF109",
+                f"the dies {alike} differ in case only, and many systems would write their files over each other",
+                where=f"{where}: die",
+                cure="Give each die a name of its own",
+            )
+    for number, die in enumerate(spec.die):
+        place = f"{where}: die[{number}]"
+        if (die.tiling.seeded or die.others) and die.seed is None:
+            what = (
+                f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
+            )
+            raise JobError(
+                "MF111",
+                f"die {die.name!r} {what} without a seed",
+                where=f"{place}.seed",
+                cure="Add seed = 1",
+            )
+        if (die.tiling is Tiling.MAP) != (die.map is not None):
+            without = die.map is None
+            raise JobError(
+                "MF122",
+                f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map",
+                where=f"{place}.map",
+                cure='Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key',
+            )
+        if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
+            raise JobError(
+                "MF122",
+                f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter",
+                where=f"{place}.{'others' if die.others else 'gutter'}",
+                cure="Remove that key, or use another tiling",
+            )
+        units.to_nm(die.dot, where=f"{place}.dot", name="dot")
+        even_nm(die.gutter, where=f"{place}.gutter", name="gutter")
+        check_optics(spec.camera.camera(), die.dot, where=place)
+
+
+def check_display(spec: JobSpec, where: str) -> None:
+    """Wires and light belong to a display whose emitters the job describes.
+
+    Raises:
+        JobError: MF105.
+    """
+    for name in ("wires", "light"):
+        if getattr(spec, name) is not None and spec.emitters is None:
+            raise JobError(
+                "MF105",
+                f"the job has [{name}] and no [emitters]",
+                where=f"{where}: {name}",
+                cure='Add [emitters] with colour_gap = "8 um" and min_width = "8 um"',
+            )
+
+
+def check_method(document: object, where: str) -> None:
+    """Keys of [design] that belong to the other method, told as such before they are found to be unknown.
+
+    Raises:
+        JobError: MF102; MF105 for a method that there is not.
+    """
+    design = document.get("design") if isinstance(document, dict) else None
+    if not isinstance(design, dict):
+        return
+    method = design.get("method", "search")
+    if method not in METHODS:
+        raise JobError(
+            "MF105",
+            f"design.method = {method!r} is not a design method",
+            where=f"{where}: design.method",
+            cure=f"Use {' or '.join(map(repr, METHODS))}",
+        )
+    own, other = (SearchSection, RelaxSection) if method == "search" else (RelaxSection, SearchSection)
+    for key in design:
+        if key in other.model_fields and key not in own.model_fields:
+            another = "relax" if method == "search" else "search"
+            raise JobError(
+                "MF102",
+                f'the key {key!r} belongs to method = "{another}", and the method is "{method}"',
+                where=f"{where}: design.{key}",
+                cure=f'Remove it, or set method = "{another}"',
+            )
+
+
+def check_design(spec: JobSpec, where: str) -> None:
+    """Keys of [design] that need another, or leave it nothing to do; a tiling that its method can judge.
+
+    Raises:
+        JobError: MF105, MF111 or MF122.
+    """
+    design = spec.design
+    if isinstance(design, SearchSection):
+        _check_search(design, f"{where}: design")
+    elif isinstance(design, RelaxSection):
+        _check_relax(design, f"{where}: design")
+
+
+def _check_search(design: SearchSection, where: str) -> None:
+    if design.tiling not in {Tiling.RANDOM, Tiling.PERIODIC}:
+        raise JobError(
+            "MF122",
+            f"a search judges openings for random and periodic tilings, not for {design.tiling}",
+            where=f"{where}.tiling",
+            cure='Use tiling = "random", or method = "relax"',
+        )
+    stated = _asked(design)
+    needs = (
+        ("map_output", design.map is not None, "a map to write", 'Add map = "equal_light"'),
+        ("positions", design.map is not None or design.positions == 1, "a map", 'Add map = "equal_light"'),
+        ("joint", design.map is not None or not design.joint, "a map", 'Add map = "equal_light"'),
+        ("shortlist", design.map is not None or design.shortlist == 1, "a map", 'Add map = "equal_light"'),
+        ("density", design.map is not None, "a map", 'Add map = "equal_light"'),
+        ("map", design.tiling is Tiling.RANDOM, 'tiling = "random"', "Remove it: periodic cells are laid alike"),
+    )
+    for key, met, needed, cure in needs:
+        if key in stated and getattr(design, key) is not None and not met:
+            raise JobError("MF105", f"{key} needs {needed}", where=f"{where}.{key}", cure=cure)
+    pairs = [("objective", "families"), ("objective", "weights"), ("density", "positions"), ("density", "joint")]
+    if design.shortlist > 1:
+        pairs += [("objective", "shortlist"), ("density", "shortlist")]
+    idle = {"objective": design.objective == "auc", "density": design.density is not None}
+    for key, each in pairs:
+        if idle[key] and each in stated:
+            raise JobError(
+                "MF105",
+                f"{key} = {getattr(design, key)!r} makes {each} useless",
+                where=f"{where}.{each}",
+                cure=f"Remove {each}, or {key}",
+            )
+
+
+def _asked(design: DesignSection) -> set[str]:
+    """Keys with other values than their defaults; a job that was written out states those too."""
+    return {name for name, field in type(design).model_fields.items() if getattr(design, name) != field.default}
+
+
+def _check_relax(design: RelaxSection, where: str) -> None:
+    # Hexagonal sheets are no cells on a square lattice, which every loss is built on; a map is made for an opening
+    # that is there.
+    if design.tiling in {Tiling.HEXAGONAL, Tiling.MAP}:
+        raise JobError(
+            "MF122",
+            f"no opening can be designed for the {design.tiling} tiling",
+            where=f"{where}.tiling",
+            cure=f"Use {', '.join(each for each in Tiling if each not in {Tiling.HEXAGONAL, Tiling.MAP})}",
+        )
+    if design.tiling.seeded and design.tiling_seed is None:
+        raise JobError(
+            "MF111",
+            f"the {design.tiling} tiling has no seed",
+            where=f"{where}.tiling_seed",
+            cure="Add tiling_seed = 1",
+        )
+    own = set(RelaxSection.model_fields) - set(DesignSection.model_fields) - {"recipe", "epochs"}
+    stated = _asked(design)
+    needless = own & stated if design.recipe is not None else {"epochs"} & stated
+    for key in sorted(needless):
+        raise JobError(
+            "MF105",
+            f"the recipe {design.recipe!r} has its own {key}" if design.recipe else f"{key} counts for recipes alone",
+            where=f"{where}.{key}",
+            cure=f"Remove {key}, or the recipe" if design.recipe else "Use iterations",
+        )
+    if not any(weight > 0 for name, weight in design.objectives.items() if name != "area"):
+        raise JobError(
+            "MF105",
+            f"the objectives {', '.join(design.objectives)} leave nothing to minimise",
+            where=f"{where}.objectives",
+            cure="Add invertibility = 1.0",
+        )
+
+
+def check_scene(spec: JobSpec, where: str) -> None:
+    """Objects within the focal length have no image, and a camera of lines no illuminant.
+
+    Raises:
+        JobError: MF104 or MF105.
+    """
+    if spec.scene is None:
+        return
+    if spec.scene.spectrum == "lines" and spec.scene.illuminant != "equal":
+        raise JobError(
+            "MF105",
+            "an illuminant lights a camera of colours, and the spectrum is the camera's own lines",
+            where=f"{where}: scene.illuminant",
+            cure='Add spectrum = "rgb" or a file such as "camera.csv" to [scene], or remove the illuminant',
+        )
+    for key, distance in (("depth", spec.scene.depth[0]), ("focus", spec.scene.focus)):
+        if not distance > spec.camera.focal:
+            raise JobError(
+                "MF104",
+                f"{distance:g} um is not beyond the focal length of {spec.camera.focal:g} um",
+                where=f"{where}: scene.{key}",
+                cure="Give a distance from the lens, beyond its focal length",
+            )
+
+
+def even_nm(value_um: float, *, where: str, name: str) -> int:
+    """Integer nanometres of a length of which either half must lie on the database grid (MF107 otherwise)."""
+    value_nm = units.to_nm(value_um, where=where, name=name)
+    if value_nm % 2:
+        raise JobError(
+            "MF107",
+            f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
+            where=where,
+            cure=f"Use {value_um + 1e-3:g} um",
+        )
+    return value_nm
+
+
+def check_lens(camera: Camera, *, where: str) -> None:
+    """Refuse a stop through which no lens of its focal length can bring light to a focus.
+
+    By the sine condition the numerical aperture is D / 2f, the sine of an angle.
+
+    Raises:
+        JobError: MF131 if D / 2f exceeds 1.
+    """
+    width, widest = camera.stop.diameter_um, 2 * camera.focal_um
+    if width > widest:
+        raise JobError(
+            "MF131",
+            f"a stop of {width:g} um before a focal length of {camera.focal_um:g} um has the numerical aperture "
+            f"{width / widest:.3g}; in air the limit is 1",
+            where=where,
+            cure=f"Use a stop of at most {widest:g} um, or a longer focal length",
+        )
+
+
+def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse a window with replicas of the PSF in it, and an aperture or a PSF too fine to hold.
+
+    Raises:
+        JobError: MF105 if a wavelength is there twice; MF113 if the window is wider than λf/dot at the shortest
+            wavelength; MF115 if the stop is more than 6000 dots across, or the window more than 4096 samples wide.
+    """
+    twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
+    if twice:
+        raise JobError(
+            "MF105",
+            f"the wavelength {twice[0]:g} nm is given more than once",
+            where=f"{where}: camera.wavelengths",
+            cure="List each wavelength once",
+        )
+    shortest = min(camera.wavelengths_nm)
+    limit = shortest * 1e-3 * camera.focal_um / dot_um
+    if camera.window_um > limit:
+        raise JobError(
+            "MF113",
+            f"window {camera.window_um:g} um is wider than λf/dot = {limit:.1f} um at {shortest:g} nm for a dot of "
+            f"{dot_um:g} um",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {math.floor(limit * 10) / 10:g} um",
+        )
+    if camera.window_um < camera.pixel_um:
+        raise JobError(
+            "MF104",
+            f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um",
+            where=f"{where}: camera.window",
+            cure="Use a window of many pixels",
+        )
+    across = camera.stop.diameter_um / dot_um
+    if across > _MOST_DOTS_ACROSS_STOP:
+        raise JobError(
+            "MF115",
+            f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
+            f"{_MOST_DOTS_ACROSS_STOP}",
+            where=where,
+            cure="Use a smaller stop or a coarser dot",
+        )
+    finest = min(camera.pixel_um, shortest * 1e-3 * camera.focal_um / camera.stop.diameter_um) / 2
+    samples = camera.window_um / finest
+    if samples > _MOST_SAMPLES:
+        raise JobError(
+            "MF115",
+            f"a window of {camera.window_um:g} um is {samples:.0f} samples of {finest:g} um wide; the limit is "
+            f"{_MOST_SAMPLES}",
+            where=f"{where}: camera.window",
+            cure=f"Use a window of at most {math.floor(_MOST_SAMPLES * finest * 10) / 10:g} um, or a larger pixel",
+        )
+
+
+def check_film(spec: JobSpec, where: str) -> None:
+    """Chrome that solids can show, as thick as they draw it.
+
+    Raises:
+        JobError: MF104.
+    """
+    section = spec.export
+    if section is None or _SOLIDS.isdisjoint(section.formats or ()):
+        return
+    (least, most), film = _FILM_UM, section.chrome * section.exaggeration
+    if least * (1 - 1e-9) <= film <= most * (1 + 1e-9):
+        return
+    key, cure = "chrome", f'Use chrome = "{least * 1e3:g} nm" or more, or leave solids out of export.formats'
+    if section.chrome > most:
+        cure = f'Use chrome = "{most / 1e6:g} m" or less'
+    elif film > most:
+        key, cure = "exaggeration", f"Use at most {most / section.chrome:g}, or thinner chrome"
+    raise JobError(
+        "MF104",
+        f"chrome of {section.chrome:g} um, drawn {section.exaggeration:g} times as thick, is a film of {film:g} um; "
+        f"solids show films of {least * 1e3:g} nm to {most / 1e6:g} m",
+        where=f"{where}: export.{key}",
+        cure=cure,
+    )

@@ -1,0 +1,438 @@
+"""The optics of anything: an opening in any form, or the geometry of any mask file."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.errors import JobError, SourceError
+from maskfab.export.gds import write_oasis
+from maskfab.files.memory import give_back
+from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.stop import edges_in_stop, stop_box
+from maskfab.jobfile import SceneSection, check_lens, check_optics, even_nm, is_table
+from maskfab.measure.apertures import aperture_in_stop, edge_distances
+from maskfab.measure.optics import (
+    INVARIANT_LIMIT_ROUND,
+    lit_pupils,
+    measure,
+    measure_pupils,
+    read_openings,
+    stop_boundary,
+)
+from maskfab.measure.scene import measure_scene, reach_um, scene_plan
+from maskfab.measure.views import SceneOptics
+from maskfab.model import (
+    CLEAR,
+    UNSTATED,
+    Camera,
+    Die,
+    MaskBlank,
+    Mtf,
+    Opening,
+    Panel,
+    Plate,
+    Psf,
+    Quantity,
+    Stop,
+    Tiling,
+)
+from maskfab.opening import openings
+from maskfab.optics.image.leak import Leak
+from maskfab.optics.image.psf import pixel_margin
+from maskfab.optics.light.response import curves_text
+from maskfab.optics.numbers import metrics
+from maskfab.optics.pupil.aperture import Aperture, Lattice
+from maskfab.optics.pupil.pupil import Pupil, cut
+from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
+from maskfab.optics.scene.plan import sampling_camera
+from maskfab.optics.scene.scene import Scene
+from maskfab.plate.panels import check_light, check_size, dot_on_grid
+from maskfab.plate.tiling import orientations
+from maskfab.progress import Progress, silent
+from maskfab.readers.reading import find_cell, find_layer, read_layout
+from maskfab.readers.sandbox.bounded import bounded
+from maskfab.readers.sandbox.limits import allow
+from maskfab.threads import one_thread
+from maskfab.units import to_nm
+
+LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"})
+
+_FINEST_GRID = 4000
+_LARGEST_DOT_NM = 8000
+_SECONDS_OF_OPTICS, _USUAL_STOP_UM = 60, 4000.0
+_SHAPES_PER_SECOND = 4_000
+_MEMORY_OF_OPTICS, _MEMORY_PER_SHAPE = 2_000_000_000, 4_000
+
+MOST_SHAPES_SEEN = 3_000_000
+"""Before the stop of a mask file; the optics of a million take a minute."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """Options for the analysis of a file.
+
+    Attributes:
+        camera: what looks through it.
+        pitch_um, dot_um: the cell and its dots; where an opening does not state them itself.
+        gutter_um: opaque space round every cell.
+        tiling, seed: how an opening is laid out. For a layout file, a tiling says that it holds one opening.
+        layer, cell: where in a layout file to look.
+        unit_um: one unit of a DXF; what it says itself if None.
+        scene, accuracy: what the camera looks at, and the admissible error of its PSF; None for the standard numbers
+            alone.
+        blank: what the plate is made of, as far as it is known.
+    """
+
+    camera: Camera
+    pitch_um: float | None = None
+    dot_um: float | None = None
+    gutter_um: float = 0.0
+    tiling: Tiling | None = None
+    seed: int | None = None
+    layer: str | None = None
+    cell: str | None = None
+    unit_um: float | None = None
+    scene: Scene | None = None
+    accuracy: float = 1e-3
+    blank: MaskBlank = UNSTATED
+
+
+@dataclass(frozen=True, eq=False)
+class Analysis:
+    """The numbers and curves of one file; ``quantities`` end with those of the scene, where one was asked for."""
+
+    name: str
+    psfs: tuple[Psf, ...]
+    mtfs: tuple[Mtf, ...]
+    quantities: tuple[Quantity, ...]
+    scene: SceneOptics | None = None
+
+    @property
+    def passed(self) -> bool:
+        return all(q.passed is not False for q in self.quantities)
+
+
+def described_scene(section: SceneSection, where: str) -> Scene:
+    """The scene of a section that did not come from a job; tables of curves are read from their paths.
+
+    Raises:
+        SourceError, JobError: for a table that is at fault.
+    """
+    named = [name for name in (section.spectrum, section.illuminant) if isinstance(name, str) and is_table(name)]
+    return Scene.of(section, {name: curves_text(Path(name), where) for name in named}, where=where)
+
+
+@one_thread
+def analyse(path: str | Path, request: Request, progress: Progress = silent) -> Analysis:
+    """PSF, MTF and invariants of an opening or a mask file.
+
+    An opening is laid out over the stop, written, and read back, so that its numbers have the same meaning as those of
+    a plate. A layout file is taken as it is, its bounding box centred on the optical axis, unless a tiling is given.
+
+    Raises:
+        SourceError, OpeningError, JobError: if the file or the request is at fault; MF313 and MF322 for a mask file
+            of too many shapes, or that takes longer than one like it may.
+    """
+    check_lens(request.camera, where="--stop")
+    path = Path(path)
+    if request.unit_um is not None and path.suffix.lower() not in LAYOUT_SUFFIXES:
+        raise JobError(
+            "MF105",
+            f"{path.name} has no unit that could be stated",
+            where="--unit",
+            cure="Leave out --unit: only a DXF has a drawing unit to state",
+        )
+    if path.suffix.lower() in LAYOUT_SUFFIXES and request.tiling is None:
+        if request.scene is not None:
+            raise JobError(
+                "MF105",
+                f"a scene needs an opening and its tiling, which {path.name} does not state",
+                where="--tiling",
+                cure="If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out",
+            )
+        _check_finest(path, request)
+        return bounded(path, lambda tell: _analyse_mask(path, request, tell), progress)
+    return analyse_opening(_load(path, request), request, progress)
+
+
+@one_thread
+def analyse_opening(opening: Opening, request: Request, progress: Progress = silent) -> Analysis:
+    """Analysis of an opening that is already loaded; else as :func:`analyse`."""
+    check_lens(request.camera, where="the request")
+    dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
+    gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
+    if request.seed is not None and request.seed < 0:
+        raise JobError(
+            "MF104",
+            f"seed = {request.seed} is below 0",
+            where="--seed",
+            cure="Give a whole number of 0 or more, such as --seed 1",
+        )
+    camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
+    check_optics(camera, dot_nm / 1e3, where="the request")
+    reach = camera.stop.diameter_um / 2
+    if scene is not None:
+        check_optics(sampling_camera(camera, scene), dot_nm / 1e3, where="the request: the ends of the spectrum")
+        reach = reach_um(camera, scene)
+    pitch_nm = opening.dots * dot_nm + gutter_nm
+    cells = 2 * math.ceil(reach * 1e3 / pitch_nm)
+    check_size(cells, opening.dots, "the panel over the stop", where="the request")
+    tiling = request.tiling or Tiling.PERIODIC
+    panel = Panel(
+        opening,
+        dot_nm,
+        gutter_nm,
+        orientations(tiling, cells, cells, request.seed, where="--seed"),
+        tiling,
+        request.seed,
+    )
+    check_light(panel, camera.stop, where="the request: stop.diameter")
+    die = Die(opening.name, opening.name, panel, (0, 0), cells * pitch_nm)
+    plan = None if scene is None else scene_plan(die, camera, scene, request.accuracy, "the request")
+    plate = Plate(opening.name, "", cells * pitch_nm, cells * pitch_nm, (die,), (), (), ())
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder) / "panel.oas"
+        write_oasis(plate_layout(plate), file)
+        read = region(read_layout(file), CLEAR)
+    progress("optics", 0, 1)
+    result = measure(die, camera, read, request.blank)
+    progress("optics", 1, 1)
+    bar = bar_of_panel(panel, camera, request.blank, None)
+    standard = (*metrics.model_notes(camera), *result.quantities, *bar)
+    if scene is None or plan is None:
+        return Analysis(opening.name, result.psfs, result.mtfs, standard)
+    progress("scene", 0, 1)
+    seen = measure_scene(die, camera, scene, read_openings(die, read, reach), plan, request.blank)
+    progress("scene", 1, 1)
+    return Analysis(opening.name, result.psfs, result.mtfs, (*standard, *seen.quantities), seen)
+
+
+def _check_finest(path: Path, request: Request) -> None:
+    """Refuse before anything is read what no grid over the file's polygons could make good: the finest is the best."""
+    finest = request.camera.stop.diameter_um / _FINEST_GRID
+    check_optics(request.camera, min(finest, request.dot_um or finest), where=str(path))
+
+
+def _load(path: Path, request: Request) -> Opening:
+    if not os.path.isfile(path):
+        problem = "is a directory" if os.path.isdir(path) else "does not exist"
+        raise SourceError("MF301", f"the file {problem}", where=str(path), cure="Give the path of an existing file")
+    dots = _dots(request)
+    if path.suffix.lower() == ".toml":
+        opening = openings.load(path, dots=dots)
+        return opening if request.dot_um or request.pitch_um is None else _scaled(opening, request)
+    if request.dot_um is not None:
+        dot_nm = to_nm(request.dot_um, where="--dot", name="dot")
+        return openings.load(
+            path,
+            dots=dots,
+            dot_nm=dot_nm,
+            layer=request.layer,
+            cell=request.cell,
+            unit_um=request.unit_um,
+            name=_name(path),
+        )
+    if path.suffix.lower() not in LAYOUT_SUFFIXES:
+        opening = openings.load(path, dot_nm=1, name=_name(path))  # what is wrong with the file itself comes first
+        if request.pitch_um is not None:
+            return _scaled(opening, request)
+    raise JobError("MF105", f"{path.name} does not state the size of its dots", where="--dot", cure='Add --dot "8 um"')
+
+
+def _dots(request: Request) -> int | None:
+    """Dots along a cell, if the request says both of what they follow from."""
+    if request.pitch_um is None or request.dot_um is None:
+        return None
+    if request.gutter_um >= request.pitch_um:
+        raise _no_room(request)
+    dots = max(1, round((request.pitch_um - request.gutter_um) / request.dot_um))
+    if abs(dots * request.dot_um + request.gutter_um - request.pitch_um) > 1e-6:
+        raise JobError(
+            "MF106",
+            f"pitch {request.pitch_um:g} um is not a whole number of dots of {request.dot_um:g} um"
+            f" plus a gutter of {request.gutter_um:g} um",
+            where="--pitch",
+            cure=f"Use --pitch '{dots * request.dot_um + request.gutter_um:g} um'",
+        )
+    return dots
+
+
+def _no_room(request: Request) -> JobError:
+    return JobError(
+        "MF106",
+        f"a gutter of {request.gutter_um:g} um leaves no dots in a pitch of {request.pitch_um:g} um",
+        where="--gutter",
+        cure="Use a gutter narrower than the pitch by at least one dot",
+    )
+
+
+def _scaled(opening: Opening, request: Request) -> Opening:
+    """The opening with the dot that its number of dots gives the requested pitch."""
+    assert request.pitch_um is not None
+    if request.gutter_um >= request.pitch_um:
+        raise _no_room(request)
+    dot_nm = dot_on_grid(request.pitch_um, request.gutter_um, opening.dots, where="--pitch")
+    return Opening(opening.name, opening.mask, dot_nm, opening.provenance)
+
+
+def _name(path: Path) -> str:
+    """A file's stem made into a name that layouts take."""
+    kept = "".join(c if c.isascii() and c.isalnum() else "_" for c in path.stem)
+    kept = re.sub("(?i)(m)(ain)", r"\1_\2", kept)[:22]
+    return kept if kept[:1].isalpha() else f"O_{kept}"
+
+
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """A mask file as far as the stop sees it; the polygons themselves, which take more memory than all else, are gone.
+
+    Attributes:
+        name: of the cell.
+        edges_um: float64 [n, 4], see :func:`maskfab.geometry.stop.edges_in_stop`.
+        area_um2: clear area before the stop.
+        lattice: the grid that the aperture is on.
+        aperture: clear shares of its dots.
+    """
+
+    name: str
+    edges_um: NDArray[np.float64]
+    area_um2: float
+    lattice: Lattice
+    aperture: Aperture
+
+
+def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
+    seen, camera, stop = _see(path, request), request.camera, request.camera.stop
+    give_back()
+    pupil = cut(seen.aperture, stop)
+    standard = _measure_seen(seen, pupil, request, progress)
+    give_back()
+    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
+    return replace(standard, quantities=(*standard.quantities, *bar))
+
+
+def _see(path: Path, request: Request) -> _Seen:
+    dots = _dots(request)
+    layout = read_layout(path, request.unit_um)
+    try:
+        cell = find_cell(layout, request.cell)
+        layer = find_layer(layout, request.layer)
+    except SourceError as problem:  # these two know the layout, but not its file
+        raise SourceError(problem.code, problem.what, where=str(path), cure=problem.cure) from None
+    camera, stop = request.camera, request.camera.stop
+    index = layout.find_layer(layer)
+    box = _polygons_box(layout, index, cell)
+    centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
+    near = stop_box(stop, centre, _LARGEST_DOT_NM)
+    _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), stop)
+    inside = region(layout, layer, near, cell.name).moved(-centre[0], -centre[1])
+    edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
+    if area <= 0:
+        raise SourceError(
+            "MF309",
+            f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry",
+            where=f"cell {cell.name}, layer {layer}",
+            cure="Name another --cell or --layer, or use a larger --stop",
+        )
+    lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
+    check_optics(camera, lattice.dot_um, where=str(path))
+    return _Seen(cell.name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)))
+
+
+def _measure_seen(seen: _Seen, pupil: Pupil, request: Request, progress: Progress) -> Analysis:
+    camera, leak = request.camera, Leak.of(request.blank, request.camera.stop)
+    outline = stop_boundary(seen.edges_um, seen.area_um2, camera, pixel_margin(camera))
+    lit = lit_pupils(seen.aperture, pupil, leak, camera)
+    header = (
+        *metrics.model_notes(camera),
+        metrics.stop_open_ratio(
+            seen.area_um2, camera, None, "area of the file's polygons inside the stop over the stop's"
+        ),
+        metrics.mtf_volume(lit.table, seen.area_um2, None, INVARIANT_LIMIT_ROUND, leak),
+    )
+
+    def difference(error: float, wavelength: float) -> Quantity:
+        method = f"relative L2 between the polygons' PSF and that of their raster of {seen.lattice.dot_um:g} um"
+        return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
+
+    found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    return Analysis(seen.name, found.psfs, found.mtfs, (*header, *found.quantities))
+
+
+def _polygons_box(layout: db.Layout, index: int, cell: db.Cell) -> db.Box:
+    """Bounding box of all polygons on a layer of a cell; its texts are dropped."""
+    for each in layout.each_cell():
+        shapes = each.shapes(index)
+        for text in list(shapes.each(db.Shapes.STexts)):
+            shapes.erase(text)
+    return cell.bbox(index)
+
+
+def _allow_optics(path: Path, shapes: db.RecursiveShapeIterator, stop: Stop) -> None:
+    """Give the optics of so many shapes the time and memory that they need.
+
+    Raises:
+        SourceError: MF313 if they are too many.
+    """
+    count = db.Region(shapes).count()
+    if count > MOST_SHAPES_SEEN:
+        raise SourceError(
+            "MF313",
+            f"{path.name} has {count:.3g} shapes before the stop; the limit is {MOST_SHAPES_SEEN:.0e}",
+            where=str(path),
+            cure="Use a smaller --stop, or draw the mask with fewer shapes",
+        )
+    seconds = _SECONDS_OF_OPTICS * max(1.0, stop.diameter_um / _USUAL_STOP_UM) ** 2
+    allow(seconds + count / _SHAPES_PER_SECOND, _MEMORY_OF_OPTICS + count * _MEMORY_PER_SHAPE)
+
+
+def _coordinates_nm(inside: db.Region, stop: Stop) -> list[int]:
+    """Distances from the axis at which upright and level edges before the stop lie."""
+    twice, _ = edge_distances(inside, stop, (0.0, 0.0))
+    # Without an edge in sight every grid is exact.
+    return sorted(distance // 2 for distance in twice) or [_LARGEST_DOT_NM]
+
+
+def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> Lattice:
+    """A grid on which the geometry's edges lie, if there is one coarse enough to compute with; else a fine one.
+
+    What the request says of the grid counts where the edges lie on it. Where they do not, because the geometry's middle
+    is not that of its panel, the grid is found as if nothing were said; if there is none, the requested dot is taken.
+    """
+    diameter = request.camera.stop.diameter_um
+    if dots is not None and request.dot_um is not None and request.pitch_um is not None:
+        cells = 2 * math.ceil(diameter / request.pitch_um / 2)
+        start = -cells * request.pitch_um / 2 + (request.pitch_um - dots * request.dot_um) / 2
+        lattice = Lattice(start, cells, dots, request.dot_um, request.pitch_um)
+        if set(coordinates_nm) <= set(np.rint(1e3 * lattice.edges_um()).astype(int).tolist()):
+            return lattice
+    step_nm = math.gcd(*coordinates_nm)
+    finest_nm = math.ceil(diameter * 1e3 / _FINEST_GRID)
+    dot_nm = None if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
+    if dot_nm is not None and (step_nm < finest_nm or step_nm % dot_nm == 0):
+        step_nm = dot_nm
+    elif step_nm < finest_nm:
+        step_nm = finest_nm
+    else:
+        # A coarse grid would leave the phase across a dot large and the window short.
+        step_nm = _divided(step_nm, _LARGEST_DOT_NM)
+    count = 2 * math.ceil(diameter * 1e3 / step_nm / 2)
+    dot_um = step_nm / 1e3
+    return Lattice(-count * dot_um / 2, count, 1, dot_um, dot_um)
+
+
+def _divided(step_nm: int, largest_nm: int) -> int:
+    """The largest divisor of a step that is not above a limit."""
+    pieces = next(
+        n for n in range(max(1, step_nm // largest_nm), step_nm + 1) if step_nm % n == 0 and step_nm // n <= largest_nm
+    )
+    return step_nm // pieces

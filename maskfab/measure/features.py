@@ -1,0 +1,48 @@
+"""The smallest features of a die, and the limits that a job sets for them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+from maskfab.drc import DesignRules, narrowest
+from maskfab.drc.smallest import Tone
+from maskfab.jobfile import LimitsSection
+from maskfab.model import Die, Quantity
+from maskfab.units import NM_PER_UM
+
+
+def smallest_features(die: Die) -> tuple[Quantity, Quantity]:
+    """Least clear width and least opaque space of the whole panel, corner to corner included, in micrometres; exact."""
+    return _smallest(die, "min_feature", "w", "clear"), _smallest(die, "min_space", "s", "opaque")
+
+
+def _smallest(die: Die, name: str, symbol: str, tone: Tone) -> Quantity:
+    what = "width of what is clear" if tone == "clear" else "chrome between clear edges"
+    method = f"least {what} over the panel, corner to corner too; corners that kiss are counted apart; exact"
+    length_nm = narrowest(die, tone).value_nm
+    value = length_nm / NM_PER_UM if math.isfinite(length_nm) else None
+    return Quantity(name, symbol, value, "um", method, die=die.name)
+
+
+def limits_as_rules(limits: LimitsSection) -> DesignRules:
+    """Width and space by the job's limits, and no corners that only touch, which are no width or space of nothing."""
+    width, space = (
+        None if limit is None else round(limit * NM_PER_UM) for limit in (limits.min_feature, limits.min_space)
+    )
+    return DesignRules(min_width_nm=width, min_space_nm=space, no_corner_touch=True, kissing=False)
+
+
+def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:
+    """The quantity with the job's limit and verdict, where the job sets one."""
+    limit = {
+        "corner_touches": limits.corner_touches,
+        "min_feature": limits.min_feature,
+        "min_space": limits.min_space,
+    }.get(quantity.name)
+    if limit is None or isinstance(quantity.value, str):
+        return quantity
+    if quantity.value is None:
+        return replace(quantity, limit=limit, passed=True)
+    kept = quantity.value <= limit if quantity.name == "corner_touches" else quantity.value >= limit
+    return replace(quantity, limit=limit, passed=kept)

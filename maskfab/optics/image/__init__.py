@@ -1,0 +1,1 @@
+"""From a pupil to PSF, OTF and MTF."""

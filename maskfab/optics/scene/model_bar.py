@@ -1,0 +1,422 @@
+r"""The model bar: how far a PSF may be from the truth by what is not modelled, estimated for one die and one camera.
+
+Every estimate is the relative L2 change of the point PSF over the camera's window at one line, from the die's own
+field F and fields of the same openings with weights, to the lowest order of the effect. With a the amplitude of the
+openings, s that of the clear stop, ρ = r / f, and I = |F[a]|² over its energy:
+
+    chrome leak         |F[a] + τ F[s - a]|², |τ| = 10^(-OD / 2), at the phase of τ that changes most
+    foreshortening      openings and stop cos θ as wide, at the edge of the field: F at u cos θ
+    vector field        ½ |F[x a / f]|² + ½ |F[y a / f]|² - ½ Re F* F[ρ² a]     (Richards and Wolf, Proc. R. Soc. A 253,
+                        358, 1959, unpolarised light, to second order)
+    lens apodisation    amplitudes cos^½ θ and cos^-½ θ: ∓½ Re F* F[ρ² a], energies made equal again
+    tangent for sine    image height f tan θ, not f sin θ: the picture moved by r³ / 2f² about the axis
+    tangent off axis    the same at the edge of the field, besides foreshortening: F at u cos² θ and v cos θ
+    glass               a gap t / n between openings and stop, by the angular spectrum
+    ghosts              light thrown back by chrome and glass: a second picture, at worst elsewhere altogether
+    CD bias             every edge moved by half the bias, its light put on the dots beside it
+
+What a job states replaces what is assumed; each row says which.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.model import Camera, Glass, MaskBlank, Panel, Quantity
+from maskfab.optics.field.clear_stop import clear_field
+from maskfab.optics.field.paths import field
+from maskfab.optics.image.leak import Leak
+from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_step_um
+from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture, zeros
+from maskfab.optics.pupil.pupil import Pupil, cut
+from maskfab.optics.pupil.stop_shape import inside
+from maskfab.optics.wavefront.gap import gap_change
+
+Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+
+MODEL_BAR = "model_"
+"""Prefix of the names of the bar's rows."""
+
+ASSUMED_DENSITY = 3.0
+"""Optical density of chrome that mask shops guarantee, at the lines of exposure; seldom stated for visible light."""
+
+ASSUMED_GLASS = Glass(2286.0, 1.46, "away")
+"""A plate of 90 mil of fused silica, on the worse side."""
+
+ASSUMED_BIAS_UM = 0.2
+"""Total CD tolerance of shops for plates of a few micrometres."""
+
+CHROME_REFLECTS = 0.6
+"""Share of visible light that bright chrome throws back; with an antireflective coat a tenth."""
+
+_MOST_GAP_SIDE = 600
+"""Dots across the stop that a gap is tried on, about; finer ones are gathered in squares."""
+
+_GAP_DETAIL = 10
+"""Dots along the finest width that the window's edge resolves: finer dots throw light that misses the window."""
+
+_EVERY = 2
+"""Of the PSF's samples along each axis one in so many is looked at: the field's own Nyquist distance, about."""
+
+_PHASES = 360
+
+
+@dataclass(frozen=True)
+class Omission:
+    """One thing that is not modelled.
+
+    Attributes:
+        name: what.
+        size: relative L2 change of the PSF, estimated.
+        method: how it was estimated, and what was assumed.
+    """
+
+    name: str
+    size: float
+    method: str
+
+
+def model_bar(pupil: Pupil, camera: Camera, blank: MaskBlank) -> tuple[Omission, ...]:
+    """Effects that the numbers of a die on the axis omit, the largest first; those of size 0 are not listed.
+
+    Args:
+        pupil: openings inside the stop.
+        camera: what looks through them; the middle one of its lines is taken.
+        blank: what the job states of the plate.
+    """
+    return _by_size(_on_axis(_Known.of(pupil, camera), blank))
+
+
+def scene_bar(pupil: Pupil, camera: Camera, field_um: float, blank: MaskBlank) -> tuple[Omission, ...]:
+    """Effects that a scene omits besides those of the numbers on the axis, the largest first.
+
+    These are what light from the side sees, the gap aside, and a leak that only the numbers on the axis hold.
+
+    Args:
+        pupil: openings inside the stop.
+        camera: what looks through them; the middle one of its lines is taken.
+        field_um: largest image height; 0 for the axis.
+        blank: what the job states of the plate.
+    """
+    if not (field_um or Leak.of(blank, camera.stop)):
+        return ()
+    return _by_size(_of_scene(_Known.of(pupil, camera), field_um, blank))
+
+
+def bar_of_panel(panel: Panel, camera: Camera, blank: MaskBlank, die: str | None) -> tuple[Quantity, ...]:
+    """The bar of a panel behind a camera, as rows of a report."""
+    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+    return bar_quantities(model_bar(pupil, camera, blank), camera, die)
+
+
+def bar_of_scene(panel: Panel, camera: Camera, blank: MaskBlank, field_um: float) -> tuple[Omission, ...]:
+    """All that a scene's PSFs leave out, on the axis and off it, the largest first."""
+    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+    known = _Known.of(pupil, camera)
+    return _by_size([*_on_axis(known, blank), *_of_scene(known, field_um, blank)])
+
+
+def weighed(found: Sequence[Omission], accuracy: float) -> list[dict[str, object]]:
+    """Omissions as plain data for JSON, and whether each is more than the admissible relative L2 error of the PSF."""
+    return [
+        {"name": each.name, "error": each.size, "above_accuracy": each.size > accuracy, "method": each.method}
+        for each in found
+    ]
+
+
+def weighed_table(found: Sequence[Omission], accuracy: float) -> list[str]:
+    """The omissions as lines of text; none for no omissions."""
+    if not found:
+        return []
+    rows = [
+        (each.name, "matters" if each.size > accuracy else "within", f"{each.size:.1e}", each.method) for each in found
+    ]
+    widths = [max(len(row[k]) for row in rows) for k in range(4)]
+    above = sum(each.size for each in found if each.size > accuracy)
+    told = f"{above:.2g} of it matters beside the accuracy" if above else "all within the accuracy"
+    return [f"not modelled, whatever is asked for: {told} of {accuracy:g}"] + [
+        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+    ]
+
+
+def bar_quantities(found: Sequence[Omission], camera: Camera, die: str | None) -> tuple[Quantity, ...]:
+    """The rows of a report: the sum of all, then each."""
+    total = Quantity(
+        f"{MODEL_BAR}bar",
+        "Δ",
+        sum(each.size for each in found),
+        "1",
+        "sum of what is not modelled, each estimated as the relative L2 change of the PSF over the window at "
+        f"{middle_line_nm(camera):g} nm; numerical errors stand beside each number",
+        die=die,
+    )
+    return total, *rows_of(found, die)
+
+
+def rows_of(found: Sequence[Omission], die: str | None) -> tuple[Quantity, ...]:
+    """A row of a report for each."""
+    return tuple(
+        Quantity(MODEL_BAR + each.name.replace(" ", "_"), "Δ", each.size, "1", each.method, die=die) for each in found
+    )
+
+
+def middle_line_nm(camera: Camera) -> float:
+    """The line that the bar is estimated at."""
+    return camera.wavelengths_nm[len(camera.wavelengths_nm) // 2]
+
+
+@dataclass(frozen=True, eq=False)
+class _Known:
+    """A die's field and intensity on the samples of its PSF, and the axes of frequency.
+
+    Attributes:
+        pupil: openings inside the stop.
+        camera: with the one line.
+        u: float64 [m] frequencies from 0, cycles per micrometre.
+        field: complex [n, n], F.
+    """
+
+    pupil: Pupil
+    camera: Camera
+    u: Floats
+    field: Complexes
+
+    @classmethod
+    def of(cls, pupil: Pupil, camera: Camera) -> _Known:
+        line = middle_line_nm(camera)
+        camera = replace(camera, wavelengths_nm=(line,))
+        step = point_step_um(camera)
+        reach = odd_samples(camera.window_um, step) // 2
+        u = step * np.arange(0, reach + 1, _EVERY, dtype=np.float64) / image_scale_um2(camera, line)
+        return cls(pupil, camera, u, field(pupil, u, u).amplitude())
+
+    @property
+    def line_nm(self) -> float:
+        return self.camera.wavelengths_nm[0]
+
+    @property
+    def axis(self) -> Floats:
+        """Frequencies of the whole grid, [n]."""
+        return np.concatenate([-self.u[:0:-1], self.u])
+
+    @property
+    def intensity(self) -> Floats:
+        return _square(self.field) / self.pupil.energy_um2
+
+    @property
+    def openings(self) -> Aperture:
+        """Openings before the stop, dots that it cuts whole; what it hides is dark."""
+        clear = self.pupil.whole.copy()
+        clear[self.pupil.rim_row, self.pupil.rim_column] = self.pupil.rim_transmission
+        return Aperture(self.pupil.x, self.pupil.y, clear, zeros(clear.shape))
+
+    @property
+    def open_ratio(self) -> float:
+        return min(1.0, self.pupil.energy_um2 / self.camera.stop.area_um2)
+
+    def weighted(self, weight: Floats) -> Complexes:
+        """The field of the openings times a weight [ny, nx], the dots at the rim grey."""
+        grey = self.pupil.mean_transmission * weight
+        plain = Pupil.of_whole_dots(self.pupil.x, self.pupil.y, grey, self.pupil.stop)
+        return field(plain, self.u, self.u, "single").amplitude()
+
+    def relative(self, change: Floats) -> float:
+        """L2 of a change of the intensity, relative to the intensity."""
+        return float(np.linalg.norm(change) / np.linalg.norm(self.intensity))
+
+
+def _on_axis(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
+    yield from _leak(known, blank)
+    yield from _lens(known)
+    yield from _glass(known, blank)
+    yield _ghosts(known, blank)
+    yield _bias(known)
+
+
+def _of_scene(known: _Known, field_um: float, blank: MaskBlank) -> Iterator[Omission]:
+    if Leak.of(blank, known.camera.stop) is not None:
+        yield leak_omission(known.field, known.pupil, known.axis, blank)
+    if field_um:
+        yield from _foreshortened(known, field_um)
+
+
+def _by_size(found: Iterable[Omission]) -> tuple[Omission, ...]:
+    return tuple(sorted((each for each in found if each.size > 0), key=lambda each: -each.size))
+
+
+def _square(values: Complexes) -> Floats:
+    return np.asarray(values.real**2 + values.imag**2)
+
+
+def _leak(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
+    if Leak.of(blank, known.camera.stop) is not None:
+        return
+    yield leak_omission(known.field, known.pupil, known.axis, blank)
+
+
+def leak_omission(openings: Complexes, pupil: Pupil, axis: Floats, blank: MaskBlank) -> Omission:
+    """The leak of a film as a plate states it; arguments as for :func:`leak_change`."""
+    density = ASSUMED_DENSITY if blank.optical_density is None else blank.optical_density
+    phase = blank.film_phase_waves
+    size = leak_change(openings, pupil, axis, density, phase)
+    told = "assumed, as mask houses promise" if blank.optical_density is None else "stated"
+    at = "at the worst phase of the film, which nothing states" if phase is None else f"{phase:g} waves behind, stated"
+    return Omission(
+        "chrome leak",
+        size,
+        f"optical density {density:g} ({told}), {at}",
+    )
+
+
+def leak_change(
+    openings: Complexes, pupil: Pupil, axis: Floats, density: float, phase_waves: float | None = None
+) -> float:
+    """Relative L2 change of a PSF by light that leaks through the film, the largest over its phases if that is None.
+
+    Over the energies the change is A + B cos φ + C sin φ; the largest norm of that is found from their products.
+
+    Args:
+        openings: complex [n, n], the field without a leak.
+        pupil: whose field that is.
+        axis: frequencies of the grid, [n].
+        density: optical density of the film.
+        phase_waves: by how much light through the film lags; its amplitude is turned by exp(2πi) to that power.
+    """
+    leak = 10 ** (-density / 2)
+    film = clear_field(pupil.stop, axis, axis[:, None]) - openings
+    energy = pupil.energy_um2
+    with_film = energy + leak**2 * max(0.0, pupil.stop.area_um2 - energy)
+    plain = _square(openings) / energy
+    cross = 2 * leak * openings.conj() * film / with_film
+    parts = np.stack(
+        [(_square(openings) + leak**2 * _square(film)) / with_film - plain, cross.real, -cross.imag]
+    ).reshape(3, -1)
+    lags = np.arange(_PHASES) / _PHASES if phase_waves is None else np.array([phase_waves])
+    turn = np.stack([np.ones(lags.size), np.cos(2 * np.pi * lags), np.sin(2 * np.pi * lags)])
+    squared = np.einsum("ka,kl,la->a", turn, parts @ parts.T, turn)
+    return float(np.sqrt(squared.max()) / np.linalg.norm(plain))
+
+
+def _foreshortened(known: _Known, field_um: float) -> Iterator[Omission]:
+    angle = math.atan(field_um / known.camera.focal_um)
+    narrow = math.cos(angle)
+    where = f"{math.degrees(angle):.3g} degrees off the axis, the largest image height that is asked for"
+    seen = narrow * _square(_at(known, narrow, 1.0)) / known.pupil.energy_um2
+    yield Omission(
+        "foreshortening",
+        known.relative(seen - known.intensity),
+        f"openings and stop seen {narrow:.4g} as wide, {where}",
+    )
+    mapped = narrow**3 * _square(_at(known, narrow**2, narrow)) / known.pupil.energy_um2
+    yield Omission(
+        "tangent off axis",
+        known.relative(mapped - known.intensity),
+        f"a lens without distortion, image height f tan θ, {where}",
+    )
+
+
+def _at(known: _Known, across: float, up: float) -> Complexes:
+    """The field at frequencies that many times as high."""
+    return field(known.pupil, known.u * across, known.u * up, "single").amplitude()
+
+
+def _lens(known: _Known) -> Iterator[Omission]:
+    """Vector field, apodisation and the sine condition, which share their fields."""
+    focal, energy = known.camera.focal_um, known.pupil.energy_um2
+    x, y = ((edges[1:] + edges[:-1]) / 2 / focal for edges in (known.pupil.x.edges_um(), known.pupil.y.edges_um()))
+    along_x, along_y = (
+        known.weighted(np.broadcast_to(x, (y.size, x.size))),
+        known.weighted(np.broadcast_to(y[:, None], (y.size, x.size))),
+    )
+    square = x**2 + y[:, None] ** 2
+    second = (known.field.conj() * known.weighted(square)).real / energy
+    number = known.camera.focal_um / known.camera.stop.diameter_um
+    vector = (_square(along_x) + _square(along_y)) / (2 * energy) - second / 2
+    yield Omission("vector field", known.relative(vector), f"unpolarised light focused at f/{number:.3g}, second order")
+    widths, heights = np.diff(known.pupil.x.edges_um()), np.diff(known.pupil.y.edges_um())
+    spread = float(heights @ (known.pupil.mean_transmission * square) @ widths) / energy
+    apodised = (second - spread * known.intensity) / 2
+    yield Omission("lens apodisation", known.relative(apodised), "amplitude cos^½ θ or cos^-½ θ over the stop")
+    scale = image_scale_um2(known.camera, known.line_nm)
+    place = scale * known.axis
+    radius = (place**2 + place[:, None] ** 2) / focal**2
+    # dF/dx = -2πi / (λf) F[x a], and the weights hold x / f.
+    slope = 4 * np.pi * focal / scale / energy
+    falls = slope * (place * (known.field.conj() * along_x).imag + place[:, None] * (known.field.conj() * along_y).imag)
+    moved = radius * (falls / 2 + 2 * known.intensity)
+    yield Omission(
+        "tangent for sine", known.relative(moved), "a lens without distortion, image height f tan θ, over the window"
+    )
+
+
+def _glass(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
+    glass = blank.glass or ASSUMED_GLASS
+    if glass.gap_um == 0:
+        return
+    inner = known.axis[known.u.size // 2 :][: known.u.size - known.u.size % 2 + 1]
+    size = gap_change(_coarse(known), known.camera, known.line_nm, glass.gap_um, inner)
+    told = "stated" if blank.glass else "assumed"
+    yield Omission(
+        "glass",
+        size,
+        f"{glass.thickness_um / 1e3:.4g} mm of index {glass.index:g}, chrome away from the lens ({told}): a gap of "
+        f"{glass.gap_um / 1e3:.3g} mm by the angular spectrum, over the window's middle half, within a factor of two",
+    )
+
+
+def _coarse(known: _Known) -> Aperture:
+    """The openings with dots in squares gathered to one, as far as the window does not tell them apart."""
+    openings = known.openings
+    x, y = openings.x, openings.y
+    widest = image_scale_um2(known.camera, known.line_nm) / known.camera.window_um
+    sample = max(known.camera.stop.diameter_um / _MOST_GAP_SIDE, widest / _GAP_DETAIL)
+    factor = int(min(sample, widest) / x.dot_um)
+    if factor < 2 or x.has_gutter or y.has_gutter:
+        return openings
+    spare = [(axis.cells * axis.dots) % (2 * factor) // 2 for axis in (x, y)]
+    counts = [axis.cells * axis.dots // (2 * factor) * 2 for axis in (x, y)]
+    kept = openings.transmission[spare[1] :, spare[0] :][: counts[1] * factor, : counts[0] * factor]
+    means = kept.reshape(counts[1], factor, counts[0], factor).mean(axis=(1, 3))
+    along_x, along_y = (
+        Lattice(axis.start_um + skip * axis.dot_um, count, 1, factor * axis.dot_um, factor * axis.dot_um)
+        for axis, skip, count in zip((x, y), spare, counts, strict=True)
+    )
+    return Aperture(along_x, along_y, means, zeros(means.shape))
+
+
+def _ghosts(known: _Known, blank: MaskBlank) -> Omission:
+    glass = blank.glass or ASSUMED_GLASS
+    surface = ((glass.index - 1) / (glass.index + 1)) ** 2
+    back = CHROME_REFLECTS * (1 - known.open_ratio) + surface * known.open_ratio
+    share = surface * back
+    return Omission(
+        "ghosts",
+        math.sqrt(2) * share,
+        f"at most: {share:.2g} of the light comes back from bright chrome (reflecting {CHROME_REFLECTS:g}, assumed) "
+        f"and a surface of index {glass.index:g}, and falls elsewhere",
+    )
+
+
+def _bias(known: _Known) -> Omission:
+    openings = known.openings
+    clear = openings.transmission
+    beside = np.zeros(clear.shape)
+    beside[1:] += clear[:-1]
+    beside[:-1] += clear[1:]
+    beside[:, 1:] += clear[:, :-1]
+    beside[:, :-1] += clear[:, 1:]
+    added = (1 - clear) * beside * (ASSUMED_BIAS_UM / 2 / openings.x.dot_um)
+    x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (openings.x.edges_um(), openings.y.edges_um()))
+    added *= inside(known.camera.stop, x, y[:, None])
+    wider = Pupil.of_whole_dots(openings.x, openings.y, added, known.camera.stop)
+    change = field(wider, known.u, known.u, "single").amplitude()
+    more = 2 * (known.field.conj() * change).real / known.pupil.energy_um2
+    gained = wider.field_integral_um2 / known.pupil.energy_um2
+    size = known.relative(more - gained * known.intensity)
+    return Omission("cd bias", size, f"clear widths {ASSUMED_BIAS_UM * 1e3:g} nm off everywhere (assumed)")

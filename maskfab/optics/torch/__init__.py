@@ -1,0 +1,1 @@
+"""The far field and its gradient in torch, for optimisers."""

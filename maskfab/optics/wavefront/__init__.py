@@ -1,0 +1,1 @@
+"""Phase and parallax: defocus, aberrations, and a panel at some distance from the stop."""

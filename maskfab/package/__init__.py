@@ -1,0 +1,1 @@
+"""One zip for a mask house: made, signed with hashes, and verified."""

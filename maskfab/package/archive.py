@@ -1,0 +1,150 @@
+"""Packages: one zip of plain files in one folder, in equal bytes for equal files, and safe to unpack."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import struct
+import zipfile
+import zlib
+from collections.abc import Iterator, Sequence
+from pathlib import Path, PurePosixPath
+
+from maskfab.errors import SourceError
+from maskfab.files.aside import partial
+
+MANIFEST = "manifest.json"
+_DATE = (1980, 1, 1, 0, 0, 0)
+_UNIX = 3
+_READABLE = 0o100644 << 16
+_DIRECTORY, _LINK, _KIND = 0o040000, 0o120000, 0o170000
+_LEVEL = 6
+_BLOCK = 1 << 20
+_MOST_MEMBERS = 256
+_MOST_BYTES = 8_000_000_000
+_MOST_SHRUNK = 250
+"""Mask files shrink to a tenth or a twentieth; to a thousandth only what is made to fill a disk."""
+_DAMAGE = (
+    zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, IndexError,
+    OSError,
+)  # fmt: skip
+"""Errors that zipfile raises for damaged archives."""
+_RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
+
+
+def safe_stem(name: str) -> str:
+    """The name as the stem of a file that every system can unpack: letters, digits, ``_`` and ``-`` only."""
+    stem = re.sub(r"[^A-Za-z0-9_-]+", "_", name).strip("_-")[:64] or "plate"
+    return f"{stem}_" if _RESERVED.fullmatch(stem) else stem
+
+
+def write_package(target: Path, folder: Path, names: Sequence[str], stem: str, *, replace: bool = True) -> None:
+    """Zip files of a folder, sorted, undated, under the folder ``stem`` of the zip.
+
+    Raises:
+        OutputError: MF401 or MF404 as :func:`maskfab.files.aside.partial`, which ``replace`` is for.
+    """
+    with (
+        partial(target, replace=replace) as aside,
+        zipfile.ZipFile(aside, "w", zipfile.ZIP_DEFLATED, compresslevel=_LEVEL) as archive,
+    ):
+        for name in sorted(names):
+            member = zipfile.ZipInfo(f"{stem}/{name}", _DATE)
+            member.compress_type, member.create_system, member.external_attr = zipfile.ZIP_DEFLATED, _UNIX, _READABLE
+            member.file_size = (folder / name).stat().st_size
+            with (folder / name).open("rb") as source, archive.open(member, "w") as sink:
+                shutil.copyfileobj(source, sink, _BLOCK)
+
+
+def is_package(path: Path) -> bool:
+    """Whether a file is called a package or is one whatever it is called: a zip with a manifest."""
+    if path.suffix.lower() == ".zip":
+        return not os.path.isdir(path)
+    try:
+        with zipfile.ZipFile(path) as archive:
+            return any(PurePosixPath(name).name == MANIFEST for name in archive.namelist())
+    except _DAMAGE:
+        return False
+
+
+def unpack(package: Path, folder: Path) -> tuple[str, ...]:
+    """Unpack a package into a folder, every member checked before any is written; the names of its files.
+
+    Raises:
+        SourceError: MF301 if there is none; MF303 if it is damaged; MF422 if it is no zip with one folder and a
+            manifest; MF423 if a member's name leads elsewhere, comes twice, is no plain file, or if there are more or
+            larger ones than a package has.
+    """
+    if not os.path.isfile(package):
+        raise SourceError(
+            "MF301", f"there is no package {package}", cure="Give the path of a .zip that maskfab package wrote"
+        )
+    with _opened(package) as archive:
+        members = _checked(archive.infolist(), package)
+        for name, member in members.items():
+            with (folder / name).open("wb") as sink:
+                for block in _blocks(archive, member, package):
+                    sink.write(block)
+    return tuple(members)
+
+
+def _opened(package: Path) -> zipfile.ZipFile:
+    try:
+        return zipfile.ZipFile(package)
+    except _DAMAGE as error:
+        raise _damaged(package, error) from error
+
+
+def _blocks(archive: zipfile.ZipFile, member: zipfile.ZipInfo, package: Path) -> Iterator[bytes]:
+    """The content of a member; one that says less than it holds ends in an error of the archive's own."""
+    try:
+        with archive.open(member) as source:
+            while block := source.read(_BLOCK):
+                yield block
+    except _DAMAGE as error:
+        raise _damaged(package, error) from error
+
+
+def _damaged(package: Path, error: Exception) -> SourceError:
+    code = "MF303" if zipfile.is_zipfile(package) else "MF422"
+    return SourceError(code, f"{package} cannot be unpacked: {error}", cure="Pack the job again with maskfab package")
+
+
+def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zipfile.ZipInfo]:
+    if len(members) > _MOST_MEMBERS or sum(member.file_size for member in members) > _MOST_BYTES:
+        raise _unsafe(package, f"it holds {len(members)} files of {sum(m.file_size for m in members) / 1e9:.3g} GB")
+    named: dict[str, zipfile.ZipInfo] = {}
+    folders = set()
+    for member in members:
+        # ZipInfo ends a name at its first null byte; what came before that is judged too.
+        for text in (member.orig_filename, member.filename):
+            path = PurePosixPath(text)
+            if "\\" in text or "\0" in text or path.is_absolute() or ".." in path.parts or ":" in text:
+                raise _unsafe(package, f"its member {text!r} leads out of the folder it is unpacked to")
+        kind = (member.external_attr >> 16) & _KIND
+        if kind == _LINK:
+            raise _unsafe(package, f"its member {member.filename!r} is a link")
+        # An empty name makes is_dir() fail.
+        if len(path.parts) != 2 or member.is_dir() or kind == _DIRECTORY:
+            raise _unsafe(package, f"its member {member.filename!r} is no file of one folder")
+        if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
+            raise _unsafe(package, f"its member {member.filename!r} is packed in a way that packages are not")
+        if member.file_size > max(_BLOCK, _MOST_SHRUNK * member.compress_size):
+            raise _unsafe(
+                package,
+                f"its member {member.filename!r} unpacks from {member.compress_size} to {member.file_size} bytes",
+            )
+        if path.name.casefold() in (name.casefold() for name in named):
+            raise _unsafe(package, f"its member {member.filename!r} comes twice")
+        folders.add(path.parts[0])
+        named[path.name] = member
+    if len(folders) != 1 or MANIFEST not in named:
+        raise SourceError(
+            "MF422", f"{package} has no folder with a {MANIFEST}", cure="Name a zip that maskfab package wrote"
+        )
+    return named
+
+
+def _unsafe(package: Path, what: str) -> SourceError:
+    return SourceError("MF423", f"{package}: {what}", cure="Do not unpack it; ask for it again")

@@ -1,0 +1,366 @@
+"""Orientation maps as files: which way every cell round the optical axis is turned.
+
+TOML, a drawing with its facts beside it::
+
+    name = "bar_map"
+    map = '''
+    0415
+    7726
+    '''                        # elements of D4, 0 to 7 as in model.orient, the top row first, centred on the axis
+    openings = '''
+    0010
+    0000
+    '''                        # optional: which of a die's openings each cell holds, 0 to 9 and a to e
+    shifts = [[0, 0], [2, 0]]  # optional: those openings are the die's one, moved right and up by so many dots
+    [provenance]
+    author = "..."             # any keys; text and numbers
+
+The middle of a map is the middle of its panel, so a panel has an even number of rows if its map has, and an odd number
+if its map has; columns alike.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.errors import JobError, SourceError
+from maskfab.jobfile import check_name
+from maskfab.jobfile.toml import loads
+from maskfab.model import ORIENTATIONS, Opening, Scalar, Tiling, frozen
+from maskfab.plate.tiling import MOST_OPENINGS, orientations
+
+_KEYS = ("name", "map", "openings", "shifts", "provenance")
+_ELEMENTS = "01234567"
+_OPENINGS = "0123456789abcde"[:MOST_OPENINGS]
+_MOST_CELLS = 1000
+_LONGEST_NAME = 24
+_BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
+
+Shift = tuple[int, int]
+"""Right and up, in whole dots."""
+
+
+@dataclass(frozen=True, eq=False)
+class CellMap:
+    """Orientation map: contents of the cells round the axis.
+
+    Attributes:
+        name: identifier.
+        cells: int8 [rows, columns], 8 u + k for a die's opening u under element k of D4, row 0 the lowest.
+        provenance: who made it, with which command, seed and version.
+        shifts: (right, up) in dots for every opening of the map, which is the die's one opening moved by that; empty
+            where the openings are the die's own.
+    """
+
+    name: str
+    cells: NDArray[np.int8]
+    provenance: Mapping[str, str | int | float] = field(default_factory=dict)
+    shifts: tuple[Shift, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "cells", frozen(np.asarray(self.cells, dtype=np.int8)))
+
+
+def load(path: str | Path) -> CellMap:
+    """The map held by a TOML file.
+
+    Raises:
+        SourceError: MF301 missing, MF302 empty, MF304 not text, MF308 another suffix.
+        JobError: as for :func:`parse`.
+    """
+    path = Path(path)
+    where = str(path)
+    if not os.path.isfile(path):
+        raise SourceError(
+            "MF301",
+            "the map's file does not exist",
+            where=where,
+            cure="Give the path of a map (.toml), relative to the job file",
+        )
+    if path.suffix.lower() != ".toml":
+        raise SourceError("MF308", f"no map is read from a {path.suffix} file", where=where, cure="A map ends in .toml")
+    content = path.read_bytes()
+    if not content.strip():
+        raise SourceError(
+            "MF302",
+            f"{len(content)} bytes and no content",
+            where=where,
+            cure="Write the map again; layouts/maps/bar.toml shows how one looks",
+        )
+    try:
+        text = content.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        raise SourceError("MF304", f"the file is not text: {error}", where=where, cure="Save it as UTF-8") from None
+    return parse(text, where)
+
+
+def parse(text: str, where: str = "") -> CellMap:
+    """The map that a TOML text describes; ``where`` names the text in errors.
+
+    Raises:
+        JobError: MF101 no TOML, MF102 an unknown key, MF105 a missing one or one of the wrong type, MF110 a refused
+            name, MF115 too large, MF122 a drawing with another digit or with rows of different lengths.
+    """
+    try:
+        facts = loads(text)
+    except (ValueError, RecursionError) as error:
+        raise JobError(
+            "MF101",
+            f"the map is not valid TOML: {error}",
+            where=where,
+            cure="Correct the TOML on that line: close its quotes and brackets",
+        ) from None
+    for key in facts:
+        if key not in _KEYS:
+            raise JobError(
+                "MF102", f"unknown key {key!r}", where=_at(where, key), cure=f"A map has: {', '.join(_KEYS)}"
+            )
+    name = _text(facts, "name", where)
+    check_name(name, where=_at(where, "name"))
+    cells = _digits(_text(facts, "map", where), _ELEMENTS, _at(where, "map"))
+    if "openings" in facts:
+        place = _at(where, "openings")
+        held = _digits(_text(facts, "openings", where), _OPENINGS, place)
+        if held.shape != cells.shape:
+            raise JobError(
+                "MF122",
+                f"{held.shape[0]} rows of {held.shape[1]} openings for a map of {cells.shape[0]} rows of "
+                f"{cells.shape[1]} cells",
+                where=place,
+                cure="Give as many rows and columns as the map has cells",
+            )
+        cells = cells + ORIENTATIONS * held
+    shifts = _shifts(facts.get("shifts", []), _at(where, "shifts"))
+    most = int(cells.max()) // ORIENTATIONS
+    if shifts and most >= len(shifts):
+        raise JobError(
+            "MF122",
+            f"the map asks for opening {most}, counted from 0, and there are {len(shifts)} shifts",
+            where=_at(where, "shifts"),
+            cure="Give one for each opening, [0, 0] for one that stays",
+        )
+    return CellMap(name, cells, MappingProxyType(_provenance(facts.get("provenance", {}), where)), shifts)
+
+
+def dumps(cells: CellMap) -> str:
+    """The map as TOML text; ``parse(dumps(m))`` is equal in all parts."""
+    held, turned = np.divmod(cells.cells, ORIENTATIONS)
+    lines = [f"name = {_quoted(cells.name)}", 'map = """', *_drawing(turned, _ELEMENTS), '"""']
+    if held.any():
+        lines += ['openings = """', *_drawing(held, _OPENINGS), '"""']
+    if cells.shifts:
+        lines.append(f"shifts = {[list(shift) for shift in cells.shifts]}")
+    if cells.provenance:
+        lines += ["", "[provenance]"]
+        for key, value in cells.provenance.items():
+            written = _quoted(value) if isinstance(value, str) else repr(value)
+            lines.append(f"{key if _BARE_KEY.fullmatch(key) else _quoted(key)} = {written}")
+    return "\n".join(lines) + "\n"
+
+
+def panel_shape(cells: CellMap, rows: int, columns: int) -> tuple[int, int]:
+    """Rows and columns of a panel about this map: those that there is room for, or one less."""
+    have = cells.cells.shape
+    return rows - (rows - have[0]) % 2, columns - (columns - have[1]) % 2
+
+
+def shifted(pattern: NDArray[Scalar], shift: Shift) -> NDArray[Scalar]:
+    """The pattern [dots, dots] moved right and up; what leaves the cell is lost, and what comes in is 0."""
+    right, up = shift
+    rows, columns = pattern.shape
+    moved = np.zeros_like(pattern)
+    (low, low_from), (left, left_from) = ((max(0, step), max(0, -step)) for step in (up, right))
+    high, wide = max(0, rows - abs(up)), max(0, columns - abs(right))
+    moved[low : low + high, left : left + wide] = pattern[low_from : low_from + high, left_from : left_from + wide]
+    return moved
+
+
+def shifted_openings(cells: CellMap, held: tuple[Opening, ...], *, where: str) -> tuple[Opening, ...]:
+    """The openings that a map chooses among: those of its die, or the die's one moved by each of the map's shifts.
+
+    A moved one has the name of the first with its number behind it.
+
+    Args:
+        cells: the map.
+        held: the openings of the die.
+        where: the die, for errors.
+
+    Raises:
+        JobError: MF122 if a map with shifts belongs to a die of several openings, or moves a clear dot out of its cell;
+            MF119 if it moves an opening with drawn emitters.
+    """
+    if not cells.shifts:
+        return held
+    opening, *others = held
+    if others:
+        raise JobError(
+            "MF122",
+            f"the map {cells.name!r} moves one opening, and the die has {len(held)}",
+            where=where,
+            cure="Remove the die's key others, or the map's shifts",
+        )
+    if opening.emitters is not None and any(shift != (0, 0) for shift in cells.shifts):
+        raise JobError(
+            "MF119",
+            f"the map {cells.name!r} moves the opening {opening.name!r}, whose emitters are drawn where it stands",
+            where=where,
+            cure="Use an opening without emitters, or a map without shifts",
+        )
+    found = []
+    for number, shift in enumerate(cells.shifts):
+        if shift == (0, 0):
+            found.append(opening)
+            continue
+        mask = shifted(opening.mask, shift)
+        if mask.sum() < opening.clear_dots:
+            right, up = shift
+            raise JobError(
+                "MF122",
+                f"the map {cells.name!r} moves {opening.clear_dots - int(mask.sum())} clear dots of {opening.name!r} "
+                f"out of the cell: {right} right, {up} up",
+                where=where,
+                cure="Use the opening that the map was made for",
+            )
+        suffix = f"_{number}"
+        name = opening.name[: _LONGEST_NAME - len(suffix)] + suffix
+        found.append(replace(opening, name=name, mask=mask))
+    return tuple(found)
+
+
+def placed(cells: CellMap, rows: int, columns: int, seed: int | None, *, openings: int, where: str) -> NDArray[np.int8]:
+    """Contents of each cell of a panel, int8 [rows, columns]: the map in the middle, all beyond it drawn at random.
+
+    A map larger than the panel loses its rim.
+
+    Args:
+        cells: the map.
+        rows: of the panel; :func:`panel_shape` has the right ones.
+        columns: of the panel.
+        seed: of what is drawn.
+        openings: how many the die has.
+        where: the die, for errors.
+
+    Raises:
+        JobError: MF111 without a seed; MF122 if the map and the panel cannot share their middle, or the map has more
+            openings than the die.
+    """
+    for have, room, what in zip(cells.cells.shape, (rows, columns), ("rows", "columns"), strict=True):
+        if (have - room) % 2 or room < 1:
+            raise JobError(
+                "MF122",
+                f"the map {cells.name!r} has {have} {what} and the panel {room}: its middle would not be on the axis",
+                where=where,
+                cure=f"Use a panel of {have} {what}, or of an even number more",
+            )
+    most = int(cells.cells.max()) // ORIENTATIONS
+    if most >= openings:
+        raise JobError(
+            "MF122",
+            f"the map {cells.name!r} asks for opening {most}, counted from 0, and the die has {openings}",
+            where=where,
+            cure="Name the others in the die's key others, or draw a map of fewer",
+        )
+    panel = orientations(Tiling.RANDOM, rows, columns, seed, openings=openings, where=where).copy()
+    (bottom, low), (left, first) = (
+        (max(0, (room - have) // 2), max(0, (have - room) // 2))
+        for have, room in zip(cells.cells.shape, (rows, columns), strict=True)
+    )
+    kept = cells.cells[low : low + rows, first : first + columns]
+    panel[bottom : bottom + kept.shape[0], left : left + kept.shape[1]] = kept
+    return panel
+
+
+def _digits(text: str, digits: str, where: str) -> NDArray[np.int8]:
+    rows = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
+    if not rows:
+        raise JobError(
+            "MF122", "the map has 0 rows", where=where, cure=f"Draw it in digits {digits[0]} to {digits[-1]}"
+        )
+    width = len(rows[0][1])
+    for number, row in rows:
+        wrong = next((place for place, character in enumerate(row) if character not in digits), None)
+        if wrong is not None:
+            raise JobError(
+                "MF122",
+                f"line {number}, column {wrong + 1}: {row[wrong]!r} is none of {digits}",
+                where=where,
+                cure="Replace it by one of these digits",
+            )
+        if len(row) != width:
+            raise JobError(
+                "MF122",
+                f"line {number} has {len(row)} cells where the first has {width}",
+                where=where,
+                cure=f"Give every line {width} digits",
+            )
+    if max(len(rows), width) > _MOST_CELLS:
+        raise JobError(
+            "MF115",
+            f"the map is {len(rows)} x {width} cells; the limit is {_MOST_CELLS} along a side",
+            where=where,
+            cure="Draw only the cells over the stop",
+        )
+    return np.array([[digits.index(character) for character in row] for _, row in reversed(rows)], dtype=np.int8)
+
+
+def _drawing(values: NDArray[np.int8], digits: str) -> Iterable[str]:
+    return ("".join(digits[value] for value in row) for row in values[::-1])
+
+
+def _text(facts: Mapping[str, Any], key: str, where: str) -> str:
+    value = facts.get(key)
+    if not isinstance(value, str):
+        what = f"{key} = {value!r} is not text" if key in facts else f"the key {key!r} is missing"
+        raise JobError("MF105", what, where=_at(where, key), cure=f"A map has: {', '.join(_KEYS)}")
+    return value
+
+
+def _shifts(stated: object, where: str) -> tuple[Shift, ...]:
+    def whole(value: object) -> bool:
+        return isinstance(value, int) and not isinstance(value, bool)
+
+    if not isinstance(stated, list) or any(
+        not isinstance(pair, list) or len(pair) != 2 or not all(map(whole, pair)) for pair in stated
+    ):
+        raise JobError(
+            "MF105", "shifts is not a list of pairs of whole numbers", where=where, cure="Write [[0, 0], [2, 0]]"
+        )
+    if len(stated) > MOST_OPENINGS:
+        raise JobError("MF122", f"{len(stated)} shifts are more than {MOST_OPENINGS}", where=where, cure="Use fewer")
+    return tuple((right, up) for right, up in stated)
+
+
+def _provenance(stated: object, where: str) -> dict[str, str | int | float]:
+    place = _at(where, "provenance")
+    if not isinstance(stated, dict):
+        raise JobError(
+            "MF105", "provenance is not a table", where=place, cure="Write provenance as a table under [provenance]"
+        )
+    for key, value in stated.items():
+        if isinstance(value, bool) or not isinstance(value, str | int | float):
+            raise JobError(
+                "MF105",
+                f"{key} is a {type(value).__name__}, not text or a number",
+                where=f"{place}.{key}",
+                cure='Write it as text: "..."',
+            )
+    return dict(stated)
+
+
+def _quoted(text: str) -> str:
+    # JSON's escapes are TOML's, but TOML also wants DEL escaped.
+    return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _at(where: str, key: str) -> str:
+    return f"{where}: {key}" if where else key

@@ -1,0 +1,44 @@
+"""The marks of a plate without a template, laid out to whatever its writable area is."""
+
+from __future__ import annotations
+
+from maskfab.plate.marks.cd_bars import cd_bars
+from maskfab.plate.marks.drawn import Drawn
+from maskfab.plate.marks.fiducial import fiducial
+from maskfab.plate.marks.label import label
+from maskfab.plate.marks.outlines import outlines
+from maskfab.plate.marks.parity import parity_mark
+from maskfab.plate.marks.setting import Setting
+from maskfab.plate.marks.title import maker, title_block
+
+MARGIN_NM = 2_000_000
+TITLE_HEIGHT_NM = 1_500_000
+SMALLEST_WRITABLE_NM = 20_300_000
+"""Narrower than this, title and marks would meet."""
+
+_SMALL_NM = 400_000
+_FIDUCIAL_NM = 1_000_000
+_FIDUCIAL_LINE_NM = 50_000
+_PARITY_NM = 2_000_000
+_CD_MULTIPLES = (1, 2, 5)
+_CD_LENGTH_NM = 500_000
+
+
+def plain(setting: Setting) -> Drawn:
+    """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
+    written."""
+    corner = setting.writable_nm // 2 - MARGIN_NM
+    places = {"SW": (-corner, -corner), "SE": (corner, -corner), "NW": (-corner, corner), "NE": (corner, corner)}
+    lines = (maker(setting.signature) + " | digitized data = clear",)
+    room_nm = setting.writable_nm - 4 * MARGIN_NM
+    anchor = (0, corner - TITLE_HEIGHT_NM // 2)
+    bars = cd_bars("CD", (0, -corner), setting.feature_nm, _CD_MULTIPLES, _CD_LENGTH_NM)
+    furniture = (
+        title_block("TITLE", setting.title, lines, anchor, TITLE_HEIGHT_NM, _SMALL_NM, room_nm),
+        *(label(die) for die in setting.dies),
+        *(fiducial(f"FIDUCIAL_{name}", at, _FIDUCIAL_NM, _FIDUCIAL_LINE_NM) for name, at in places.items()),
+        parity_mark("PARITY", (-corner + 2 * MARGIN_NM, -corner), _PARITY_NM),
+        *bars.furniture,
+        *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
+    )
+    return Drawn(furniture, bars.gauges)

@@ -1,0 +1,167 @@
+"""The panel of each die of a job: its cells, how they are turned, and what no panel can be."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from maskfab.errors import JobError, SourceError
+from maskfab.jobfile import DieSection, JobSection, JobSpec, PlateSection
+from maskfab.model import Opening, Panel, Stop, Tiling
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.plate import maps
+from maskfab.plate.hexagonal import hexagonal_sheet
+from maskfab.plate.tiling import orientations
+from maskfab.units import NM_PER_UM, UM_PER_INCH, to_nm
+
+_MOST_CELLS_ACROSS = 1000
+_MOST_DOTS_ACROSS = 10_000
+
+
+def laid_out(spec: JobSpec, *, where: str) -> tuple[JobSection, PlateSection]:
+    """[job] and [plate] of a job that has dies to lay out.
+
+    Raises:
+        JobError: MF105 if either or every [[die]] is missing.
+    """
+    section, heading = spec.plate, spec.job
+    if section is None or heading is None or not spec.die:
+        missing = "[job]" if heading is None else "[plate]" if section is None else "[[die]]"
+        raise JobError("MF105", f"the job has no {missing} section", where=where, cure=f"Add {missing}")
+    return heading, section
+
+
+def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, where: str) -> dict[str, Panel]:
+    """The panel of every die, by the die's name.
+
+    Args:
+        spec: a validated job with [plate] and at least one [[die]].
+        openings: the openings of every die, by the die's name.
+        where: the job file, for errors.
+
+    Raises:
+        JobError: MF105 if there is nothing to lay out; MF106 or MF107 if a die's pitch is not its dots and gutter, or
+            off the grid; MF108 if no cell fits a die; MF114 if a stop is wider than its panel; MF115 for too many dots.
+        SourceError: MF309 if nothing is clear inside the stop.
+    """
+    _, section = laid_out(spec, where=where)
+    size_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
+    return {
+        die.name: _panel(die, openings[die.name], spec, size_nm, f"{where}: die[{i}]") for i, die in enumerate(spec.die)
+    }
+
+
+def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, size_nm: int, where: str) -> Panel:
+    opening, *others = held
+    dot_nm, gutter_nm = to_nm(die.dot), to_nm(die.gutter)
+    pitch_nm = opening.dots * dot_nm + gutter_nm
+    _check_pitch(die, opening.dots, pitch_nm, where)
+    cells = size_nm // pitch_nm
+    if cells < 1:
+        raise JobError(
+            "MF108",
+            f"die {die.name!r}: one cell of {pitch_nm / 1e3:g} um does not fit a die of {size_nm / 1e3:g} um",
+            where=where,
+            cure="Use a larger plate.die_size or a finer dot",
+        )
+    given = None if die.map is None else maps.parse(spec.maps[die.map], f"{where}.map")
+    rows, columns = (cells, cells) if given is None else maps.panel_shape(given, cells, cells)
+    stop = spec.camera.camera().stop
+    if min(rows, columns) * pitch_nm < stop.diameter_um * 1e3:
+        raise JobError(
+            "MF114",
+            f"die {die.name!r} is {min(rows, columns) * pitch_nm / 1e3:g} um wide, less than the stop of "
+            f"{stop.diameter_um:g} um",
+            where=where,
+            cure="Use a larger plate.die_size or a smaller camera.stop",
+        )
+    check_size(cells, opening.dots, f"die {die.name!r}", where=where)
+    if die.tiling is Tiling.HEXAGONAL:
+        opening, rows, columns = hexagonal_sheet(opening, size_nm // dot_nm, die.seed or 0), 1, 1
+    if given is None:
+        chosen = orientations(die.tiling, rows, columns, die.seed, openings=len(held), where=f"{where}.seed")
+    else:
+        chosen = maps.placed(given, rows, columns, die.seed, openings=len(held), where=f"{where}.map")
+    panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
+    check_light(panel, stop, where=where)
+    return panel
+
+
+def dot_on_grid(pitch_um: float, gutter_um: float, dots: int, *, where: str) -> int:
+    """Nanometres of the dot that a pitch is made of; a pitch off the database grid is told with its nearest (MF107)."""
+    dot_nm = max(1, round((pitch_um - gutter_um) * NM_PER_UM / dots))
+    reached = dots * dot_nm / NM_PER_UM + gutter_um
+    if abs(reached - pitch_um) * NM_PER_UM > 1e-6:
+        raise JobError(
+            "MF107",
+            f"pitch {pitch_um:.6f} um ({UM_PER_INCH / pitch_um:.2f} DPI) cannot be made of {dots} dots on the 1 nm "
+            f"grid; the nearest is {reached:.10g} um = {UM_PER_INCH / reached:.4f} DPI, "
+            f"{(reached - pitch_um) * NM_PER_UM:+.1f} nm or {(reached / pitch_um - 1) * 1e6:+.0f} ppm off",
+            where=where,
+            cure=f'Use dot = "{dot_nm / NM_PER_UM:g} um" and pitch = "{reached:.10g} um"',
+        )
+    return dot_nm
+
+
+def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
+    """Refuse a panel of more cells or dots than can be drawn and compared (MF115)."""
+    if cells > _MOST_CELLS_ACROSS or cells * dots > _MOST_DOTS_ACROSS:
+        raise JobError(
+            "MF115",
+            f"{what} is {cells} cells or {cells * dots} dots across; the limits are {_MOST_CELLS_ACROSS} cells and "
+            f"{_MOST_DOTS_ACROSS} dots",
+            where=where,
+            cure="Use a smaller panel, or a coarser dot",
+        )
+
+
+def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
+    """Refuse a stop, centred on the panel, that nothing clear lies in (MF309)."""
+    if stop.shape not in ("circle", "square"):
+        if cut(panel_aperture(panel, stop.diameter_um / 2), stop).energy_um2 > 0:
+            return
+        raise SourceError(
+            "MF309",
+            f"nothing of the opening {panel.opening.name!r} is clear inside a stop, the {stop.shape} of "
+            f"{stop.diameter_um:g} um",
+            where=where,
+            cure="Increase camera.stop until a clear dot lies in it",
+        )
+    pitch_um = panel.pitch_nm / NM_PER_UM
+    if stop.diameter_um >= 3 * pitch_um:
+        return  # it holds a whole cell, wherever it lies
+    rows, columns = panel.orientations.shape
+    gaps = []
+    for row in range(max(0, rows // 2 - 3), min(rows, rows // 2 + 3)):
+        for column in range(max(0, columns // 2 - 3), min(columns, columns // 2 + 3)):
+            mask = panel.pattern(int(panel.orientations[row, column]))
+            up, right = (
+                (cell - cells / 2) * pitch_um + (panel.gutter_nm / 2 + index * panel.dot_nm) / NM_PER_UM
+                for cell, cells, index in zip((row, column), (rows, columns), np.nonzero(mask), strict=True)
+            )
+            dot_um = panel.dot_nm / NM_PER_UM
+            away = [np.maximum(0.0, np.maximum(low, -low - dot_um)) for low in (up, right)]
+            gaps.append(float((np.hypot(*away) if stop.shape == "circle" else np.maximum(*away)).min()))
+    if min(gaps) >= stop.diameter_um / 2:
+        raise SourceError(
+            "MF309",
+            f"nothing of the opening {panel.opening.name!r} is clear inside a stop of {stop.diameter_um:g} um; the "
+            f"nearest clear dot is {min(gaps):g} um from its centre",
+            where=where,
+            cure="Increase camera.stop until a clear dot lies in it",
+        )
+
+
+def _check_pitch(die: DieSection, dots: int, pitch_nm: int, where: str) -> None:
+    if die.pitch is None or abs(die.pitch * 1e3 - pitch_nm) < 1e-6:
+        return
+    dot_nm = dot_on_grid(die.pitch, die.gutter, dots, where=f"{where}.pitch")
+    raise JobError(
+        "MF106",
+        f"{dots} dots x {die.dot:g} um + gutter {die.gutter:g} um = {pitch_nm / 1e3:g} um, but pitch says "
+        f"{die.pitch:g} um",
+        where=f"{where}.pitch",
+        cure=f'Use dot = "{dot_nm / 1e3:g} um", or pitch = "{pitch_nm / 1e3:g} um"',
+    )

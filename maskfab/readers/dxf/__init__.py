@@ -1,0 +1,1 @@
+"""DXF entities, grids and texts that the library's reader passes over in silence."""

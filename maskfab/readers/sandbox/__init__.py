@@ -1,0 +1,1 @@
+"""Foreign files are read and worked on in processes with limits of time and memory."""

@@ -1,0 +1,144 @@
+"""Work on a foreign file in a forked process with limits on time and memory that grow with the file.
+
+The libraries that read and merge polygons cannot be interrupted: a few bytes that repeat, nest or overlap keep them
+busy for hours, or fill memory. So the work is done in a copy of the process whose processor time and memory the system
+limits, and its answer comes back. Where the work finds that the file is honest, it asks for as much more as that takes.
+"""
+
+from __future__ import annotations
+
+import math
+import multiprocessing
+import os
+import signal
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from multiprocessing.connection import Connection
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from maskfab.errors import SourceError
+from maskfab.progress import Progress, silent
+from maskfab.readers.sandbox.limits import BYTES_PER_SECOND, SECONDS, limit_memory, limit_processor
+
+Answer = TypeVar("Answer")
+
+SHAPES_PER_SECOND = 10_000
+"""Of the design that the file is held against; they take a fifth of it."""
+
+MEMORY = 1_500_000_000
+MEMORY_PER_BYTE = 64
+
+_WALL_PER_PROCESSOR = 30
+_OUT_OF_MEMORY = "bad_alloc"
+_OUT_OF_TIME = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
+_CURE = "Write it again as plain polygons, with fewer copies and no overlaps"
+
+
+def bounded(
+    path: Path, work: Callable[[Progress], Answer], progress: Progress = silent, *, seconds: int | None = None
+) -> Answer:
+    """Run work within limits of time and memory and return its result; on systems without fork, without limits.
+
+    Args:
+        path: the file that the work reads: the larger, the longer it may take.
+        work: anything whose answer can be pickled; told what to tell of its progress.
+        progress: told what the work tells.
+        seconds: of the processor, for a small file; :data:`SECONDS` if None.
+
+    Raises:
+        SourceError: MF322 if it takes longer, or more memory, or ends the process; MF323 if a library throws.
+        Exception: whatever the work raises.
+    """
+    if "fork" not in multiprocessing.get_all_start_methods():
+        return work(progress)
+    size = path.stat().st_size if os.path.isfile(path) else 0
+    limit = math.ceil((SECONDS if seconds is None else seconds) + size / BYTES_PER_SECOND)
+    here, there = multiprocessing.Pipe(duplex=False)
+    copy = multiprocessing.get_context("fork").Process(
+        target=_work, args=(there, work, limit, MEMORY + MEMORY_PER_BYTE * size)
+    )
+    with warnings.catch_warnings():
+        # Of threads that would not be there in the copy; those of the libraries are at rest, or begin anew.
+        warnings.simplefilter("ignore", DeprecationWarning)
+        copy.start()
+    there.close()
+    stage, ended = "read", None
+    try:
+        while here.poll(_WALL_PER_PROCESSOR * limit):
+            kind, told = here.recv()
+            if kind == "progress":
+                stage = told[0]
+                progress(*told)
+            elif kind == "raised":
+                raise _said(path, told)
+            else:
+                answer: Answer = told
+                return answer
+    except EOFError:
+        copy.join()
+        ended = copy.exitcode
+    finally:
+        copy.kill()
+        copy.join()
+        here.close()
+    if ended is None or -ended in _OUT_OF_TIME:
+        raise _too_much(path, f"does not come to an end of the stage {stage!r} in the processor time that it may take")
+    raise _too_much(path, f"ends the process in the stage {stage!r}, or needs more memory than it may take")
+
+
+def seconds_of(shapes: int) -> int:
+    """For :func:`bounded`: what a small file may take that is held against a design of so many shapes."""
+    return SECONDS + math.ceil(shapes / SHAPES_PER_SECOND)
+
+
+@contextmanager
+def library_errors(path: Path) -> Iterator[None]:
+    """MF323 for what klayout throws at shapes of a file that it cannot work with."""
+    try:
+        yield
+    except RuntimeError as error:
+        told = _said(path, error)
+        if told is error:
+            raise
+        raise told from error
+
+
+def _gave_up(path: Path, error: RuntimeError) -> SourceError:
+    said = (str(error).strip() or "no reason told").splitlines()[0][:200]
+    what = f"{path.name}: the library of polygons gives up on its shapes ({said})"
+    return SourceError("MF323", what, where=str(path), cure=_CURE)
+
+
+def _said(path: Path, error: Exception) -> Exception:
+    """Errors of the libraries, and a lack of memory, as errors of the file."""
+    if isinstance(error, MemoryError) or _OUT_OF_MEMORY in str(error):
+        return _too_much(path, "needs more memory than it may take")
+    return _gave_up(path, error) if type(error) is RuntimeError else error
+
+
+def _too_much(path: Path, what: str) -> SourceError:
+    return SourceError("MF322", f"{path.name} {what}", where=str(path), cure=_CURE)
+
+
+def _work(there: Connection, work: Callable[[Progress], Any], seconds: int, memory: int) -> None:
+    """The life of the copy."""
+
+    def tell(stage: str, done: int, total: int) -> None:
+        there.send(("progress", (stage, done, total)))
+
+    # An interrupt is the affair of who waits, who ends this copy.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    limit_processor(seconds)
+    limit_memory(memory)
+    kind: Literal["raised", "answer"] = "answer"
+    try:
+        told = work(tell)
+    except Exception as error:
+        kind, told = "raised", error
+        error.add_note(traceback.format_exc())
+    there.send((kind, told))
+    there.close()

@@ -1,0 +1,1 @@
+"""Figures as SVG or PNG, equal drawings with equal bytes."""

@@ -1,0 +1,94 @@
+"""Photographs through a die, restored, beside the truth: in a report, and one sheet that compares dies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from maskfab.camera.shots import Shot
+from maskfab.measure.restored import Restored
+from maskfab.report.plots import raster
+from maskfab.report.plots.canvas import INK, QUIET, bitmap, img, place, styled
+
+Singles = NDArray[np.float32]
+
+_WIDTH, _GAP, _CAPTION, _LEFT, _TOP, _FOOT = 3.2, 0.12, 0.5, 0.5, 0.5, 0.62
+_DPI = 125
+_LARGE, _SMALL = 20, 12.5  # points; on a telephone the sheet is a quarter as wide
+
+
+def pictures(restored: Restored) -> dict[str, str]:
+    """``<img>`` elements of what was photographed: ``design_truth``, and ``design_24`` and so on for every level.
+
+    Nothing if no photograph was taken. A pixel of the picture is a pixel of the sensor.
+    """
+    if restored.truth is None:
+        return {}
+    drawn = {"design_truth": _tile(restored.truth, f"part of the scene {restored.scene} as it is")}
+    for shot in restored.shots:
+        score = shot.score
+        words = f"the same through {score.design} at {score.level_db} dB, restored, {score.psnr:.2f} dB"
+        drawn[f"design_{score.level_db}"] = _tile(shot.picture, words)
+    return drawn
+
+
+@styled
+def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]]) -> bytes:
+    """One PNG: a row for each level of light, a column for the truth and for each die, PSNRs under the pictures.
+
+    Args:
+        truth: part of the scene, float32 [3, rows, columns] within 0 to 1, row 0 on top.
+        scene: its name.
+        taken: by die, the same part of its restored photographs; every die at the same levels.
+    """
+    levels = [shot.score.level_db for shot in next(iter(taken.values()))]
+    columns, high = 1 + len(taken), _WIDTH * truth.shape[1] / truth.shape[2]
+    width = _LEFT + columns * (_WIDTH + _GAP)
+    height = _TOP + len(levels) * (high + _CAPTION) + _FOOT
+    figure = Figure(figsize=(width, height), dpi=_DPI)
+    figure.set_facecolor("white")
+    for row, level in enumerate(levels):
+        bottom = height - _TOP - (row + 1) * high - row * _CAPTION
+        cells = [("truth", truth, ""), *((name, *_captioned(each[row])) for name, each in taken.items())]
+        for column, (title, picture, caption) in enumerate(cells):
+            axes = place(figure, (_LEFT + column * (_WIDTH + _GAP), bottom, _WIDTH, high))
+            axes.imshow(_levels(picture), interpolation="none")
+            axes.set(xticks=[], yticks=[])
+            for spine in axes.spines.values():
+                spine.set(edgecolor=QUIET, linewidth=0.5)
+            if row == 0:
+                axes.set_title(title, fontsize=_LARGE, pad=6, weight="bold")
+            if column == 0:
+                axes.text(
+                    -0.06,
+                    0.5,
+                    f"{level} dB",
+                    transform=axes.transAxes,
+                    rotation=90,
+                    fontsize=_LARGE,
+                    ha="center",
+                    va="center",
+                )
+            axes.text(0.5, -0.04, caption, transform=axes.transAxes, ha="center", va="top", color=INK, fontsize=_LARGE)
+    said = (
+        f"Middle of the scene {scene}, photographed in the noise of protocol F1, and restored.\n"
+        "PSNR of the whole frame, in brackets without 64 pixels at its edges."
+    )
+    figure.text(_LEFT / width, 0.08 / height, said, color=QUIET, fontsize=_SMALL, va="bottom")
+    return bitmap(figure)
+
+
+def _captioned(shot: Shot) -> tuple[Singles, str]:
+    return shot.picture, f"{shot.score.psnr:.1f} dB ({shot.score.psnr_inner:.1f})"
+
+
+def _tile(picture: Singles, words: str) -> str:
+    return img(raster.data_uri(raster.png_of_colours(_levels(picture)[::-1])), words, "photograph")
+
+
+def _levels(picture: Singles) -> NDArray[np.uint8]:
+    """[rows, columns, 3] codes; scenes are code values already."""
+    return np.rint(np.clip(picture, 0, 1).transpose(1, 2, 0) * 255).astype(np.uint8)

@@ -1,0 +1,211 @@
+"""The figures of a display: emitters behind an opening, wires between pixels, and what stands in the way of either.
+
+Colours are those of Okabe and Ito, which colour-blind readers tell apart; every emitter also bears its letter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch
+from matplotlib.path import Path
+from numpy.typing import NDArray
+
+from maskfab.display.emitters.answer import Certificate
+from maskfab.display.emitters.measure import Violation
+from maskfab.display.feasibility import Feasibility
+from maskfab.display.wires.reach import Reach
+from maskfab.export.pictures import srgb
+from maskfab.eye.display import show
+from maskfab.eye.targets import text
+from maskfab.geometry.polygonize import outline
+from maskfab.geometry.unit import unit_shapes
+from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Polygon, orient
+from maskfab.report.plots import raster
+from maskfab.report.plots.canvas import INK, QUIET, image, img, place, styled
+
+_FILL: dict[Layer, str] = {
+    BLACK: "#2f343c",
+    GUTTER: "#555c66",
+    CLEAR: "#ffffff",
+    EMITTERS[0]: "#d55e00",
+    EMITTERS[1]: "#009e73",
+    EMITTERS[2]: "#0072b2",
+    WIRES[0]: "#e69f00",
+    WIRES[1]: "#cc79a7",
+    VEIL: "#f0e442",
+}
+_WITNESS = "#f0e442"
+_UM = 1e-3
+_SIDE = 2.7
+_LIT_PIXELS, _LIT_SAMPLES = 24, 21
+
+
+def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
+    """The figures of one die's display as ``<img>`` elements.
+
+    ``display_placement`` is always there; ``display_wires`` where there are wires, or a proof that there are none;
+    ``display_lit`` where there are emitters.
+    """
+    proof = None if found.emitters else found.footprint.certificate
+    drawn = {"display_placement": placement(panel, proof, found.broken)}
+    wires = found.wiring
+    if wires is not None and (wires.tracks or wires.failed is not None):
+        proofs = (*(() if wires.failed is None else (wires.failed,)), *found.stranded)
+        drawn["display_wires"] = wiring(panel, proofs, found.reaches)
+    if panel.emitters is not None:
+        drawn["display_lit"] = lit(panel)
+    return drawn
+
+
+def lit(panel: Panel) -> str:
+    """Some pixels in the middle of the panel that show letters, each sample the light of its own area.
+
+    The letters, the pixels and the samples are the same for every panel, so that these compare; light that only a
+    hundredth of the lit samples exceeds is white.
+    """
+    count = min(_LIT_PIXELS, *panel.orientations.shape)
+    light = show(panel, text(_LIT_PIXELS)[:count, :count], _LIT_SAMPLES).rgb
+    white = float(np.quantile(light[light > 0], 0.99))
+    levels = np.rint(srgb(np.clip(np.moveaxis(light, 0, -1) / white, 0, 1)) * 255).astype(np.uint8)
+    words = f"{count} x {count} pixels of opening {panel.opening.name} that show black letters on white"
+    return img(raster.data_uri(raster.png_of_colours(levels)), words, "lit")
+
+
+@styled
+def placement(panel: Panel, certificate: Certificate | None = None, broken: Iterable[Violation] = ()) -> str:
+    """One pixel with its emitters, and beside it a few pixels as they meet, as an ``<img>``.
+
+    Where a certificate has a witness, its cells are outlined, and so is what breaks a rule.
+    """
+    figure, (single, several) = _two()
+    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), (BLACK, GUTTER, CLEAR, *EMITTERS))
+    _letters(single, panel)
+    if certificate is not None and certificate.witness is not None:
+        _outline(single, panel, certificate.witness, certificate.cell_nm)
+    for each in broken:
+        _dash(single, [_moved(polygon, 0, 0) for polygon in each.outlines])
+    single.set_title("one pixel")
+    _draw(several, panel, _middle(panel, 4), (BLACK, GUTTER, CLEAR, *EMITTERS))
+    several.set_title("pixels as they meet")
+    words = "placement of the red, green and blue emitters around the opening"
+    return image(figure, f"Opening {panel.opening.name}: {words if panel.emitters else 'no emitters fit'}")
+
+
+@styled
+def wiring(panel: Panel, certificates: Iterable[Certificate] = (), reaches: Iterable[Reach] = ()) -> str:
+    """The wires of one pixel and of a few, and the cuts that bound how many there can be, as an ``<img>``.
+
+    A thin white line is an emitter's way to the pixel's side.
+    """
+    figure, (single, several) = _two()
+    shown = (BLACK, GUTTER, *EMITTERS, CLEAR, VEIL, *WIRES)
+    _draw(single, panel, np.zeros((1, 1), dtype=np.int8), shown, faint=frozenset(EMITTERS))
+    for certificate in certificates:
+        if certificate.witness is not None:
+            _outline(single, panel, certificate.witness, certificate.cell_nm)
+    for reach in reaches:
+        if reach.path is not None:
+            y, x = ((along + 0.5) * panel.dot_nm * _UM + panel.gutter_nm / 2 * _UM for along in reach.path.T)
+            single.plot(x, y, color="white", linewidth=0.8, marker=".", markersize=3, markevery=[0])
+    single.set_title("wires of one pixel" if panel.tracks else "where wires cannot pass")
+    _draw(several, panel, _middle(panel, 3), shown, faint=frozenset(EMITTERS))
+    several.set_title("pixels as they meet")
+    return image(figure, f"Wires of opening {panel.opening.name}: orange lower metal, purple upper, yellow transparent")
+
+
+def _two() -> tuple[Figure, tuple[Axes, Axes]]:
+    figure = Figure(figsize=(2 * _SIDE + 0.75, _SIDE + 0.5))
+    return figure, (
+        place(figure, (0.1, 0.2, _SIDE, _SIDE)),
+        place(figure, (_SIDE + 0.55, 0.2, _SIDE, _SIDE)),
+    )
+
+
+def _middle(panel: Panel, cells: int) -> NDArray[np.int8]:
+    rows, columns = panel.orientations.shape
+    high, wide = min(rows, cells), min(columns, cells)
+    bottom, left = (rows - high) // 2, (columns - wide) // 2
+    return panel.orientations[bottom : bottom + high, left : left + wide]
+
+
+def _draw(
+    axes: Axes,
+    panel: Panel,
+    cells: NDArray[np.int8],
+    layers: tuple[Layer, ...],
+    faint: frozenset[Layer] = frozenset(),
+) -> None:
+    pitch = panel.pitch_nm
+    rows, columns = cells.shape
+    axes.set_facecolor(_FILL[BLACK])
+    shapes = {cell: unit_shapes(panel, cell) for cell in np.unique(cells).tolist()}
+    for layer in layers:
+        polygons = [
+            _moved(polygon, column * pitch, row * pitch)
+            for row in range(rows)
+            for column in range(columns)
+            for polygon in shapes[int(cells[row, column])].get(layer, ())
+        ]
+        alpha = 0.35 if layer in faint else 0.6 if layer is VEIL else 1.0
+        # A hair of edge closes the seams that drawing programs leave between neighbours. Adding it as a patch would
+        # measure it first, point by point, and the frame is set anyway.
+        axes.add_artist(
+            PathPatch(_path(polygons), facecolor=_FILL[layer], edgecolor=_FILL[layer], linewidth=0.1, alpha=alpha)
+        )
+    _frame(axes, pitch * columns * _UM, pitch * rows * _UM)
+
+
+def _frame(axes: Axes, wide_um: float, high_um: float) -> None:
+    axes.set(xlim=(0, wide_um), ylim=(0, high_um), aspect="equal", xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set_color(QUIET)
+    bar = 10 ** np.floor(np.log10(wide_um / 3))
+    bar *= max(step for step in (1, 2, 5) if step * bar <= wide_um / 3)
+    axes.plot([0, bar], [-0.03 * high_um] * 2, color=INK, linewidth=1.5, clip_on=False, solid_capstyle="butt")
+    axes.text(bar * 1.08, -0.03 * high_um, f"{bar:g} µm", va="center", fontsize=7)
+
+
+def _moved(polygon: Polygon, x: int, y: int) -> list[tuple[float, float]]:
+    return [((a + x) * _UM, (b + y) * _UM) for a, b in polygon]
+
+
+def _letters(axes: Axes, panel: Panel) -> None:
+    """R, G and B on a cell of each emitter's largest width, for readers who do not see the colours."""
+    if panel.emitters is None:
+        return
+    labels = orient(panel.emitters.labels, 0)
+    half = panel.gutter_nm / 2
+    for number, colour in enumerate(COLOURS, 1):
+        place_of = np.argwhere(labels == number)
+        if place_of.size:
+            middle = place_of.mean(axis=0)
+            row, column = place_of[abs(place_of - middle).max(axis=1).argmin()]
+            x, y = ((index + 0.5) * panel.emitters.cell_nm + half for index in (column, row))
+            axes.text(
+                x * _UM, y * _UM, colour[0].upper(), color="white", ha="center", va="center", fontsize=9, weight="bold"
+            )
+
+
+def _outline(axes: Axes, panel: Panel, witness: NDArray[np.bool_], cell_nm: int) -> None:
+    half = panel.gutter_nm // 2
+    _dash(axes, [_moved(polygon, half, half) for polygon in outline(witness, cell_nm)])
+
+
+def _dash(axes: Axes, polygons: list[list[tuple[float, float]]]) -> None:
+    axes.add_artist(
+        PathPatch(_path(polygons), facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
+    )
+
+
+def _path(polygons: Iterable[list[tuple[float, float]]]) -> Path:
+    """All outlines as one path: as many paths take ten times as long to draw."""
+    points: list[tuple[float, float]] = []
+    codes: list[np.uint8] = []
+    for polygon in polygons:
+        points += [*polygon, polygon[0]]
+        codes += [Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY]
+    return Path(np.array(points).reshape(-1, 2), codes or None)

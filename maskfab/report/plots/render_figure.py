@@ -1,0 +1,161 @@
+"""Panels side by side as the eye sees them, all at one scale."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from maskfab.export.pictures import srgb
+from maskfab.eye.display import ideal, show
+from maskfab.eye.score import FLAT, Judged, View
+from maskfab.eye.targets import flat
+from maskfab.report.plots.canvas import INK, QUIET, bitmap, place, styled
+
+Floats = NDArray[np.float64]
+
+_TITLES: Mapping[str, str] = MappingProxyType(
+    {
+        "flat": "even grey, contrast × 10",
+        "edge": "edge",
+        "zone_plate": "zone plate",
+        "text": "text",
+        "leaves": "leaves",
+        "picture": "picture",
+    }
+)
+_CELL, _GAP, _CAPTION, _LEFT, _TOP, _FOOT = 2.05, 0.14, 0.36, 0.5, 0.6, 0.42
+_CLOSE_UP_PIXELS, _LEAST_PIXELS = 6, 1.5  # of the finest and of the coarsest panel
+_CLOSE_UP_SAMPLES = 42
+_EXPLAINED = (
+    "ΔE: S-CIELAB difference from even pixels, mean (95th percentile); aligned: after the common shift of all pixels\n"
+    "is removed. Fringe: largest difference in a*, b*. Grain: rms luminance contrast below 10 cycles per degree."
+)
+_MIDDLE, _STRETCH = 0.5, 10.0
+
+
+@styled
+def comparison(panels: Sequence[Judged]) -> bytes:
+    """One PNG: a column for each panel, beside an ideal display, a row for each picture, its numbers under it.
+
+    All pictures of a row have one scale in micrometres per inch. The first row is the light itself, close up; the
+    others are what the eye takes in.
+
+    Args:
+        panels: at least one, all of the same pictures.
+    """
+    names = tuple(panels[0].views)
+    columns, rows = 1 + len(panels), 1 + len(names)
+    width = _LEFT + columns * (_CELL + _GAP)
+    height = _TOP + rows * (_CELL + _CAPTION) + _FOOT
+    figure = Figure(figsize=(width, height), dpi=130)
+    figure.set_facecolor("white")
+    window = max(_side_um(each) for each in panels)
+    pitches = [each.viewing.pitch_um for each in panels]
+    close = max(_CLOSE_UP_PIXELS * min(pitches), _LEAST_PIXELS * max(pitches))
+
+    def axes_at(row: int, column: int) -> Axes:
+        left = _LEFT + column * (_CELL + _GAP)
+        bottom = height - _TOP - (row + 1) * _CELL - row * _CAPTION
+        return place(figure, (left, bottom, _CELL, _CELL))
+
+    for column in range(columns):
+        judged = panels[max(0, column - 1)]
+        axes = axes_at(0, column)
+        _close_up(axes, judged, close, perfect=column == 0)
+        axes.set_title(_heading(judged, perfect=column == 0), fontsize=8.5, pad=6, linespacing=1.35)
+        if column == 0:
+            _scale_bar(axes, close)
+            _label(axes, "light, close up")
+        for row, name in enumerate(names, start=1):
+            axes = axes_at(row, column)
+            view = judged.views[name]
+            _seen(axes, judged, view, window, name, perfect=column == 0)
+            if column == 0:
+                _label(axes, _TITLES[name])
+                _scale_bar(axes, window)
+            else:
+                axes.text(0.5, -0.025, _caption(judged, name, view), transform=axes.transAxes, ha="center", va="top")
+    figure.text(_LEFT / width, 0.12 / height, _EXPLAINED, color=QUIET, fontsize=7, va="bottom", linespacing=1.4)
+    return bitmap(figure)
+
+
+def _side_um(judged: Judged) -> float:
+    view = next(iter(judged.views.values()))
+    return float(max(view.seen.shape[:2]) / view.samples * judged.viewing.pitch_um)
+
+
+def _heading(judged: Judged, *, perfect: bool) -> str:
+    dpi, distance = 25400 / judged.viewing.pitch_um, judged.viewing.distance_um / 1e3
+    if perfect:
+        return f"even pixels\n{dpi:.0f} DPI at {distance:.0f} mm"
+    offset = _value(judged, "centroid_offset")
+    return f"{judged.name}\n{dpi:.0f} DPI, centroid offset {offset:.3f} px"
+
+
+def _caption(judged: Judged, name: str, view: View) -> str:
+    if name == FLAT:
+        slow = 100 * _value(judged, "grain_slow")
+        said = f"ΔE {view.delta_e:.2f}, grain {slow:.2f} %"
+    else:
+        said = f"ΔE {view.delta_e:.2f} ({view.delta_e_95:.1f}), aligned {view.delta_e_aligned:.2f}"
+        if name == "edge":
+            said = f"ΔE {view.delta_e:.2f}, fringe Δab {view.fringe:.0f}"
+    return said if view.jod is None else f"{said}\n{view.jod:.2f} JOD"
+
+
+def _value(judged: Judged, name: str) -> float:
+    found: Any = next(quantity.value for quantity in judged.quantities if quantity.name == name)
+    return float(found)
+
+
+def _close_up(axes: Axes, judged: Judged, side_um: float, *, perfect: bool) -> None:
+    """Emitters of the pixels in the middle, each colour as bright as the others at its own brightest."""
+    pitch = judged.viewing.pitch_um
+    count = min(int(np.ceil(side_um / pitch)), *judged.panel.orientations.shape)
+    image = flat(count, 1.0)
+    lit = ideal(image, _CLOSE_UP_SAMPLES, pitch) if perfect else show(judged.panel, image, _CLOSE_UP_SAMPLES)
+    light = lit.rgb
+    picture = np.moveaxis(light / light.max(axis=(1, 2), keepdims=True), 0, -1)
+    _draw(axes, picture, count * pitch, side_um)
+
+
+def _seen(axes: Axes, judged: Judged, view: View, side_um: float, name: str, *, perfect: bool) -> None:
+    shown = view.reference if perfect else view.seen
+    rgb = shown.astype(np.float64)
+    if name == FLAT:
+        rgb = _MIDDLE + _STRETCH * (rgb - _MIDDLE)
+    _draw(axes, rgb, shown.shape[1] / view.samples * judged.viewing.pitch_um, side_um)
+
+
+def _draw(axes: Axes, rgb: Floats, own_um: float, side_um: float) -> None:
+    """A picture of its own width in the middle of a window of ``side_um``."""
+    height = own_um * rgb.shape[0] / rgb.shape[1]
+    extent = (-own_um / 2, own_um / 2, -height / 2, height / 2)
+    axes.imshow(srgb(rgb), origin="lower", interpolation="antialiased", extent=extent)
+    half = side_um / 2
+    axes.set(xlim=(-half, half), ylim=(-half, half), xticks=[], yticks=[])
+    for spine in axes.spines.values():
+        spine.set(edgecolor=QUIET, linewidth=0.5)
+
+
+def _label(axes: Axes, words: str) -> None:
+    axes.text(-0.07, 0.5, words, transform=axes.transAxes, rotation=90, ha="center", va="center", color=INK, fontsize=9)
+
+
+def _scale_bar(axes: Axes, side_um: float) -> None:
+    """A bar of a round length under a picture."""
+    decade = 10.0 ** np.floor(np.log10(side_um / 3))
+    length = decade * max(step for step in (1, 2, 5) if step * decade <= side_um / 3)
+    words = f"{length / 1000:g} mm" if length >= 1000 else f"{length:g} µm"
+    y = -0.055
+    share = length / side_um
+    axes.plot(
+        [0, share], [y, y], transform=axes.transAxes, color=INK, linewidth=1.6, solid_capstyle="butt", clip_on=False
+    )
+    axes.text(share + 0.03, y, words, transform=axes.transAxes, va="center", color=QUIET, fontsize=7.5)

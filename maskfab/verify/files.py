@@ -1,0 +1,280 @@
+"""The files of a plate, and what reading them back shows: layouts by polygons, solids by volume, pictures by pixels.
+
+plate + [export] -> drawn -> files -> read by other libraries -> quantities
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from klayout import db
+
+from maskfab.errors import InputError, SourceError
+from maskfab.export.figures import Figures, draw
+from maskfab.export.products import FileSettings, Product, products
+from maskfab.export.solid.tiles import Stack
+from maskfab.files.memory import give_back
+from maskfab.geometry.reading_limits import count_vertices
+from maskfab.geometry.region import layer_info
+from maskfab.jobfile import ExportSection, FileFormat, JobSpec
+from maskfab.jobfile.shop_profile import Shop
+from maskfab.model import CLEAR, Die, Plate, Quantity
+from maskfab.progress import Progress
+from maskfab.readers.read_svg import read_svg
+from maskfab.readers.reading import find_cell, read_layout
+from maskfab.readers.sandbox.bounded import bounded, library_errors, seconds_of
+from maskfab.shops.fitting import blank_of, drawing_style, suited, written_formats, written_options
+from maskfab.units import NM_PER_UM
+from maskfab.verify.bitmaps import check_bitmap
+from maskfab.verify.roundtrip import RoundTrip, compare
+from maskfab.verify.slivers import Sifted
+from maskfab.verify.solids import check_plate_solid, check_solid
+
+_MB = 1_000_000
+_WRITTEN_ALONE = (".gbr", ".svg")
+"""Formats that hold what the writer exposes and nothing else."""
+
+_READ_AHEAD = (".gbr", ".step")
+"""Formats that take long in processes of their own: those run while other files are compared here."""
+
+_MOST_AHEAD = 3
+"""A process takes up to half a gigabyte."""
+
+_LIKE = 2
+"""A file of more vertices than so many times the design's is not looked through."""
+
+_FEW_VERTICES = 10_000
+
+_Taken: TypeAlias = db.Layout | RoundTrip | tuple[Quantity, ...]
+"""A mask file as a layout, to be compared, or compared already; of other files what the comparison has shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """A plate as its files draw it.
+
+    Attributes:
+        figures: cells and polygons.
+        design: the same as a layout.
+        products: the files.
+        settings: of solids and pictures.
+        formats: of the files.
+    """
+
+    figures: Figures
+    design: db.Layout
+    products: tuple[Product, ...]
+    settings: FileSettings
+    formats: tuple[FileFormat, ...]
+
+    @property
+    def plate(self) -> Plate:
+        """The plate that is drawn."""
+        return self.figures.plate
+
+    def account(self) -> tuple[Quantity, ...]:
+        """Changes made to draw polygons that formats and readers accept, as rows of the report."""
+        said = self.figures.account
+        counts = {
+            "drawn_holes": (said.holed, f"outlines with holes, drawn by {self.figures.options.holes}"),
+            "drawn_parted": (said.parted, "outlines parted where they touched themselves"),
+            "drawn_split": (said.split, f"outlines cut for more than {self.figures.options.max_vertices} vertices"),
+        }
+        return tuple(Quantity(name, "", count, "", method) for name, (count, method) in counts.items())
+
+
+def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> Drawn:
+    """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
+
+    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.shops.fitting`, and marks are drawn as the
+    shop takes them.
+
+    Raises:
+        OutputError: MF413, MF416 for drawings that cannot be made.
+    """
+    section = spec.export or ExportSection()
+    formats = written_formats(section, shop)
+    glass_nm = blank_of(spec).glass_nm
+    settings = FileSettings(
+        Stack(section.chrome * NM_PER_UM, Stack().glass_nm if glass_nm is None else glass_nm, section.exaggeration),
+        round(section.stl_limit_mb * _MB),
+        section.dots_per_um,
+        drawing_style(plate, shop),
+    )
+    options = written_options(plate, section, shop)
+    figures = draw(plate if shop is None else suited(plate, shop, options.holes), options)
+    return Drawn(figures, figures.layout(), products(figures, formats, comments, settings), settings, formats)
+
+
+@dataclass(frozen=True, eq=False)
+class ReadBack:
+    """Result of reading files back: of layouts, the first measured further, and every row of the report.
+
+    Only the first layout is kept; those of the others are empty, for a flat one takes a hundred megabytes.
+    """
+
+    trips: tuple[RoundTrip, ...]
+    quantities: tuple[Quantity, ...]
+
+
+def read_back(
+    made: Drawn, folder: Path, progress: Progress, refused: list[tuple[str, InputError]] | None = None
+) -> ReadBack:
+    """Read the files of a folder through libraries that did not write them, and compare each with the plate.
+
+    The first layout is compared dot by dot too.
+
+    Args:
+        made: what was drawn.
+        folder: where the files lie.
+        progress: told where the work stands.
+        refused: takes the files that cannot be read, and why; they are then left out. Then they may be anybody's, and
+            layouts are read and compared within the limits of :mod:`maskfab.readers.sandbox.bounded`.
+
+    Raises:
+        SourceError: for a file that cannot be read, unless ``refused`` takes it.
+    """
+    trips: dict[int, RoundTrip] = {}
+    quantities: dict[int, tuple[Quantity, ...]] = {}
+    errors: dict[int, tuple[str, InputError]] = {}
+    waiting = deque(enumerate(made.products))
+    first = next((number for number, product in waiting if product.kind == "mask"), None)
+
+    def take(number: int, *, dots: bool) -> _Taken:
+        product = made.products[number]
+        if refused is not None and product.kind == "mask":
+            return _within_limits(made, product, folder, dots=dots)
+        return _take(made, product, folder)
+
+    with _ahead(made, lambda number: take(number, dots=number == first)) as coming:
+        while waiting:
+            number, product = waiting.popleft()
+            taken = coming.get(product.name)
+            # Background reads are collected last; the first layout comes before anything else.
+            others = any(each.name not in coming for _, each in waiting)
+            if taken and not taken.done() and others and (trips or product.kind != "mask"):
+                waiting.append((number, product))
+                continue
+            coming.pop(product.name, None)
+            progress("read back", len(quantities) + len(errors), len(made.products))
+            try:
+                found = taken.result() if taken else take(number, dots=not trips)
+                if isinstance(found, RoundTrip) and not trips and found.dies[0].wrong_dots is None:
+                    found = take(number, dots=True)  # what should have been the first was refused
+                if isinstance(found, db.Layout):
+                    found = _trip(made, found, folder / product.name, dots=not trips)
+                if isinstance(found, RoundTrip):
+                    trip, quantities[number] = found, found.quantities()
+                    trips[number] = trip if not trips else replace(trip, layout=db.Layout())
+                else:
+                    quantities[number] = found
+            except InputError as error:
+                if refused is None:
+                    raise
+                errors[number] = product.name, error
+            give_back()
+    progress("read back", len(made.products), len(made.products))
+    if refused is not None:
+        refused += [errors[number] for number in sorted(errors)]
+    rows = chain.from_iterable(quantities[number] for number in sorted(quantities))
+    return ReadBack(tuple(trips[number] for number in sorted(trips)), tuple(rows))
+
+
+@contextmanager
+def _ahead(made: Drawn, take: Callable[[int], _Taken]) -> Iterator[dict[str, Future[_Taken]]]:
+    """Start slow reads in background threads; yields futures by file name. Unstarted reads are cancelled on exit."""
+    workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
+    with ThreadPoolExecutor(workers) as pool:
+        slow = [number for number, each in enumerate(made.products) if Path(each.name).suffix in _READ_AHEAD]
+        try:
+            yield {made.products[number].name: pool.submit(take, number) for number in slow}
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _take(made: Drawn, product: Product, folder: Path) -> _Taken:
+    path = folder / product.name
+    if product.kind != "mask":
+        return _others(made, product.die, path)
+    if path.suffix == ".svg":
+        return read_svg(path)
+    read = read_layout(path)
+    find_cell(read)
+    return read
+
+
+def _trip(made: Drawn, read: db.Layout, path: Path, *, dots: bool) -> RoundTrip:
+    names = made.settings.drawing.layer_names
+    if path.suffix in _WRITTEN_ALONE:
+        names = {CLEAR.name: CLEAR.name}
+    polygons = made.figures.account.polygons
+    with library_errors(path):
+        return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+
+
+def _within_limits(made: Drawn, product: Product, folder: Path, *, dots: bool) -> RoundTrip:
+    """A layout that anybody may have written, read and compared in a copy of this process.
+
+    What comes back holds no differing shapes, and a layout only if ``dots``: the design where they are equal.
+
+    Raises:
+        SourceError: as :func:`read_layout` and :func:`maskfab.readers.sandbox.bounded.bounded`; MF313 if the file
+            differs and has so many vertices that its optics would take far longer than the design's.
+    """
+    path = folder / product.name
+
+    def work(_tell: Progress) -> dict[str, object]:
+        read = _take(made, product, folder)
+        assert isinstance(read, db.Layout)
+        trip = _trip(made, read, path, dots=dots)
+        if dots and trip.differences:
+            _refuse_many_vertices(made, read, path)
+            read.write(str(differing), _clear_alone(read))
+        return {name: value for name, value in vars(trip).items() if name not in {"layout", "differing", "slivers"}}
+
+    with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
+        differing = Path(aside) / "differing.oas"
+        told: dict[str, Any] = bounded(path, work, seconds=seconds_of(made.figures.account.polygons))
+        layout = made.design if dots else db.Layout()
+        if differing.is_file():
+            layout = db.Layout()
+            layout.read(str(differing))
+    return RoundTrip(layout=layout, differing=db.Region(), slivers=Sifted(db.Region(), db.Region()), **told)
+
+
+def _clear_alone(read: db.Layout) -> db.SaveLayoutOptions:
+    options = db.SaveLayoutOptions()
+    options.format = "OASIS"
+    options.deselect_all_layers()
+    index = read.find_layer(layer_info(CLEAR))
+    if index is not None:
+        options.add_layer(index, layer_info(CLEAR))
+    return options
+
+
+def _refuse_many_vertices(made: Drawn, read: db.Layout, path: Path) -> None:
+    found, drawn = count_vertices(read), count_vertices(made.design)
+    if found > _LIKE * drawn + _FEW_VERTICES:
+        raise SourceError(
+            "MF313",
+            f"{path.name} draws {found:.3g} vertices, references followed, where the plate has {drawn:.3g}",
+            where=str(path),
+            cure="Put the file back that the run wrote, or hold this one against the job with --against",
+        )
+
+
+def _others(made: Drawn, die: Die | None, path: Path) -> tuple[Quantity, ...]:
+    if die is None:
+        return check_plate_solid(made.plate, path)
+    if path.suffix in (".png", ".tif"):
+        return check_bitmap(die, made.design, path, made.settings.dots_per_um)
+    return check_solid(die, path, made.settings.stack)

@@ -1,0 +1,1 @@
+"""Mask files that maskfab did not write, held against a job."""

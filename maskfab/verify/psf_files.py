@@ -1,0 +1,101 @@
+"""Written PSFs against those that were measured: every sample, and every entry of the header, read by OpenImageIO."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+from numpy.typing import NDArray
+
+from maskfab.errors import SourceError
+from maskfab.export.exr import PREFIX, Facts
+from maskfab.export.psf import PsfFile
+from maskfab.model import Quantity
+from maskfab.readers.reading_image import said_by
+
+_OF_ITSELF, _OF_PEAK = 1e-6, 1e-9
+"""Float32 rounds to 6e-8 of a value; another machine's sums differ by some 1e-12 of the peak."""
+
+
+def check_psf_file(made: PsfFile, folder: Path) -> tuple[Quantity, Quantity]:
+    """Read a PSF back and compare it with the one that was measured.
+
+    Returns:
+        ``psf_file_wrong_samples``, samples that differ by more than a millionth of themselves, all of them if their
+        number is another; and ``psf_file_wrong_facts``, entries of the header that are missing, differ or were not
+        written. The limit of both is 0.
+
+    Raises:
+        SourceError: MF301 if there is no such file, MF303 if it cannot be read.
+    """
+    values, facts = read_psf_file(folder / made.name)
+    expected = made.psf.values
+    if values.shape != expected.shape:
+        wrong = max(values.size, expected.size)
+    else:
+        allowed = _OF_ITSELF * abs(expected) + _OF_PEAK * expected.max()
+        wrong = int(np.count_nonzero(~(abs(values - expected) <= allowed)))
+    differing = tuple(_differing(made.facts, facts))
+
+    def judged(name: str, count: int, method: str) -> Quantity:
+        where = {"die": made.die.name, "wavelength_nm": made.psf.wavelength_nm}
+        return Quantity(name, "", count, "", method, limit=0, passed=count == 0, **where)  # type: ignore[arg-type]
+
+    told = f": {', '.join(differing)}" if differing else ""
+    return (
+        judged("psf_file_wrong_samples", wrong, f"{made.name}, every sample against the PSF that was measured"),
+        judged("psf_file_wrong_facts", len(differing), f"{made.name}, every entry of its header{told}"),
+    )
+
+
+def read_psf_file(path: Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
+    """Samples [y, x], row 0 the lowest, and the entries of the header that are ours, by name.
+
+    Raises:
+        SourceError: MF301 if there is no such file, MF303 if it cannot be read or has not one float32 channel.
+    """
+    if not os.path.isfile(path):
+        raise SourceError(
+            "MF301", f"there is no file {path.name}", where=str(path), cure="Run the job again to rewrite it"
+        )
+    image = oiio.ImageInput.open(str(path))
+    if image is None:
+        raise _damaged(path, said_by(oiio))
+    spec = image.spec()
+    pixels = image.read_image("float") if (spec.nchannels, str(spec.format)) == (1, "float") else None
+    problem = said_by(image) or said_by(oiio)
+    image.close()
+    if pixels is None or problem:
+        raise _damaged(path, problem or f"{spec.nchannels} channels of {spec.format} are not one of float")
+    try:
+        entries = {entry.name: entry.value for entry in spec.extra_attribs}
+    except UnicodeDecodeError as error:
+        raise _damaged(path, "an entry of its header is no text") from error
+    facts = {name.removeprefix(PREFIX): value for name, value in entries.items() if name.startswith(PREFIX)}
+    samples = np.asarray(pixels, dtype=np.float64).reshape(spec.height, spec.width)
+    return samples[::-1], facts
+
+
+def _differing(expected: Facts, found: dict[str, Any]) -> Iterator[str]:
+    for name in dict.fromkeys((*expected, *found)):
+        one, other = expected.get(name), found.get(name)
+        if isinstance(one, float) and isinstance(other, float):
+            same = np.float32(one) == np.float32(other)
+        else:
+            same = one == other
+        if not same:
+            yield f"{name} is {other!r}, not {one!r}"
+
+
+def _damaged(path: Path, why: str) -> SourceError:
+    said = why.strip().splitlines()
+    return SourceError(
+        "MF303",
+        f"{path.name} cannot be read: {said[0] if said else 'damaged'}",
+        where=str(path),
+        cure="Run the job again to rewrite it",
+    )

@@ -1,0 +1,103 @@
+"""Light, noise, and the transfer function against sums by hand."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from maskfab.camera.capture import ELECTRONS, FULL_WELL, READ_NOISE, capture, gain
+from maskfab.camera.transfer import CELLS, Lattice, autocorrelation, lattice, lay, transfer_grid
+from maskfab.errors import JobError, OpeningError
+
+
+def test_autocorrelation_is_the_sum_over_pairs():
+    pupil = np.random.default_rng(0).random((7, 7))
+    table = autocorrelation(pupil)
+    for dy in range(-6, 7):
+        for dx in range(-6, 7):
+            a = pupil[max(0, dy) : 7 + min(0, dy), max(0, dx) : 7 + min(0, dx)]
+            b = pupil[max(0, -dy) : 7 + min(0, -dy), max(0, -dx) : 7 + min(0, -dx)]
+            assert table[dy + 6, dx + 6] == pytest.approx((a * b).sum(), abs=1e-12)
+
+
+def test_transfer_is_the_sum_over_orders_and_lags():
+    dots = 48
+    room = Lattice(dots, 1, 84.0)
+    pupil = room.stop * (np.random.default_rng(1).random((dots, dots)) < 0.4).astype(np.float64)
+    found = transfer_grid((16, 24), room)(pupil)
+    assert found.shape == (3, 16, 13)
+    np.testing.assert_allclose(found[:, 0, 0], 1, rtol=1e-6)
+    table = np.pad(autocorrelation(pupil), 1) / pupil.sum()
+    for row, column in ((0, 5), (3, 12), (12, 7), (8, 0)):
+        fy, fx = np.fft.fftfreq(16)[row], column / 24
+        total = 0.0
+        for ky in range(-3, 4):
+            for kx in range(-3, 4):
+                ty, tx = ((f + k) * room.per_cycle(530) for f, k in ((fy, ky), (fx, kx)))
+                if max(abs(ty), abs(tx)) >= dots:
+                    continue
+                j, i = int(np.floor(ty)), int(np.floor(tx))
+                wy, wx = np.array([1 - ty + j, ty - j]), np.array([1 - tx + i, tx - i])
+                near = table[j + dots : j + dots + 2, i + dots : i + dots + 2]
+                total += wy @ near @ wx * np.sinc(fy + ky) * np.sinc(fx + kx)
+        assert found[1, row, column] == pytest.approx(total, abs=1e-6)
+
+
+def test_the_stop_of_the_protocol():
+    i = np.arange(504)
+    np.testing.assert_array_equal(lattice(21).stop, (i[:, None] - 251.5) ** 2 + (i - 251.5) ** 2 <= 250**2)
+
+
+def test_an_open_panel_is_the_stop_and_turning_every_cell_turns_the_panel():
+    assert lay("open", np.ones((21, 21), dtype=np.bool_)).open_share == 1
+    unit = np.random.default_rng(2).random((7, 7)) < 0.3
+    plain = lay("a", unit, np.zeros((CELLS, CELLS), dtype=np.int8)).pupil
+    turned = lay("b", unit, np.full((CELLS, CELLS), 2, dtype=np.int8)).pupil
+    np.testing.assert_array_equal(turned, plain[::-1, ::-1])
+
+
+def test_noise_has_the_mean_and_variance_of_its_formula():
+    light = np.full((3, 200, 200), 0.3, dtype=np.float32)
+    electrons = gain(32, 0.2072)
+    assert electrons == pytest.approx(1608)
+    found = capture(light, electrons, 5)
+    variance = 0.3 / electrons + (READ_NOISE / electrons) ** 2
+    assert found.mean() == pytest.approx(0.3, abs=5 * np.sqrt(variance / found.size))
+    assert found.var() == pytest.approx(variance, rel=5 * np.sqrt(2 / found.size))
+
+
+def test_noise_follows_its_seed_and_stops_at_the_full_well():
+    light = np.full((1, 20, 20), 2.0, dtype=np.float32)
+    first = capture(light, ELECTRONS[40], 1)
+    np.testing.assert_array_equal(first, capture(light, ELECTRONS[40], 1))
+    assert not np.array_equal(capture(light, 100.0, 1), capture(light, 100.0, 2))
+    np.testing.assert_allclose(first, FULL_WELL / ELECTRONS[40], rtol=1e-6)
+
+
+def test_half_the_light_is_half_the_electrons():
+    assert gain(24, 0.1) == pytest.approx(gain(24, 0.2) / 2)
+
+
+@pytest.mark.parametrize(("level", "share"), [(25, 0.2), (24, 0.0), (24, 1.5), (24, float("nan"))])
+def test_bad_light_is_refused(level, share):
+    with pytest.raises(JobError, match="MF104"):
+        gain(level, share)
+
+
+@pytest.mark.parametrize(
+    ("unit", "code"),
+    [
+        (np.ones((3, 4), dtype=np.bool_), "MF201"),
+        (np.ones(5, dtype=np.bool_), "MF201"),
+        (np.full((3, 3), 0.5), "MF202"),
+        (np.zeros((3, 3), dtype=np.bool_), "MF203"),
+    ],
+)
+def test_bad_openings_are_refused(unit, code):
+    with pytest.raises(OpeningError, match=code):
+        lay("bad", unit)
+
+
+def test_orientations_of_units_that_are_not_there_are_refused():
+    with pytest.raises(JobError, match="MF122"):
+        lay("bad", np.ones((3, 3), dtype=np.bool_), np.full((CELLS, CELLS), 8))

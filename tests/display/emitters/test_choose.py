@@ -1,0 +1,199 @@
+"""Where the light comes from, and which placement brings it to the middle: rules measured anew, and symmetric cases."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import time
+
+import numpy as np
+import pytest
+from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published
+from scipy import ndimage
+
+from maskfab.display.emitters.borders import borders
+from maskfab.display.emitters.choose import centred, colour_orders, wander
+from maskfab.display.emitters.fit import footprint
+from maskfab.display.emitters.freeform import cut_triples, guillotine, shaved
+from maskfab.display.emitters.region import free_region
+from maskfab.display.emitters.rules import EmitterRules, grid_of
+from maskfab.display.emitters.squares import Squares
+from maskfab.model import Emitters, Opening, Tiling, orient
+from maskfab.opening.openings import parse
+from maskfab.optics.numbers.centroid import luminance_centroid
+from maskfab.plate.tiling import orientations
+from maskfab.resources import path
+
+ALL = orientations(Tiling.RANDOM, 40, 40, 1)
+DOT = 8000
+
+
+def slit() -> Opening:
+    return Opening("slit", bar(21, 5, 8), DOT)
+
+
+def fitted() -> Opening:
+    return parse(path("layouts/openings/toled.toml").read_text(encoding="utf-8"))
+
+
+def offset(emitters: Emitters, pitch_nm: int) -> float:
+    return math.hypot(*luminance_centroid(emitters, pitch_nm))
+
+
+def chosen(opening: Opening, rules: EmitterRules, keep: float, gutter: int = DOT, panel: np.ndarray = ALL) -> Emitters:
+    """The choice, after all rules were measured again on it."""
+    grid = grid_of(opening, DOT, gutter, rules)
+    used = range(8)
+    found = footprint(opening, DOT, gutter, used, rules, largest=True).found
+    assert found is not None
+    emitters = centred(found, opening, grid, panel, rules, keep=keep)
+    assert emitters is not None
+    best, least = (min((each.labels == k + 1).sum() / rules.ratio[k] for k in range(3)) for each in (found, emitters))
+    assert least >= keep * best - 1e-9
+    region = free_region(opening.mask, grid, used)
+    assert broken_rules(emitters.labels, region, grid, rules.ratio, least) == []
+    clear = np.kron(opening.mask, np.ones((grid.per_dot, grid.per_dot), dtype=bool))
+    assert borders(emitters.labels, clear, grid, panel).legal
+    # To within what makes a visible difference.
+    assert offset(emitters, grid.pitch_nm) <= offset(found, grid.pitch_nm) + 0.001
+    return emitters
+
+
+def test_centroid_of_stripes_and_its_wander() -> None:
+    """Red left, green middle, blue right: the light leans towards red by (0.2126 - 0.0722) stripe pitches."""
+    labels = np.repeat(np.array([1, 2, 3], dtype=np.int8), 3)[None].repeat(9, axis=0)
+    emitters = Emitters(labels, 1000)
+    x, y = luminance_centroid(emitters, 9000)
+    assert y == pytest.approx(0)
+    assert x == pytest.approx((0.0722 - 0.2126) / 3)
+    assert wander(emitters, 9000) == pytest.approx(abs(x))
+    assert wander(emitters, 9000, [0]) == 0
+    centred = Emitters(np.where(labels == 2, labels, 0), 1000)
+    assert luminance_centroid(centred, 9000) == pytest.approx((0, 0))
+
+
+@pytest.mark.parametrize(
+    ("opening", "most"),
+    [
+        pytest.param(slit(), 0.035, id="slit"),
+        pytest.param(fitted(), 0.015, id="toled"),
+        pytest.param(None, 0.050, id="inv_random"),
+    ],
+)
+def test_three_quarters_of_the_area_are_enough_to_centre_the_light(opening: Opening | None, most: float) -> None:
+    opening = opening or Opening("inv_random", published("L2Inv_Random"), DOT)
+    emitters = chosen(opening, EmitterRules(0, DOT, 2 * DOT), 0.75)
+    assert offset(emitters, 22 * DOT) <= most
+
+
+@pytest.mark.parametrize("rules", [EmitterRules(4000, 16000, 12000), EmitterRules(8000, 24000, 16000)])
+@pytest.mark.parametrize("gutter", [0, 8000])
+def test_neighbours_keep_the_rules_where_the_gap_is_wider_than_the_gutter(rules: EmitterRules, gutter: int) -> None:
+    chosen(fitted(), rules, 0.8, gutter)
+
+
+@pytest.mark.parametrize("ratio", set(itertools.permutations((1.0, 1.0, 2.5))))
+def test_colours_keep_their_ratio(ratio: tuple[float, float, float]) -> None:
+    rules = EmitterRules(0, DOT, 2 * DOT, ratio)
+    for keep in (1.0, 0.8):
+        emitters = chosen(slit(), rules, keep)
+        held = [(emitters.labels == k + 1).sum() / rules.ratio[k] for k in range(3)]
+        assert max(held) <= 1.25 * min(held)
+
+
+def test_what_is_required_and_found_is_kept() -> None:
+    needed = 75 / 22**2
+    emitters = chosen(slit(), EmitterRules(0, DOT, 2 * DOT, required=needed), 0.5)
+    assert min((emitters.labels == k).sum() for k in (1, 2, 3)) >= 75
+
+
+def test_an_empty_pixel_is_centred_and_nothing_stays_nothing() -> None:
+    opening = Opening("none", np.zeros((21, 21)), DOT)
+    rules = EmitterRules(0, DOT, 2 * DOT)
+    assert offset(chosen(opening, rules, 0.7), 22 * DOT) < 0.01
+    assert centred(None, opening, grid_of(opening, DOT, DOT, rules), ALL, rules, keep=0.7) is None
+
+
+def test_is_the_same_each_time_and_quick() -> None:
+    for rules, limit in ((EmitterRules(0, DOT, 2 * DOT), 0.06), (EmitterRules(4000, 16000, 12000), 0.25)):
+        opening = fitted()
+        grid = grid_of(opening, DOT, DOT, rules)
+        found = footprint(opening, DOT, DOT, range(8), rules).found
+        took, seen = [], set()
+        for _ in range(3):
+            start = time.perf_counter()
+            emitters = centred(found, opening, grid, ALL, rules, keep=0.75)
+            took.append(time.perf_counter() - start)
+            assert emitters is not None
+            seen.add(emitters.labels.tobytes())
+        assert len(seen) == 1
+        assert min(took) < 4 * limit
+
+
+def test_triples_hold_the_best_cuts_and_are_large_enough() -> None:
+    rng = np.random.default_rng(5)
+    for _ in range(6):
+        region = ndimage.gaussian_filter(rng.random((15, 15)), 1.5) > 0.47
+        grid = cells(15, 2, 1)
+        squares = Squares.of(region, 2, 1)
+        best, _ = guillotine(region, grid, ALIKE)
+        triples = list(cut_triples(squares, best, 99))
+        assert triples
+        least = [min(squares.area(shape) for shape in shapes) for shapes in triples]
+        assert min(least) == max(least) == best
+        for a, b, c in cut_triples(squares, 0.6 * best, 5):
+            assert not squares.near(a) & (b | c)
+            assert not squares.near(b) & c
+            assert min(map(squares.area, (a, b, c))) >= 0.6 * best
+
+
+@pytest.mark.parametrize("towards", [(1.0, 0.2), (-1.0, -0.2), (0.2, 1.0), (0.2, -1.0)])
+def test_shaving_moves_the_middle_away_from_the_side(towards: tuple[float, float]) -> None:
+    squares = Squares.of(np.ones((9, 9), dtype=bool), 2, 0)
+    whole = squares.window(1, 8, 1, 8)
+    rest = shaved(squares, whole, towards, 14, 20)
+    assert squares.area(whole) - 14 - 2 <= squares.area(rest) <= squares.area(whole) - 14
+    middle = np.argwhere(squares.picture(rest)).mean(axis=0) - 4
+    assert middle @ np.array(towards) < -0.5
+    assert shaved(squares, whole, towards, 14, 49) == whole
+
+
+def wandered(emitters: Emitters, pitch_nm: int, orders: tuple[tuple[int, int, int], ...], used: list[int]) -> float:
+    places = np.array(
+        [
+            luminance_centroid(
+                Emitters(np.array([0, *orders[k]], dtype=np.int8)[orient(emitters.labels, k)], 1000), pitch_nm
+            )
+            for k in used
+        ]
+    )
+    return float(((places - places.mean(axis=0)) ** 2).sum())
+
+
+@pytest.mark.parametrize("used", [[0], [0, 2], [0, 3, 5], list(range(8))])
+def test_no_colour_order_moves_the_light_less(used: list[int]) -> None:
+    rng = np.random.default_rng(6)
+    grid = cells(6)
+    labels = rng.integers(0, 4, (6, 6)).astype(np.int8)
+    emitters = Emitters(labels, 1000)
+    orders = colour_orders(emitters, grid, ALIKE, used)
+    assert len(orders) == 8
+    least = wandered(emitters, 6000, orders, used)
+    every = list(itertools.permutations((1, 2, 3)))
+    picks = itertools.product(every, repeat=len(used)) if len(used) < 4 else rng.choice(every, (200, 8)).tolist()
+    for pick in picks:
+        other = [(1, 2, 3)] * 8
+        for k, order in zip(used, pick, strict=True):
+            other[k] = tuple(order)
+        assert least <= wandered(emitters, 6000, tuple(other), used) + 1e-9
+    assert least <= wander(emitters, 6000, used) ** 2 * len(used) + 1e-9
+
+
+def test_colours_that_may_not_change_places_do_not() -> None:
+    labels = np.zeros((6, 6), dtype=np.int8)
+    labels[:, 0], labels[:, 2], labels[:, 4] = 1, 2, 3
+    same = ((1, 2, 3),) * 8
+    assert colour_orders(Emitters(labels, 1000), cells(6), ALIKE) != same
+    assert colour_orders(Emitters(labels, 1000), cells(6), (0.9, 1.0, 1.1)) == same
+    # The gap of two cells asks for a margin, which red does not keep.
+    assert colour_orders(Emitters(labels, 1000), cells(6, gap=2), ALIKE) == same

@@ -1,0 +1,139 @@
+"""Wires as they are drawn: every rule checked by KLayout on tiles of many pixels, every line followed across them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from klayout import db
+
+from maskfab.display.emitters.answer import Verdict
+from maskfab.display.wires.answer import WireDemand, wiring
+from maskfab.display.wires.gutter import WireRules
+from maskfab.display.wires.routing import most_lines, routing_grids
+from maskfab.geometry.region import simple_polygon
+from maskfab.geometry.unit import unit_shapes
+from maskfab.model import CLEAR, WIRES, Layer, Opening, Panel, Tiling
+from maskfab.opening.openings import load
+from maskfab.plate.tiling import orientations
+
+RULES = WireRules(2000, 2000, 1000)
+OPENINGS = Path(__file__).parents[3] / "layouts" / "openings"
+SIDE = 12
+
+
+def panel(opening: Opening, tiling: Tiling, gutter_nm: int = 0, dot_nm: int = 8000) -> Panel:
+    return Panel(opening, dot_nm, gutter_nm, orientations(tiling, SIDE, SIDE, 1), tiling, 1)
+
+
+def drawn(wired: Panel) -> dict[Layer, db.Region]:
+    regions = {layer: db.Region() for layer in (CLEAR, *WIRES)}
+    for (row, column), cell in np.ndenumerate(wired.orientations):
+        shift = db.Trans(int(column) * wired.pitch_nm, int(row) * wired.pitch_nm)
+        for layer, polygons in unit_shapes(wired, int(cell)).items():
+            for polygon in polygons if layer in regions else ():
+                regions[layer].insert(simple_polygon(polygon).transformed(shift))
+    return {layer: region.merged() for layer, region in regions.items()}
+
+
+def check_rules(wired: Panel, rules: WireRules, lines: int) -> None:
+    """Every line is one piece from border to border of the tile; lines and openings keep their distances."""
+    regions = drawn(wired)
+    whole = SIDE * wired.pitch_nm
+    for axis, layer in zip("xy", WIRES, strict=True):
+        metal = regions[layer]
+        assert (metal.sized(rules.clearance_nm, 2) & regions[CLEAR]).is_empty()
+        assert metal.space_check(rules.space_nm).count() == 0
+        assert metal.width_check(rules.line_nm).count() == 0
+        spans = [box.width() if axis == "x" else box.height() for box in (each.bbox() for each in metal.each())]
+        assert sorted(spans) == [whole] * (SIDE * lines)
+
+
+def wired_by(found, bare: Panel) -> Panel:  # type: ignore[no-untyped-def]
+    return Panel(
+        bare.opening, bare.dot_nm, bare.gutter_nm, bare.orientations, bare.tiling, bare.seed, None, found.tracks
+    )
+
+
+def centred(dots: int, clear: int) -> Opening:
+    mask = np.zeros((dots, dots), dtype=bool)
+    low = (dots - clear) // 2
+    mask[low : low + clear, low : low + clear] = True
+    return Opening("square", mask, 8000)
+
+
+@pytest.mark.parametrize("tiling", [Tiling.PERIODIC, Tiling.FLIPS, Tiling.RANDOM, Tiling.ROT90FLIP])
+@pytest.mark.parametrize("lines", [1, 2, 4])
+def test_lines_round_an_opening_meet_in_every_tiling(tiling: Tiling, lines: int) -> None:
+    bare = panel(centred(9, 3), tiling)
+    found = wiring(bare, bare.opening, WireDemand(RULES, lines))
+    assert found.verdict is Verdict.FITS
+    count = found.through[0]
+    assert count >= lines
+    check_rules(wired_by(found, bare), RULES, count)
+
+
+@pytest.mark.parametrize("name", ["paper_inv_periodic", "poled", "diamond"])
+def test_shipped_openings_in_random_tilings(name: str) -> None:
+    opening = load(OPENINGS / f"{name}.toml")
+    bare = panel(opening, Tiling.RANDOM, dot_nm=opening.dot_nm)
+    found = wiring(bare, opening, WireDemand(RULES, 4))
+    if min(found.through):
+        check_rules(wired_by(found, bare), RULES, found.through[0])
+    assert found.through[0] <= min(found.bounds) + 1
+
+
+def test_gutters_are_filled_first_and_keep_apart_from_lines_beside_them() -> None:
+    bare = panel(centred(9, 3), Tiling.RANDOM, gutter_nm=8000)
+    found = wiring(bare, bare.opening, WireDemand(RULES, 4))
+    assert found.in_gutter == 2
+    assert found.verdict is Verdict.FITS
+    check_rules(wired_by(found, bare), RULES, found.in_gutter + found.through[0])
+
+
+def test_a_slit_stops_every_line_across_it_and_that_is_proved() -> None:
+    mask = np.zeros((9, 9), dtype=bool)
+    mask[:, 4] = True
+    opening = Opening("slit", mask, 8000)
+    upright, level = (most_lines(opening, 8000, 0, RULES, way)[0] for way in ("vertical", "horizontal"))
+    assert level == 0
+    assert upright >= 16
+    found = wiring(panel(opening, Tiling.PERIODIC), opening, WireDemand(RULES, 1))
+    assert found.verdict is Verdict.DOES_NOT_FIT
+    assert found.failed is not None
+    assert found.failed.witness is not None
+    assert found.failed.witness.sum() == 9
+    assert found.through == (0, 1)
+    # A transparent wire crosses it.
+    crossed = wiring(panel(opening, Tiling.PERIODIC), opening, WireDemand(RULES, 1, 8000, 0.9))
+    assert crossed.verdict is Verdict.FITS
+    assert {track.transmission for track in crossed.tracks} == {0.9}
+
+
+def test_nothing_drawn_exceeds_the_bound() -> None:
+    """On random openings, in both directions; the grid of nodes is one way to draw, the bound holds for all."""
+    rng = np.random.default_rng(2)
+    reached = []
+    for _ in range(60):
+        mask = rng.random((7, 7)) < rng.choice([0.05, 0.15, 0.3])
+        opening = Opening("o", mask, 8000)
+        grids = list(routing_grids(opening, 8000, 0, RULES))
+        for way in ("vertical", "horizontal"):
+            from maskfab.display.wires.ports import ports
+
+            bound, proof = most_lines(opening, 8000, 0, RULES, way)
+            count = max(ports(grid.free, [way], symmetric=False, most_tried=60).count for grid in grids)
+            assert count <= bound
+            assert proof.numbers["lines"] == bound
+            reached.append(bound - count)
+    assert min(reached) == 0
+
+
+def test_narrow_dots_are_no_obstacle() -> None:
+    """Dots of 2 um, narrower than any line: closed area counts, not the dot."""
+    fine = Opening("fine", centred(9, 3).mask.repeat(4, axis=0).repeat(4, axis=1), 2000)
+    bare = panel(fine, Tiling.RANDOM, dot_nm=2000)
+    found = wiring(bare, fine, WireDemand(RULES, 4))
+    assert found.verdict is Verdict.FITS
+    check_rules(wired_by(found, bare), RULES, found.through[0])

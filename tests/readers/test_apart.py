@@ -1,0 +1,96 @@
+"""A process of its own for every file: whatever becomes of it is told, and nothing else comes of it."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+from maskfab.errors import OpeningError, SourceError
+from maskfab.readers.sandbox.apart import read_apart
+
+HEAD = "import os, pickle, signal, sys, time, warnings\n"
+
+
+def answer(folder, code, *arguments, seconds=60.0):
+    script, path = folder / "reader.py", folder / "file.gds"
+    script.write_text(HEAD + code, encoding="utf-8")
+    path.write_bytes(b"1234")
+    return read_apart(path, script, *arguments, seconds=seconds)
+
+
+def refusal(folder, code, **options):
+    with pytest.raises(SourceError) as caught:
+        answer(folder, code, **options)
+    assert "file.gds" in caught.value.what
+    assert caught.value.where == str(folder / "file.gds")
+    return caught.value
+
+
+def test_what_is_read_comes_back_with_its_arguments(tmp_path):
+    assert answer(tmp_path, "pickle.dump((sys.argv[1], open(sys.argv[2], 'rb').read()), sys.stdout.buffer)", "how") == (
+        "how",
+        b"1234",
+    )
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize(
+    ("code", "stands"),
+    [
+        ("sys.exit('its end is missing')", "MF303"),
+        ("raise ValueError('its end is missing')", "MF303"),
+        ("warnings.warn('its end is missing')", "MF303"),
+        ("os.kill(os.getpid(), signal.SIGSEGV)", "MF303"),
+        ("os.abort()", "MF303"),
+        ("import resource; resource.setrlimit(resource.RLIMIT_CPU, (1, 1))\nwhile True: pass", "MF316"),
+    ],
+)
+def test_any_other_end_is_a_refusal(tmp_path, code, stands):
+    error = refusal(tmp_path, code)
+    assert error.code == stands
+    assert ("its end is missing" in error.what) == ("missing" in code)
+
+
+def test_an_error_of_ours_comes_as_it_is(tmp_path):
+    code = """
+from maskfab.errors import OpeningError
+pickle.dump(OpeningError("MF203", "it is closed", where="here", cure="Open it"), sys.stdout.buffer)
+"""
+    with pytest.raises(OpeningError) as caught:
+        answer(tmp_path, code)
+    error = caught.value
+    assert (error.code, error.what, error.where, error.cure) == ("MF203", "it is closed", "here", "Open it")
+    assert str(error) == "MF203 it is closed (here). Open it"
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="limits of POSIX")
+@pytest.mark.parametrize(
+    ("limits", "work", "stands"),
+    [
+        ("1 << 30, 1 << 20", "bytes(2 << 30)", "MF303"),
+        ("1 << 30, 1 << 20, 1", "while True: pass", "MF316"),
+        ("1 << 30, 1 << 20, 60", "pickle.dump(1, sys.stdout.buffer)", ""),
+    ],
+)
+def test_a_reader_ends_that_takes_more_than_its_share(tmp_path, limits, work, stands):
+    code = (
+        "from pathlib import Path; from maskfab.readers.sandbox.limits import limit_share\n"
+        f"limit_share(Path(sys.argv[1]), {limits})\n{work}"
+    )
+    if stands:
+        assert refusal(tmp_path, code).code == stands
+    else:
+        assert answer(tmp_path, code) == 1
+
+
+def test_a_reader_that_sleeps_is_ended(tmp_path):
+    error = refusal(tmp_path, "time.sleep(60)", seconds=0.3)
+    assert error.code == "MF316"
+    assert error.cure
+
+
+def test_nothing_is_imported_from_where_the_file_lies(tmp_path, monkeypatch):
+    (tmp_path / "json.py").write_text("raise SystemExit('read from the folder')", encoding="utf-8")
+    monkeypatch.chdir(tmp_path)
+    assert answer(tmp_path, "import json; pickle.dump(json.__name__, sys.stdout.buffer)") == "json"

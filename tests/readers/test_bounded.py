@@ -1,0 +1,144 @@
+"""Work on a file is ended when it takes more than a file like it may, whatever library does it, and that is told."""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import time
+
+import numpy as np
+import pytest
+from klayout import db
+
+from maskfab.errors import OpeningError, SourceError
+from maskfab.readers.sandbox.apart import read_apart
+from maskfab.readers.sandbox.bounded import bounded, library_errors
+from maskfab.readers.sandbox.limits import allow
+
+pytestmark = pytest.mark.skipif(
+    "fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copied process"
+)
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "small.gds"
+    path.write_bytes(b"1234")
+    return path
+
+
+def refusal(file, work, **options):
+    with pytest.raises(SourceError) as caught:
+        bounded(file, work, **options)
+    assert "small.gds" in caught.value.what
+    assert caught.value.where == str(file)
+    assert caught.value.cure
+    return caught.value
+
+
+def busy(seconds):
+    while time.process_time() < seconds:
+        pass
+
+
+def test_the_answer_comes_back_and_so_does_what_is_told_on_the_way(file):
+    heard = []
+
+    def work(tell):
+        tell("rules", 1, 2)
+        return np.arange(3), os.getpid()
+
+    answer, process = bounded(file, work, lambda *said: heard.append(said))
+    assert answer.tolist() == [0, 1, 2]
+    assert heard == [("rules", 1, 2)]
+    assert process != os.getpid()
+
+
+def test_what_does_not_come_to_an_end_is_ended_and_the_stage_told(file):
+    def work(tell):
+        tell("rules", 0, 1)
+        busy(60)
+
+    spent = time.perf_counter()
+    error = refusal(file, work, seconds=1)
+    assert (error.code, "'rules'" in error.what) == ("MF322", True)
+    assert time.perf_counter() - spent < 30
+
+
+def test_a_library_that_cannot_be_interrupted_is_ended_too(file):
+    comb = [db.Region([db.Polygon(db.Box(0, 40 * k, 200_000, 40 * k + 20)) for k in range(5000)])]
+    comb.append(comb[0].transformed(db.Trans(1, False, 200_000, 0)))
+    assert refusal(file, lambda _: (comb[0] & comb[1]).count(), seconds=1).code == "MF322"
+
+
+def test_what_is_allowed_for_honest_work_is_there(file):
+    def work(_):
+        allow(3)
+        busy(1.2)
+        return "done"
+
+    assert bounded(file, work, seconds=1) == "done"
+
+
+def test_what_a_reader_takes_is_taken_of_the_same_share(file, tmp_path):
+    script = tmp_path / "reader.py"
+    script.write_text(
+        "import pickle, sys, time\nwhile time.process_time() < 1.2:\n    pass\npickle.dump('read', sys.stdout.buffer)",
+        encoding="utf-8",
+    )
+
+    def work(tell):
+        answer = read_apart(file, script, seconds=60)
+        tell("rules", 0, 1)
+        busy(1.5)
+        return answer
+
+    error = refusal(file, work, seconds=1)
+    assert (error.code, "'rules'" in error.what) == ("MF322", True)
+    assert bounded(file, work, seconds=4) == "read"
+
+
+def test_allowing_more_changes_nothing_where_nothing_is_limited():
+    resource = pytest.importorskip("resource")
+    before = resource.getrlimit(resource.RLIMIT_CPU), resource.getrlimit(resource.RLIMIT_DATA)
+    allow(5, 1000)
+    assert (resource.getrlimit(resource.RLIMIT_CPU), resource.getrlimit(resource.RLIMIT_DATA)) == before
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="memory is limited on Linux")
+def test_what_fills_memory_is_refused(file):
+    error = refusal(file, lambda _: np.full(2_000_000_000, 1, dtype=np.uint8).sum())
+    assert (error.code, "memory" in error.what) == ("MF322", True)
+
+
+@pytest.mark.parametrize("end", [lambda: os._exit(1), lambda: os.kill(os.getpid(), signal.SIGTERM)])
+def test_a_process_that_dies_is_told(file, end):
+    assert refusal(file, lambda _: end()).code == "MF322"
+
+
+def test_what_a_library_throws_is_told_and_not_ours(file):
+    error = refusal(file, lambda _: db.Layout().read(str(file)))
+    assert (error.code, "gives up" in error.what) == ("MF323", True)
+
+
+def test_an_error_of_ours_comes_as_it_is(file):
+    def work(_):
+        raise OpeningError("MF203", "it is closed", where="here", cure="Open it")
+
+    with pytest.raises(OpeningError) as caught:
+        bounded(file, work)
+    assert (caught.value.code, caught.value.where) == ("MF203", "here")
+
+
+def test_a_fault_of_ours_stays_one(file):
+    with pytest.raises(ZeroDivisionError) as caught:
+        bounded(file, lambda _: 1 // 0)
+    assert "test_bounded" in caught.value.__notes__[0]
+
+
+def test_what_klayout_throws_is_an_error_of_the_file_and_a_fault_of_ours_is_not(file):
+    with pytest.raises(SourceError, match=r"MF323 small\.gds.*unknown format"), library_errors(file):
+        db.Layout().read(str(file))
+    with pytest.raises(RecursionError), library_errors(file):
+        raise RecursionError("deep")
