@@ -21,7 +21,7 @@ from maskfab.progress import Progress, silent
 
 if TYPE_CHECKING:
     from maskfab.display.feasibility import DisplayRules
-    from maskfab.display.populate import Populated
+    from maskfab.display.place import Populated
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,12 +84,12 @@ class Job:
         return compose(self.spec, self.openings, self.signature, where=self.where)
 
     def displays(self, progress: Progress = silent, *, largest: bool = False) -> Populated:
-        """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.display.populate`."""
+        """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.display.place`."""
         return self.displays_of(self.plate(), progress, largest=largest)
 
     def displays_of(self, plate: Plate, progress: Progress = silent, *, largest: bool = False) -> Populated:
         """Displays of the job's plate, which is laid out already."""
-        from maskfab.display.populate import Populated, populate
+        from maskfab.display.place import Populated, populate
 
         rules = self.display_rules
         return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest)

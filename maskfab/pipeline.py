@@ -16,28 +16,28 @@ from typing import TypeVar
 from klayout import db
 
 from maskfab import __version__, provenance, resources
-from maskfab.camera.camera import PhotoCamera
-from maskfab.display.populate import Populated
+from maskfab.camera.photo_camera import PhotoCamera
+from maskfab.display.place import Populated
 from maskfab.drc import RuleResult, check_plate
 from maskfab.errors import JobError
 from maskfab.export.markers import write_markers
-from maskfab.export.products import TITLES
-from maskfab.export.psf import PsfFile, psf_files
+from maskfab.export.outputs import TITLES
+from maskfab.export.psf_exr import PsfFile, psf_files
 from maskfab.files.finished import RESULT_MARK, TIMES, times_text
-from maskfab.files.memory import give_back
+from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
-from maskfab.geometry.region import clear_shapes, plate_names
-from maskfab.geometry.written import check_process
+from maskfab.geometry.plate_layout import clear_shapes, plate_names
+from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.measure.apertures import light_box
-from maskfab.measure.display import display_quantities
+from maskfab.measure.as_written import Written, measure_written
+from maskfab.measure.display_rows import display_quantities
 from maskfab.measure.features import judged, limits_as_rules, smallest_features
 from maskfab.measure.optics import measure, reach_box, read_openings
 from maskfab.measure.restored import Restored, not_judged, photographer
-from maskfab.measure.scene import measure_scene, peak_bytes, reach_um, scene_plan
-from maskfab.measure.views import SceneOptics
-from maskfab.measure.written import Written, measure_written
+from maskfab.measure.scene_result import SceneOptics
+from maskfab.measure.scene_rows import measure_scene, peak_bytes, reach_um, scene_plan
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.image.mtf import area_under_radial_min
 from maskfab.optics.numbers.metrics import model_notes
@@ -45,11 +45,11 @@ from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.optics.scene.plan import Plan
 from maskfab.progress import Progress, silent
 from maskfab.report import data, design_data, html
-from maskfab.report.plots import design_figures, display_figures, figures, scene_figures, written_figures
+from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.plots.workers import Task
-from maskfab.shops.fitting import blank_of
+from maskfab.shops.adapt import blank_of
 from maskfab.shops.judge import check_written
-from maskfab.shops.shops import shop_of
+from maskfab.shops.profiles import shop_of
 from maskfab.threads import one_thread
 from maskfab.verify.bitmaps import check_pixels
 from maskfab.verify.files import Drawn, drawn, read_back
@@ -441,12 +441,12 @@ def draw_pictures(
         if die.name in written:
             more.append((die.name, (written_figures.pictures, (written[die.name],))))
     workers = min(os.cpu_count() or 1, len(optics) // _DIES_A_PROCESS)
-    return figures.pictures(built.plate, optics, document, more, workers)
+    return die_figures.pictures(built.plate, optics, document, more, workers)
 
 
 def draw_overview(plate: Plate, optics: Sequence[DieOptics], document: data.Document) -> bytes:
     """The picture of the whole plate, as PNG."""
-    return figures.overview(plate, document, _most_invertible(optics))
+    return die_figures.overview(plate, document, _most_invertible(optics))
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:

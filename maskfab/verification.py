@@ -16,7 +16,7 @@ from maskfab import __version__, provenance
 from maskfab.errors import InputError, OutputError
 from maskfab.files.finished import RESULT_MARK, TIMES
 from maskfab.files.staging import put_back
-from maskfab.geometry.region import clear_shapes
+from maskfab.geometry.plate_layout import clear_shapes
 from maskfab.job import Job, load
 from maskfab.measure.apertures import light_box, sees_light
 from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
@@ -42,8 +42,8 @@ from maskfab.pipeline import (
 )
 from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
-from maskfab.readers.reading import LAYOUT_SUFFIXES
-from maskfab.readers.reading_image import IMAGE_SUFFIXES
+from maskfab.readers.image_mask import IMAGE_SUFFIXES
+from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.report import again, data, design_data, html
 from maskfab.threads import one_thread
 from maskfab.verify.files import read_back

@@ -14,10 +14,10 @@ from small_job import finished, write_job
 
 from maskfab.export.gds import write_gdsii
 from maskfab.geometry.lettering import text_polygons
-from maskfab.geometry.region import plate_layout
+from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import Job, load
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
-from maskfab.readers import reading
+from maskfab.readers import layout_file
 from maskfab.readers.gdstk_process import content
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
@@ -89,7 +89,7 @@ def bound_once() -> Iterator[None]:
 @pytest.fixture
 def read_here(monkeypatch) -> None:
     """For tests of whole files that are about something else than the process that reads them."""
-    monkeypatch.setattr(reading, "read_apart", lambda path, _, function, **__: content(function, str(path)))
+    monkeypatch.setattr(layout_file, "read_apart", lambda path, _, function, **__: content(function, str(path)))
 
 
 @pytest.fixture(scope="session")

@@ -20,18 +20,18 @@ from display.emitters.shapes import ALIKE, PUBLISHED, bar, cells, published
 from display.emitters.test_rectangles import ASPECTS, RATIOS, best_of_all_triples
 
 from maskfab.display.circuit import CircuitRules
+from maskfab.display.emitters.across_borders import border_margin
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.facing import border_margin
+from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
 from maskfab.display.emitters.fit import footprint
+from maskfab.display.emitters.free_area import EVERY, free_region
 from maskfab.display.emitters.freeform import guillotine, polish
 from maskfab.display.emitters.rectangles import rectangle_footprints, three_rectangles
-from maskfab.display.emitters.region import EVERY, free_region
-from maskfab.display.emitters.rules import EmitterRules, grid_of
 from maskfab.display.feasibility import DisplayRules, feasibility
 from maskfab.display.light import Light
-from maskfab.display.wires.answer import WireDemand
 from maskfab.display.wires.gutter import WireRules
-from maskfab.eye import grain, score, targets
+from maskfab.display.wires.wiring import WireDemand
+from maskfab.eye import drawn_scenes, grain, side_by_side
 from maskfab.eye.viewing import Viewing
 from maskfab.model import Opening, Panel, Tiling
 from maskfab.opening.openings import load
@@ -159,13 +159,13 @@ def seen() -> Iterator[Row]:
     openings = {"slit": Opening("slit", bar(21, 5, 8), 8000)}
     if (PUBLISHED / "L2Inv_Random.png").exists():
         openings["L2Inv_Random"] = Opening("mask", published("L2Inv_Random"), 8000)
-    flat = {score.FLAT: targets.flat(100)}
+    flat = {side_by_side.FLAT: drawn_scenes.flat(100)}
     for name, opening in openings.items():
         bare = panel_of(opening, 8000, 0, cells_of=100)
         found = feasibility(bare, rules)
         assert found is not None
         panel = replace(bare, emitters=found.footprint.found)
-        told = {row.name: float(row.value) for row in score.judge(name, panel, flat, 21, viewing).quantities}
+        told = {row.name: float(row.value) for row in side_by_side.judge(name, panel, flat, 21, viewing).quantities}
         offset = grain.centroids(panel)[1]
         error = abs(told["grain_predicted"] / told["grain_slow"] - 1)
         yield (
@@ -175,10 +175,10 @@ def seen() -> Iterator[Row]:
             "1",
         )
     still = replace(panel, orientations=np.zeros_like(panel.orientations), tiling=Tiling.PERIODIC)
-    told = {row.name: float(row.value) for row in score.judge("still", still, flat, 21, viewing).quantities}
+    told = {row.name: float(row.value) for row in side_by_side.judge("still", still, flat, 21, viewing).quantities}
     yield "even field of a periodic panel, mean dE", told["flat_delta_e_mean"], 1e-9, "dE"
     start = time.process_time()
-    score.judge("all", panel, score.pictures(100), 21, viewing)
+    side_by_side.judge("all", panel, side_by_side.pictures(100), 21, viewing)
     yield "five pictures of 100 x 100 pixels, 21 samples, all numbers", time.process_time() - start, 10, "s"
     yield "peak memory of all this", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 1.5, "GB"
 

@@ -20,15 +20,15 @@ from typing import TypeVar
 import numpy as np
 
 from maskfab.drc import DesignRules, check_plate
+from maskfab.export.cell_polygons import draw
 from maskfab.export.dxf import write_dxf
-from maskfab.export.figures import draw
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.solid.mesh import write_3mf, write_glb
 from maskfab.export.solid.step import write_step
 from maskfab.job import load
 from maskfab.model import Die, Opening, Panel, Plate, Quantity, Tiling
 from maskfab.pipeline import REPORT
-from maskfab.readers.reading import read_layout
+from maskfab.readers.layout_file import read_layout
 from maskfab.resources import path
 from maskfab.verify.roundtrip import compare
 from maskfab.verify.solids import check_solid

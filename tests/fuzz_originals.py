@@ -15,13 +15,13 @@ from small_job import DRAWING, OPENING, write_job
 from maskfab import resources
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.region import plate_layout
+from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import Job
 from maskfab.job import load as load_job
 from maskfab.jobfile import ExportSection
 from maskfab.model import Plate
 from maskfab.package.pack import pack
-from maskfab.shops.shops import load_shop
+from maskfab.shops.profiles import load_shop
 from maskfab.verify.files import Drawn
 from maskfab.verify.files import drawn as drawn_files
 

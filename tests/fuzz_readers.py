@@ -43,7 +43,7 @@ from small_job import OPENING
 from maskfab.errors import InputError, SourceError
 from maskfab.eye import picture
 from maskfab.eye.picture import on_pixels
-from maskfab.files.quiet import quiet
+from maskfab.files.silence_stdout import quiet
 from maskfab.job import load as load_job
 from maskfab.opening import openings
 from maskfab.package import papers
@@ -51,14 +51,14 @@ from maskfab.package.pack import verify_package
 from maskfab.plate import maps
 from maskfab.plate.marks.template import load_template
 from maskfab.progress import silent
-from maskfab.readers import gdstk_process, gerber_process, read_step, reading, reading_gerber, step_process
-from maskfab.readers.reading import find_cell, read_layout
-from maskfab.readers.reading_image import read_picture
+from maskfab.readers import gdstk_process, gerber, gerber_process, layout_file, step, step_process
+from maskfab.readers.image_mask import read_picture
+from maskfab.readers.layout_file import find_cell, read_layout
 from maskfab.readers.sandbox.bounded import bounded
 from maskfab.shops.drawing import plate_drawing
-from maskfab.shops.shops import load_shop
+from maskfab.shops.profiles import load_shop
 from maskfab.verify.files import read_back
-from maskfab.verify.foreign.foreign import check_foreign
+from maskfab.verify.foreign.comparison import check_foreign
 from maskfab.verify.roundtrip import compare
 
 try:
@@ -324,9 +324,9 @@ def work(reader: str) -> None:
 
 def in_one_process() -> None:
     """maskfab reads these in a process of its own for each, which may end; here the copy of the worker is that."""
-    reading.read_apart = _gdstk  # type: ignore[assignment]
-    reading_gerber.read_apart = _gerber  # type: ignore[assignment]
-    read_step.read_apart = _step  # type: ignore[assignment]
+    layout_file.read_apart = _gdstk  # type: ignore[assignment]
+    gerber.read_apart = _gerber  # type: ignore[assignment]
+    step.read_apart = _step  # type: ignore[assignment]
 
 
 class _Sayer(pickle.Pickler):
@@ -377,7 +377,8 @@ def _apart(reader: str, path: Path) -> str:
 
 
 def _gdstk(path: Path, _script: object, function: str, **_limits: object) -> object:
-    """What :func:`maskfab.readers.sandbox.apart.read_apart` returns or raises for GDSII and OASIS, in this process.
+    """What :func:`maskfab.readers.sandbox.child_process.read_apart` returns or raises for GDSII and OASIS, in this
+    process.
 
     Whatever exception ends the process of its own is a refusal there.
     """

@@ -18,10 +18,10 @@ from optics_cases import camera, noise, panel, pupil
 from scipy.special import j1
 
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.region import plate_layout
+from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import load
 from maskfab.model import Stop
-from maskfab.optics.field.field import parity_field
+from maskfab.optics.field.parity import parity_field
 from maskfab.optics.image.psf import image_scale_um2, point_psf
 from maskfab.pipeline import run
 from maskfab.resources import path

@@ -21,8 +21,8 @@ import pytest
 
 from maskfab.report.plots.workers import read_only
 
-FIGURES = ("maskfab.report.plots.figures.pictures", "maskfab.report.plots.figures.overview")
-BOUNDS = ("maskfab.design.job.bounds",)
+FIGURES = ("maskfab.report.plots.die_figures.pictures", "maskfab.report.plots.die_figures.overview")
+BOUNDS = ("maskfab.design.result.bounds",)
 
 _KNOWN: dict[tuple[str, bytes], Any] = {}
 

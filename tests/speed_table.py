@@ -18,17 +18,17 @@ from optics.test_torch_field import full_size, published_loss
 from threadpoolctl import threadpool_limits
 
 from maskfab.bench.accuracy import absent, gemm_bound_ms, race, standard_workload
-from maskfab.bench.peers import PEERS, Task
+from maskfab.bench.other_libraries import PEERS, Task
 from maskfab.bench.published import published_intensity, published_size
 from maskfab.bench.published_step import WAVELENGTHS_NM, published_step
 from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.field.field import parity_field
-from maskfab.optics.field.paths import STRUCTURE
-from maskfab.optics.field.polygons import boundary
+from maskfab.optics.field.methods import STRUCTURE
+from maskfab.optics.field.parity import parity_field
+from maskfab.optics.field.polygon_field import boundary
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
 from maskfab.optics.image.spectrum import lines, polychromatic_otf, reach_um
 from maskfab.optics.pupil.aperture import panel_aperture

@@ -12,8 +12,8 @@ import pytest
 from small_job import Answer, command, finished, listing, write_job
 
 from maskfab.cli.common.display_json import document_schema
-from maskfab.display import populate
-from maskfab.display.emitters.answer import Verdict
+from maskfab.display import place
+from maskfab.display.emitters.placement import Verdict
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
 
@@ -104,13 +104,13 @@ def test_circuits_without_room_are_a_proof_too(capsys, tmp_path):
 
 @pytest.mark.parametrize(("required", "code"), [(0.0, 0), (0.1, 1)])
 def test_not_knowing_fails_only_where_something_is_required(capsys, tmp_path, monkeypatch, required, code):
-    judge = populate.feasibility
+    judge = place.feasibility
 
     def unsure(*arguments: Any, **named: Any) -> Any:
         found = judge(*arguments, **named)
         return replace(found, footprint=replace(found.footprint, verdict=Verdict.UNKNOWN))
 
-    monkeypatch.setattr(populate, "feasibility", unsure)
+    monkeypatch.setattr(place, "feasibility", unsure)
     answer = checked(capsys, display(tmp_path, required=str(required)))
     assert the_display(answer)["verdict"] == "UNKNOWN"
     assert answer.code == code

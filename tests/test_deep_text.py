@@ -13,7 +13,7 @@ from maskfab.job import load
 from maskfab.opening import openings
 from maskfab.plate import maps
 from maskfab.plate.marks.template import load_template
-from maskfab.shops.shops import load_shop
+from maskfab.shops.profiles import load_shop
 from maskfab.verification import verify
 
 DEPTH = 100_000

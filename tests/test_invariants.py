@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from optics_cases import camera, clear_region, noise, panel, pupil
 from sweeps import examples
 
-from maskfab.geometry.region import coverage
+from maskfab.geometry.plate_layout import coverage
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Opening, Panel, Stop, Tiling, orient
-from maskfab.optics.field.field import direct_field, parity_field
-from maskfab.optics.field.polygons import boundary
+from maskfab.optics.field.parity import direct_field, parity_field
+from maskfab.optics.field.polygon_field import boundary
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import presampled_mtf
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.psf import image_scale_um2, point_psf
 from maskfab.optics.pupil.aperture import Aperture, covered_aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maskfab.camera.camera import F1, PhotoCamera, described
+from maskfab.camera.photo_camera import F1, PhotoCamera, described
 from maskfab.camera.photographs import Scene
 from maskfab.cli import run_command_line
 from maskfab.cli.verbs.design import _targets

@@ -8,9 +8,9 @@ from optics_cases import camera, noise, panel, pupil
 from scipy.special import j1
 
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.field.field import direct_field, parity_field
+from maskfab.optics.field.parity import direct_field, parity_field
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import frequency_at, presampled_mtf
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.plate.tiling import orientations

@@ -17,7 +17,7 @@ import maskfab
 from maskfab.errors import OutputError
 from maskfab.model import Quantity
 from maskfab.provenance import sha256_of_file
-from maskfab.report.plots.canvas import bitmap
+from maskfab.report.plots.sheet import bitmap
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
 

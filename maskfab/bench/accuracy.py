@@ -19,12 +19,12 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from maskfab.bench.peers import PEERS, Task
+from maskfab.bench.other_libraries import PEERS, Task
 from maskfab.bench.published import published_intensity, published_size
 from maskfab.errors import JobError
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.field.field import direct_field
-from maskfab.optics.field.paths import PATHS
+from maskfab.optics.field.methods import PATHS
+from maskfab.optics.field.parity import direct_field
 from maskfab.optics.image.psf import point_step_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import Pupil

@@ -16,21 +16,21 @@ from klayout import db
 from numpy.typing import NDArray
 from scipy.special import j1
 
-from maskfab.bench import builders as build
+from maskfab.bench import examples as build
 from maskfab.errors import JobError
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import ORIENTATIONS, Camera, Opening, Panel, Quantity, Stop, Tiling, orient
-from maskfab.optics.field.field import direct_field, parity_field
-from maskfab.optics.field.polygons import boundary
-from maskfab.optics.field.structure import prepare_cells
-from maskfab.optics.image.otf import lag_table
+from maskfab.optics.field.cellwise import prepare_cells
+from maskfab.optics.field.parity import direct_field, parity_field
+from maskfab.optics.field.polygon_field import boundary
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.psf import image_scale_um2, point_psf, point_psfs, point_step_um
 from maskfab.optics.image.spectrum import lines
 from maskfab.optics.numbers.sampling import aliased_mtf
 from maskfab.optics.numbers.wiener import noise_gain, sensor_square, wiener_response, worst_wiener
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
-from maskfab.optics.wavefront.ensemble import mean_psf
+from maskfab.optics.wavefront.mean_over_tilings import mean_psf
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from maskfab.camera.camera import F1, PhotoCamera
+from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.transfer import MOST_DOTS, Laid, Lattice, lattice, lay
 from maskfab.errors import JobError
 from maskfab.model import Panel, Tiling, refined

@@ -25,7 +25,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import sparse
 
-from maskfab.camera.camera import F1, PhotoCamera
+from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, Scalar, orient
 from maskfab.optics.pupil.stop_shape import inside

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 
 State = Mapping[str, NDArray[np.generic]]
 _KEY = "run"

@@ -17,20 +17,20 @@ from itertools import chain
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.camera import F1, PhotoCamera
+from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import LEVELS
 from maskfab.design.clock import Clock
-from maskfab.design.job import Facts, by_level, constraints_of, origin
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.expected_psnr import surrogate
+from maskfab.design.result import Facts, by_level, constraints_of, origin
 from maskfab.design.rules.constraints import Constraints
 from maskfab.design.rules.discrete import ExpectedPsnr, Ranked, anneal, scan
 from maskfab.design.rules.families import FAMILIES
-from maskfab.display.emitters.facing import border_margin
+from maskfab.display.emitters.across_borders import border_margin
+from maskfab.display.emitters.emitter_rules import EmitterRules, Grid, grid_of
+from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine
 from maskfab.display.emitters.rectangles import rectangle_footprints
-from maskfab.display.emitters.region import free_region
-from maskfab.display.emitters.rules import EmitterRules, Grid, grid_of
 from maskfab.errors import InputError, JobError
 from maskfab.jobfile import ParetoSection, SearchSection
 from maskfab.model import ORIENTATIONS, Opening, Tiling

@@ -12,8 +12,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.answer import Certificate, Proof
-from maskfab.display.emitters.rules import MOST_CELLS, finest_cell
+from maskfab.display.emitters.emitter_rules import MOST_CELLS, finest_cell
+from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.errors import JobError
 from maskfab.model import COLOURS, Emitters, Opening, refined
 

@@ -7,16 +7,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from maskfab.display.circuit import CircuitRules, Room, emitter_rooms, pixel_room
-from maskfab.display.emitters.answer import Certificate, Footprint, Verdict
+from maskfab.display.emitters.assign import centred, wander
 from maskfab.display.emitters.borders import Borders, borders
-from maskfab.display.emitters.choose import centred, wander
+from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
 from maskfab.display.emitters.fit import LargestGap, footprint, largest_gap
 from maskfab.display.emitters.measure import Violation, violations
-from maskfab.display.emitters.rules import EmitterRules, grid_of
+from maskfab.display.emitters.placement import Certificate, Footprint, Verdict
 from maskfab.display.light import Light, Triple, current_density, relative_life
-from maskfab.display.wires.answer import WireDemand, Wiring, check_wires, wiring
 from maskfab.display.wires.gutter import WireRules
 from maskfab.display.wires.reach import Reach, reaches
+from maskfab.display.wires.wiring import WireDemand, Wiring, check_wires, wiring
 from maskfab.jobfile import EmittersSection, LightSection, WiresSection, even_nm
 from maskfab.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling, refined
 from maskfab.optics.numbers.centroid import luminance_centroid

@@ -1,7 +1,7 @@
 """Design rules of a plate or of any layout, checked exactly."""
 
-from maskfab.drc.layout import check_layout
-from maskfab.drc.plate import check_plate
+from maskfab.drc.layout_rules import check_layout
+from maskfab.drc.plate_rules import check_plate
 from maskfab.drc.results import RuleResult
 from maskfab.drc.rules import DesignRules
 from maskfab.drc.smallest import Narrowest, narrowest

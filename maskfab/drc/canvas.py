@@ -10,7 +10,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.drc.checks import Check
+from maskfab.drc.klayout_checks import Check
 from maskfab.drc.results import Floats, Ints
 
 _LARGEST_SHEET_NM = 1_000_000_000

@@ -8,8 +8,8 @@ import numpy as np
 from klayout import db
 
 from maskfab.drc.canvas import facing_edges
-from maskfab.drc.checks import distance_checks
-from maskfab.drc.drawn import DrawnRule, acute_corners, long_outlines, off_grid, overlaps, slanted_edges
+from maskfab.drc.drawn_polygons import DrawnRule, acute_corners, long_outlines, off_grid, overlaps, slanted_edges
+from maskfab.drc.klayout_checks import distance_checks
 from maskfab.drc.results import Found, RuleResult, listed
 from maskfab.drc.rules import DesignRules
 from maskfab.model import Polygon

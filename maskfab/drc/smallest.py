@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from maskfab.drc.panel import panel_results
+from maskfab.drc.panel_rules import panel_results
 from maskfab.drc.raster_rules import smallest_runs
 from maskfab.drc.rules import DesignRules
 from maskfab.geometry.die_grid import die_edges_nm, die_raster

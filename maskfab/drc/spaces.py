@@ -8,7 +8,7 @@ from klayout import db
 
 from maskfab.drc.canvas import Canvas
 from maskfab.drc.cells import PanelCells
-from maskfab.drc.checks import Check
+from maskfab.drc.klayout_checks import Check
 from maskfab.drc.results import Found, Repeated, joined
 from maskfab.drc.windows import Windows, windows
 from maskfab.model import Box

@@ -19,10 +19,10 @@ from scipy import sparse
 
 from maskfab.errors import OutputError
 from maskfab.export.size import check_size
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 from maskfab.files.image import is_whole
 from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
-from maskfab.geometry.region import coverage, simple_polygon
+from maskfab.geometry.plate_layout import coverage, simple_polygon
 from maskfab.model import Box, Die, Furniture, Plate
 from maskfab.units import NM_PER_UM
 

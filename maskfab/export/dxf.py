@@ -20,10 +20,10 @@ from ezdxf.document import Drawing
 from ezdxf.layouts import BaseLayout
 
 from maskfab.errors import OutputError
-from maskfab.export.figures import CUT, DieFigures, Figures, Grid, PolygonOptions, as_figures
+from maskfab.export.cell_polygons import CUT, DieFigures, Figures, Grid, PolygonOptions, as_figures
+from maskfab.export.polygon_text import Gap, written
 from maskfab.export.size import check_size
-from maskfab.export.stream import Gap, written
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
 from maskfab.units import NM_PER_UM
 
@@ -89,7 +89,7 @@ def write_dxf(
 ) -> None:
     """Write a plate as DXF, byte-identical between runs.
 
-    Unit cells and dies are blocks under the names of :func:`maskfab.geometry.region.plate_names`; no reference is
+    Unit cells and dies are blocks under the names of :func:`maskfab.geometry.plate_layout.plate_names`; no reference is
     mirrored, turned or scaled. A periodic die is one INSERT with rows and columns. Outlines are closed polylines
     without width, marks stand in model space, notes are TEXT. Figures that are flat or merged have no block at all. A
     layer with nothing on it is not in the file.

@@ -7,8 +7,8 @@ from pathlib import Path
 from klayout import db
 
 from maskfab.errors import OutputError
-from maskfab.export.figures import MAX_VERTICES
-from maskfab.files.aside import partial
+from maskfab.export.cell_polygons import MAX_VERTICES
+from maskfab.files.atomic import partial
 
 _BEGIN, _END, _END_OF_STREAM = b"\x00\x1c\x05\x02", b"\x00\x04\x07\x00", b"\x00\x04\x04\x00"
 """Records of GDSII: length, kind, type of its data. A structure begins with its times and its name."""
@@ -19,7 +19,8 @@ def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES)
     """Write a layout as GDSII, without time stamps, its cells in the order of their names.
 
     Args:
-        layout: from :func:`maskfab.geometry.region.plate_layout` or :meth:`maskfab.export.figures.Figures.layout`.
+        layout: from :func:`maskfab.geometry.plate_layout.plate_layout` or
+            :meth:`maskfab.export.cell_polygons.Figures.layout`.
         path: the file to write.
         max_vertices: longer polygons, which only a layout from elsewhere has, are split by klayout.
 

@@ -14,10 +14,10 @@ from itertools import chain
 from pathlib import Path
 
 from maskfab import __version__
-from maskfab.export.figures import CUT, Figures, as_figures
+from maskfab.export.cell_polygons import CUT, Figures, as_figures
+from maskfab.export.polygon_text import Gap, written
 from maskfab.export.size import check_size
-from maskfab.export.stream import Gap, written
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 from maskfab.model import CLEAR, Plate, Polygon
 
 LARGEST_BYTES = 1_000_000_000

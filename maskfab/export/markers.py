@@ -8,7 +8,7 @@ from pathlib import Path
 from klayout import db, rdb
 
 from maskfab.drc import RuleResult
-from maskfab.geometry.region import DBU_UM
+from maskfab.geometry.plate_layout import DBU_UM
 
 _DESCRIPTIONS = {
     "width": "clear polygons narrower than {limit} {unit}",

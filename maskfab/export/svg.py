@@ -11,9 +11,9 @@ from itertools import chain
 from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
-from maskfab.export.figures import CUT, DieFigures, Figures, Grid, as_figures
+from maskfab.export.cell_polygons import CUT, DieFigures, Figures, Grid, as_figures
 from maskfab.export.size import check_size
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 from maskfab.geometry.polygonize import points
 from maskfab.model import CLEAR, Box, Layer, Plate, Polygon
 

@@ -11,8 +11,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.eye.fourier_light import Series
 from maskfab.eye.scielab import GAUSSIANS, HIGHEST_CPD, carrying
-from maskfab.eye.series import Series
 from maskfab.eye.viewing import Viewing
 from maskfab.optics.numbers.colour import LUMINANCE
 

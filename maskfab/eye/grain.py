@@ -25,8 +25,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.eye.display import emitters_of
-from maskfab.eye.series import Series
+from maskfab.eye.display_light import emitters_of
+from maskfab.eye.fourier_light import Series
 from maskfab.eye.viewing import Viewing
 from maskfab.model import ORIENTATIONS, Emitters, Panel, orient
 from maskfab.optics.numbers.centroid import luminance_centroid

@@ -13,9 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.eye.display import Light
+from maskfab.eye.display_light import Light
+from maskfab.eye.fourier_light import series
 from maskfab.eye.scielab import carrying
-from maskfab.eye.series import series
 from maskfab.eye.viewing import Viewing
 
 Floats = NDArray[np.float64]

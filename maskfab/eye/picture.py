@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
-from maskfab.readers.reading_image import said_by
+from maskfab.readers.image_mask import said_by
 
 Floats = NDArray[np.float64]
 

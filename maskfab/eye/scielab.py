@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.eye.display import Light
-from maskfab.eye.series import Series, series
+from maskfab.eye.display_light import Light
+from maskfab.eye.fourier_light import Series, series
 from maskfab.eye.viewing import Viewing
 from maskfab.optics.numbers.colour import XYZ_OF_RGB, delta_e_1976, lab_of_linear_srgb
 

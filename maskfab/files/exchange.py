@@ -8,7 +8,7 @@ import os
 from contextlib import suppress
 from pathlib import Path
 
-from maskfab.files.aside import free_name, make
+from maskfab.files.atomic import free_name, make
 
 OLD = ".old"
 """Ending of the third name; the folder of that name holds the second under its own."""

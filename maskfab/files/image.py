@@ -10,7 +10,7 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from maskfab.errors import OutputError
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 
 _PNG_END = b"\x00\x00\x00\x00IEND\xaeB`\x82"
 

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from maskfab.errors import OutputError
-from maskfab.files.aside import Aside, locked, make, not_writable, partial, stale
+from maskfab.files.atomic import Aside, locked, make, not_writable, partial, stale
 from maskfab.files.exchange import OLD, exchange, move
 from maskfab.files.finished import Finished, discard, finished
 
@@ -285,6 +285,6 @@ def write_text(target: Path, text: str, *, replace: bool = True) -> None:
 
 
 def write_bytes(target: Path, content: bytes, *, replace: bool = True) -> None:
-    """Write a file so that it is never half-written; raises as :func:`maskfab.files.aside.partial`."""
+    """Write a file so that it is never half-written; raises as :func:`maskfab.files.atomic.partial`."""
     with partial(target, replace=replace) as aside:
         aside.write_bytes(content)

@@ -85,7 +85,7 @@ def placed_boxes(cell: db.Cell, layer: int, window: db.Box | None = None) -> Int
 
     Returns:
         int64 [n, 4] x0, y0, x1, y1, some of which may overlap; None if a placement is not by quarter turns or a shape
-        is not Manhattan, for which :func:`maskfab.geometry.region.region` must do.
+        is not Manhattan, for which :func:`maskfab.geometry.plate_layout.region` must do.
     """
     shapes = cell.begin_shapes_rec(layer) if window is None else cell.begin_shapes_rec_touching(layer, window)
     shapes.max_depth = 0

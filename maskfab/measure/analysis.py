@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.export.gds import write_oasis
-from maskfab.files.memory import give_back
-from maskfab.geometry.region import plate_layout, region
+from maskfab.files.release_memory import give_back
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.geometry.stop import edges_in_stop, stop_box
 from maskfab.jobfile import SceneSection, check_lens, check_optics, even_nm, is_table
 from maskfab.measure.apertures import aperture_in_stop, edge_distances
@@ -28,8 +28,8 @@ from maskfab.measure.optics import (
     read_openings,
     stop_boundary,
 )
-from maskfab.measure.scene import measure_scene, reach_um, scene_plan
-from maskfab.measure.views import SceneOptics
+from maskfab.measure.scene_result import SceneOptics
+from maskfab.measure.scene_rows import measure_scene, reach_um, scene_plan
 from maskfab.model import (
     CLEAR,
     UNSTATED,
@@ -58,7 +58,7 @@ from maskfab.optics.scene.scene import Scene
 from maskfab.plate.panels import check_light, check_size, dot_on_grid
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
-from maskfab.readers.reading import find_cell, find_layer, read_layout
+from maskfab.readers.layout_file import find_cell, find_layer, read_layout
 from maskfab.readers.sandbox.bounded import bounded
 from maskfab.readers.sandbox.limits import allow
 from maskfab.threads import one_thread

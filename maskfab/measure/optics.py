@@ -10,15 +10,15 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.geometry.region import coverage
+from maskfab.geometry.plate_layout import coverage
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.measure.apertures import Shapes, aperture_in_stop, axis_nm, lines_nm, read_aperture
 from maskfab.model import UNSTATED, Box, Camera, Die, DieOptics, MaskBlank, Mtf, Psf, Quantity, Tiling
-from maskfab.optics.field.polygons import Boundary, boundary
+from maskfab.optics.field.polygon_field import Boundary, boundary
 from maskfab.optics.image.axis_lags import AxisLags, axis_lags
+from maskfab.optics.image.lag_table import LagTable, lag_table
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.image.otf import LagTable, lag_table
 from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, point_psfs, point_step_um, within
 from maskfab.optics.numbers import metrics
 from maskfab.optics.numbers.edge_spread import edge_spread
@@ -57,7 +57,7 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
         camera: what looks through it.
         blank: what the plate is made of; a leak whose phase is stated is part of every number.
         shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
-            boxes, see :func:`maskfab.geometry.region.clear_shapes`.
+            boxes, see :func:`maskfab.geometry.plate_layout.clear_shapes`.
     """
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))

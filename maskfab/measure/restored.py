@@ -11,14 +11,14 @@ from types import MappingProxyType
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.camera import F1, PhotoCamera
 from maskfab.camera.laid_panel import laid_panel
+from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import ASSUMED, LEVELS
 from maskfab.camera.scenes import bundled
 from maskfab.camera.shots import Crop, Shot, shots, truth_of
 from maskfab.camera.transfer import CELLS, FEWEST_CELLS, PITCH_UM, Laid, Lattice
-from maskfab.design.model.surrogate import Surrogate, surrogate_behind
+from maskfab.design.model.expected_psnr import Surrogate, surrogate_behind
 from maskfab.errors import JobError
 from maskfab.model import Die, Panel, Quantity, Tiling, refined
 from maskfab.units import NM_PER_UM
@@ -102,7 +102,7 @@ class Photographer:
             return []  # the error of one layout is only known of panels of the protocol's own side
         else:
             # It brings torch along, which takes longer to start than most plates take to check.
-            from maskfab.design.model.pupil_error import pupil_error
+            from maskfab.design.model.layout_error import pupil_error
 
             found = pupil_error(estimate).psnr(laid.pupil)
             how = "this very layout"

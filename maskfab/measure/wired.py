@@ -9,7 +9,7 @@ from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.pupil.veil import veil
+from maskfab.optics.pupil.wire_transmission import veil
 
 
 def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:

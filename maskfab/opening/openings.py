@@ -34,7 +34,7 @@ from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.jobfile import check_name
 from maskfab.jobfile.toml import loads
 from maskfab.model import Opening
-from maskfab.opening import given, grids
+from maskfab.opening import decode, drawn_emitters
 from maskfab.units import NM_PER_UM, parse_pitch_um, to_nm
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -104,15 +104,15 @@ def load(
     if dot_nm is None:
         raise _missing("dot_nm", "the side of one dot in nanometres", where)
     if suffix == ".txt":
-        mask = grids.from_lines(grids.text_rows(_decode(content, where)), where)
+        mask = decode.from_lines(decode.text_rows(_decode(content, where)), where)
     elif suffix in _IMAGES:
-        mask = grids.from_image(path)
+        mask = decode.from_image(path)
     elif suffix == ".npy":
-        mask = grids.from_npy(path)
+        mask = decode.from_npy(path)
     else:
         if dots is None:
             raise _missing("dots", "the number of dots along a side", where)
-        mask = grids.from_layout(path, dots, dot_nm, layer, cell, unit_um)
+        mask = decode.from_layout(path, dots, dot_nm, layer, cell, unit_um)
     opening = _opening(path.stem if name is None else name, mask, dot_nm, {"source": path.name}, where)
     _check_stated(opening, dots, dot_nm, where)
     return opening
@@ -141,7 +141,7 @@ def parse(text: str, where: str = "") -> Opening:
     name = _required(facts, "name", str, where)
     check_name(name, where=_at(where, "name"))
     grid = _required(facts, "grid", str, where)
-    mask = grids.from_lines(list(enumerate(grid.splitlines(), start=1)), _at(where, "grid"))
+    mask = decode.from_lines(list(enumerate(grid.splitlines(), start=1)), _at(where, "grid"))
     dots = _required(facts, "dots", int, where)
     if dots != mask.shape[0]:
         raise OpeningError(
@@ -160,8 +160,8 @@ def parse(text: str, where: str = "") -> Opening:
         return opening
     drawn = _required(facts, "emitters", str, where)
     place = _at(where, "emitters")
-    labels = given.from_lines(list(enumerate(drawn.splitlines(), start=1)), place)
-    given.check(labels, mask, place)
+    labels = drawn_emitters.from_lines(list(enumerate(drawn.splitlines(), start=1)), place)
+    drawn_emitters.check(labels, mask, place)
     return replace(opening, emitters=labels)
 
 
@@ -174,11 +174,11 @@ def dumps(opening: Opening) -> str:
         f"dots = {opening.dots}",
         f"open_ratio = {opening.open_ratio:.4f}  # {opening.clear_dots} of {opening.mask.size} dots",
         'grid = """',
-        *grids.drawing(opening.mask),
+        *decode.drawing(opening.mask),
         '"""',
     ]
     if opening.emitters is not None:
-        lines += ['emitters = """', *given.drawing(opening.emitters), '"""']
+        lines += ['emitters = """', *drawn_emitters.drawing(opening.emitters), '"""']
     if opening.provenance:
         lines += ["", "[provenance]"]
         lines += [f"{_key(key)} = {_scalar(value)}" for key, value in opening.provenance.items()]
@@ -210,7 +210,7 @@ def dot_of_pitch(pitch: object, dots: int, *, where: str = "") -> int:
 
 
 def _opening(
-    name: str, mask: grids.Mask, dot_nm: int, provenance: Mapping[str, str | int | float], where: str
+    name: str, mask: decode.Mask, dot_nm: int, provenance: Mapping[str, str | int | float], where: str
 ) -> Opening:
     check_name(name, where=_at(where, "name"))
     if not mask.any():
@@ -218,7 +218,7 @@ def _opening(
             "MF203",
             f"0 of {mask.size} dots are clear; at least 1 must be",
             where=where,
-            cure=f"Draw clear dots with {grids.CLEAR!r}; in images bright is clear",
+            cure=f"Draw clear dots with {decode.CLEAR!r}; in images bright is clear",
         )
     return Opening(name, mask, dot_nm, MappingProxyType(dict(provenance)))
 
@@ -232,7 +232,7 @@ def _check_number(key: str, value: int | None, where: str) -> None:
             cure="Give a whole number of 1 or more",
         )
     if key == "dots" and value is not None:
-        grids.check_size(value, where)
+        decode.check_size(value, where)
 
 
 def _check_stated(opening: Opening, dots: int | None, dot_nm: int | None, where: str) -> None:
@@ -246,7 +246,7 @@ def _check_stated(opening: Opening, dots: int | None, dot_nm: int | None, where:
             )
 
 
-def _check_open_ratio(stated: object, mask: grids.Mask, where: str) -> None:
+def _check_open_ratio(stated: object, mask: decode.Mask, where: str) -> None:
     if isinstance(stated, bool) or not isinstance(stated, int | Decimal):
         raise JobError("MF105", f"open_ratio = {stated!r} is not a number", where=where, cure="Write open_ratio = 0.2")
     ratio = Decimal(stated)

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError
-from maskfab.opening.grids import MAX_DOTS, Mask
+from maskfab.opening.decode import MAX_DOTS, Mask
 
 Level = NDArray[np.float64]
 

@@ -12,7 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 
 from maskfab.errors import SourceError
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 
 MANIFEST = "manifest.json"
 _DATE = (1980, 1, 1, 0, 0, 0)
@@ -43,7 +43,7 @@ def write_package(target: Path, folder: Path, names: Sequence[str], stem: str, *
     """Zip files of a folder, sorted, undated, under the folder ``stem`` of the zip.
 
     Raises:
-        OutputError: MF401 or MF404 as :func:`maskfab.files.aside.partial`, which ``replace`` is for.
+        OutputError: MF401 or MF404 as :func:`maskfab.files.atomic.partial`, which ``replace`` is for.
     """
     with (
         partial(target, replace=replace) as aside,

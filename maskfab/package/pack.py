@@ -14,11 +14,11 @@ from klayout import db
 
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, JobError, OutputError, SourceError
+from maskfab.export.cell_polygons import CUT, Figures, draw
 from maskfab.export.dxf import DrawingStyle
-from maskfab.export.figures import CUT, Figures, draw
-from maskfab.export.products import MASK_TAILS, mask_writer
+from maskfab.export.outputs import MASK_TAILS, mask_writer
 from maskfab.files.staging import check_file, write_bytes, write_text
-from maskfab.geometry.region import DBU_UM, layer_info, plate_layout, region
+from maskfab.geometry.plate_layout import DBU_UM, layer_info, plate_layout, region
 from maskfab.job import Job, load
 from maskfab.jobfile import is_table
 from maskfab.jobfile import read as read_spec
@@ -28,9 +28,9 @@ from maskfab.package.archive import MANIFEST, safe_stem, unpack, write_package
 from maskfab.package.papers import JOB_COPY, PROFILE, Ordered, check_papers, check_profile, facts, papers
 from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
-from maskfab.readers.reading import find_cell, read_layout
+from maskfab.readers.layout_file import find_cell, read_layout
 from maskfab.readers.sandbox.bounded import bounded, library_errors, seconds_of
-from maskfab.shops.fitting import blank_of, drawing_options, drawing_style, extent_nm, fitted
+from maskfab.shops.adapt import blank_of, drawing_options, drawing_style, extent_nm, fitted
 from maskfab.shops.judge import Finding, accepted, check_shop, extent
 from maskfab.verify.foreign.extents import file_box
 from maskfab.verify.roundtrip import compare

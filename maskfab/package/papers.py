@@ -11,7 +11,7 @@ from typing import Any
 import matplotlib as mpl
 
 from maskfab import __version__
-from maskfab.export.figures import Figures
+from maskfab.export.cell_polygons import Figures
 from maskfab.job import Job
 from maskfab.jobfile.shop_profile import Format, Shop, dump_shop
 from maskfab.model import Quantity, WrittenFile
@@ -19,7 +19,7 @@ from maskfab.package.archive import MANIFEST
 from maskfab.shops.drawing import plate_drawing
 from maskfab.shops.judge import Finding
 from maskfab.shops.order_sheet import PARITY, TONE, order_sheet
-from maskfab.shops.shops import load_shop, shop_names, shop_of
+from maskfab.shops.profiles import load_shop, shop_names, shop_of
 
 PROFILE = "shop.toml"
 """Name in a package of the profile of its shop."""

@@ -39,7 +39,7 @@ _LARGEST_MEMORY = 3 << 29
 _MEMORY_PER_BYTE = 256
 _SECONDS = 4
 _FARTHEST_NM = 1_000_000_000
-"""As for every layout, see :mod:`maskfab.geometry.reading_limits`, which takes too long to import here."""
+"""As for every layout, see :mod:`maskfab.geometry.shape_limits`, which takes too long to import here."""
 
 MOST_CURVES = 200_000
 """Flashes and strokes, which are of one kind in a mask file: a region says the same in less time and memory."""

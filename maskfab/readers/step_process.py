@@ -20,10 +20,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.files.quiet import quiet
-from maskfab.readers.read_solid import Floats, ReadShape, ReadSolid
-from maskfab.readers.read_step import Placed
+from maskfab.files.silence_stdout import quiet
+from maskfab.readers.mesh import Floats, ReadShape, ReadSolid
 from maskfab.readers.sandbox.limits import limit_share
+from maskfab.readers.step import Placed
 
 _DEFLECTION_MM = 1e-3
 _PRECISION_MM = 1e-7

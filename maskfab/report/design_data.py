@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from maskfab.camera.camera import F1, described
+from maskfab.camera.photo_camera import F1, described
 from maskfab.camera.protocol import LEVELS
 from maskfab.job import Job
 from maskfab.measure.restored import Restored

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from maskfab.display.emitters.answer import Certificate, Verdict
+from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.model import COLOURS
 

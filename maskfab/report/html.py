@@ -11,11 +11,11 @@ from typing import Any, Literal
 from jinja2 import Environment, StrictUndefined
 from markupsafe import Markup
 
-from maskfab.measure.views import distance
+from maskfab.measure.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.report.glossary import QUANTITIES, WORDS, term
-from maskfab.report.plots import figures
-from maskfab.report.plots.numbers import number, short
+from maskfab.report.plots import die_figures
+from maskfab.report.plots.number_text import number, short
 from maskfab.resources import template
 
 Row = Mapping[str, Any]
@@ -111,8 +111,8 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
 
     Args:
         document: report.json, as :func:`maskfab.report.data.to_document` makes it.
-        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.plots.figures.pictures` makes them; a
-            figure that is missing is left out.
+        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.plots.die_figures.pictures` makes them;
+            a figure that is missing is left out.
 
     Equal documents and pictures give equal pages.
     """
@@ -136,7 +136,7 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
     checks: Sequence[Row] = document["checks"]
     return environment.from_string(template("report.html.j2")).render(
         document=document,
-        whole=drawn.get(figures.PLATE, {}),
+        whole=drawn.get(die_figures.PLATE, {}),
         drawn=drawn,
         headlines=list(_headlines(document)),
         failures=_by_name(check for check in checks if not check["passed"]),

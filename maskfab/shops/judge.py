@@ -11,17 +11,17 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from maskfab.drc import DesignRules, RuleResult, check_plate, narrowest
-from maskfab.drc.plate import apart
+from maskfab.drc.plate_rules import apart
 from maskfab.drc.smallest import Tone
 from maskfab.errors import OutputError
-from maskfab.export.figures import DieFigures, Figures, PolygonOptions, draw
-from maskfab.geometry.region import plate_names
+from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
+from maskfab.geometry.plate_layout import plate_names
 from maskfab.jobfile import FileFormat
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
 from maskfab.model import CLEAR, NOTE, Box, Die, Layer, Plate, Quantity
 from maskfab.plate.marks.template import PlateTemplate, plate_template, template_names
-from maskfab.shops import tally
-from maskfab.shops.fitting import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
+from maskfab.shops import counts
+from maskfab.shops.adapt import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
 from maskfab.units import NM_PER_UM
 
 _NM_PER_MM = 1000 * NM_PER_UM
@@ -399,7 +399,7 @@ def _drawn(plate: Plate, shop: Shop, options: PolygonOptions) -> tuple[Figures |
     merging = options.hierarchy == "merged" and shop.polygons.shared_boundaries is False
     try:
         figures = draw(plate, replace(options, hierarchy="cells") if merging else options)
-        if merging and not {*tally.cut_cells(figures)} & {*figures.cells}:
+        if merging and not {*counts.cut_cells(figures)} & {*figures.cells}:
             # Joining openings across pixels takes minutes on large plates, and mends no cell that is cut within.
             figures = draw(plate, options)
     except OutputError as refusal:
@@ -410,7 +410,7 @@ def _drawn(plate: Plate, shop: Shop, options: PolygonOptions) -> tuple[Figures |
 def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterator[Finding]:
     limits, outlines, options, plate = shop.limits, shop.polygons, figures.options, figures.plate
     if limits.max_vertices is not None:
-        most = tally.longest(figures)
+        most = counts.longest(figures)
         fits = most <= limits.max_vertices
         cure = "" if fits else f"Set max_vertices to at most {limits.max_vertices}"
         yield Finding("vertices", fits, most, limits.max_vertices, cure=cure)
@@ -426,7 +426,7 @@ def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterat
         highest = max((layer.number for layer in layers), default=0)
         yield Finding("layer_number", highest <= limits.max_layer_number, highest, limits.max_layer_number)
     if limits.max_flashes is not None:
-        count = tally.flashes(plate)
+        count = counts.flashes(plate)
         cure = "" if count <= limits.max_flashes else "Use fewer cells, or a house whose writer draws polygons"
         yield Finding("flashes", count <= limits.max_flashes, count, limits.max_flashes, "rectangles", cure=cure)
     if outlines.self_crossing is False:
@@ -445,7 +445,7 @@ def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterat
 
 
 def _references(figures: Figures, most: int) -> Finding:
-    count = tally.references(figures)
+    count = counts.references(figures)
     fits = count <= most
     place = "" if fits else max(figures.dies, key=_placed).name
     cure = "" if fits else 'Use max_references for cells of two pixels, hierarchy = "flat", or fewer random dies'
@@ -458,9 +458,9 @@ def _placed(die: DieFigures) -> int:
 
 def _boundaries(plate: Plate, figures: Figures) -> Finding:
     """Judged by the figures as they are written."""
-    found = tally.shared_edges(figures)
+    found = counts.shared_edges(figures)
     for die in plate.dies if not found and figures.options.hierarchy != "merged" else ():
-        count = tally.facing_dots(die)
+        count = counts.facing_dots(die)
         if count:
             cure = 'Give the cells a gutter, or use hierarchy = "merged"'
             return Finding("shared_boundaries", False, count, 0, "dots", f"the cells of die {die.name}", cure)

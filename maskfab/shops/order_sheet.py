@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 
-from maskfab.export.figures import CUT, Account, Figures
+from maskfab.export.cell_polygons import CUT, Account, Figures
 from maskfab.jobfile.shop_profile import Format, OrderField, Shop
 from maskfab.model import CLEAR, Gauge, Plate
-from maskfab.shops.fitting import kept_grid_nm
+from maskfab.shops.adapt import kept_grid_nm
 from maskfab.units import NM_PER_UM, UM_PER_INCH
 
 TONE = "digitized data = clear"

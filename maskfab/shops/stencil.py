@@ -7,8 +7,8 @@ from dataclasses import replace
 
 from klayout import db
 
+from maskfab.geometry.plate_layout import simple_polygon
 from maskfab.geometry.polygonize import Holes, points, simple_pieces
-from maskfab.geometry.region import simple_polygon
 from maskfab.model import Furniture
 
 _BAR_NM = 4_000

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from maskfab.drc.raster_rules import smallest_runs
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
-from maskfab.geometry.region import clear_shapes, coverage
+from maskfab.geometry.plate_layout import clear_shapes, coverage
 from maskfab.jobfile import MOST_DOTS_PER_UM
 from maskfab.model import Die, Quantity
-from maskfab.readers.reading_image import read_levels
+from maskfab.readers.image_mask import read_levels
 from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
@@ -74,7 +74,7 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
 
     Args:
         die: what the picture shows.
-        design: the plate, as :func:`maskfab.geometry.region.plate_layout`.
+        design: the plate, as :func:`maskfab.geometry.plate_layout.plate_layout`.
         path: the picture.
         dots_per_um: pixels per micrometre that it should have; its own resolution tags are what it is read by.
 
@@ -85,7 +85,7 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
         for it tells what pixels so large cannot show.
 
     Raises:
-        SourceError: as of :func:`maskfab.readers.reading_image.read_levels`; MF314 if it has no resolution.
+        SourceError: as of :func:`maskfab.readers.image_mask.read_levels`; MF314 if it has no resolution.
     """
     x0, y0, x1, y1 = die.box_nm
     pixel = NM_PER_UM / dots_per_um

@@ -19,20 +19,20 @@ from typing import Any, TypeAlias
 from klayout import db
 
 from maskfab.errors import InputError, SourceError
-from maskfab.export.figures import Figures, draw
-from maskfab.export.products import FileSettings, Product, products
+from maskfab.export.cell_polygons import Figures, draw
+from maskfab.export.outputs import FileSettings, Product, products
 from maskfab.export.solid.tiles import Stack
-from maskfab.files.memory import give_back
-from maskfab.geometry.reading_limits import count_vertices
-from maskfab.geometry.region import layer_info
+from maskfab.files.release_memory import give_back
+from maskfab.geometry.plate_layout import layer_info
+from maskfab.geometry.shape_limits import count_vertices
 from maskfab.jobfile import ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.progress import Progress
-from maskfab.readers.read_svg import read_svg
-from maskfab.readers.reading import find_cell, read_layout
+from maskfab.readers.layout_file import find_cell, read_layout
 from maskfab.readers.sandbox.bounded import bounded, library_errors, seconds_of
-from maskfab.shops.fitting import blank_of, drawing_style, suited, written_formats, written_options
+from maskfab.readers.svg import read_svg
+from maskfab.shops.adapt import blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.units import NM_PER_UM
 from maskfab.verify.bitmaps import check_bitmap
 from maskfab.verify.roundtrip import RoundTrip, compare
@@ -95,7 +95,7 @@ class Drawn:
 def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> Drawn:
     """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
 
-    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.shops.fitting`, and marks are drawn as the
+    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.shops.adapt`, and marks are drawn as the
     shop takes them.
 
     Raises:

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
 from maskfab.export.exr import PREFIX, Facts
-from maskfab.export.psf import PsfFile
+from maskfab.export.psf_exr import PsfFile
 from maskfab.model import Quantity
-from maskfab.readers.reading_image import said_by
+from maskfab.readers.image_mask import said_by
 
 _OF_ITSELF, _OF_PEAK = 1e-6, 1e-9
 """Float32 rounds to 6e-8 of a value; another machine's sums differ by some 1e-12 of the peak."""

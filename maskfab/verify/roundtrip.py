@@ -15,11 +15,11 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.drc.raster_rules import corner_touches
-from maskfab.export.figures import CUT
+from maskfab.export.cell_polygons import CUT
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
-from maskfab.geometry.region import coverage, layer_info, placed_boxes, region
+from maskfab.geometry.plate_layout import coverage, layer_info, placed_boxes, region
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Plate, Point, Quantity
-from maskfab.readers.reading import find_cell, read_layout, rounding_nm
+from maskfab.readers.layout_file import find_cell, read_layout, rounding_nm
 from maskfab.units import NM_PER_UM
 from maskfab.verify.slivers import Sifted, sift
 
@@ -209,7 +209,7 @@ def roundtrip(
 
     Args:
         plate: what was to be written.
-        design: its :func:`maskfab.geometry.region.plate_layout`.
+        design: its :func:`maskfab.geometry.plate_layout.plate_layout`.
         path: the file.
         dots: also compare every dot of every die, about a second for 10 000 cells.
         drawn_polygons: how many polygons were written, as an account of figures says; those of the design by default.
@@ -217,8 +217,8 @@ def roundtrip(
             that it left out are not compared.
 
     Raises:
-        SourceError: MF301 to MF308 as :func:`maskfab.readers.reading.read_layout` and
-            :func:`maskfab.readers.reading.find_cell`.
+        SourceError: MF301 to MF308 as :func:`maskfab.readers.layout_file.read_layout` and
+            :func:`maskfab.readers.layout_file.find_cell`.
     """
     read = read_layout(path)
     find_cell(read)

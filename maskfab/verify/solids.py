@@ -18,10 +18,10 @@ from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
 from maskfab.export.solid.tiles import Stack, centres_nm, glass
-from maskfab.geometry.region import coverage
+from maskfab.geometry.plate_layout import coverage
 from maskfab.model import Die, Panel, Plate, Quantity
-from maskfab.readers.read_solid import Floats, Ints, ReadShape, ReadSolid, nearest, read_scene, read_stl, unit_lines_nm
-from maskfab.readers.read_step import read_step
+from maskfab.readers.mesh import Floats, Ints, ReadShape, ReadSolid, nearest, read_scene, read_stl, unit_lines_nm
+from maskfab.readers.step import read_step
 
 _NM = 1.0
 """Positions must be right to this much."""

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from maskfab.bench.accuracy import Timing, absent, race, standard_workload
+from maskfab.bench.accuracy_page import case_table, race_figure, race_table
 from maskfab.bench.cases import Case, run
-from maskfab.bench.peers import PEERS, Peer, Task
-from maskfab.bench.report import case_table, race_figure, race_table
+from maskfab.bench.other_libraries import PEERS, Peer, Task
 from maskfab.cli import run_command_line
 
 

@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 import torch
 
-from maskfab.camera.camera import F1, PhotoCamera
 from maskfab.camera.laid_panel import laid_panel
+from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.transfer import OpenStop, lattice, lay, transfer_grid
 from maskfab.design.bounds.auc_bound import rings
 from maskfab.design.bounds.bounds import bounds
+from maskfab.design.model.expected_psnr import surrogate
 from maskfab.design.model.interior import interior
-from maskfab.design.model.pupil_error import pupil_error
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.layout_error import pupil_error
 from maskfab.design.relax.expected_error import expected_error
 from maskfab.errors import JobError
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
-from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
 

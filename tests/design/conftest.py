@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from maskfab.camera.scenes import dead_leaves
-from maskfab.design.model.pupil_error import PupilError, pupil_error
-from maskfab.design.model.surrogate import Surrogate, surrogate
+from maskfab.design.model.expected_psnr import Surrogate, surrogate
+from maskfab.design.model.layout_error import PupilError, pupil_error
 
 
 @pytest.fixture(scope="session")

@@ -12,7 +12,7 @@ from sweeps import examples
 
 from maskfab.design.relax.autocorrelation import Autocorrelation, autocorrelation
 from maskfab.model import Stop, orient
-from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.lag_table import lag_table
 
 
 def small(dots: int, rows: int, columns: int, reach: int, seed: int) -> tuple[Autocorrelation, np.ndarray, np.ndarray]:

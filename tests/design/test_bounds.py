@@ -20,9 +20,9 @@ from maskfab.design.bounds.error_bound import block_error, blocks, tables, wiene
 from maskfab.design.bounds.frame_bound import frame_bound, sampled
 from maskfab.design.bounds.map_bound import framed, layout_bound, map_gap
 from maskfab.design.bounds.residue_bound import residue_classes, residue_error, residues
+from maskfab.design.model.expected_psnr import surrogate
 from maskfab.design.model.interior import interior, unit_modulation
-from maskfab.design.model.pupil_error import pupil_error
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.layout_error import pupil_error
 from maskfab.errors import JobError, OpeningError
 
 DOTS, CLEAR = 21, 100

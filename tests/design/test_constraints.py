@@ -9,7 +9,7 @@ import pytest
 
 from maskfab.design.rules.constraints import RULES, Constraints
 from maskfab.display.circuit import CircuitRules
-from maskfab.display.emitters.rules import EmitterRules
+from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient

@@ -21,7 +21,7 @@ from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import MOST_DOTS, autocorrelation, lattice, lay, transfer_grid
-from maskfab.design.model.surrogate import Surrogate, surrogate
+from maskfab.design.model.expected_psnr import Surrogate, surrogate
 from maskfab.design.relax.descent import Descent, Outcome, descend
 from maskfab.design.relax.expected_error import ExpectedError, expected_error
 from maskfab.design.relax.mtf_auc import mtf_auc

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from maskfab.camera.transfer import CELLS, lay
-from maskfab.design.maps.joint import dot_slopes, joint
+from maskfab.design.maps.alternate import dot_slopes, joint
 from maskfab.design.maps.orientation_map import LIGHT_TOLERANCE, design_map
-from maskfab.design.model.pupil_error import Slope, pupil_error
+from maskfab.design.model.layout_error import Slope, pupil_error
 from maskfab.design.rules.constraints import Constraints
 from maskfab.errors import JobError
 from maskfab.plate.maps import shifted

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.design.job import constraints_of
+from maskfab.design.result import constraints_of
 from maskfab.errors import InputError, JobError
 from maskfab.jobfile import RulesSection, SearchSection
 

@@ -12,7 +12,7 @@ from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import lay, transfer_grid
-from maskfab.design.model.surrogate import Surrogate, surrogate
+from maskfab.design.model.expected_psnr import Surrogate, surrogate
 from maskfab.design.relax.autocorrelation import Autocorrelation
 from maskfab.design.relax.expected_error import FEW_EPSILONS, ExpectedError, boundary_leak, expected_error
 from maskfab.design.relax.mtf_auc import MtfAuc, mtf_auc
@@ -21,8 +21,8 @@ from maskfab.design.relax.tiled_stop import TiledStop, invertibility_of, tiled_s
 from maskfab.design.relax.top_residual import TopResidual, top_residual
 from maskfab.errors import InputError
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
 

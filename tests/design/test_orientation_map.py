@@ -10,8 +10,8 @@ import torch
 from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import CELLS, autocorrelation, lattice, lay
 from maskfab.design.maps.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
-from maskfab.design.model.pupil_error import pupil_error
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.expected_psnr import surrogate
+from maskfab.design.model.layout_error import pupil_error
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient
 

@@ -10,12 +10,12 @@ from sweeps import examples
 
 from maskfab.camera.photographs import Scene
 from maskfab.camera.scenes import dead_leaves
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.expected_psnr import surrogate
 from maskfab.design.pareto import Footprints, Judged, Pareto, non_dominated, openings, rules_of, sweep
 from maskfab.design.rules.constraints import Constraints
 from maskfab.design.rules.discrete import ExpectedPsnr
 from maskfab.design.rules.families import bars
-from maskfab.display.emitters.rules import EmitterRules
+from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import ParetoSection, SearchSection, parse_section
 from maskfab.model import Opening

@@ -11,10 +11,10 @@ from sweeps import sweep
 
 from maskfab.camera.photographs import Scene
 from maskfab.camera.scenes import dead_leaves
-from maskfab.design.job import Designed, constraints_of
-from maskfab.design.model.surrogate import Surrogate, surrogate
+from maskfab.design.model.expected_psnr import Surrogate, surrogate
 from maskfab.design.relax.relax import relax, schedule
-from maskfab.design.search.nearest import nearest
+from maskfab.design.result import Designed, constraints_of
+from maskfab.design.rules.repair import nearest
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import RelaxSection, parse_section
 from maskfab.model import Camera, Stop

@@ -13,22 +13,22 @@ from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import lattice
 from maskfab.design.bounds.auc_bound import auc_bound, rings
 from maskfab.design.clock import Clock
-from maskfab.design.job import constraints_of
 from maskfab.design.maps.orientation_map import MapMode, design_map
-from maskfab.design.model.pupil_error import pupil_error
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.expected_psnr import surrogate
+from maskfab.design.model.layout_error import pupil_error
+from maskfab.design.result import constraints_of
 from maskfab.design.rules.constraints import Constraints
 from maskfab.design.rules.discrete import ExpectedPsnr, Ranked
 from maskfab.design.rules.families import FAMILIES, Candidate, kind
-from maskfab.design.search import compact
+from maskfab.design.rules.repair import nearest
+from maskfab.design.search import scan
 from maskfab.design.search import search as searching
 from maskfab.design.search.auc_search import best_for_auc
-from maskfab.design.search.compact import Best, scanned
-from maskfab.design.search.nearest import nearest
+from maskfab.design.search.scan import Best, scanned
 from maskfab.design.search.search import search
 from maskfab.design.search.shortlist import different, shortlisted
 from maskfab.display.circuit import CircuitRules
-from maskfab.display.emitters.rules import EmitterRules
+from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import SearchSection, parse_section
 from maskfab.opening.openings import dumps, parse
@@ -265,7 +265,7 @@ def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Scene, ...])
 def test_interrupted_and_resumed_ends_where_uninterrupted_does(
     scenes: tuple[Scene, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(compact, "SAVED_EVERY", 64)
+    monkeypatch.setattr(scan, "SAVED_EVERY", 64)
     wanted, path = section(anneal=160, seed=5), tmp_path / "state.npz"
     whole = search(wanted, scenes, "x")
     done: list[int] = []

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maskfab.camera.scenes import dead_leaves
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.expected_psnr import surrogate
 from maskfab.errors import JobError
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maskfab.display.circuit import CircuitRules, emitter_rooms, pixel_room
-from maskfab.display.emitters.answer import Proof
+from maskfab.display.emitters.placement import Proof
 from maskfab.errors import JobError
 from maskfab.model import Emitters, Opening
 

@@ -11,15 +11,15 @@ import numpy as np
 import pytest
 from small_job import OPENING, command, listing, write_job
 
-from maskfab.display.emitters.answer import Proof, Verdict
+from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.wires.tracks import transparent_tracks
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.job import load
 from maskfab.measure.wired import wired_quantities
 from maskfab.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
-from maskfab.optics.pupil.veil import veil
-from maskfab.readers.reading import read_layout
+from maskfab.optics.pupil.wire_transmission import veil
+from maskfab.readers.layout_file import read_layout
 from maskfab.report.plots.display_figures import pictures
 
 pytestmark = pytest.mark.usefixtures("drawn_once")

@@ -14,15 +14,15 @@ import numpy as np
 import pytest
 from display.emitters.shapes import bar, cells, published
 
-from maskfab.display.emitters.answer import Proof, Verdict
+from maskfab.display.emitters.assign import wander
 from maskfab.display.emitters.borders import borders
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.choose import wander
+from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
 from maskfab.display.emitters.fit import footprint
+from maskfab.display.emitters.free_area import EVERY, free_region
 from maskfab.display.emitters.freeform import guillotine
+from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.display.emitters.rectangles import three_rectangles
-from maskfab.display.emitters.region import EVERY, free_region
-from maskfab.display.emitters.rules import EmitterRules, grid_of
 from maskfab.display.wires.flow import DIRECTIONS, lines
 from maskfab.display.wires.ports import ports
 from maskfab.eye import grain

@@ -14,7 +14,7 @@ from sweeps import examples
 from maskfab.drc import DesignRules, check_plate, narrowest
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR, Die, Opening, Panel, Plate, Tiling
 
 EVERY = 10**6

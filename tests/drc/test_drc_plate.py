@@ -10,7 +10,7 @@ from klayout import db
 
 from maskfab.drc import DesignRules, check_layout, check_plate
 from maskfab.errors import JobError, SourceError
-from maskfab.geometry.region import plate_layout
+from maskfab.geometry.plate_layout import plate_layout
 from maskfab.model import CLEAR, Die, Furniture
 
 EVERY = 10**6

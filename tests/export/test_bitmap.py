@@ -10,8 +10,8 @@ from PIL import Image
 from maskfab.errors import OutputError
 from maskfab.export.bitmap import bitmap_size, write_bilevel, write_preview
 from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.geometry.raster import coverage
-from maskfab.geometry.region import plate_layout, region
 from maskfab.model import CLEAR
 
 

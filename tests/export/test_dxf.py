@@ -9,9 +9,9 @@ from ezdxf.entitydb import EntityDB
 from klayout import db
 
 from maskfab.export.dxf import DrawingStyle, write_dxf
-from maskfab.geometry.region import plate_layout, plate_names, region
+from maskfab.geometry.plate_layout import plate_layout, plate_names, region
 from maskfab.model import CLEAR, LAYERS, OUTLINE, Note
-from maskfab.readers.reading import read_layout
+from maskfab.readers.layout_file import read_layout
 
 pytestmark = pytest.mark.parametrize("version", ["R12", "R2010"])
 

@@ -4,11 +4,11 @@ import ezdxf
 import pytest
 
 from maskfab.errors import OutputError
+from maskfab.export.cell_polygons import PolygonOptions, draw
 from maskfab.export.dxf import DrawingStyle, flat_bytes, write_dxf
-from maskfab.export.figures import PolygonOptions, draw
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR, LAYERS, NOTE, OUTLINE
-from maskfab.readers.reading import read_layout
+from maskfab.readers.layout_file import read_layout
 
 versions = pytest.mark.parametrize("version", ["R12", "R2010"])
 without_blocks = pytest.mark.parametrize("hierarchy", ["flat", "merged"])

@@ -7,12 +7,12 @@ import pytest
 from klayout import db
 
 from maskfab.errors import OutputError
+from maskfab.export.cell_polygons import CUT, PolygonOptions, draw
 from maskfab.export.dxf import DrawingStyle, write_dxf
-from maskfab.export.figures import CUT, PolygonOptions, draw
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR, NOTE, OUTLINE, Die, Furniture, Note, Opening, Panel, Plate, Tiling
-from maskfab.readers.reading import read_layout
+from maskfab.readers.layout_file import read_layout
 from maskfab.verify.roundtrip import roundtrip
 
 EVERY = [

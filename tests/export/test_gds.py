@@ -7,7 +7,7 @@ import pytest
 from klayout import db
 
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
 
 

@@ -9,9 +9,9 @@ from gerbonara.rs274x import GerberFile
 from klayout import db
 
 from maskfab.errors import OutputError
-from maskfab.export.figures import PolygonOptions, draw
+from maskfab.export.cell_polygons import PolygonOptions, draw
 from maskfab.export.gerber import gerber_bytes, write_gerber
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
 
 

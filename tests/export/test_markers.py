@@ -7,7 +7,7 @@ from klayout import rdb
 
 from maskfab.drc import DesignRules, check_plate
 from maskfab.export.markers import write_markers
-from maskfab.geometry.region import plate_names
+from maskfab.geometry.plate_layout import plate_names
 
 RULES = DesignRules(min_width_nm=5000, no_corner_touch=True, forbidden_names=("ring", "cd"), max_references=3)
 

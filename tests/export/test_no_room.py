@@ -24,8 +24,8 @@ from small_job import command, listing, write_job
 
 from maskfab.errors import OutputError
 from maskfab.export.bitmap import write_bilevel, write_preview
+from maskfab.export.cell_polygons import draw
 from maskfab.export.dxf import write_dxf
-from maskfab.export.figures import draw
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
 from maskfab.export.pictures import write_exr, write_png

@@ -17,7 +17,7 @@ from maskfab.export.solid.mesh import stl_bytes, write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack, centres_nm, film, rotation
 from maskfab.model import Die, Opening, Panel, Tiling, orient
-from maskfab.readers.read_solid import read_scene
+from maskfab.readers.mesh import read_scene
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
 

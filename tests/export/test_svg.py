@@ -9,9 +9,9 @@ import pytest
 from klayout import db
 
 from maskfab.errors import OutputError
-from maskfab.export.figures import CUT, PolygonOptions, draw
+from maskfab.export.cell_polygons import CUT, PolygonOptions, draw
 from maskfab.export.svg import svg_bytes, write_svg
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
 
 SVG = "{http://www.w3.org/2000/svg}"

@@ -7,15 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from maskfab.eye import display, grain, targets
-from maskfab.eye.series import series
+from maskfab.eye import display_light, drawn_scenes, grain
+from maskfab.eye.fourier_light import series
 from maskfab.eye.viewing import Viewing
 from maskfab.model import Emitters, Tiling, orient
 from maskfab.optics.numbers.centroid import luminance_centroid
 
 
 def measured(panel, viewing, low=0.0, high=grain.SLOW_CPD, count=100) -> float:
-    light = display.show(panel, targets.flat(count), 14)
+    light = display_light.show(panel, drawn_scenes.flat(count), 14)
     return grain.measured_rms(series(light, viewing, 31.0), low, high)
 
 
@@ -87,7 +87,7 @@ def test_a_known_wave_has_its_own_contrast(telephone):
     """1 + 0.2 cos: rms 0.2 / sqrt 2, in the band that holds it and in no other."""
     count = 60
     wave = 0.5 * (1 + 0.2 * np.cos(2 * np.pi * 3 * (np.arange(count) + 0.5) / count))
-    light = display.ideal(np.broadcast_to(wave[None, :, None], (count, count, 3)), 1, 84.67)
+    light = display_light.ideal(np.broadcast_to(wave[None, :, None], (count, count, 3)), 1, 84.67)
     frequency = 3 / count * telephone.pixels_per_degree  # 3.09 cycles per degree
     found = series(light, telephone, 30.0)
     assert grain.measured_rms(found, 0, frequency + 0.1) == pytest.approx(
@@ -97,7 +97,7 @@ def test_a_known_wave_has_its_own_contrast(telephone):
 
 
 def test_the_offset_is_what_the_layout_calls_wander(slit_panel):
-    from maskfab.display.emitters.choose import wander
+    from maskfab.display.emitters.assign import wander
 
     for order in ((1, 2, 3), (3, 1, 2)):
         panel = slit_panel(order, count=200)

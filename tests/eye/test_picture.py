@@ -8,7 +8,7 @@ import pytest
 
 from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.eye.picture import LARGEST, Picture, on_pixels, read
-from maskfab.opening.grids import from_image
+from maskfab.opening.decode import from_image
 
 
 def save(path, pixels, kind, **attributes):

@@ -15,7 +15,7 @@ from maskfab.errors import OutputError
 from maskfab.export.pictures import srgb, write_exr, write_png
 from maskfab.job import Job
 from maskfab.model import Emitters, Plate
-from maskfab.report.render import DOCUMENT, FIGURE
+from maskfab.report.render_files import DOCUMENT, FIGURE
 
 
 @pytest.fixture
@@ -70,7 +70,7 @@ def test_the_light_of_a_file_is_linear_upright_and_says_its_scale(job, tmp_path,
     assert header.width % 7 == 0
     count = header.width // 7
     mean = pixels.reshape(count, 7, count, 7, 3).mean(axis=(1, 3))
-    from maskfab.eye.targets import zone_plate
+    from maskfab.eye.drawn_scenes import zone_plate
 
     np.testing.assert_allclose(mean[::-1], zone_plate(count), atol=2e-3)
 

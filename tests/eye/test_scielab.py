@@ -5,22 +5,22 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.eye import display, scielab, targets
+from maskfab.eye import display_light, drawn_scenes, scielab
 from maskfab.eye.viewing import Viewing
 from maskfab.model import Tiling
 
 
 def test_a_periodic_panel_looks_like_even_pixels_on_an_even_field(slit_panel, telephone):
-    shown = display.show(slit_panel(tiling=Tiling.PERIODIC, count=30), targets.flat(30), 21)
+    shown = display_light.show(slit_panel(tiling=Tiling.PERIODIC, count=30), drawn_scenes.flat(30), 21)
     found = scielab.compare(
-        scielab.see(shown, telephone), scielab.see(display.ideal(targets.flat(30), 1, 84.67), telephone)
+        scielab.see(shown, telephone), scielab.see(display_light.ideal(drawn_scenes.flat(30), 1, 84.67), telephone)
     )
     assert found.delta_e.max() < 1e-9
 
 
 def test_the_same_panel_nearer_shows_its_lattice(slit_panel):
-    shown = display.show(slit_panel(tiling=Tiling.PERIODIC, count=20), targets.flat(20), 21)
-    even = display.ideal(targets.flat(20), 1, 84.67)
+    shown = display_light.show(slit_panel(tiling=Tiling.PERIODIC, count=20), drawn_scenes.flat(20), 21)
+    even = display_light.ideal(drawn_scenes.flat(20), 1, 84.67)
     near, nearer = (
         scielab.compare(*(scielab.see(light, Viewing(84.67, distance)) for light in (shown, even))).mean
         for distance in (150e3, 75e3)
@@ -33,7 +33,7 @@ def test_an_even_field_keeps_its_colour(telephone):
     from maskfab.optics.numbers.colour import lab_of_linear_srgb
 
     colour = np.array([0.7, 0.2, 0.4])
-    light = display.ideal(np.tile(colour, (6, 6, 1)), 1, 84.67)
+    light = display_light.ideal(np.tile(colour, (6, 6, 1)), 1, 84.67)
     np.testing.assert_allclose(
         scielab.see(light, telephone), np.broadcast_to(lab_of_linear_srgb(colour), (12, 12, 3)), atol=1e-11
     )
@@ -41,7 +41,8 @@ def test_an_even_field_keeps_its_colour(telephone):
 
 def test_the_difference_of_a_thing_from_itself_is_zero_and_symmetric(telephone):
     first, second = (
-        scielab.see(display.ideal(np.random.default_rng(k).random((9, 9, 3)), 1, 84.67), telephone) for k in (0, 1)
+        scielab.see(display_light.ideal(np.random.default_rng(k).random((9, 9, 3)), 1, 84.67), telephone)
+        for k in (0, 1)
     )
     assert scielab.compare(first, first).delta_e.max() == 0
     there, back = scielab.compare(first, second), scielab.compare(second, first)
@@ -76,8 +77,8 @@ def test_nothing_of_note_passes_above_the_highest_frequency():
 
 def test_the_field_beyond_an_edge_does_not_depend_on_samples(slit_panel, telephone):
     panel = slit_panel(count=12)
-    image = targets.edge(12)
-    coarse, fine = (scielab.see(display.show(panel, image, samples), telephone) for samples in (42, 84))
+    image = drawn_scenes.edge(12)
+    coarse, fine = (scielab.see(display_light.show(panel, image, samples), telephone) for samples in (42, 84))
     np.testing.assert_allclose(coarse, fine, atol=1e-8)
 
 

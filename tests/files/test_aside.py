@@ -6,7 +6,7 @@ import pytest
 
 from maskfab.errors import OutputError
 from maskfab.export.size import check_size
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 
 
 def test_a_file_appears_when_it_is_whole(tmp_path):

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.geometry.outlines import drawn, plain
+from maskfab.geometry.outline_records import drawn, plain
 
 FARTHEST = 2**31 - 1
 NEAR = st.integers(-3, 3)

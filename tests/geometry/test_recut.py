@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from klayout import db
 from sweeps import examples
 
-from maskfab.geometry.pairs import pairs
+from maskfab.export.paired_cells import pairs
 from maskfab.geometry.polygonize import exact, points, recut
 
 HOLES = ("bisect", "keyhole", "trapezoids", "layer")

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from klayout import db
 
+from maskfab.geometry.plate_layout import CellNames, plate_layout, plate_names, region
 from maskfab.geometry.raster import coverage
-from maskfab.geometry.region import CellNames, plate_layout, plate_names, region
 from maskfab.model import CLEAR, NOTE, OUTLINE, Opening, orient
 
 

@@ -9,7 +9,7 @@ import pytest
 from klayout import db
 
 from maskfab.errors import JobError
-from maskfab.geometry.written import (
+from maskfab.geometry.writer_model import (
     UNITS_PER_UM,
     Reading,
     check_process,

@@ -14,7 +14,7 @@ from maskfab.jobfile import LimitsSection
 from maskfab.measure.features import judged, limits_as_rules, smallest_features
 from maskfab.model import Die, Opening, Panel, Plate, Tiling
 from maskfab.shops.judge import check_shop
-from maskfab.shops.shops import load_shop
+from maskfab.shops.profiles import load_shop
 
 CORNERS = np.zeros((7, 7), dtype=np.bool_)
 CORNERS[0, 0] = CORNERS[6, 6] = True

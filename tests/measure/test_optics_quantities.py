@@ -13,8 +13,8 @@ from maskfab.measure.apertures import read_aperture
 from maskfab.measure.optics import middle_nm
 from maskfab.model import Camera, Opening, Panel, Psf, Quantity, Stop, Tiling
 from maskfab.optics.image.axis_lags import axis_lags
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf
 from maskfab.optics.numbers import metrics
 from maskfab.optics.numbers.orders import order_efficiencies

@@ -11,7 +11,7 @@ import pytest
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.protocol import LEVELS, evaluate
 from maskfab.camera.scenes import dead_leaves
-from maskfab.design.model.surrogate import surrogate
+from maskfab.design.model.expected_psnr import surrogate
 from maskfab.job import load
 from maskfab.measure.restored import CROP, RESIDUAL_DB, SHOWN_LEVELS, photographer
 from maskfab.model import Die, Tiling

@@ -11,10 +11,10 @@ from klayout import db
 from small_job import MASK
 
 from maskfab.errors import JobError
-from maskfab.geometry.region import clear_shapes, plate_layout
+from maskfab.geometry.plate_layout import clear_shapes, plate_layout
 from maskfab.measure.optics import reach_box, read_openings
-from maskfab.measure.scene import measure_scene, peak_bytes, reach_um, scene_plan
-from maskfab.measure.views import SceneOptics, distance
+from maskfab.measure.scene_result import SceneOptics, distance
+from maskfab.measure.scene_rows import measure_scene, peak_bytes, reach_um, scene_plan
 from maskfab.model import Camera, Die, Opening, Panel, Plate, Stop, Tiling
 from maskfab.optics.image.spectrum import Band, Curve
 from maskfab.optics.light.response import camera_bands, generic_rgb

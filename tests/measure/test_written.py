@@ -10,15 +10,15 @@ import pytest
 from klayout import db
 
 from maskfab.errors import JobError
-from maskfab.geometry.region import clear_shapes, plate_layout
+from maskfab.geometry.plate_layout import clear_shapes, plate_layout
 from maskfab.geometry.stop import edges_in_stop, stop_box
-from maskfab.geometry.written import Reading, written_region
-from maskfab.measure import written as module
+from maskfab.geometry.writer_model import Reading, written_region
+from maskfab.measure import as_written as module
+from maskfab.measure.as_written import Written, measure_written
 from maskfab.measure.optics import polygon_psf, stop_boundary
-from maskfab.measure.written import Written, measure_written
 from maskfab.model import Camera, Die, Opening, Panel, Plate, Process, Stop, Tiling, Track, orient
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import presampled_mtf
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.psf import image_scale_um2
 from maskfab.optics.numbers import metrics
 from maskfab.optics.pupil.aperture import panel_aperture

@@ -17,9 +17,20 @@ from maskfab import job
 from maskfab.cli import _SHAPES
 from maskfab.errors import JobError
 from maskfab.model import Opening, Tiling, orient
-from maskfab.opening import given as given_emitters
+from maskfab.opening import drawn_emitters as given_emitters
 from maskfab.opening import openings
-from maskfab.opening.displays import BLUE, DISPLAYS, GREEN, RED, band, circular, delta, diamond, facts, read_lengths
+from maskfab.opening.display_layouts import (
+    BLUE,
+    DISPLAYS,
+    GREEN,
+    RED,
+    band,
+    circular,
+    delta,
+    diamond,
+    facts,
+    read_lengths,
+)
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"
 KINDS = tuple(DISPLAYS)

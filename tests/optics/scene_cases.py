@@ -10,7 +10,7 @@ from optics_cases import camera, noise, panel
 
 from maskfab.model import Camera, Panel
 from maskfab.optics.light.response import camera_bands, generic_rgb
-from maskfab.optics.scene.choices import Prices
+from maskfab.optics.scene.cost import Prices
 from maskfab.optics.scene.plan import Plan, plan, prices
 from maskfab.optics.scene.scene import Scene
 

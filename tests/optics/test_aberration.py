@@ -14,7 +14,7 @@ from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Stop
-from maskfab.optics.field.field import parity_field
+from maskfab.optics.field.parity import parity_field
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.pupil import Pupil
@@ -31,7 +31,7 @@ from maskfab.optics.wavefront.aberration import (
     strehl_ratio,
     zernike,
 )
-from maskfab.optics.wavefront.ensemble import mean_psf
+from maskfab.optics.wavefront.mean_over_tilings import mean_psf
 from maskfab.optics.wavefront.phase_field import Waves, halved, phased, window_frequency
 
 LINE = 530.0

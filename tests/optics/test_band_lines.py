@@ -14,7 +14,7 @@ from optics_cases import camera, noise, panel, pupil
 from sweeps import examples
 
 from maskfab.model import Camera
-from maskfab.optics.field import field
+from maskfab.optics.field import parity
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.image.spectrum import Band, Curve, Spectrum, lines
 from maskfab.optics.light.band_lines import band_errors, band_lines
@@ -125,13 +125,13 @@ def test_lines_err_no_more_than_foretold_at_any_stop(
 
 def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    term = field.Term.part
+    term = parity.Term.part
 
-    def counted(self: field.Term, *arguments: object) -> object:
+    def counted(self: parity.Term, *arguments: object) -> object:
         calls.append(self)
         return term(self, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(field.Term, "part", counted)
+    monkeypatch.setattr(parity.Term, "part", counted)
     band = BANDS["mercury"]
     setting = camera(400.0, wavelengths=band.range_nm, window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)

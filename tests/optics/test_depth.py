@@ -14,7 +14,7 @@ from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel, Stop
-from maskfab.optics.field.field import direct_field
+from maskfab.optics.field.parity import direct_field
 from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.wavefront.depth import (
@@ -28,7 +28,7 @@ from maskfab.optics.wavefront.depth import (
     scale_error,
     stretch_sensitivity,
 )
-from maskfab.optics.wavefront.ensemble import mean_psf
+from maskfab.optics.wavefront.mean_over_tilings import mean_psf
 
 LINE = 530.0
 FOCAL = 10_000.0

@@ -13,8 +13,8 @@ from scipy.special import ndtr, sici
 from maskfab.errors import InternalError
 from maskfab.model import Camera, Psf
 from maskfab.optics.image.axis_lags import axis_lags
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import longest_lag_um
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.psf import cutoff, pixel_margin, pixel_psf, point_psfs
 from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.numbers.edge_spread import EdgeSpread, edge_colour_difference, edge_in_window, edge_spread

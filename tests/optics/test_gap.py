@@ -13,7 +13,7 @@ from scipy.special import fresnel
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.field.field import direct_field, parity_field
+from maskfab.optics.field.parity import direct_field, parity_field
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
@@ -22,8 +22,15 @@ from maskfab.optics.scene.field_grid import deblurring_residual, field_places, p
 from maskfab.optics.scene.plan import prices
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import focused_psf, image_distance_um
-from maskfab.optics.wavefront.ensemble import mean_psf
-from maskfab.optics.wavefront.gap import (
+from maskfab.optics.wavefront.gap_estimates import (
+    common_share,
+    fresnel_number,
+    gap_error,
+    share_across_gap,
+    shift_error,
+)
+from maskfab.optics.wavefront.mean_over_tilings import mean_psf
+from maskfab.optics.wavefront.panel_gap import (
     AXIS,
     gap_psf,
     magnified,
@@ -32,13 +39,6 @@ from maskfab.optics.wavefront.gap import (
     shift_um,
     shifted_psf,
     shifted_pupil,
-)
-from maskfab.optics.wavefront.gap_estimates import (
-    common_share,
-    fresnel_number,
-    gap_error,
-    share_across_gap,
-    shift_error,
 )
 from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
 

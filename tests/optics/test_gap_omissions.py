@@ -16,12 +16,12 @@ from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.optics.pupil.stop_shape import edge_points, perimeter_um
-from maskfab.optics.scene.omissions import estimate
+from maskfab.optics.scene.omission_error import estimate
 from maskfab.optics.scene.plan import prices
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.ensemble import layout_psf, mean_psf
-from maskfab.optics.wavefront.gap import gap_psf, shifted_psf
 from maskfab.optics.wavefront.gap_estimates import rim_crowding
+from maskfab.optics.wavefront.mean_over_tilings import layout_psf, mean_psf
+from maskfab.optics.wavefront.panel_gap import gap_psf, shifted_psf
 from maskfab.plate.hexagonal import hexagonal_sheet
 from maskfab.plate.tiling import orientations
 
@@ -244,7 +244,7 @@ def test_openings_beside_the_stop_are_laid_out_once_for_what_moves_or_spreads_on
         asked.append(half_width_um)
         return panel_aperture(design, half_width_um)
 
-    monkeypatch.setattr("maskfab.optics.scene.omissions.panel_aperture", counted)
+    monkeypatch.setattr("maskfab.optics.scene.omission_error.panel_aperture", counted)
     found = prices(panel(noise(5, 0.5, 1), cells=60, seed=3), camera(300.0), scene, 0.1).estimates
     assert (len(asked), all(width > 150.0 for width in asked)) == (laid_out, True)
     assert found.crowding >= 1

@@ -13,9 +13,9 @@ from optics_cases import noise, panel, pupil
 from sweeps import examples
 
 from maskfab.model import Stop
-from maskfab.optics.field.field import SampledField, parity_field, prepare
 from maskfab.optics.field.interpolation import frequency_nodes
-from maskfab.optics.field.paths import DIRECT, PARITY, FieldPath
+from maskfab.optics.field.methods import DIRECT, PARITY, FieldPath
+from maskfab.optics.field.parity import SampledField, parity_field, prepare
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.pupil.pupil import Pupil
 

@@ -10,8 +10,8 @@ from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
 from maskfab.model import Mtf, Panel, RadialMean, Stop
+from maskfab.optics.image.lag_table import LagTable, lag_table
 from maskfab.optics.image.mtf import RINGS, area_under_radial_min, frequency_at, presampled_mtf
-from maskfab.optics.image.otf import LagTable, lag_table
 from maskfab.optics.image.psf import image_scale_um2
 from maskfab.optics.image.rim_parts import RimParts
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture

@@ -15,8 +15,8 @@ from sweeps import in_turns, sweep
 from maskfab.cli import run_command_line
 from maskfab.measure.optics import lit_pupils, measure
 from maskfab.model import UNSTATED, Camera, Die, MaskBlank, Stop
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.leak import Leak
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.psf import point_psf, point_psfs
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import cut

@@ -12,7 +12,7 @@ from optics_cases import noise, panel, pupil
 from scipy import fft
 
 from maskfab.model import Stop
-from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.lag_table import lag_table
 
 
 @pytest.mark.parametrize(("dots", "cells", "gutter_nm"), [(1, 5, 0), (4, 1, 4000), (4, 2, 4000), (3, 6, 2000)])

@@ -15,15 +15,15 @@ from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import UNSTATED, Camera, Glass, MaskBlank, Panel, Stop, Tiling
 from maskfab.opening.openings import load
 from maskfab.optics.field.clear_stop import clear_field
-from maskfab.optics.field.field import parity_field
-from maskfab.optics.field.polygons import boundary
+from maskfab.optics.field.parity import parity_field
+from maskfab.optics.field.polygon_field import boundary
 from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_psf, point_step_um
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.optics.scene.model_bar import ASSUMED_BIAS_UM, bar_of_panel, model_bar, scene_bar
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.gap import gap_psf
+from maskfab.optics.wavefront.panel_gap import gap_psf
 from maskfab.plate.tiling import orientations
 
 TOLED = Path(__file__).parents[2] / "layouts" / "openings" / "toled.toml"

@@ -8,8 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import presampled_mtf
-from maskfab.optics.image.otf import lag_table
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.image.spectrum import pixel_transfer
 from maskfab.optics.scene.off_axis import sagittal_cut, tangential_cut, window_modulation

@@ -14,11 +14,11 @@ from scipy.special import j1, jv
 
 from maskfab.errors import InternalError
 from maskfab.model import Panel, Stop
-from maskfab.optics.field.field import direct_field, parity_field, prepare
-from maskfab.optics.field.nodes import NODE_TOLERANCE, node_count, nodes_for
-from maskfab.optics.field.paths import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, Task, admissible, field
-from maskfab.optics.field.polygons import boundary
-from maskfab.optics.field.structure import prepare_cells
+from maskfab.optics.field.cellwise import prepare_cells
+from maskfab.optics.field.interval_nodes import NODE_TOLERANCE, node_count, nodes_for
+from maskfab.optics.field.methods import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, Task, admissible, field
+from maskfab.optics.field.parity import direct_field, parity_field, prepare
+from maskfab.optics.field.polygon_field import boundary
 from maskfab.optics.field.waves import points, right_half
 from maskfab.optics.pupil.aperture import Lattice, covered_aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut

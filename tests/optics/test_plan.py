@@ -12,20 +12,20 @@ from optics.scene_cases import CASES, Case, planned, priced
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.model import Camera, Psf
-from maskfab.optics.field.paths import PATHS, PRUNED, admissible
+from maskfab.optics.field.methods import PATHS, PRUNED, admissible
 from maskfab.optics.image import psf
 from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
 from maskfab.optics.light.band_lines import band_lines
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import Pupil
-from maskfab.optics.scene import omissions
-from maskfab.optics.scene.choices import PHASED, SPECTRUM, Choice, Prices
-from maskfab.optics.scene.omissions import PLACES, grey
+from maskfab.optics.scene import omission_error
+from maskfab.optics.scene.cost import PHASED, SPECTRUM, Choice, Prices
+from maskfab.optics.scene.omission_error import PLACES, grey
 from maskfab.optics.scene.plan import Plan, plan
 from maskfab.optics.wavefront.aberration import aberrated_psf
 from maskfab.optics.wavefront.depth import defocused_psf, focused_psf
-from maskfab.optics.wavefront.gap import gap_psf, shifted_psf
+from maskfab.optics.wavefront.panel_gap import gap_psf, shifted_psf
 
 LEFT_IN_PART = ("width of the bands", "field between places")
 
@@ -156,7 +156,7 @@ def test_a_scene_that_asks_nothing_of_the_layout_takes_no_mean_over_layouts(
     (each,) = (each for each in CASES if each.name == name)
     expected = planned(each)
     for mean in ("mean_psf", "layout_psf"):
-        monkeypatch.delattr(omissions, mean)
+        monkeypatch.delattr(omission_error, mean)
     found = plan(each.panel, each.camera, each.scene, each.accuracy)
     assert (found.choice, found.price) == (expected.choice, expected.price)
 

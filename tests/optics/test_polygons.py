@@ -11,7 +11,7 @@ from optics_cases import clear_region, noise, panel
 from maskfab.errors import InternalError
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Stop
-from maskfab.optics.field.polygons import boundary
+from maskfab.optics.field.polygon_field import boundary
 
 
 def parallelogram(first, second, centre):

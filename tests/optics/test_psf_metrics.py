@@ -15,11 +15,11 @@ from scipy.special import j0, j1, sici
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.field.field import direct_field
+from maskfab.optics.field.parity import direct_field
 from maskfab.optics.image.psf import cutoff, image_scale_um2, pixel_margin, pixel_psf, point_psf
 from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
 from maskfab.optics.numbers.edge_spread import edge_colour_difference, edge_in_window
-from maskfab.optics.numbers.encircled import encircled_energy, ensquared_energy, halo_energy
+from maskfab.optics.numbers.enclosed_energy import encircled_energy, ensquared_energy, halo_energy
 from maskfab.optics.numbers.metrics import energy_in_window
 from maskfab.optics.numbers.orders import order_efficiencies, order_quantities
 from maskfab.optics.numbers.psf_metrics import (

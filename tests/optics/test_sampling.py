@@ -8,8 +8,8 @@ from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Stop
-from maskfab.optics.field.field import direct_field
-from maskfab.optics.image.otf import lag_table
+from maskfab.optics.field.parity import direct_field
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.psf import image_scale_um2
 from maskfab.optics.image.spectrum import lines, pixel_transfer, polychromatic_otf
 from maskfab.optics.numbers.sampling import aliased_mtf, cy_per_mm, cy_per_pixel, phase_spread

@@ -12,8 +12,8 @@ from optics_cases import noise, panel
 from sweeps import in_turns, sweep
 
 from maskfab.model import Stop
-from maskfab.optics.field.paths import PATHS
-from maskfab.optics.field.rim import rim_orders
+from maskfab.optics.field.methods import PATHS
+from maskfab.optics.field.rim_dots import rim_orders
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import RIM_ORDERS, cut
 

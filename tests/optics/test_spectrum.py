@@ -14,7 +14,7 @@ from optics_cases import camera, noise, panel, pupil
 from maskfab.errors import InternalError, JobError, SourceError
 from maskfab.model import Camera, Stop
 from maskfab.optics.image import spectrum as spectrum_module
-from maskfab.optics.image.otf import LagTable, lag_table
+from maskfab.optics.image.lag_table import LagTable, lag_table
 from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
 from maskfab.optics.image.spectrum import (
     Band,

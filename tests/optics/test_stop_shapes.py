@@ -23,9 +23,9 @@ from maskfab.errors import JobError
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.jobfile import CameraSection, parse_section
 from maskfab.model import Camera, Stop
-from maskfab.optics.field.field import parity_field
-from maskfab.optics.field.polygons import boundary
-from maskfab.optics.image.otf import lag_table
+from maskfab.optics.field.parity import parity_field
+from maskfab.optics.field.polygon_field import boundary
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.polygon_stop import polygon_cover, polygon_moments
 from maskfab.optics.pupil.pupil import cut

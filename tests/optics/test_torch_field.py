@@ -19,10 +19,10 @@ from sweeps import examples
 
 from maskfab.errors import InternalError
 from maskfab.model import Panel, Stop, orient
-from maskfab.optics.field.field import parity_field
+from maskfab.optics.field.parity import parity_field
 from maskfab.optics.pupil.pupil import Pupil
-from maskfab.optics.torch.torch_field import TiledField, tiled_field
-from maskfab.optics.torch.torch_transfer import WindowTransfer, window_transfer
+from maskfab.optics.torch.far_field import TiledField, tiled_field
+from maskfab.optics.torch.lens_transfer import WindowTransfer, window_transfer
 from maskfab.optics.torch.window_nodes import WindowNodes, every_position, window_nodes
 
 CPU = torch.device("cpu")

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
-from maskfab.optics.image.otf import lag_table
+from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.spectrum import lines
 from maskfab.optics.numbers.wiener import (
     SensorSquare,

@@ -10,7 +10,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from maskfab.errors import InternalError
-from maskfab.optics.torch.torch_waves import cosines_and_sines
+from maskfab.optics.torch.phasors import cosines_and_sines
 from maskfab.optics.torch.window_nodes import NODE_TOLERANCE, WindowNodes, every_position, window_nodes
 
 HALF_MICROMETRES = 0.5 * np.arange(257)

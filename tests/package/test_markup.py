@@ -27,7 +27,7 @@ from maskfab.cli.common.printing import plain
 from maskfab.job import load
 from maskfab.package.pack import pack
 from maskfab.pipeline import draw_files
-from maskfab.shops.shops import load_shop
+from maskfab.shops.profiles import load_shop
 
 MARKUP = {
     "script": "<script>alert(1)</script>",

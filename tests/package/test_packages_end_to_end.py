@@ -21,7 +21,7 @@ from sweeps import sweep
 
 from maskfab.job import load
 from maskfab.package.pack import PACKED, pack, verify_package
-from maskfab.shops.shops import load_shop, shop_names
+from maskfab.shops.profiles import load_shop, shop_names
 
 FRAME = """\
 .......

@@ -18,7 +18,7 @@ from maskfab.errors import OutputError
 from maskfab.job import load
 from maskfab.package.pack import pack, verify_package
 from maskfab.shops.judge import Finding, check_shop
-from maskfab.shops.shops import load_shop, parse_shop
+from maskfab.shops.profiles import load_shop, parse_shop
 
 TEMPLATE = (('blank = "27 mm"\nwritable = "22 mm"', 'template = "5in"'), ('die_pitch = "2 mm"', 'die_pitch = "20 mm"'))
 ROWS = {

@@ -15,7 +15,7 @@ from small_job import command, write_job
 from maskfab.job import load
 from maskfab.jobfile.shop_profile import parse_shop
 from maskfab.package.pack import pack
-from maskfab.shops.shops import load_shop
+from maskfab.shops.profiles import load_shop
 
 OWN = """\
 title = "A house"

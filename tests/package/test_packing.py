@@ -18,7 +18,7 @@ from maskfab.package.archive import safe_stem
 from maskfab.package.pack import pack, verify_package
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
-from maskfab.shops.shops import load_shop
+from maskfab.shops.profiles import load_shop
 
 
 def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from maskfab.errors import OpeningError, SourceError
-from maskfab.readers.sandbox.apart import read_apart
+from maskfab.readers.sandbox.child_process import read_apart
 
 HEAD = "import os, pickle, signal, sys, time, warnings\n"
 

@@ -12,8 +12,8 @@ import pytest
 from klayout import db
 
 from maskfab.errors import OpeningError, SourceError
-from maskfab.readers.sandbox.apart import read_apart
 from maskfab.readers.sandbox.bounded import bounded, library_errors
+from maskfab.readers.sandbox.child_process import read_apart
 from maskfab.readers.sandbox.limits import allow
 
 pytestmark = pytest.mark.skipif(

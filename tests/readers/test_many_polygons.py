@@ -20,11 +20,11 @@ from klayout import db
 from small_job import write_job
 
 from maskfab.errors import SourceError
-from maskfab.geometry import reading_limits
-from maskfab.geometry.reading_limits import count_shapes
-from maskfab.geometry.region import region
+from maskfab.geometry import shape_limits
+from maskfab.geometry.plate_layout import region
+from maskfab.geometry.shape_limits import count_shapes
 from maskfab.model import CLEAR
-from maskfab.readers.reading import find_layer, read_layout
+from maskfab.readers.layout_file import find_layer, read_layout
 
 MANY = 60_000
 MEGABYTE = 1_000_000
@@ -157,7 +157,7 @@ def test_polygons_of_a_file_are_not_made_one_by_one(tmp_path):
 
 def test_more_shapes_than_can_be_worked_with_are_refused_with_value_limit_and_cure(tmp_path, monkeypatch):
     path = write_gds(tmp_path / "x.gds", steps(2_000))
-    monkeypatch.setattr(reading_limits, "MOST_SHAPES", 1_999)
+    monkeypatch.setattr(shape_limits, "MOST_SHAPES", 1_999)
     with pytest.raises(SourceError) as refusal:
         read_layout(path)
     assert refusal.value.code == "MF313"
@@ -168,8 +168,8 @@ def test_more_shapes_than_can_be_worked_with_are_refused_with_value_limit_and_cu
 
 def test_what_is_read_in_parts_is_whole(tmp_path, monkeypatch):
     """However many polygons are turned at once: repeated vertices and empty ones of every part are counted."""
-    from maskfab.geometry.reading_limits import left_out
-    from maskfab.readers import reading
+    from maskfab.geometry.shape_limits import left_out
+    from maskfab.readers import layout_file
 
     corners = steps(100)
     corners[10, 1] = corners[10, 0]
@@ -177,7 +177,7 @@ def test_what_is_read_in_parts_is_whole(tmp_path, monkeypatch):
     path = write_gds(tmp_path / "x.gds", corners)
     seen = []
     for at_once in (1, 7, 100, 1000):
-        monkeypatch.setattr(reading, "_AT_ONCE", at_once)
+        monkeypatch.setattr(layout_file, "_AT_ONCE", at_once)
         read = read_layout(path)
         seen.append((count_shapes(read), region(read, CLEAR).area(), left_out(read)))
     assert len(set(seen)) == 1

@@ -7,11 +7,11 @@ import pytest
 from klayout import db
 
 from maskfab.errors import SourceError
-from maskfab.export.figures import PolygonOptions, draw
+from maskfab.export.cell_polygons import PolygonOptions, draw
 from maskfab.export.svg import write_svg
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
-from maskfab.readers.read_svg import read_svg
+from maskfab.readers.svg import read_svg
 
 PICTURE = """\
 <?xml version="1.0" encoding="UTF-8"?>

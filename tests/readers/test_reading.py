@@ -12,9 +12,9 @@ from klayout import db
 from maskfab.errors import SourceError
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
-from maskfab.readers.reading import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.readers.layout_file import find_cell, find_layer, read_layout, rounding_nm
 
 SUFFIXES = ("gds", "oas", "dxf")
 

@@ -8,9 +8,9 @@ import time
 import pytest
 
 from maskfab.errors import SourceError
-from maskfab.geometry.reading_limits import MOST_CELLS, MOST_LAYERS
-from maskfab.readers import reading_counts
-from maskfab.readers.reading import read_layout
+from maskfab.geometry.shape_limits import MOST_CELLS, MOST_LAYERS
+from maskfab.readers import record_counts
+from maskfab.readers.layout_file import read_layout
 
 
 def record(kind, form, data=b""):
@@ -63,12 +63,12 @@ def test_a_dxf_of_very_many_blocks_is_refused_before_klayout_reads_it(tmp_path, 
 
 def test_as_many_layers_as_there_may_be_are_no_fault(tmp_path):
     most = cell("TO", b"".join(box(k // 2, k % 2) for k in range(MOST_LAYERS)) * 2)
-    reading_counts.refuse_many_in_gdsii(gdsii(tmp_path / "most.gds", most))
+    record_counts.refuse_many_in_gdsii(gdsii(tmp_path / "most.gds", most))
     with pytest.raises(SourceError, match="layers"):
-        reading_counts.refuse_many_in_gdsii(gdsii(tmp_path / "more.gds", most, cell("MO", box(MOST_LAYERS))))
+        record_counts.refuse_many_in_gdsii(gdsii(tmp_path / "more.gds", most, cell("MO", box(MOST_LAYERS))))
 
 
 def test_coordinates_that_look_like_the_start_of_a_cell_are_no_cells(tmp_path):
     like = int.from_bytes(b"\x00\x1c\x05\x02", "big")
     path = gdsii(tmp_path / "like.gds", cell("TO", box(1, 0, like) * (MOST_CELLS + 1)))
-    reading_counts.refuse_many_in_gdsii(path)
+    record_counts.refuse_many_in_gdsii(path)

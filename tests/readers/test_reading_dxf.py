@@ -11,10 +11,10 @@ import pytest
 from klayout import db
 
 from maskfab.errors import JobError, SourceError
-from maskfab.geometry.reading_limits import count_shapes, count_texts, left_out
-from maskfab.geometry.region import region
+from maskfab.geometry.plate_layout import region
+from maskfab.geometry.shape_limits import count_shapes, count_texts, left_out
 from maskfab.model import CLEAR
-from maskfab.readers.reading import drawn_unit_um, find_layer, read_layout, rounding_nm
+from maskfab.readers.layout_file import drawn_unit_um, find_layer, read_layout, rounding_nm
 
 ON_CLEAR = {"layer": "CLEAR"}
 MICROMETRES, MILLIMETRES, INCHES = 13, 4, 1

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from maskfab.errors import SourceError
-from maskfab.geometry.reading_limits import left_out
-from maskfab.readers import gerber_process, reading_gerber
+from maskfab.geometry.shape_limits import left_out
+from maskfab.readers import gerber, gerber_process
+from maskfab.readers.gerber import read_gerber
 from maskfab.readers.gerber_process import MOST_CURVES, content
-from maskfab.readers.reading_gerber import read_gerber
 
 HEAD = "%FSLAX46Y46*%\n%MOMM*%\n%ADD10C,0.002*%\nG01*\n%LPD*%\n"
 
@@ -105,7 +105,7 @@ def test_outlines_that_klayout_throws_at_are_told(tmp_path, monkeypatch):
     def thrown(*_):
         raise RuntimeError("Internal error: dbEdgeProcessor.cc:123 m_open.empty () was not true")
 
-    monkeypatch.setattr(reading_gerber._Drawing, "layout", thrown)
+    monkeypatch.setattr(gerber._Drawing, "layout", thrown)
     error = refusal(tmp_path, box(0) + "%LPC*%\n" + box(5))
     assert (error.code, "m_open.empty" in error.what) == ("MF323", True)
 

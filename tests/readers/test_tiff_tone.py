@@ -9,8 +9,8 @@ import pytest
 from PIL import Image
 
 from maskfab.errors import SourceError
-from maskfab.opening.grids import from_image
-from maskfab.readers.reading_image import read_levels
+from maskfab.opening.decode import from_image
+from maskfab.readers.image_mask import read_levels
 
 PIXELS = bytes([255, 0, 0, 255, 255, 0, 0, 0, 255])
 SHORT = 3

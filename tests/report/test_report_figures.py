@@ -15,14 +15,14 @@ from matplotlib.image import imread
 
 from maskfab.model import Psf
 from maskfab.report.data import to_document
-from maskfab.report.plots import figures
+from maskfab.report.plots import die_figures
 
 MARKUP = "<script>alert('x')</script>"
 
 
 @pytest.fixture(scope="module")
 def drawn(run):
-    return figures.pictures(run.plate, run.optics, to_document(run.report, run.plate, run.camera))
+    return die_figures.pictures(run.plate, run.optics, to_document(run.report, run.plate, run.camera))
 
 
 def svg(image: str) -> str:
@@ -35,8 +35,8 @@ def embedded(image: str) -> list[np.ndarray]:
 
 
 def test_every_die_and_the_plate_have_their_pictures(run, drawn):
-    assert set(drawn) == {figures.PLATE, "PLAIN", "TURNED"}
-    assert set(drawn[figures.PLATE]) == {"drawing", "mtf"}
+    assert set(drawn) == {die_figures.PLATE, "PLAIN", "TURNED"}
+    assert set(drawn[die_figures.PLATE]) == {"drawing", "mtf"}
     assert set(drawn["PLAIN"]) == {"opening", "panel", "psf", "mtf", "panel_small", "psf_small"}
 
 
@@ -50,30 +50,30 @@ def test_pictures_are_images_with_words_and_ask_for_nothing_outside(drawn):
 
 
 def test_equal_input_gives_equal_bytes(run, drawn):
-    assert figures.pictures(run.plate, run.optics, to_document(run.report, run.plate, run.camera)) == drawn
+    assert die_figures.pictures(run.plate, run.optics, to_document(run.report, run.plate, run.camera)) == drawn
 
 
 def test_figures_leave_the_settings_of_matplotlib_alone(run):
     before = dict(mpl.rcParams)
-    figures.mtf(run.optics[0].mtfs)
+    die_figures.mtf(run.optics[0].mtfs)
     assert dict(mpl.rcParams) == before
 
 
 def test_figures_do_not_depend_on_the_readers_settings_of_grid_and_font_size(run, drawn):
     with mpl.rc_context({"font.size": 30.0, "svg.hashsalt": "other"}):
-        assert figures.psf(run.optics[0].psfs) == drawn["PLAIN"]["psf"]
+        assert die_figures.psf(run.optics[0].psfs) == drawn["PLAIN"]["psf"]
 
 
 def test_all_psfs_have_one_colour_scale():
     """A sample a hundred times below its PSF's peak has one colour, whatever the peak."""
     base = np.zeros((5, 5))
     base[2, 2], base[2, 4] = 1.0, 0.01
-    faint, strong = (figures.psf((Psf(base * scale, 1.0, 530.0, "point"),)) for scale in (1e-7, 3.0))
+    faint, strong = (die_figures.psf((Psf(base * scale, 1.0, 530.0, "point"),)) for scale in (1e-7, 3.0))
     assert faint == strong
     bar = embedded(strong)[1]
     assert bar.shape[0] == 256
     colours = [
-        embedded(figures.psf((Psf(values, 1.0, 530.0, "point"),)))[0][2, 4] for values in (base, base.clip(1e-3))
+        embedded(die_figures.psf((Psf(values, 1.0, 530.0, "point"),)))[0][2, 4] for values in (base, base.clip(1e-3))
     ]
     np.testing.assert_array_equal(colours[0], colours[1])
     position = np.abs(bar[:, 0] - colours[0]).sum(axis=1).argmin()
@@ -84,11 +84,11 @@ def test_of_two_samplings_of_a_wavelength_the_finer_is_drawn(run):
     fine = run.optics[0].psfs
     coarse = tuple(Psf(psf.values[::4, ::4], 8.0, psf.wavelength_nm, "pixel") for psf in fine)
     mixed = [item for pair in zip(coarse, fine, strict=True) for item in pair]
-    assert figures.psf(mixed) == figures.psf(fine)
+    assert die_figures.psf(mixed) == die_figures.psf(fine)
 
 
 def test_plate_drawing_says_where_things_are(drawn):
-    words = "".join(ElementTree.fromstring(svg(drawn[figures.PLATE]["drawing"])).itertext())
+    words = "".join(ElementTree.fromstring(svg(drawn[die_figures.PLATE]["drawing"])).itertext())
     for word in (
         "PLAIN",
         "TURNED",
@@ -109,23 +109,23 @@ def test_markup_in_a_title_stays_text(run, drawn):
 
 def test_overview_is_one_png_with_equal_bytes(run):
     document = to_document(run.report, run.plate, run.camera)
-    image = figures.overview(run.plate, document, run.optics[1])
+    image = die_figures.overview(run.plate, document, run.optics[1])
     assert image.startswith(b"\x89PNG")
-    assert image == figures.overview(run.plate, document, run.optics[1])
+    assert image == die_figures.overview(run.plate, document, run.optics[1])
 
 
 def test_optics_of_one_opening_are_one_png_with_equal_bytes(run):
     item = run.optics[0]
-    image = figures.optics(item.psfs, item.mtfs, "block $")
+    image = die_figures.optics(item.psfs, item.mtfs, "block $")
     assert image.startswith(b"\x89PNG")
-    assert image == figures.optics(item.psfs, item.mtfs, "block $")
+    assert image == die_figures.optics(item.psfs, item.mtfs, "block $")
 
 
 @pytest.mark.parametrize("lines", [1, 2, 3])
 def test_the_legend_of_the_mtf_lies_on_the_sheet_and_covers_nothing(run, monkeypatch, lines):
     sheets = []
-    monkeypatch.setattr(figures, "image", lambda figure, words: sheets.append(figure) or "")
-    figures.mtf((run.optics[0].mtfs * 2)[:lines])
+    monkeypatch.setattr(die_figures, "image", lambda figure, words: sheets.append(figure) or "")
+    die_figures.mtf((run.optics[0].mtfs * 2)[:lines])
     (sheet,) = sheets
     renderer = FigureCanvasAgg(sheet).get_renderer()
     legend = sheet.legends[0].get_window_extent(renderer)

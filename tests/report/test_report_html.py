@@ -10,7 +10,7 @@ from maskfab.model import UNSTATED, Stop
 from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.report import html
 from maskfab.report.data import to_document
-from maskfab.report.plots import figures
+from maskfab.report.plots import die_figures
 
 MARKUP = "<script>alert('x')</script>"
 
@@ -22,7 +22,7 @@ def document(run):
 
 @pytest.fixture(scope="module")
 def page(run, document):
-    return html.render(document, figures.pictures(run.plate, run.optics, document))
+    return html.render(document, die_figures.pictures(run.plate, run.optics, document))
 
 
 class Reader(HTMLParser):
@@ -107,7 +107,7 @@ def test_tables_carry_full_values_and_units(page):
 
 def test_page_does_not_tell_the_time(run, document, page):
     slower = to_document(replace(run.report, seconds={"export": 99.0}), run.plate, run.camera)
-    assert html.render(slower, figures.pictures(run.plate, run.optics, slower)) == page
+    assert html.render(slower, die_figures.pictures(run.plate, run.optics, slower)) == page
 
 
 def test_page_without_pictures_dies_or_checks_still_reads(document):

@@ -13,7 +13,7 @@ import pytest
 from maskfab.report import html
 from maskfab.report.data import to_document
 from maskfab.report.plots import scene_figures
-from maskfab.report.plots.numbers import number
+from maskfab.report.plots.number_text import number
 
 
 @pytest.fixture(scope="module")

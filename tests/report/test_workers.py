@@ -9,16 +9,16 @@ import pytest
 
 from maskfab.errors import InternalError
 from maskfab.report.data import to_document
-from maskfab.report.plots import figures
+from maskfab.report.plots import die_figures
 from maskfab.report.plots.workers import drawn
 
 
 def test_how_many_processes_draw_does_not_show(run) -> None:
     document = to_document(run.report, run.plate, run.camera)
     more = [(item.die.name, (dict, ({"more": item.die.label},))) for item in run.optics]
-    alone = figures.pictures(run.plate, run.optics, document, more)
-    assert figures.pictures(run.plate, run.optics, document, more, workers=2) == alone
-    assert {name: drawings.get("more") for name, drawings in alone.items() if name != figures.PLATE} == {
+    alone = die_figures.pictures(run.plate, run.optics, document, more)
+    assert die_figures.pictures(run.plate, run.optics, document, more, workers=2) == alone
+    assert {name: drawings.get("more") for name, drawings in alone.items() if name != die_figures.PLATE} == {
         item.die.name: item.die.label for item in run.optics
     }
 

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 from small_job import command, listing, write_job
 
-from maskfab.export.figures import PolygonOptions, draw
-from maskfab.geometry.region import plate_layout, region
+from maskfab.export.cell_polygons import PolygonOptions, draw
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.job import load
 from maskfab.model import CLEAR, Plate
-from maskfab.shops import tally
-from maskfab.shops.fitting import drawing_options, fitted, written_box
+from maskfab.shops import counts
+from maskfab.shops.adapt import drawing_options, fitted, written_box
 from maskfab.shops.judge import Finding, accepted, check_shop
-from maskfab.shops.shops import load_shop, parse_shop, shop_names
+from maskfab.shops.profiles import load_shop, parse_shop, shop_names
 
 SQUARE = (
     'name = "square"\npitch = "56 um"\ndots = 7\ngrid = """\n'
@@ -171,7 +171,7 @@ def test_references_are_saved_no_further_than_a_house_needs(tmp_path, most, hier
     assert len(figures.account.paired) == paired
     finding = the("references", check_shop(plate, shop))
     assert finding.passed
-    assert finding.value == tally.references(figures)
+    assert finding.value == counts.references(figures)
 
 
 def test_references_beyond_all_help_are_resolved_or_refused(tmp_path):
@@ -189,7 +189,7 @@ def test_flashes_are_the_rectangles_of_every_cell(tmp_path):
     """A square of three dots is one rectangle; letters and marks are the same on both plates."""
     plate = fitted(laid_out(tmp_path, (), SQUARE), load_shop("pog"))
     bare = replace(plate, dies=())
-    assert tally.flashes(plate) - tally.flashes(bare) == 2 * 10 * 10
+    assert counts.flashes(plate) - counts.flashes(bare) == 2 * 10 * 10
 
 
 def test_dots_that_face_each_other_across_cells_are_counted(small_plate):
@@ -200,15 +200,15 @@ def test_dots_that_face_each_other_across_cells_are_counted(small_plate):
     n = panel.opening.dots
     across = sum(int((whole[:, x - 1] & whole[:, x]).sum()) for x in range(n, whole.shape[1], n))
     along = sum(int((whole[y - 1] & whole[y]).sum()) for y in range(n, whole.shape[0], n))
-    assert tally.facing_dots(die) == across + along > 0
-    assert tally.facing_dots(small_plate.dies[0]) == 0
+    assert counts.facing_dots(die) == across + along > 0
+    assert counts.facing_dots(small_plate.dies[0]) == 0
 
 
 def test_cells_that_share_an_edge_are_those_that_were_cut(tmp_path):
     """Labels have letters with holes: cut through they share an edge, on a layer of their own they do not."""
     plate = laid_out(tmp_path, (), SQUARE)
-    assert "LABEL_PLAIN" in tally.cut_cells(draw(plate))
-    assert "LABEL_PLAIN" not in tally.cut_cells(draw(plate, PolygonOptions(holes="layer")))
+    assert "LABEL_PLAIN" in counts.cut_cells(draw(plate))
+    assert "LABEL_PLAIN" not in counts.cut_cells(draw(plate, PolygonOptions(holes="layer")))
 
 
 def test_an_opening_that_reaches_the_next_cell_is_merged_or_given_a_gutter(tmp_path):

@@ -12,7 +12,7 @@ from maskfab.job import load
 from maskfab.model import NOTE
 from maskfab.pipeline import draw_files, named_shop, shop_quantities
 from maskfab.shops.judge import Finding, check_written
-from maskfab.shops.shops import load_shop, shop_names
+from maskfab.shops.profiles import load_shop, shop_names
 from maskfab.verify.files import Drawn
 
 HOUSE = 'title = "A house"\nsources = []\n[order]\nfields = ["tone"]\n'

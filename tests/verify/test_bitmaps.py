@@ -11,7 +11,7 @@ from PIL import Image
 from maskfab.errors import JobError, SourceError
 from maskfab.export.bitmap import write_bilevel, write_preview
 from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
-from maskfab.geometry.region import plate_layout
+from maskfab.geometry.plate_layout import plate_layout
 from maskfab.model import Die, Opening, Panel, Plate, Tiling
 from maskfab.verify.bitmaps import check_bitmap, check_pixels
 

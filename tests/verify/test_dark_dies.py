@@ -7,10 +7,10 @@ import pytest
 from klayout import db
 from optics_cases import camera
 
-from maskfab.geometry.region import layer_info, plate_layout
+from maskfab.geometry.plate_layout import layer_info, plate_layout
 from maskfab.measure.apertures import axis_nm, light_box, sees_light
 from maskfab.model import CLEAR, UNSTATED, Die, Plate, Stop
-from maskfab.verify.foreign.foreign_optics import optics_of_like
+from maskfab.verify.foreign.optics_agreement import optics_of_like
 
 STOP = Stop("circle", 200.0)
 SETTING = camera(STOP.diameter_um, window_um=32.0)

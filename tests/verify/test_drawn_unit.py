@@ -8,9 +8,9 @@ from klayout import db
 from small_job import command, write_job
 
 from maskfab.errors import JobError
-from maskfab.geometry.region import plate_layout, region
+from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
-from maskfab.verify.foreign.foreign import How, check_foreign
+from maskfab.verify.foreign.comparison import How, check_foreign
 
 MICROMETRES, MILLIMETRES, INCHES = 13, 4, 1
 

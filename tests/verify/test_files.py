@@ -17,8 +17,8 @@ from small_job import JOB
 from sweeps import sweep
 
 from maskfab.errors import InputError, SourceError
-from maskfab.export.products import Product
-from maskfab.geometry.region import layer_info, region
+from maskfab.export.outputs import Product
+from maskfab.geometry.plate_layout import layer_info, region
 from maskfab.jobfile import JobSpec, validate
 from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.progress import silent

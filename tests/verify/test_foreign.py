@@ -16,13 +16,13 @@ from maskfab.errors import JobError, SourceError
 from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.gds import write_gdsii
 from maskfab.export.gerber import write_gerber
-from maskfab.geometry.region import clear_shapes, plate_layout, region
+from maskfab.geometry.plate_layout import clear_shapes, plate_layout, region
 from maskfab.measure.apertures import light_box
 from maskfab.measure.optics import measure
 from maskfab.model import CLEAR, UNSTATED, Furniture, MaskBlank
-from maskfab.verify.foreign.foreign import How, check_foreign, only_die
-from maskfab.verify.foreign.foreign_layers import Ordered, clear_only
-from maskfab.verify.foreign.foreign_optics import optics_of_like, optics_of_unlike
+from maskfab.verify.foreign.comparison import How, check_foreign, only_die
+from maskfab.verify.foreign.layer_choice import Ordered, clear_only
+from maskfab.verify.foreign.optics_agreement import optics_of_like, optics_of_unlike
 
 pytestmark = pytest.mark.usefixtures("read_here")
 

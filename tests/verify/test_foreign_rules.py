@@ -15,8 +15,8 @@ from small_job import command, edited, write_job
 
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
-from maskfab.verify.foreign import foreign_rules
-from maskfab.verify.foreign.foreign import check_foreign
+from maskfab.verify.foreign import layer_rules
+from maskfab.verify.foreign.comparison import check_foreign
 
 DOT = 8000
 KISSES = 100
@@ -222,7 +222,7 @@ def test_a_hole_of_a_point_is_told_and_not_stumbled_over(job, tmp_path):
 
 
 def test_of_too_many_shapes_a_part_is_looked_at_and_that_is_said(job, tmp_path, monkeypatch):
-    monkeypatch.setattr(foreign_rules, "MOST_LOOKED_ALONE", 50)
+    monkeypatch.setattr(layer_rules, "MOST_LOOKED_ALONE", 50)
     lines = [db.Box(x, 0, x + 3000, 90_000) for x in range(0, 1_600_000, 8000)]
     rows = held(job, drawn(tmp_path / "x.gds", *lines))
     assert 20 <= rows["rule_width"].value <= 51

@@ -15,7 +15,7 @@ from small_job import LOOK, command, finished, listing, write_job
 
 import maskfab
 from maskfab.errors import SourceError
-from maskfab.export.psf import AXES, PsfFile, psf_facts, write_psf
+from maskfab.export.psf_exr import AXES, PsfFile, psf_facts, write_psf
 from maskfab.model import Die, Opening, Panel, Psf, Tiling
 from maskfab.pipeline import draw_files, measure_dies, psfs_as_files
 from maskfab.progress import silent

@@ -11,7 +11,7 @@ from maskfab.drc.raster_rules import corner_touches
 from maskfab.errors import SourceError
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
-from maskfab.geometry.region import plate_layout
+from maskfab.geometry.plate_layout import plate_layout
 from maskfab.model import CLEAR, Gauge
 from maskfab.verify.roundtrip import clear_length_nm, compare, die_edges_nm, die_raster, roundtrip
 

@@ -12,11 +12,11 @@ from maskfab.errors import SourceError
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack
-from maskfab.files.quiet import quiet
+from maskfab.files.silence_stdout import quiet
 from maskfab.model import Die, Opening, Panel, Tiling
 from maskfab.plate.hexagonal import hexagonal_sheet
-from maskfab.readers import read_step as read_step_module
-from maskfab.readers.read_step import read_step
+from maskfab.readers import step as read_step_module
+from maskfab.readers.step import read_step
 from maskfab.verify.solids import check_plate_solid, check_solid
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}

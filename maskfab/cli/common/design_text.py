@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from maskfab.design.bounds.bounds import Gap
-    from maskfab.design.job import Designed
     from maskfab.design.maps.orientation_map import DesignedMap
+    from maskfab.design.result import Designed
     from maskfab.design.rules.discrete import Prices
 
 

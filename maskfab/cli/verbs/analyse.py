@@ -103,9 +103,9 @@ def analyse(
         analysis = analyse_file(file, request, progress)
     if out is not None:
         from maskfab import __version__
-        from maskfab.export.psf import camera_facts
+        from maskfab.export.psf_exr import camera_facts
         from maskfab.provenance import sha256_of_file
-        from maskfab.report.analysis import write
+        from maskfab.report.analysis_files import write
 
         laid_out = {"pitch": pitch, "dot": dot, "gutter": gutter, "tiling": tiling, "layer": layer, "cell": cell}
         laid_out["seed"] = None if seed is None else str(seed)

@@ -28,17 +28,17 @@ def bench(
     quiet: Quiet = False,
 ) -> None:
     """Time every PSF method and compare each with the exact one, or run the hard cases."""
-    from maskfab.bench import accuracy, report
+    from maskfab.bench import accuracy, accuracy_page
     from maskfab.bench.cases import CASES
     from maskfab.bench.cases import run as run_cases
 
     if hard:
         outcomes = []
-        for line in report.case_table(outcomes.append(o) or o for o in run_cases(CASES)):  # type: ignore[func-returns-value]
+        for line in accuracy_page.case_table(outcomes.append(o) or o for o in run_cases(CASES)):  # type: ignore[func-returns-value]
             if not as_json:
                 typer.echo(line)
         if as_json:
-            print_json(report.case_document(outcomes))
+            print_json(accuracy_page.case_document(outcomes))
         leave(all(outcome.passed for outcome in outcomes))
         return
     workload = accuracy.standard_workload() if job is None else _workload(job, die)
@@ -49,14 +49,14 @@ def bench(
     with watched(quiet) as progress:
         timings = accuracy.race(workload, rounds, progress)
     bound, absent = accuracy.gemm_bound_ms(workload), accuracy.absent()
-    document = report.race_document(timings, bound, absent)
+    document = accuracy_page.race_document(timings, bound, absent)
     if as_json:
         print_json(document)
     else:
-        for line in report.race_table(timings, bound, absent):
+        for line in accuracy_page.race_table(timings, bound, absent):
             typer.echo(line)
     if out is not None:
-        for path in report.write(out, document, report.race_figure(timings)):
+        for path in accuracy_page.write(out, document, accuracy_page.race_figure(timings)):
             typer.echo(path, err=as_json)
 
 

@@ -46,7 +46,7 @@ def check(
 ) -> None:
     """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not."""
     from maskfab.cli.common import display_json, display_text
-    from maskfab.display.populate import widest_gaps
+    from maskfab.display.place import widest_gaps
     from maskfab.job import load
 
     if shop is not None:
@@ -76,9 +76,9 @@ def _check_shop(job: Path, shop: str, formats: Sequence[str], *, as_json: bool, 
     """Check the plate against the rules of a mask shop, with a cure for each violation; writes nothing."""
     from maskfab.cli.common.shop_verdict import chosen_formats, findings_document, print_findings
     from maskfab.job import load
-    from maskfab.shops.fitting import blank_of
+    from maskfab.shops.adapt import blank_of
     from maskfab.shops.judge import accepted, check_shop
-    from maskfab.shops.shops import load_shop
+    from maskfab.shops.profiles import load_shop
 
     profile, sent = load_shop(shop), chosen_formats(formats)
     loaded = load(job)
@@ -98,7 +98,7 @@ def _check_shop(job: Path, shop: str, formats: Sequence[str], *, as_json: bool, 
 
 def _passes(found: Feasibility) -> bool:
     """Not knowing is enough as long as nothing is required and no rule is broken."""
-    from maskfab.display.emitters.answer import Verdict
+    from maskfab.display.emitters.placement import Verdict
 
     return found.verdict is Verdict.FITS or (
         found.verdict is Verdict.UNKNOWN and not found.required and not found.broken

@@ -18,7 +18,7 @@ from maskfab.errors import JobError, OutputError
 
 if TYPE_CHECKING:
     from maskfab.camera.photographs import Scene
-    from maskfab.design.job import Designed
+    from maskfab.design.result import Designed
     from maskfab.jobfile import JobSpec
     from maskfab.progress import Progress
 
@@ -123,9 +123,9 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
 
 def _check_rules(spec: JobSpec, job: Path) -> None:
     """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn."""
-    from maskfab.camera.camera import PhotoCamera
+    from maskfab.camera.photo_camera import PhotoCamera
     from maskfab.camera.transfer import lattice
-    from maskfab.design.job import constraints_of
+    from maskfab.design.result import constraints_of
     from maskfab.jobfile import RelaxSection
 
     assert spec.design is not None
@@ -162,7 +162,7 @@ def _found(
         from maskfab.design.relax.relax import relax
 
         return relax(spec.design, camera, scenes, command, progress, budget_s=limit_s, checkpoint=checkpoint)
-    from maskfab.camera.camera import PhotoCamera
+    from maskfab.camera.photo_camera import PhotoCamera
     from maskfab.design.search.search import search
 
     seen = PhotoCamera.of(camera)

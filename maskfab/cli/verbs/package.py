@@ -27,7 +27,7 @@ def package(
     """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
     from maskfab.job import load
     from maskfab.package.pack import pack
-    from maskfab.shops.shops import load_shop
+    from maskfab.shops.profiles import load_shop
 
     profile, formats = load_shop(shop), chosen_formats(format_ or ())
     with watched(quiet) as progress:

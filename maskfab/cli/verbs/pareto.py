@@ -15,7 +15,7 @@ from maskfab.errors import JobError
 
 if TYPE_CHECKING:
     from maskfab.design.pareto import Judged, Pareto
-    from maskfab.report.pareto import Named
+    from maskfab.report.pareto_files import Named
 
 
 def pareto(
@@ -31,7 +31,7 @@ def pareto(
 ) -> None:
     """Find the Pareto front of restored PSNR against emitter footprint."""
     from maskfab import provenance
-    from maskfab.camera.camera import PhotoCamera
+    from maskfab.camera.photo_camera import PhotoCamera
     from maskfab.camera.photographs import folder
     from maskfab.camera.scenes import bundled
     from maskfab.camera.transfer import lattice
@@ -40,7 +40,7 @@ def pareto(
     from maskfab.files.staging import check_target
     from maskfab.jobfile import SearchSection, read
     from maskfab.opening.openings import dumps, load
-    from maskfab.report import pareto as report
+    from maskfab.report import pareto_files as report
 
     spec = read(job)
     if spec.pareto is None:

@@ -32,12 +32,12 @@ def render(
 ) -> None:
     """Render pictures on the panels as the eye sees them, with S-CIELAB difference, grain and colour fringes."""
     from maskfab import units
-    from maskfab.eye.display import emitters_of, has_emitters
+    from maskfab.eye.display_light import emitters_of, has_emitters
     from maskfab.eye.picture import read
-    from maskfab.eye.score import judge, pictures
+    from maskfab.eye.side_by_side import judge, pictures
     from maskfab.eye.viewing import Viewing
     from maskfab.job import load
-    from maskfab.report import render as report
+    from maskfab.report import render_files as report
 
     if out is not None:
         from maskfab.files.staging import check_target

@@ -43,12 +43,12 @@ def shape(
     from maskfab.files.staging import check_file, write_text
     from maskfab.jobfile import check_name
     from maskfab.model import Opening
-    from maskfab.opening import displays, shapes
+    from maskfab.opening import display_layouts, shapes
     from maskfab.opening.openings import dot_of_pitch, dumps
 
     check_file(out, force=force)
     check_name(name or out.stem, where="--name")
-    display = displays.DISPLAYS.get(kind)
+    display = display_layouts.DISPLAYS.get(kind)
     changed = dots is not None or pitch is not None or bool(lengths)
     own_dots, own_pitch = (display.dots, display.pitch) if display else (21, "168 um")
     dots = own_dots if dots is None else dots
@@ -56,11 +56,14 @@ def shape(
     facts: dict[str, str | int | float] = {}
     emitters = None
     if display is not None:
-        mask, emitters = display.draw(dots, displays.read_lengths(lengths or ()))
-        facts.update(displays.facts(display, changed=changed))
+        mask, emitters = display.draw(dots, display_layouts.read_lengths(lengths or ()))
+        facts.update(display_layouts.facts(display, changed=changed))
     elif lengths:
         raise JobError(
-            "MF102", f"{kind} has no lengths", where="--length", cure=f"Draw one of {', '.join(displays.DISPLAYS)}"
+            "MF102",
+            f"{kind} has no lengths",
+            where="--length",
+            cure=f"Draw one of {', '.join(display_layouts.DISPLAYS)}",
         )
     elif kind == "stripe":
         mask = shapes.stripe(dots, width_dots, clear_dots)

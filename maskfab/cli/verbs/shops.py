@@ -23,7 +23,7 @@ def shops(
     as_json: Json = False,
 ) -> None:
     """List the mask shops with published rules, or show the rules of one with their sources."""
-    from maskfab.shops.shops import load_shop, shop_names
+    from maskfab.shops.profiles import load_shop, shop_names
 
     if name is not None:
         shop = load_shop(name)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-    from maskfab.camera.camera import PhotoCamera
+    from maskfab.camera.photo_camera import PhotoCamera
     from maskfab.camera.protocol import Score, Table
 
 _PICTURE = (160, 200)
@@ -43,8 +43,8 @@ def simulate(
     quiet: Quiet = False,
 ) -> None:
     """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference."""
-    from maskfab.camera.camera import F1, PhotoCamera
     from maskfab.camera.laid_panel import laid_panel
+    from maskfab.camera.photo_camera import F1, PhotoCamera
     from maskfab.camera.photographs import folder
     from maskfab.camera.protocol import ASSUMED, evaluate
     from maskfab.camera.scenes import bundled

@@ -18,7 +18,7 @@ from maskfab.errors import JobError
 if TYPE_CHECKING:
     from maskfab.model import Quantity
     from maskfab.progress import Progress
-    from maskfab.verify.foreign.foreign import Foreign, How
+    from maskfab.verify.foreign.comparison import Foreign, How
 
 
 def verify(
@@ -78,7 +78,7 @@ def verify(
         _check_meant((*(() if against is None else ("--against",)), *said), (), f"{subject.name}, which is a directory")
     if against is not None:
         from maskfab.units import parse_length_um
-        from maskfab.verify.foreign.foreign import How
+        from maskfab.verify.foreign.comparison import How
 
         _check_meant(said, _meant(subject), subject.name)
         wide = 0.0 if tolerance is None else 1e3 * parse_length_um(tolerance, where="--tolerance")
@@ -103,8 +103,8 @@ def _meant(file: Path) -> Sequence[str]:
 
     Only the unit of a DXF can be stated, which the reader of the others says.
     """
-    from maskfab.readers.reading import LAYOUT_SUFFIXES
-    from maskfab.readers.reading_image import IMAGE_SUFFIXES
+    from maskfab.readers.image_mask import IMAGE_SUFFIXES
+    from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 
     kind, every = file.suffix.lower(), ("--die", "--unit", "--tone", "--tolerance")
     if kind in IMAGE_SUFFIXES:
@@ -136,7 +136,7 @@ def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, 
         )
     from maskfab.job import load
     from maskfab.package.pack import verify_package
-    from maskfab.shops.shops import load_shop
+    from maskfab.shops.profiles import load_shop
 
     profile, job = None if shop is None else load_shop(shop), None if against is None else load(against)
     with watched(quiet) as progress:
@@ -205,9 +205,9 @@ def _read_as(found: Foreign) -> str:
 def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:
     from maskfab.job import load
     from maskfab.readers.sandbox.bounded import bounded
-    from maskfab.shops.shops import shop_of
-    from maskfab.verify.foreign.foreign import check_foreign, only_die
-    from maskfab.verify.foreign.foreign_layers import Ordered
+    from maskfab.shops.profiles import shop_of
+    from maskfab.verify.foreign.comparison import check_foreign, only_die
+    from maskfab.verify.foreign.layer_choice import Ordered
 
     job = load(against)
     house = shop_of(job.spec, job.where)

@@ -27,8 +27,8 @@ from maskfab.design.bounds.error_bound import tables
 from maskfab.design.bounds.frame_bound import frame_bound
 from maskfab.design.bounds.map_bound import layout_bound
 from maskfab.design.bounds.residue_bound import Residues, residue_error, residues
+from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.design.model.interior import Interior, interior
-from maskfab.design.model.surrogate import Surrogate
 from maskfab.errors import JobError, OpeningError
 
 Floats = NDArray[np.float64]
@@ -99,7 +99,7 @@ def bounds(
     """Bounds for units of the surrogate's size, its scenes and its camera.
 
     Args:
-        estimate: of the scenes, by :func:`maskfab.design.model.surrogate.surrogate`.
+        estimate: of the scenes, by :func:`maskfab.design.model.expected_psnr.surrogate`.
         clear_dots: of the unit.
         periodic: the unit is repeated; otherwise turned at random.
         levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.

@@ -1,8 +1,8 @@
 r"""A proven limit of the surrogate itself: of the whole frame, what leaks in from the sensor's edge included.
 
 :mod:`maskfab.design.model.interior` takes every lag and follows the spectrum's power law down to the lowest frequency.
-The surrogate (:mod:`maskfab.design.model.surrogate`) takes a sample of the lags, and below 1/16 cycle per pixel it puts
-the leak in place of the law. For the number that it returns, at its own lags and weights,
+The surrogate (:mod:`maskfab.design.model.expected_psnr`) takes a sample of the lags, and below 1/16 cycle per pixel it
+puts the leak in place of the law. For the number that it returns, at its own lags and weights,
 
     E(ε) = σ² · noise(A) + bias(A) + leak(A, ε),    leak >= 0,
 
@@ -31,8 +31,8 @@ import numpy as np
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.design.bounds.error_bound import tables
 from maskfab.design.bounds.residue_bound import residue_error, residues
+from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.design.model.interior import Interior
-from maskfab.design.model.surrogate import Surrogate
 
 
 def sampled(estimate: Surrogate, inner: Interior, *, periodic: bool) -> Interior:

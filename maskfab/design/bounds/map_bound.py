@@ -25,8 +25,8 @@ from numpy.typing import NDArray
 
 from maskfab.camera.protocol import LEVELS
 from maskfab.design.bounds.error_bound import block_error, blocks, wiener_cost
+from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.design.model.interior import Interior, interior
-from maskfab.design.model.surrogate import Surrogate
 from maskfab.errors import JobError
 
 Floats = NDArray[np.float64]
@@ -68,7 +68,7 @@ def map_gap(
         estimate: of the scenes.
         pupil: of :func:`maskfab.camera.transfer.lay`, 0 outside the stop.
         clear_dots: of every whole cell.
-        psnr: dB at each level, as :class:`maskfab.design.model.pupil_error.PupilError` finds it for the pupil.
+        psnr: dB at each level, as :class:`maskfab.design.model.layout_error.PupilError` finds it for the pupil.
         levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
 
     Raises:

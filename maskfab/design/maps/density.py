@@ -20,10 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.design.maps.orientation_map import DesignedMap, MapMode, design_map
-from maskfab.design.model.pupil_error import PupilError
+from maskfab.design.model.layout_error import PupilError
 from maskfab.design.rules.constraints import Constraints
+from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.display.emitters.fit import footprint
-from maskfab.display.emitters.rules import EmitterRules
 from maskfab.display.light import Light, relative_life
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Opening, frozen

@@ -1,7 +1,7 @@
 r"""Which way every cell of the panel is turned, chosen all at once by the adjoint field.
 
 With p the pupil, g the slope of the loss by its autocorrelation and f its slope by the pupil
-(:mod:`maskfab.design.model.pupil_error`), turning one cell, so that its dots change by δ, changes the loss by
+(:mod:`maskfab.design.model.layout_error`), turning one cell, so that its dots change by δ, changes the loss by
 
     f·δ + sum over t of g(t) (δ ⋆ δ)(t)
 
@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.transfer import Lattice
-from maskfab.design.model.pupil_error import PupilError, Slope
+from maskfab.design.model.layout_error import PupilError, Slope
 from maskfab.design.rules.positions import best_places, places
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Scalar, frozen, orient
@@ -117,7 +117,7 @@ def design_map(
 
     Args:
         units: bool [dots, dots], or [units, dots, dots] among which every cell chooses as well.
-        error: of panels of such units, :func:`maskfab.design.model.pupil_error.pupil_error`.
+        error: of panels of such units, :func:`maskfab.design.model.layout_error.pupil_error`.
         mode: whether the light stays.
         seed: of the random map it starts from, drawn as protocol F1 draws it, and of the kicks.
         kicks: how often cells are turned at random after the first descent; 0 for none.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.transfer import Lattice, OpenStop
-from maskfab.design.model.surrogate import Surrogate
+from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.model import ORIENTATIONS, orient
 
 Floats = NDArray[np.float64]

@@ -11,7 +11,7 @@ low-passed scenes that are blurred with what lies round the sensor, mirrored at 
 
 minus the expected PSNR in dB. It predicts measured PSNR with a rank correlation of .95 and more; without the leak .3
 to .4. The spectrum, the sampled frequencies and the low-passed scenes are those of
-:mod:`maskfab.design.model.surrogate`, which judges the mean of all layouts; this judges one.
+:mod:`maskfab.design.model.expected_psnr`, which judges the mean of all layouts; this judges one.
 
 Notes:
     Good for photographs, and aware of photons: a darker unit is noisier, and gets no bonus.
@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.protocol import EPSILONS, LEVELS
-from maskfab.design.model.surrogate import Surrogate
+from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.design.relax.autocorrelation import Autocorrelation
 from maskfab.design.relax.objective import Objective
 from maskfab.design.relax.tiled_stop import Precision, TiledStop, tiled_stop

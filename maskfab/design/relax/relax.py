@@ -14,12 +14,11 @@ from typing import cast
 import numpy as np
 import torch
 
-from maskfab.camera.camera import PhotoCamera
+from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Scene
 from maskfab.camera.transfer import Lattice, lattice
 from maskfab.design.clock import Clock
-from maskfab.design.job import Designed, Facts, appraised, constraints_of, origin
-from maskfab.design.model.surrogate import Surrogate, surrogate_behind
+from maskfab.design.model.expected_psnr import Surrogate, surrogate_behind
 from maskfab.design.relax.descent import Descent, Found, Outcome, RelaxStep, descend, iterations_within
 from maskfab.design.relax.expected_error import boundary_leak, expected_error
 from maskfab.design.relax.mtf_auc import mtf_auc
@@ -28,9 +27,10 @@ from maskfab.design.relax.recipes import PaperLosses, paper
 from maskfab.design.relax.stop_grid import cells_across
 from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.design.relax.top_residual import top_residual
+from maskfab.design.result import Designed, Facts, appraised, constraints_of, origin
 from maskfab.design.rules.constraints import Constraints
 from maskfab.design.rules.discrete import Mask, anneal
-from maskfab.design.search.nearest import nearest
+from maskfab.design.rules.repair import nearest
 from maskfab.errors import JobError
 from maskfab.jobfile import RelaxSection
 from maskfab.model import Camera, Opening, Tiling

@@ -27,7 +27,7 @@ import torch
 
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.photographs import Scene
-from maskfab.design.model.surrogate import LEAST_CONTRAST
+from maskfab.design.model.expected_psnr import LEAST_CONTRAST
 from maskfab.design.relax.autocorrelation import Autocorrelation
 from maskfab.design.relax.objective import Objective
 from maskfab.design.relax.tiled_stop import GridTransfer, TiledStop

@@ -20,15 +20,15 @@ from numpy.typing import NDArray
 
 from maskfab.design.rules.families import Symmetry, orbits, reachable
 from maskfab.display.circuit import CircuitRules, pixel_room
-from maskfab.display.emitters.answer import Certificate, Verdict
+from maskfab.display.emitters.across_borders import border_margin
+from maskfab.display.emitters.assign import centred
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.choose import centred
-from maskfab.display.emitters.facing import border_margin
+from maskfab.display.emitters.emitter_rules import EmitterRules, Grid, grid_of
 from maskfab.display.emitters.fit import footprint
+from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine
+from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.emitters.rectangles import rectangle_footprints
-from maskfab.display.emitters.region import free_region
-from maskfab.display.emitters.rules import EmitterRules, Grid, grid_of
 from maskfab.display.wires.flow import DIRECTIONS, Net, lines
 from maskfab.display.wires.ports import ports
 from maskfab.drc.raster_rules import corner_touches, smallest_runs

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from maskfab.camera.protocol import LEVELS
-from maskfab.design.model.surrogate import Surrogate
+from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.design.rules.constraints import Constraints
 from maskfab.design.rules.families import Candidate, orbits
 from maskfab.errors import InternalError, JobError

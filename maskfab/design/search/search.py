@@ -11,14 +11,18 @@ from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from maskfab.camera.camera import F1, PhotoCamera
+from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import LEVELS
 from maskfab.camera.transfer import FEWEST_CELLS, Lattice, lattice
 from maskfab.design.bounds.auc_bound import rings
 from maskfab.design.checkpoint import Kept
 from maskfab.design.clock import Clock
-from maskfab.design.job import (
+from maskfab.design.maps.alternate import require_places
+from maskfab.design.maps.orientation_map import MapMode, require_size
+from maskfab.design.model.expected_psnr import surrogate_behind
+from maskfab.design.model.layout_error import pupil_error
+from maskfab.design.result import (
     Designed,
     Facts,
     appraised,
@@ -29,16 +33,12 @@ from maskfab.design.job import (
     origin,
     run_key,
 )
-from maskfab.design.maps.joint import require_places
-from maskfab.design.maps.orientation_map import MapMode, require_size
-from maskfab.design.model.pupil_error import pupil_error
-from maskfab.design.model.surrogate import surrogate_behind
 from maskfab.design.rules.constraints import Constraints
 from maskfab.design.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal, prices
+from maskfab.design.rules.repair import nearest
 from maskfab.design.search.auc_search import best_for_auc
-from maskfab.design.search.compact import Best, annealed, scanned
-from maskfab.design.search.mapped import map_seed, mapped
-from maskfab.design.search.nearest import nearest
+from maskfab.design.search.finish import map_seed, mapped
+from maskfab.design.search.scan import Best, annealed, scanned
 from maskfab.design.search.shortlist import shortlisted
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Tiling

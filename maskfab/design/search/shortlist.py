@@ -16,11 +16,11 @@ import numpy as np
 
 from maskfab.design.clock import Clock
 from maskfab.design.maps.orientation_map import MapMode, design_map
-from maskfab.design.model.pupil_error import PupilError
+from maskfab.design.model.layout_error import PupilError
 from maskfab.design.rules.constraints import Constraints
 from maskfab.design.rules.discrete import Ranked
 from maskfab.design.rules.families import Candidate, kind
-from maskfab.design.search.compact import Best
+from maskfab.design.search.scan import Best
 from maskfab.progress import Progress
 
 

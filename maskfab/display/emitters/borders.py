@@ -14,8 +14,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.facing import border_margin
-from maskfab.display.emitters.rules import Grid
+from maskfab.display.emitters.across_borders import border_margin
+from maskfab.display.emitters.emitter_rules import Grid
 from maskfab.model import ORIENTATIONS, orient
 
 Pair = tuple[int, int]

@@ -7,7 +7,7 @@ one another by such shifts. Say that emitters A, B, C share a piece of V cells, 
    different cells as long as 2h <= g.
 2. Each layer of A holds a closed walk of cells with A and the layers before it on one side and B, or B and C, on the
    other, so it has at least as many cells of the piece as the shortest walk that parts the piece so: at least w
-   (w lanes lead from a square of A to one of B), and exactly as :func:`maskfab.display.emitters.cuts.shortest_cuts`
+   (w lanes lead from a square of A to one of B), and exactly as :func:`maskfab.display.emitters.min_cut.shortest_cuts`
    says. If no one walk has both B and C on its other side (one lies within a hole or a bay of A), there is one for
    each, and these two share one cell at most, in the mouth of the bay.
 3. If g is odd, one layer is left in the middle; it is shared. A cell next to all three of A, B, C (with their layers)
@@ -28,9 +28,9 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.answer import Certificate, Proof
-from maskfab.display.emitters.cuts import shortest_cuts
-from maskfab.display.emitters.rules import Grid
+from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.min_cut import shortest_cuts
+from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.display.emitters.squares import Squares
 
 _SUBSETS = tuple(subset for size in (1, 2, 3) for subset in combinations(range(3), size))

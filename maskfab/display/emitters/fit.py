@@ -9,13 +9,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.answer import Certificate, Footprint, Proof, Verdict
+from maskfab.display.emitters.across_borders import border_margin, facing_squares, three_facing_squares
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.facing import border_margin, facing_squares, three_facing_squares
+from maskfab.display.emitters.emitter_rules import EmitterRules, Grid, grid_of
+from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine, polish
+from maskfab.display.emitters.placement import Certificate, Footprint, Proof, Verdict
 from maskfab.display.emitters.rectangles import three_rectangles
-from maskfab.display.emitters.region import free_region
-from maskfab.display.emitters.rules import EmitterRules, Grid, grid_of
 from maskfab.display.emitters.squares import Squares
 from maskfab.model import Emitters, Opening
 

@@ -16,9 +16,9 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.facing import border_margin, facing_squares
+from maskfab.display.emitters.across_borders import border_margin, facing_squares
+from maskfab.display.emitters.emitter_rules import Grid
 from maskfab.display.emitters.rectangles import Ratio, Window, orders
-from maskfab.display.emitters.rules import Grid
 from maskfab.display.emitters.squares import Squares
 
 Shapes = tuple[int, int, int]

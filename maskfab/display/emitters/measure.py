@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from klayout import db
 
 from maskfab.display.emitters.borders import meetings
-from maskfab.display.emitters.rules import EmitterRules
-from maskfab.geometry.region import simple_polygon
-from maskfab.geometry.unit import unit_shapes
+from maskfab.display.emitters.emitter_rules import EmitterRules
+from maskfab.geometry.plate_layout import simple_polygon
+from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import CLEAR, EMITTERS, Panel, Polygon
 
 # Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances.

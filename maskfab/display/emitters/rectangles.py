@@ -17,8 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.region import EVERY, free_region
-from maskfab.display.emitters.rules import Grid
+from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.free_area import EVERY, free_region
 
 Ratio = tuple[float, float, float]
 Window = tuple[int, int, int, int]

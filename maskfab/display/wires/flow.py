@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from maskfab.display.emitters.answer import Certificate, Proof
+from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.errors import JobError
 from maskfab.model import frozen
 

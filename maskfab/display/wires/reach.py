@@ -8,7 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.answer import Certificate, Proof
+from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.model import COLOURS, Emitters
 
 

@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.answer import Certificate, Proof
+from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.display.wires.flow import Direction
 from maskfab.display.wires.gutter import WireRules
 from maskfab.model import Opening

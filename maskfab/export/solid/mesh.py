@@ -30,7 +30,7 @@ from maskfab.export.solid.tiles import (
     glass,
     unit_names,
 )
-from maskfab.files.aside import partial
+from maskfab.files.atomic import partial
 from maskfab.model import Die
 
 _MOST_VERTICES = 1_000_000

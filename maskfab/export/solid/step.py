@@ -28,8 +28,8 @@ from maskfab.export.solid.tiles import (
     rotation,
     unit_names,
 )
-from maskfab.files.aside import partial
-from maskfab.files.quiet import quiet
+from maskfab.files.atomic import partial
+from maskfab.files.silence_stdout import quiet
 from maskfab.model import ORIENTATIONS, Die, Panel, Plate
 
 _MM_PER_NM = 1e-6

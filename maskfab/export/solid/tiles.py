@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from maskfab.errors import OutputError
 from maskfab.export.solid.triangulation import triangulated
 from maskfab.geometry.polygonize import outline
-from maskfab.geometry.unit import unit_name
+from maskfab.geometry.unit_cell import unit_name
 from maskfab.model import ORIENTATIONS, Die, Panel, Point, Polygon
 
 Floats = NDArray[np.float64]
@@ -86,7 +86,8 @@ def openings_in_use(panel: Panel) -> tuple[int, ...]:
 
 
 def unit_names(panel: Panel) -> dict[int, str]:
-    """A name for every unit in use, no two alike, those of :func:`maskfab.geometry.unit.unit_name` where they serve."""
+    """A name for every unit in use, no two alike, those of :func:`maskfab.geometry.unit_cell.unit_name` where they
+    serve."""
     names: dict[int, str] = {}
     for cell in units_in_use(panel):
         name = "".join(unit_name(panel, cell))

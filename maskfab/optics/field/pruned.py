@@ -19,7 +19,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
-from maskfab.optics.field.field import ParityField, PreparedField, parity_of, rim_terms
+from maskfab.optics.field.parity import ParityField, PreparedField, parity_of, rim_terms
 from maskfab.optics.field.waves import Precision, Reals, is_even, is_symmetric, real_type, reduced_cycles
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
@@ -86,7 +86,7 @@ class PrunedField:
 
 
 def prepare_pruned(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision = "double") -> PrunedField:
-    """A pupil ready to be transformed; the arguments are those of :func:`maskfab.optics.field.field.prepare`."""
+    """A pupil ready to be transformed; the arguments are those of :func:`maskfab.optics.field.parity.prepare`."""
     rim = None
     if pupil.rim_row.size:
         rim = PreparedField(rim_terms(pupil, highest_u, highest_v, precision), highest_u, highest_v, precision)

@@ -14,7 +14,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.model import frozen
-from maskfab.optics.image.otf import neighbours
+from maskfab.optics.image.lag_table import neighbours
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import MaskBlank, Stop
 from maskfab.optics.field.clear_stop import clear_field
-from maskfab.optics.image.otf import LagTable, lag_table
+from maskfab.optics.image.lag_table import LagTable, lag_table
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
@@ -91,7 +91,7 @@ class Leak:
         return tuple(found)
 
     def lag_table(self, openings: Pupil, parts: tuple[Pupil, ...], reach_um: float) -> LagTable:
-        """The table of lags of :meth:`pupils`, as of :func:`maskfab.optics.image.otf.lag_table`.
+        """The table of lags of :meth:`pupils`, as of :func:`maskfab.optics.image.lag_table.lag_table`.
 
         Args:
             openings: inside the stop, without the leak.

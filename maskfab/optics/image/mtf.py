@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import Camera, Mtf, RadialMean, frozen
-from maskfab.optics.image.otf import LagTable
+from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import image_scale_um2
 
 Floats = NDArray[np.float64]

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import Camera, Psf
-from maskfab.optics.field.field import ParityField
-from maskfab.optics.field.paths import Task, admissible, field
+from maskfab.optics.field.methods import Task, admissible, field
+from maskfab.optics.field.parity import ParityField
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.pupil.pupil import Pupil

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from maskfab.errors import JobError
 from maskfab.model import Camera, frozen
 from maskfab.optics.functions.gauss import gauss_rules
-from maskfab.optics.image.otf import LagTable, neighbours
+from maskfab.optics.image.lag_table import LagTable, neighbours
 from maskfab.optics.pupil.aperture import Lattice
 
 Floats = NDArray[np.float64]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
 from maskfab.model import Camera
-from maskfab.optics.field.field import SampledField
-from maskfab.optics.field.paths import PRUNED, Task, admissible, precise_enough
+from maskfab.optics.field.methods import PRUNED, Task, admissible, precise_enough
+from maskfab.optics.field.parity import SampledField
 from maskfab.optics.image.psf import cutoff, image_scale_um2
 from maskfab.optics.image.spectrum import Band, Spectrum, lines
 from maskfab.optics.pupil.pupil import Pupil

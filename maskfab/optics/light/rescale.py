@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
 from maskfab.model import Camera, Psf, frozen
-from maskfab.optics.field.field import parity_field
+from maskfab.optics.field.parity import parity_field
 from maskfab.optics.image.psf import cutoff, image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.pupil.pupil import Pupil

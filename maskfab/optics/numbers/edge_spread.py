@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from maskfab.errors import InternalError
 from maskfab.model import Camera, Psf, Quantity, frozen
 from maskfab.optics.image.axis_lags import AxisLags
-from maskfab.optics.image.otf import LagTable
+from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import cutoff, image_scale_um2, odd_samples
 from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
 

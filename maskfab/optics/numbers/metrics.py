@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from maskfab.errors import JobError
 from maskfab.model import Camera, Mtf, Psf, Quantity
 from maskfab.optics.image.axis_lags import AxisLags
+from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.image.mtf import LEVELS, area_under_radial_min, frequency_at
-from maskfab.optics.image.otf import LagTable
 from maskfab.optics.image.psf import cutoff, image_scale_um2, pixel_sum_error
 from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.numbers.colour import JUST_NOTICEABLE
 from maskfab.optics.numbers.edge_spread import EdgeSpread, edge_colour_difference, edge_in_window
-from maskfab.optics.numbers.encircled import ensquared_energy, halo_energy
+from maskfab.optics.numbers.enclosed_energy import ensquared_energy, halo_energy
 from maskfab.optics.numbers.psf_metrics import colour_distance, energy_normalised_strehl, first_side_lobe, streak_index
 from maskfab.optics.numbers.sampling import PHASES, AliasedMtf, cy_per_pixel, phase_spread
 from maskfab.optics.numbers.wiener import noise_gain, sensor_square, worst_wiener

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Panel, Quantity, Stop
-from maskfab.optics.field.field import direct_field
+from maskfab.optics.field.parity import direct_field
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Quantity, frozen
-from maskfab.optics.image.otf import LagTable
+from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import cutoff
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf
 

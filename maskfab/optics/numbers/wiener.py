@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Quantity, frozen
-from maskfab.optics.image.otf import LagTable
+from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf_grid
 
 Floats = NDArray[np.float64]

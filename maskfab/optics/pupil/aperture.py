@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import ORIENTATIONS, Panel, frozen
-from maskfab.optics.pupil.veil import veil
+from maskfab.optics.pupil.wire_transmission import veil
 
 
 @dataclass(frozen=True)

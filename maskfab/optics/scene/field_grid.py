@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import Camera, Psf
 from maskfab.optics.pupil.aperture import Aperture
-from maskfab.optics.wavefront.gap import Place, shifted_psf
+from maskfab.optics.wavefront.panel_gap import Place, shifted_psf
 
 Floats = NDArray[np.float64]
 

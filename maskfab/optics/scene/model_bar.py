@@ -29,13 +29,13 @@ from numpy.typing import NDArray
 
 from maskfab.model import Camera, Glass, MaskBlank, Panel, Quantity
 from maskfab.optics.field.clear_stop import clear_field
-from maskfab.optics.field.paths import field
+from maskfab.optics.field.methods import field
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture, zeros
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
-from maskfab.optics.wavefront.gap import gap_change
+from maskfab.optics.wavefront.panel_gap import gap_change
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]

@@ -1,8 +1,8 @@
 """The planner: the cheapest model of a scene that meets an accuracy, what it leaves out, and what it costs.
 
-Every way to model the scene is a :class:`maskfab.optics.scene.choices.Choice`. Its error is the sum of the estimates
-(:mod:`maskfab.optics.scene.omissions`) of all that it leaves out and of its own numerical error; its time is its flops
-over a rate of matrix products, and an overhead for each PSF. There are a few thousand choices, so all of them are
+Every way to model the scene is a :class:`maskfab.optics.scene.cost.Choice`. Its error is the sum of the estimates
+(:mod:`maskfab.optics.scene.omission_error`) of all that it leaves out and of its own numerical error; its time is its
+flops over a rate of matrix products, and an overhead for each PSF. There are a few thousand choices, so all of them are
 priced and none is passed over.
 """
 
@@ -16,15 +16,15 @@ import numpy as np
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel
-from maskfab.optics.field.paths import Task
+from maskfab.optics.field.methods import Task
 from maskfab.optics.image.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.scene.choices import DEPTHS, GAP_SAMPLES, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
-from maskfab.optics.scene.omissions import check_accuracy, estimate, wavelength_range_nm
+from maskfab.optics.scene.cost import DEPTHS, GAP_SAMPLES, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
+from maskfab.optics.scene.omission_error import check_accuracy, estimate, wavelength_range_nm
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um, nearest_object_um
-from maskfab.optics.wavefront.gap import moved_pupil, shift_um
+from maskfab.optics.wavefront.panel_gap import moved_pupil, shift_um
 
 AT_MOST = "at most"
 """Qualifier of a plan's errors in its document: with their safety they may be far above the truth, and not below it."""

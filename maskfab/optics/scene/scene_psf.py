@@ -14,17 +14,17 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Psf
-from maskfab.optics.field.paths import PATHS, FieldPath, Prepared, Task, admissible
+from maskfab.optics.field.methods import PATHS, FieldPath, Prepared, Task, admissible
 from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.image.spectrum import Band
 from maskfab.optics.light.band_lines import band_lines
 from maskfab.optics.pupil.aperture import Aperture
-from maskfab.optics.scene.choices import DEPTHS, PHASE_SHARE, PHASED, SPECTRUM, Choice, Price
-from maskfab.optics.scene.omissions import PLACES, grey
+from maskfab.optics.scene.cost import DEPTHS, PHASE_SHARE, PHASED, SPECTRUM, Choice, Price
+from maskfab.optics.scene.omission_error import PLACES, grey
 from maskfab.optics.scene.plan import Plan, sampling_camera
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um
-from maskfab.optics.wavefront.gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_pupil
+from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_pupil
 from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
 
 Floats = NDArray[np.float64]

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
 from maskfab.optics.field.interpolation import frequency_nodes
-from maskfab.optics.torch.torch_waves import cosines_and_sines
+from maskfab.optics.torch.phasors import cosines_and_sines
 
 Floats = NDArray[np.float64]
 

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf, Stop
 from maskfab.optics.pupil.pupil import Pupil
-from maskfab.optics.wavefront.ensemble import MeanPsf, phase_error
+from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, phase_error
 from maskfab.optics.wavefront.phase_field import PhasedPupil, Waves, phased, phased_psf, window_frequency
 
 Floats = NDArray[np.float64]

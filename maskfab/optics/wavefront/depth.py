@@ -24,11 +24,11 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf
-from maskfab.optics.field.field import parity_field
+from maskfab.optics.field.parity import parity_field
 from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.pupil.stop_shape import stop_strehl
-from maskfab.optics.wavefront.ensemble import MeanPsf, phase_error
+from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, phase_error
 from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
 
 Floats = NDArray[np.float64]

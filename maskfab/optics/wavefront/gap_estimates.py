@@ -12,8 +12,8 @@ from maskfab.model import Camera, Psf, Stop
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.pupil.stop_shape import edge_points, perimeter_um, widest_um
-from maskfab.optics.wavefront.ensemble import MeanPsf, decorrelation_error
-from maskfab.optics.wavefront.gap import Place, shift_um
+from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, decorrelation_error
+from maskfab.optics.wavefront.panel_gap import Place, shift_um
 
 Floats = NDArray[np.float64]
 
@@ -101,7 +101,7 @@ def shift_error(mean: MeanPsf, camera: Camera, gap_um: float, image_um: Place) -
         Measured at stops of 300 to 600 um, gaps up to 1 mm: the truth is 0.15 to 2.2 times the estimate. It is less
         where the shift is much shorter than the pitch, because the strip that is new is then not independent of the
         cell it belongs to; it is more for dense openings, because the repeating part changes too. Where a factor of
-        three decides, compute :func:`maskfab.optics.wavefront.gap.shifted_psf`: it costs one PSF.
+        three decides, compute :func:`maskfab.optics.wavefront.panel_gap.shifted_psf`: it costs one PSF.
     """
     moved = math.hypot(*shift_um(camera, gap_um, image_um))
     if camera.stop.shape == "circle":

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 from maskfab.model import CLEAR, Furniture, Gauge, Point
 from maskfab.plate.marks.boxes import box_at, rectangle
-from maskfab.plate.marks.drawn import Drawn, multiple_name
+from maskfab.plate.marks.mark import Drawn, multiple_name
 
 _CLEARANCE_NM = 200_000
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from maskfab.model import CLEAR, Furniture, Gauge, Point
-from maskfab.plate.marks.drawn import Drawn, multiple_name
+from maskfab.plate.marks.mark import Drawn, multiple_name
 
 _GAP_NM = 300_000
 _LONGER = 6

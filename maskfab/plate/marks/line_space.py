@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from maskfab.model import CLEAR, Furniture, Gauge, Point, Polygon
 from maskfab.plate.marks.boxes import rectangle
-from maskfab.plate.marks.drawn import Drawn, multiple_name
+from maskfab.plate.marks.mark import Drawn, multiple_name
 
 _GAP_NM = 300_000
 

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+from maskfab.plate.marks.blank_outlines import outlines
 from maskfab.plate.marks.cd_bars import cd_bars
-from maskfab.plate.marks.drawn import Drawn
 from maskfab.plate.marks.fiducial import fiducial
 from maskfab.plate.marks.label import label
-from maskfab.plate.marks.outlines import outlines
-from maskfab.plate.marks.parity import parity_mark
+from maskfab.plate.marks.letter_f import parity_mark
+from maskfab.plate.marks.mark import Drawn
 from maskfab.plate.marks.setting import Setting
 from maskfab.plate.marks.title import maker, title_block
 

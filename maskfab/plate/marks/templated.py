@@ -5,19 +5,19 @@ from __future__ import annotations
 from maskfab.errors import InternalError, JobError
 from maskfab.geometry.lettering import fitted_text
 from maskfab.model import CLEAR, Furniture
-from maskfab.plate.marks.alignment import alignment_cross
+from maskfab.plate.marks.alignment_cross import alignment_cross
+from maskfab.plate.marks.blank_outlines import outlines
 from maskfab.plate.marks.boxes import bounds
 from maskfab.plate.marks.cd_bars import cd_bars
 from maskfab.plate.marks.checkerboard import checkerboards
 from maskfab.plate.marks.corners import corner_letters
 from maskfab.plate.marks.data_matrix import code_text, data_matrix
 from maskfab.plate.marks.die_map import die_map
-from maskfab.plate.marks.drawn import Drawn
 from maskfab.plate.marks.fiducial import fiducial
 from maskfab.plate.marks.label import label
+from maskfab.plate.marks.letter_f import HEIGHT, WIDTH, parity_mark
 from maskfab.plate.marks.line_space import line_space
-from maskfab.plate.marks.outlines import outlines
-from maskfab.plate.marks.parity import HEIGHT, WIDTH, parity_mark
+from maskfab.plate.marks.mark import Drawn
 from maskfab.plate.marks.setting import Setting
 from maskfab.plate.marks.siemens import inner_radius_nm, siemens_star
 from maskfab.plate.marks.template import (

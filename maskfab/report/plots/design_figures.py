@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from maskfab.camera.shots import Shot
 from maskfab.measure.restored import Restored
-from maskfab.report.plots import raster
-from maskfab.report.plots.canvas import INK, QUIET, bitmap, img, place, styled
+from maskfab.report.plots import png
+from maskfab.report.plots.sheet import INK, QUIET, bitmap, img, place, styled
 
 Singles = NDArray[np.float32]
 
@@ -86,7 +86,7 @@ def _captioned(shot: Shot) -> tuple[Singles, str]:
 
 
 def _tile(picture: Singles, words: str) -> str:
-    return img(raster.data_uri(raster.png_of_colours(_levels(picture)[::-1])), words, "photograph")
+    return img(png.data_uri(png.png_of_colours(_levels(picture)[::-1])), words, "photograph")
 
 
 def _levels(picture: Singles) -> NDArray[np.uint8]:

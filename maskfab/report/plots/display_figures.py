@@ -14,18 +14,18 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.answer import Certificate
 from maskfab.display.emitters.measure import Violation
+from maskfab.display.emitters.placement import Certificate
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.wires.reach import Reach
 from maskfab.export.pictures import srgb
-from maskfab.eye.display import show
-from maskfab.eye.targets import text
+from maskfab.eye.display_light import show
+from maskfab.eye.drawn_scenes import text
 from maskfab.geometry.polygonize import outline
-from maskfab.geometry.unit import unit_shapes
+from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Polygon, orient
-from maskfab.report.plots import raster
-from maskfab.report.plots.canvas import INK, QUIET, image, img, place, styled
+from maskfab.report.plots import png
+from maskfab.report.plots.sheet import INK, QUIET, image, img, place, styled
 
 _FILL: dict[Layer, str] = {
     BLACK: "#2f343c",
@@ -72,7 +72,7 @@ def lit(panel: Panel) -> str:
     white = float(np.quantile(light[light > 0], 0.99))
     levels = np.rint(srgb(np.clip(np.moveaxis(light, 0, -1) / white, 0, 1)) * 255).astype(np.uint8)
     words = f"{count} x {count} pixels of opening {panel.opening.name} that show black letters on white"
-    return img(raster.data_uri(raster.png_of_colours(levels)), words, "lit")
+    return img(png.data_uri(png.png_of_colours(levels)), words, "lit")
 
 
 @styled

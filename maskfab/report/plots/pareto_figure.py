@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from maskfab.design.pareto import Judged, Pareto
-from maskfab.report.plots.canvas import INK, QUIET, bitmap, place, styled
+from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
 
 _MARKS = "osD^vphX"
 _WIDTH, _HEIGHT = 7.2, 4.2

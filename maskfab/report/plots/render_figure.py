@@ -12,10 +12,10 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from maskfab.export.pictures import srgb
-from maskfab.eye.display import ideal, show
-from maskfab.eye.score import FLAT, Judged, View
-from maskfab.eye.targets import flat
-from maskfab.report.plots.canvas import INK, QUIET, bitmap, place, styled
+from maskfab.eye.display_light import ideal, show
+from maskfab.eye.drawn_scenes import flat
+from maskfab.eye.side_by_side import FLAT, Judged, View
+from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
 
 Floats = NDArray[np.float64]
 

@@ -14,11 +14,11 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from maskfab.measure.views import SceneOptics, View, distance
+from maskfab.measure.scene_result import SceneOptics, View, distance
 from maskfab.model import Psf
-from maskfab.report.plots import raster
-from maskfab.report.plots.canvas import INK, bitmap, image, place, styled
-from maskfab.report.plots.numbers import number
+from maskfab.report.plots import png
+from maskfab.report.plots.number_text import number
+from maskfab.report.plots.sheet import INK, bitmap, image, place, styled
 
 Floats = NDArray[np.float64]
 
@@ -115,7 +115,7 @@ def _of_colours(scene: SceneOptics) -> Figure:
         [""],
         _span(scene.colours[0], _STRIP_PIXELS),
         "magma",
-        raster.DECADES,
+        png.DECADES,
         "intensity / peak",
     )
     return _side_by_side((tiles,), (0.3,), min(1.9 * len(scene.colours), 9.0), "")
@@ -153,7 +153,7 @@ def _pair(
             rows,
             width,
             "magma",
-            raster.DECADES,
+            png.DECADES,
             f"PSF at {line:g} nm, intensity / peak; below: change",
         ),
         _Tiles(
@@ -174,7 +174,7 @@ def _told(value: float, centre: bool) -> str:
 
 
 def _log(psf: Psf, pixels: int) -> Floats:
-    return raster.log_intensity(Psf(_middle(psf.values, pixels), psf.step_um, psf.wavelength_nm, psf.kind), pixels)
+    return png.log_intensity(Psf(_middle(psf.values, pixels), psf.step_um, psf.wavelength_nm, psf.kind), pixels)
 
 
 def _log_left(left: Floats, peak: float, pixels: int) -> Floats:

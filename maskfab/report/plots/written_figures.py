@@ -14,11 +14,11 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
-from maskfab.geometry.written import Reading, written_region
-from maskfab.measure.written import Written
+from maskfab.geometry.writer_model import Reading, written_region
+from maskfab.measure.as_written import Written
 from maskfab.model import Mtf
-from maskfab.report.plots.canvas import INK, QUIET, bitmap, draw_psf, image, place, styled
-from maskfab.report.plots.figures import draw_decades
+from maskfab.report.plots.die_figures import draw_decades
+from maskfab.report.plots.sheet import INK, QUIET, bitmap, draw_psf, image, place, styled
 
 _CHROME, _CLEAR, _DRAWN = "#2f343c", "#ffffff", "#E69F00"
 _STYLE: dict[Reading, tuple[str, Any]] = {Reading.FUSED: ("#0072B2", "-"), Reading.OPEN: ("#D55E00", (0, (5, 1.5)))}

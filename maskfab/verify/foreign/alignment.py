@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 from klayout import db
 
-from maskfab.geometry.region import clear_box, layer_info
+from maskfab.geometry.plate_layout import clear_box, layer_info
 from maskfab.model import CLEAR, Plate
 
 UNLIKE = 0.5

@@ -25,7 +25,7 @@ def file_box(path: Path, read: db.Layout, style: DrawingStyle) -> Box:
 
     Args:
         path: the file.
-        read: its content, as :func:`maskfab.readers.reading.read_layout` gives it.
+        read: its content, as :func:`maskfab.readers.layout_file.read_layout` gives it.
         style: in which a drawing was made; its unit is that of the header's extents.
     """
     box = read.top_cell().bbox()

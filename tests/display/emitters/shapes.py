@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from maskfab.display.emitters.rules import Grid
+from maskfab.display.emitters.emitter_rules import Grid
 
 ALIKE = (1.0, 1.0, 1.0)
 PUBLISHED = Path(__file__).parents[4] / "shared" / "reference" / "data" / "published_masks"

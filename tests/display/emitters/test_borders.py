@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from maskfab.display.emitters.borders import borders, margin, meetings
+from maskfab.display.emitters.emitter_rules import EmitterRules, Grid
 from maskfab.display.emitters.measure import violations
-from maskfab.display.emitters.rules import EmitterRules, Grid
 from maskfab.model import Emitters, Opening, Panel, Tiling, orient
 from maskfab.plate.tiling import orientations
 

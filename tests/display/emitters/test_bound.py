@@ -9,11 +9,11 @@ import pytest
 from numpy.typing import NDArray
 from scipy import ndimage
 
-from maskfab.display.emitters.answer import Proof
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.cuts import shortest_cuts
+from maskfab.display.emitters.emitter_rules import Grid
 from maskfab.display.emitters.freeform import guillotine
-from maskfab.display.emitters.rules import Grid
+from maskfab.display.emitters.min_cut import shortest_cuts
+from maskfab.display.emitters.placement import Proof
 
 EQUAL = (1.0, 1.0, 1.0)
 

@@ -11,12 +11,12 @@ import pytest
 from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published
 from scipy import ndimage
 
+from maskfab.display.emitters.assign import centred, colour_orders, wander
 from maskfab.display.emitters.borders import borders
-from maskfab.display.emitters.choose import centred, colour_orders, wander
+from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
 from maskfab.display.emitters.fit import footprint
+from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import cut_triples, guillotine, shaved
-from maskfab.display.emitters.region import free_region
-from maskfab.display.emitters.rules import EmitterRules, grid_of
 from maskfab.display.emitters.squares import Squares
 from maskfab.model import Emitters, Opening, Tiling, orient
 from maskfab.opening.openings import parse

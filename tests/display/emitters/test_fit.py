@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from display.emitters.shapes import bar, broken_rules, cells, published
 
-from maskfab.display.emitters.answer import Proof, Verdict
+from maskfab.display.emitters.across_borders import border_margin, facing_squares, three_facing_squares
 from maskfab.display.emitters.borders import borders
-from maskfab.display.emitters.facing import border_margin, facing_squares, three_facing_squares
+from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
 from maskfab.display.emitters.fit import footprint, largest_gap, three_squares
-from maskfab.display.emitters.region import EVERY, free_region
-from maskfab.display.emitters.rules import EmitterRules, grid_of
+from maskfab.display.emitters.free_area import EVERY, free_region
+from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.errors import JobError
 from maskfab.model import Opening, orient
 from maskfab.opening.openings import parse

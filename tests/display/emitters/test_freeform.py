@@ -9,9 +9,9 @@ from display.emitters.listing import largest_by_listing, small_grids
 from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published, spiral
 from scipy import ndimage
 
+from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine, polish
 from maskfab.display.emitters.rectangles import three_rectangles
-from maskfab.display.emitters.region import free_region
 from maskfab.display.emitters.squares import Squares
 from maskfab.model import orient
 from maskfab.opening.openings import parse

@@ -5,7 +5,7 @@ import pytest
 from display.emitters.shapes import cells
 from scipy import ndimage
 
-from maskfab.display.emitters.region import EVERY, free_region, relative
+from maskfab.display.emitters.free_area import EVERY, free_region, relative
 from maskfab.errors import JobError
 from maskfab.model import orient
 

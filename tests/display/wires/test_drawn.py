@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.display.emitters.answer import Verdict
-from maskfab.display.wires.answer import WireDemand, wiring
+from maskfab.display.emitters.placement import Verdict
 from maskfab.display.wires.gutter import WireRules
 from maskfab.display.wires.routing import most_lines, routing_grids
-from maskfab.geometry.region import simple_polygon
-from maskfab.geometry.unit import unit_shapes
+from maskfab.display.wires.wiring import WireDemand, wiring
+from maskfab.geometry.plate_layout import simple_polygon
+from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import CLEAR, WIRES, Layer, Opening, Panel, Tiling
 from maskfab.opening.openings import load
 from maskfab.plate.tiling import orientations

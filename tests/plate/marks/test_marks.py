@@ -8,20 +8,20 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.geometry.region import plate_layout, simple_polygon
+from maskfab.geometry.plate_layout import plate_layout, simple_polygon
 from maskfab.model import CLEAR, OUTLINE, Die, Opening, Panel, Plate, Tiling
-from maskfab.plate.marks.alignment import alignment_cross
+from maskfab.plate.marks.alignment_cross import alignment_cross
+from maskfab.plate.marks.blank_outlines import outlines
 from maskfab.plate.marks.boxes import bounds, box_at
 from maskfab.plate.marks.cd_bars import cd_bars
 from maskfab.plate.marks.checkerboard import checkerboards
 from maskfab.plate.marks.corners import corner_letters
 from maskfab.plate.marks.data_matrix import code_text, data_matrix, modules
 from maskfab.plate.marks.die_map import die_map
-from maskfab.plate.marks.drawn import Drawn
 from maskfab.plate.marks.fiducial import fiducial
+from maskfab.plate.marks.letter_f import parity_mark
 from maskfab.plate.marks.line_space import line_space
-from maskfab.plate.marks.outlines import outlines
-from maskfab.plate.marks.parity import parity_mark
+from maskfab.plate.marks.mark import Drawn
 from maskfab.plate.marks.siemens import inner_radius_nm, siemens_star
 from maskfab.plate.marks.title import title_block
 from maskfab.verify.roundtrip import clear_length_nm

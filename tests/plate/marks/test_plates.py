@@ -14,7 +14,7 @@ from small_job import write_job
 from maskfab import resources
 from maskfab.errors import JobError
 from maskfab.export.gds import write_gdsii
-from maskfab.geometry.region import coverage, plate_layout, region
+from maskfab.geometry.plate_layout import coverage, plate_layout, region
 from maskfab.job import load
 from maskfab.model import CLEAR, Plate
 from maskfab.plate.marks.boxes import bounds
@@ -23,7 +23,7 @@ from maskfab.plate.marks.data_matrix import modules
 from maskfab.plate.marks.setting import Setting
 from maskfab.plate.marks.template import load_template, template_names
 from maskfab.plate.marks.templated import templated
-from maskfab.readers.reading import read_layout
+from maskfab.readers.layout_file import read_layout
 from maskfab.verify.roundtrip import roundtrip
 
 SIDES = 'blank = "27 mm"\nwritable = "22 mm"\n'

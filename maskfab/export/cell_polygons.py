@@ -1,0 +1,492 @@
+"""Polygons of a plate for every format: cells, their positions, and the way their polygons were drawn.
+
+Plate + PolygonOptions -> Figures -> GDSII, OASIS, DXF, Gerber, SVG
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain
+from typing import Literal, TypeAlias
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.errors import OutputError
+from maskfab.export.paired_cells import pairs
+from maskfab.geometry.lettering import text_polygons
+from maskfab.geometry.plate_layout import (
+    DBU_UM,
+    CellNames,
+    layer_info,
+    orientations_in_use,
+    plate_names,
+    simple_polygon,
+)
+from maskfab.geometry.polygonize import Corners, Holes, Recut, exact, points, recut
+from maskfab.geometry.unit_cell import unit_key, unit_shapes
+from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Note, Plate, Point, Polygon
+
+Hierarchy: TypeAlias = Literal["cells", "flat", "merged"]
+Shapes: TypeAlias = Mapping[Layer, tuple[Polygon, ...]]
+Ints: TypeAlias = NDArray[np.int64]
+
+MAX_VERTICES = 4094
+"""A GDSII record holds 32767 bytes: as many vertices of 8 bytes each and the closing one fit."""
+
+CUT = Layer("CUT", 2, 0, True, "subtracted from CLEAR: holes that have a layer of their own")
+"""Holes under ``holes = "layer"``: what is exposed is CLEAR minus CUT."""
+
+DRAWN_LAYERS = (CLEAR, CUT, *(layer for layer in LAYERS if layer is not CLEAR))
+
+_FEWEST_VERTICES = 4
+_NOTE_HEIGHT_NM = 500_000
+
+
+@dataclass(frozen=True)
+class PolygonOptions:
+    """Options for drawing polygons; the exposed area is the same for all of them.
+
+    Attributes:
+        hierarchy: ``cells`` draws each unit cell once and places it; ``flat`` draws every opening in the top cell;
+            ``merged`` does so and joins openings across pixels wherever they share a side.
+        max_vertices: no polygon has more, 4 to 4094.
+        holes: as in :func:`maskfab.geometry.polygonize.recut`; ``layer`` puts them on :data:`CUT`.
+        corners: whether dots that only share a corner stay ``apart`` or are ``joined`` in one outline.
+        max_references: a die with more draws two pixels in each cell.
+        notes: notes for people as ``text``, as ``polygons`` on their layer, or ``none``.
+    """
+
+    hierarchy: Hierarchy = "cells"
+    max_vertices: int = MAX_VERTICES
+    holes: Holes = "bisect"
+    corners: Corners = "apart"
+    max_references: int | None = None
+    notes: Literal["text", "polygons", "none"] = "text"
+
+    def __post_init__(self) -> None:
+        choices: tuple[tuple[str, str, tuple[str, ...]], ...] = (
+            ("hierarchy", self.hierarchy, ("cells", "flat", "merged")),
+            ("holes", self.holes, ("bisect", "keyhole", "trapezoids", "layer")),
+            ("corners", self.corners, ("apart", "joined")),
+            ("notes", self.notes, ("text", "polygons", "none")),
+        )
+        for key, value, allowed in choices:
+            if value not in allowed:
+                raise OutputError(
+                    "MF413", f"{key} = {value!r} is none of {', '.join(allowed)}", cure="Use one of the values listed"
+                )
+        if not _FEWEST_VERTICES <= self.max_vertices <= MAX_VERTICES:
+            raise OutputError(
+                "MF413",
+                f"max_vertices = {self.max_vertices} is not between {_FEWEST_VERTICES} and {MAX_VERTICES}",
+                cure="4094 suits every reader of today, 200 those of 1978",
+            )
+        if self.max_references is not None and self.max_references < 1:
+            raise OutputError(
+                "MF413",
+                f"max_references = {self.max_references} is not positive",
+                cure="Give 1 or more, or leave max_references out for no limit",
+            )
+
+    @property
+    def redrawn(self) -> bool:
+        """Whether the unit cells' own outlines, bisected and apart, will not do."""
+        return self.hierarchy == "merged" or (self.holes, self.corners) != ("bisect", "apart")
+
+
+@dataclass(frozen=True)
+class Account:
+    """Counts of what was drawn on written layers and of the changes made; every reference is followed.
+
+    Attributes:
+        polygons: figures in all.
+        vertices: their vertices.
+        definitions: cells below the dies.
+        references: placements of them, an array of a periodic die counted once.
+        holed: outlines that had holes, by what ``holes`` did to them.
+        parted: outlines that touched themselves and were parted there.
+        split: outlines cut for their number of vertices.
+        paired: dies drawn with two pixels in each cell.
+        options: what was asked for.
+    """
+
+    polygons: int
+    vertices: int
+    definitions: int
+    references: int
+    holed: int
+    parted: int
+    split: int
+    paired: tuple[str, ...]
+    options: PolygonOptions
+
+    def lines(self) -> tuple[str, ...]:
+        """For a file's comments and a manifest: nothing is changed without being said here."""
+        done = {
+            "bisect": "cut through their holes",
+            "keyhole": "joined to their holes by a keyhole of no width",
+            "trapezoids": "taken apart into trapezoids for their holes",
+            "layer": f"filled, their holes on layer {CUT.name}; exposed is {CLEAR.name} minus {CUT.name}",
+        }
+        said = [f"{self.polygons} polygons, {self.vertices} vertices, {self.options.hierarchy}"]
+        if self.holed:
+            said.append(f"{self.holed} outlines {done[self.options.holes]}")
+        if self.parted:
+            said.append(f"{self.parted} outlines parted where they touched themselves")
+        if self.split:
+            said.append(f"{self.split} outlines cut for having more than {self.options.max_vertices} vertices")
+        if self.paired:
+            said.append(f"two pixels in each cell of {', '.join(self.paired)}")
+        return tuple(said)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Cells in rows and columns, none mirrored, turned or scaled.
+
+    Attributes:
+        cells: names.
+        index: int64 [rows, columns] into ``cells``, row 0 lowest.
+        origin_nm: of the cell [0, 0], in coordinates of the die.
+        step_nm: along x and y.
+    """
+
+    cells: tuple[str, ...]
+    index: Ints
+    origin_nm: Point
+    step_nm: Point
+
+
+@dataclass(frozen=True, eq=False)
+class DieFigures:
+    """One die: its cell's name, its place, and the grids that fill it."""
+
+    name: str
+    origin_nm: Point
+    box_nm: Box
+    grids: tuple[Grid, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class MarkFigures:
+    """One mark, in plate coordinates."""
+
+    name: str
+    shapes: Shapes
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """Everything that a file of polygons holds.
+
+    Attributes:
+        plate: what is drawn.
+        options: how.
+        top: name of the top cell.
+        cells: shapes of every cell that grids place, in its own coordinates, in the order of first use.
+        dies: in plate order.
+        marks: in plate order.
+        notes: texts.
+        merged: written layers joined across pixels, in plate coordinates and raw; cells and marks then lack them.
+        account: what was done.
+    """
+
+    plate: Plate
+    options: PolygonOptions
+    top: str
+    cells: Mapping[str, Shapes]
+    dies: tuple[DieFigures, ...]
+    marks: tuple[MarkFigures, ...]
+    notes: tuple[Note, ...]
+    merged: Mapping[Layer, db.Region]
+    account: Account
+
+    @property
+    def layers(self) -> tuple[Layer, ...]:
+        """Layers with something on them, written ones first."""
+        used = {layer for shapes in self.cells.values() for layer in shapes}
+        used |= {layer for mark in self.marks for layer in mark.shapes} | set(self.merged)
+        return tuple(layer for layer in DRAWN_LAYERS if layer in used)
+
+    def layout(self) -> db.Layout:
+        """The figures as a klayout layout with one top cell and cells in the order of their names."""
+        layout = db.Layout()
+        layout.dbu = DBU_UM
+        layers = {layer: layout.layer(layer_info(layer)) for layer in LAYERS}
+        if any(CUT in shapes for shapes in (self.merged, *self.cells.values(), *(mark.shapes for mark in self.marks))):
+            layers[CUT] = layout.layer(layer_info(CUT))
+        names = [self.top, *self.cells, *(die.name for die in self.dies), *(mark.name for mark in self.marks)]
+        cells = {name: layout.create_cell(name) for name in sorted(names)}
+        top = cells[self.top]
+        for name, shapes in self.cells.items():
+            _draw(cells[name], shapes, layers)
+        for die in self.dies:
+            for reference in _references(die, cells):
+                cells[die.name].insert(reference)
+            top.insert(db.CellInstArray(cells[die.name].cell_index(), db.Trans(*die.origin_nm)))
+        for mark in self.marks:
+            _draw(cells[mark.name], mark.shapes, layers)
+            top.insert(db.CellInstArray(cells[mark.name].cell_index(), db.Trans()))
+        for note in self.notes:
+            top.shapes(layers[NOTE]).insert(db.Text(note.text, db.Trans(*note.position_nm)))
+        if self.options.hierarchy != "cells":
+            top.flatten(True)
+        for layer, region in self.merged.items():
+            top.shapes(layers[layer]).insert(region)
+        return layout
+
+
+def as_figures(source: Plate | Figures, options: PolygonOptions | None = None) -> Figures:
+    """The figures themselves, or those of a plate."""
+    return source if isinstance(source, Figures) else draw(source, options or PolygonOptions())
+
+
+def draw(plate: Plate, options: PolygonOptions | None = None) -> Figures:
+    """Draw a plate's polygons in the way that a mask house wants them.
+
+    Args:
+        plate: what to draw.
+        options: how; by default cells whose outlines are bisected and apart.
+
+    Raises:
+        OutputError: MF413 if no cut on the grid draws a polygon, MF416 if a die needs too many references.
+    """
+    return _Drawing(plate, options or PolygonOptions()).figures()
+
+
+class _Drawing:
+    """Collects the cells of a plate and what was done to them."""
+
+    def __init__(self, plate: Plate, options: PolygonOptions) -> None:
+        self._plate, self._options = plate, options
+        self._names = plate_names(plate)
+        self._cells: dict[str, Shapes] = {}
+        self._done: dict[str, _Done] = {}
+        self._paired: list[str] = []
+        self._extra = CellNames()
+        for name in (self._names.top, *self._names.dies, *self._names.marks, *self._names.units.values()):
+            self._extra.unique(name)
+
+    def figures(self) -> Figures:
+        plate, options = self._plate, self._options
+        dies = tuple(self._die(number) for number in range(len(plate.dies)))
+        marks, marks_done = self._marks()
+        if options.notes == "polygons" and plate.notes:
+            drawn = chain.from_iterable(map(_lettered, plate.notes))
+            marks = (*marks, MarkFigures(self._extra.unique("NOTES"), {NOTE: tuple(drawn)}))
+        used = [name for die in dies for grid in die.grids for name in grid.cells]
+        cells = {name: self._cells[name] for name in dict.fromkeys(used)}
+        notes = plate.notes if options.notes == "text" else ()
+        figures = Figures(plate, options, self._names.top, cells, dies, marks, notes, {}, _NOTHING)
+        counts = dict.fromkeys(cells, 0)
+        for grid in (grid for die in dies for grid in die.grids):
+            for name, count in zip(grid.cells, np.bincount(grid.index.ravel(), minlength=len(grid.cells)), strict=True):
+                counts[name] += int(count)
+        done = sum((self._done[name].times(count) for name, count in counts.items()), start=marks_done)
+        if options.hierarchy == "merged":
+            figures, done = _merged(figures)
+        account = Account(
+            polygons=done.polygons,
+            vertices=done.vertices,
+            definitions=len(cells) if options.hierarchy == "cells" else 0,
+            references=_count_references(dies) if options.hierarchy == "cells" else 0,
+            holed=done.holed,
+            parted=done.parted,
+            split=done.split,
+            paired=tuple(self._paired),
+            options=options,
+        )
+        figures = replace(figures, account=account)
+        return self._told(figures) if CUT in figures.layers else figures
+
+    def _told(self, figures: Figures) -> Figures:
+        """The figures with a note that says how to expose them."""
+        half = self._plate.blank_nm // 2
+        text = f"EXPOSED = {CLEAR.name} {CLEAR.number}/{CLEAR.datatype} MINUS {CUT.name} {CUT.number}/{CUT.datatype}"
+        note = Note(text, (-half, -half + 2 * _NOTE_HEIGHT_NM))
+        if self._options.notes == "text":
+            return replace(figures, notes=(*figures.notes, note))
+        # Without notes the layer's own name must do, and the account.
+        drawn = MarkFigures(self._extra.unique("HOW_TO_EXPOSE"), {NOTE: _lettered(note)})
+        return replace(figures, marks=(*figures.marks, drawn)) if self._options.notes == "polygons" else figures
+
+    def _die(self, number: int) -> DieFigures:
+        die, name = self._plate.dies[number], self._names.dies[number]
+        panel, pitch = die.panel, die.panel.pitch_nm
+        kinds = orientations_in_use(panel)
+        units = []
+        for kind in kinds:
+            unit = self._names.units[unit_key(panel, kind)]
+            units.append(unit)
+            if unit not in self._cells:
+                self._cells[unit], self._done[unit] = self._redrawn(unit_shapes(panel, kind), unit)
+        index = np.searchsorted(np.array(kinds), panel.orientations).astype(np.int64)
+        most, needed = self._options.max_references, index.size if len(kinds) > 1 else 1
+        grids: tuple[Grid, ...] = (Grid(tuple(units), index, (0, 0), (pitch, pitch)),)
+        if self._options.hierarchy == "cells" and most is not None and needed > most:
+            grids = self._in_pairs(units, index, pitch)
+            needed = sum(grid.index.size for grid in grids)
+            self._paired.append(die.name)
+            if needed > most:
+                raise OutputError(
+                    "MF416",
+                    f"the die {die.name} needs {needed} references even with two pixels in each; at most {most}",
+                    cure='Choose hierarchy = "flat", a smaller panel, or a house that allows more',
+                )
+        return DieFigures(name, die.origin_nm, die.box_nm, grids)
+
+    def _in_pairs(self, units: Sequence[str], index: Ints, pitch: int) -> tuple[Grid, ...]:
+        found = pairs(index)
+        names = []
+        for left, right in found.kinds.tolist():
+            one, other = self._cells[units[left]], self._cells[units[right]]
+            stem = units[left].rpartition("_R")[0]
+            name = self._extra.unique(stem, f"_P{units[left].rpartition('_R')[2]}{units[right].rpartition('_R')[2]}")
+            names.append(name)
+            self._cells[name] = {
+                layer: (*one.get(layer, ()), *moved(other.get(layer, ()), (pitch, 0)))
+                for layer in DRAWN_LAYERS
+                if layer in one or layer in other
+            }
+            self._done[name] = self._done[units[left]] + self._done[units[right]]
+        grids = [Grid(tuple(names), found.index, (0, 0), (2 * pitch, pitch))] if names else []
+        if found.rest.size:
+            kinds, rest = np.unique(found.rest, return_inverse=True)
+            last = tuple(units[kind] for kind in kinds.tolist())
+            place = (2 * pitch * found.index.shape[1], 0)
+            grids.append(Grid(last, rest.reshape(found.rest.shape).astype(np.int64), place, (pitch, pitch)))
+        return tuple(grids)
+
+    def _marks(self) -> tuple[tuple[MarkFigures, ...], _Done]:
+        marks, done = [], _Done()
+        for mark, name in zip(self._plate.furniture, self._names.marks, strict=True):
+            shapes, did = self._redrawn({mark.layer: mark.polygons}, name)
+            marks.append(MarkFigures(name, shapes))
+            done += did
+        return tuple(marks), done
+
+    def _redrawn(self, shapes: Shapes, where: str) -> tuple[Shapes, _Done]:
+        """The shapes of a cell under the options, and what that took; layers for orientation stay as they are."""
+        found: dict[Layer, tuple[Polygon, ...]] = {}
+        done = _Done()
+        for layer, polygons in shapes.items():
+            if not layer.written:
+                found[layer] = polygons
+                continue
+            region = db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
+            whole = region.merged(True, 1)
+            long = any(len(polygon) > self._options.max_vertices for polygon in polygons)
+            if not self._options.redrawn and not long:
+                # Parted outlines are counted on what the outlines were made of, before they were cut.
+                counted = recut(whole)
+                found[layer] = polygons
+                done += _Done(len(polygons), sum(map(len, polygons)), counted.holed, counted.parted, 0)
+                continue
+            drawn = _checked(whole, self._options, where)
+            found[layer] = _sorted(drawn.pieces)
+            if not drawn.holes.is_empty():
+                found[CUT] = _sorted(drawn.holes)
+            done += _Done.of(drawn)
+        return found, done
+
+
+@dataclass(frozen=True)
+class _Done:
+    """Sums of an account."""
+
+    polygons: int = 0
+    vertices: int = 0
+    holed: int = 0
+    parted: int = 0
+    split: int = 0
+
+    @classmethod
+    def of(cls, drawn: Recut) -> _Done:
+        return cls(drawn.polygons, drawn.vertices, drawn.holed, drawn.parted, drawn.split)
+
+    def __add__(self, other: _Done) -> _Done:
+        return _Done(*(one + two for one, two in zip(self._all, other._all, strict=True)))
+
+    def times(self, count: int) -> _Done:
+        return _Done(*(one * count for one in self._all))
+
+    @property
+    def _all(self) -> tuple[int, ...]:
+        return self.polygons, self.vertices, self.holed, self.parted, self.split
+
+
+_NOTHING = Account(0, 0, 0, 0, 0, 0, 0, (), PolygonOptions())
+
+
+def moved(polygons: Sequence[Polygon], by_nm: Point) -> tuple[Polygon, ...]:
+    """The polygons, displaced."""
+    dx, dy = by_nm
+    return tuple(tuple((x + dx, y + dy) for x, y in polygon) for polygon in polygons)
+
+
+def _merged(figures: Figures) -> tuple[Figures, _Done]:
+    """Written layers joined across pixels and marks, and what that took."""
+    layout = replace(figures, options=replace(figures.options, hierarchy="cells")).layout()
+    clear = db.Region(layout.top_cell().begin_shapes_rec(layout.layer(layer_info(CLEAR))))
+    cut = layout.find_layer(layer_info(CUT))
+    if cut is not None:
+        clear = clear.merged() - db.Region(layout.top_cell().begin_shapes_rec(cut))
+    drawn = _checked(clear, figures.options, figures.top)
+    merged = {CLEAR: drawn.pieces} if drawn.holes.is_empty() else {CLEAR: drawn.pieces, CUT: drawn.holes}
+    cells = {name: _unwritten(shapes) for name, shapes in figures.cells.items()}
+    marks = tuple(MarkFigures(mark.name, _unwritten(mark.shapes)) for mark in figures.marks)
+    return replace(figures, cells=cells, marks=marks, merged=merged), _Done.of(drawn)
+
+
+def _unwritten(shapes: Shapes) -> Shapes:
+    return {layer: polygons for layer, polygons in shapes.items() if not layer.written}
+
+
+def _checked(region: db.Region, options: PolygonOptions, where: str) -> Recut:
+    """The region redrawn, or a refusal if that is not possible on the grid."""
+    drawn = recut(region, options.holes, options.corners, options.max_vertices)
+    slanted = not drawn.pieces.non_rectilinear().is_empty()
+    if drawn.longest > options.max_vertices or (slanted and not exact(region, drawn)):
+        raise OutputError(
+            "MF413",
+            f"{where} has slanted edges that no cut on the 1 nm grid parts exactly",
+            cure='Choose another holes or a larger max_vertices; "bisect" and 4094 suit most houses',
+        )
+    return drawn
+
+
+def _sorted(region: db.Region) -> tuple[Polygon, ...]:
+    return tuple(sorted(map(points, region.each()), key=lambda polygon: [(y, x) for x, y in polygon]))
+
+
+def _lettered(note: Note) -> tuple[Polygon, ...]:
+    """The note as polygons; what the font lacks is shown as a question mark."""
+    text = "".join(letter if " " <= letter <= "~" else "?" for letter in " ".join(note.text.split()))
+    return text_polygons(text, _NOTE_HEIGHT_NM, note.position_nm)
+
+
+def _draw(cell: db.Cell, shapes: Shapes, layers: Mapping[Layer, int]) -> None:
+    for layer, polygons in shapes.items():
+        drawn = cell.shapes(layers[layer])
+        for polygon in polygons:
+            drawn.insert(simple_polygon(polygon))
+
+
+def _references(die: DieFigures, cells: Mapping[str, db.Cell]) -> Iterator[db.CellInstArray]:
+    for grid in die.grids:
+        (x0, y0), (dx, dy) = grid.origin_nm, grid.step_nm
+        indices = [cells[name].cell_index() for name in grid.cells]
+        if len(indices) == 1:
+            rows, columns = grid.index.shape
+            yield db.CellInstArray(indices[0], db.Trans(x0, y0), db.Vector(dx, 0), db.Vector(0, dy), columns, rows)
+            continue
+        for row, kinds in enumerate(grid.index.tolist()):
+            for column, kind in enumerate(kinds):
+                yield db.CellInstArray(indices[kind], db.Trans(x0 + column * dx, y0 + row * dy))
+
+
+def _count_references(dies: Sequence[DieFigures]) -> int:
+    return sum(grid.index.size if len(grid.cells) > 1 else 1 for die in dies for grid in die.grids)

@@ -1,0 +1,301 @@
+"""A mask from whatever draws it: characters, pixels, numbers or polygons.
+
+Text and images show the top row first, a mask holds the lowest row first (model.py), so both are flipped on
+their way in and out. Nothing is repaired: what could mean two things is refused with the cure.
+"""
+
+from __future__ import annotations
+
+import warnings
+from collections import Counter
+from collections.abc import Iterable
+from pathlib import Path
+from tokenize import TokenError
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.errors import JobError, OpeningError, SourceError
+from maskfab.readers.tiff_tone import shown_alike
+from maskfab.units import NM_PER_UM
+
+Mask = NDArray[np.bool_]
+Rows = list[tuple[int, str]]
+"""Lines of a drawing with their line numbers in the source, the top line first."""
+
+CLOSED, CLEAR = ".", "#"
+MOST_CHANNELS = 16
+MAX_DOTS = 4096  # a mask of 16 MiB; anything larger is a photograph or a plate, not one display pixel
+
+
+def text_rows(text: str) -> Rows:
+    """The lines of a plain grid, without its comment lines (``;`` first)."""
+    return [(n, line) for n, line in enumerate(text.splitlines(), start=1) if not line.lstrip().startswith(";")]
+
+
+def from_lines(lines: Rows, where: str) -> Mask:
+    """Mask of a drawing in '.' (opaque) and '#' (clear); blank lines round it and blanks after a line do not count.
+
+    Raises:
+        OpeningError: MF201 not square, MF202 another character.
+        JobError: MF115 too large.
+    """
+    rows = _trimmed([(number, line.rstrip()) for number, line in lines])
+    if not rows:
+        raise OpeningError(
+            "MF201", "the grid has 0 lines", where=where, cure=f"Draw it with {CLOSED!r} and {CLEAR!r}, one line a row"
+        )
+    for number, row in rows:
+        for column, character in enumerate(row, start=1):
+            if character not in (CLOSED, CLEAR):
+                raise OpeningError(
+                    "MF202",
+                    f"line {number}, column {column}: {character!r} is neither {CLOSED!r} (opaque) nor {CLEAR!r} "
+                    "(clear)",
+                    where=where,
+                    cure="Replace it",
+                )
+    width = Counter(len(row) for _, row in rows).most_common(1)[0][0]
+    for number, row in rows:
+        if len(row) != width:
+            raise OpeningError(
+                "MF201",
+                f"line {number} has {len(row)} dots where the others have {width}",
+                where=where,
+                cure=f"Give every line {width} characters",
+            )
+    check_square(len(rows), width, where)
+    check_size(width, where)
+    return np.array([[character == CLEAR for character in row] for _, row in reversed(rows)], dtype=np.bool_)
+
+
+def drawing(mask: Mask) -> Iterable[str]:
+    """The lines of a mask's drawing, the top line first."""
+    return ("".join(CLEAR if clear else CLOSED for clear in row) for row in mask[::-1])
+
+
+def from_image(path: Path) -> Mask:
+    """Mask of an image of one pixel per dot: clear where the mean of the colour channels is at least one half.
+
+    Raises:
+        SourceError: MF303 damaged, MF318 a TIFF that does not say what is white.
+        OpeningError: MF201 not square, MF202 a brightness that is not finite, or no colour channel.
+        JobError: MF115 too large.
+    """
+    image = _opened_image(path, path)
+    if image.format_name() != "tiff":
+        return _of_image(image, str(path))
+    image.close()
+    with shown_alike(path) as shown:
+        return _of_image(_opened_image(path, shown), str(path))
+
+
+def _opened_image(path: Path, shown: Path) -> Any:
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
+    from maskfab.readers.image_mask import said_by
+
+    image = oiio.ImageInput.open(str(shown))
+    if image is None:
+        raise _damaged(str(path), said_by(oiio))
+    return image
+
+
+def _of_image(image: Any, where: str) -> Mask:
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
+    from maskfab.readers.image_mask import said_by
+
+    try:
+        spec = image.spec()
+        check_square(spec.height, spec.width, where)
+        check_size(spec.width, where)
+        if spec.nchannels > MOST_CHANNELS:
+            what = f"the image has {spec.nchannels} channels; the limit is {MOST_CHANNELS}"
+            raise OpeningError("MF202", what, where=where, cure="Save it as a grey image")
+        if (spec.x, spec.y, spec.width, spec.height) != (spec.full_x, spec.full_y, spec.full_width, spec.full_height):
+            raise OpeningError(
+                "MF201",
+                f"the image stores {spec.width} x {spec.height} pixels at ({spec.x}, {spec.y}) of a picture of "
+                f"{spec.full_width} x {spec.full_height}",
+                where=where,
+                cure="Save the whole picture, with equal data and display windows",
+            )
+        pixels = image.read_image(oiio.FLOAT)
+        problem = said_by(image)
+    finally:
+        image.close()
+    if pixels is None or problem:
+        raise _damaged(where, problem)
+    colours = [c for c in range(spec.nchannels) if c not in (spec.alpha_channel, spec.z_channel)]
+    if not colours:
+        raise OpeningError("MF202", "the image has no colour channel", where=where, cure="Save it as a grey image")
+    channels = np.asarray(pixels).reshape(spec.height, spec.width, -1)
+    with np.errstate(invalid="ignore", over="ignore"):  # what is not finite is refused next
+        brightness = channels[:, :, colours].astype(np.float64).mean(axis=2)
+    _refuse(~np.isfinite(brightness), brightness, "is not finite", where)
+    return np.asarray(brightness >= 0.5)[::-1]
+
+
+def from_npy(path: Path) -> Mask:
+    """Mask of an array [dots, dots] of bool or 0/1, row 0 lowest.
+
+    Raises:
+        SourceError: MF303 damaged.
+        OpeningError: MF201 not square, MF202 another value.
+        JobError: MF115 too large.
+    """
+    where = str(path)
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", UserWarning)  # that Python 2 wrote the header is no fault of the numbers
+            values = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the shape before it takes memory
+    except (ValueError, EOFError, OSError, SyntaxError, TypeError, OverflowError, MemoryError, TokenError) as problem:
+        raise _damaged(where, str(problem).splitlines()[0] if str(problem) else type(problem).__name__) from None
+    if values.ndim != 2:
+        raise OpeningError(
+            "MF201",
+            f"the array has the shape {values.shape}; an opening has [dots, dots]",
+            where=where,
+            cure="Save one square array, [dots, dots]",
+        )
+    rows, columns = values.shape
+    check_square(rows, columns, where)
+    check_size(rows, where)
+    if values.dtype.kind not in "buif":
+        raise OpeningError(
+            "MF202", f"the array's values are of type {values.dtype}", where=where, cure="Save bool values, or 0 and 1"
+        )
+    _refuse((values != 0) & (values != 1), values, "is neither 0 nor 1", where)
+    return np.array(values, dtype=np.bool_)
+
+
+def from_layout(
+    path: Path, dots: int, dot_nm: int, layer: str | None, cell: str | None, unit_um: float | None = None
+) -> Mask:
+    """Mask of the polygons on one layer of one cell of a GDSII, OASIS or DXF file.
+
+    The display pixel has its lower left corner at the origin; where geometry lies left of it or below it, the pixel
+    is centred on the origin.
+
+    Raises:
+        SourceError: what :mod:`maskfab.readers.layout_file` and :func:`maskfab.readers.sandbox.bounded.bounded` raise,
+            and MF309 where the layer is bare.
+        OpeningError: MF205 a polygon is off the dot grid or outside the pixel.
+    """
+    from maskfab.readers.sandbox.bounded import bounded
+
+    return bounded(path, lambda _tell: _of_polygons(path, dots, dot_nm, layer, cell, unit_um))
+
+
+def _of_polygons(
+    path: Path, dots: int, dot_nm: int, layer: str | None, cell: str | None, unit_um: float | None
+) -> Mask:
+    from maskfab.geometry.plate_layout import region
+    from maskfab.geometry.raster import coverage
+    from maskfab.readers.layout_file import find_cell, find_layer, read_layout, rounding_nm
+
+    where = str(path)
+    layout = read_layout(path, unit_um)
+    try:
+        clear = region(layout, find_layer(layout, layer), cell=find_cell(layout, cell).name)
+    except SourceError as problem:  # these two know the layout, but not its file
+        raise SourceError(problem.code, problem.what, where=where, cure=problem.cure) from None
+    if clear.is_empty():
+        raise SourceError("MF309", "the layer has no polygons", where=where, cure="Name the layer that is clear")
+    cure = f"Draw it on a grid of {dot_nm / NM_PER_UM:g} um, or state the dots and dot_nm that it was drawn with"
+    if rounding_nm(layout) > 0:
+        raise OpeningError(
+            "MF205", f"a corner is {rounding_nm(layout):.3g} nm off the grid of 1 nm", where=where, cure=cure
+        )
+    box = clear.bbox()
+    pitch_nm = dots * dot_nm
+    corner = -(pitch_nm // 2) if min(box.left, box.bottom) < 0 else 0
+    if min(box.left, box.bottom) < corner or max(box.right, box.top) > corner + pitch_nm:
+        raise OpeningError(
+            "MF205",
+            f"the polygons span x {box.left} to {box.right} nm, y {box.bottom} to {box.top} nm; {dots} dots of "
+            f"{dot_nm} nm span {corner} to {corner + pitch_nm} nm",
+            where=where,
+            cure="State the dots and dot_nm it was drawn with; put the pixel's lower left corner or centre at the "
+            "origin",
+        )
+    deviation, x, y = max(
+        (max(_off_grid(point.x - corner, dot_nm), _off_grid(point.y - corner, dot_nm)), point.x, point.y)
+        for polygon in clear.each()
+        for point in _corners(polygon)
+    )
+    if deviation:
+        raise OpeningError(
+            "MF205",
+            f"the corner at ({x}, {y}) nm is {deviation} nm off the grid of {dot_nm} nm",
+            where=where,
+            cure=cure,
+        )
+    edges = corner + dot_nm * np.arange(dots + 1, dtype=np.float64)
+    share = coverage(clear, edges, edges)
+    worst = np.unravel_index(np.argmax(np.minimum(share, 1 - share)), share.shape)
+    if 1e-9 < share[worst] < 1 - 1e-9:  # corners on the grid, but an oblique edge between them
+        row, column = (int(i) for i in worst)
+        raise OpeningError(
+            "MF205",
+            f"an oblique edge covers {share[worst]:.3f} of the dot in row {row} from below, column {column} from left",
+            where=where,
+            cure=cure,
+        )
+    return np.asarray(share > 0.5)
+
+
+def _corners(polygon: Any) -> Iterable[Any]:
+    for edge in polygon.each_edge():
+        yield edge.p1
+
+
+def _off_grid(offset_nm: int, dot_nm: int) -> int:
+    remainder = offset_nm % dot_nm
+    return min(remainder, dot_nm - remainder)
+
+
+def check_square(rows: int, columns: int, where: str) -> None:
+    """Refuse a mask that is not square (MF201)."""
+    if rows != columns:
+        raise OpeningError(
+            "MF201",
+            f"the grid has {rows} rows of {columns} dots; a display pixel is square",
+            where=where,
+            cure=f"Give it {columns} rows, or {rows} dots in every row",
+        )
+
+
+def check_size(dots: int, where: str) -> None:
+    """Refuse a mask larger than any display pixel needs (MF115)."""
+    if dots > MAX_DOTS:
+        raise JobError(
+            "MF115",
+            f"{dots} dots along a side; one opening may have {MAX_DOTS}",
+            where=where,
+            cure="Use larger dots, or crop the file to one display pixel",
+        )
+
+
+def _trimmed(rows: Rows) -> Rows:
+    """Without the blank lines before and after the drawing; blank lines inside it are errors and stay."""
+    filled = [i for i, (_, row) in enumerate(rows) if row]
+    return rows[filled[0] : filled[-1] + 1] if filled else []
+
+
+def _refuse(wrong: NDArray[np.bool_], values: NDArray[Any], problem: str, where: str) -> None:
+    if wrong.any():
+        row, column = (int(i) for i in np.argwhere(wrong)[0])
+        raise OpeningError(
+            "MF202",
+            f"the value {values[row, column]} at [{row}, {column}] {problem} ({int(wrong.sum())} such values)",
+            where=where,
+            cure="Save 1 where the opening is clear and 0 where it is opaque",
+        )
+
+
+def _damaged(where: str, problem: str) -> SourceError:
+    said = " / ".join(problem.split("\n")).strip() or "its reader gives no reason"
+    return SourceError("MF303", f"the file is damaged: {said}", where=where, cure="Save or copy the file again")

@@ -1,0 +1,427 @@
+"""The figures of the report: pure functions from the vocabulary to ``<img>`` elements that need nothing from outside.
+
+Line drawings are SVG; pictures are palette PNGs inside it. Equal input gives equal bytes: no dates, no random ids.
+An SVG inside ``<img>`` cannot run scripts, cannot load anything, and its ids cannot clash with those of the page.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
+from typing import Any, TypeVar
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.patches import PathPatch, Rectangle
+from matplotlib.path import Path
+from matplotlib.ticker import NullFormatter
+from numpy.typing import NDArray
+
+from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
+from maskfab.report.plots import png
+from maskfab.report.plots.number_text import number
+from maskfab.report.plots.sheet import INK, QUIET, bitmap, draw_psf, image, img, place, styled
+from maskfab.report.plots.workers import Task, drawn
+
+Item = TypeVar("Item", Psf, Mtf)
+
+PLATE = "<plate>"
+"""Key of the whole plate's figures; no die can have this name."""
+
+_NM_PER_MM = 1e6
+_CHROME, _CLEAR = "#2f343c", "#ffffff"
+_GREYS = np.linspace((0x2F, 0x34, 0x3C), (255, 255, 255), 64).round().astype(np.uint8)
+# Okabe and Ito's set, told apart by all common kinds of colour vision; line styles tell the curves apart in grey.
+_OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
+    {
+        "horizontal": ("horizontal", "#0072B2", "-", 1.1),
+        "vertical": ("vertical", "#D55E00", (0, (5, 1.5)), 1.1),
+        "diagonal": ("diagonal +45°", "#009E73", (0, (3, 1, 1, 1)), 0.9),
+        "antidiagonal": ("diagonal −45°", "#CC79A7", (0, (1, 1)), 0.9),
+        "radial_mean": ("radial mean", "#000000", "-", 1.7),
+        "radial_min": ("radial minimum", "#000000", (0, (4, 2)), 1.1),
+    }
+)
+_POWERS = ("1", "10⁻¹", "10⁻²", "10⁻³", "10⁻⁴", "10⁻⁵", "10⁻⁶")
+
+
+def pictures(
+    plate: Plate,
+    dies: Sequence[DieOptics],
+    document: Mapping[str, Any],
+    more: Sequence[tuple[str, Task]] = (),
+    workers: int = 1,
+) -> dict[str, dict[str, str]]:
+    """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
+
+    Args:
+        plate: what is on it.
+        dies: those that were measured.
+        document: the report's.
+        more: what else there is to draw, each with its die.
+        workers: how many processes draw.
+    """
+    field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
+    whole = {"drawing": plate_drawing(plate, document)}
+    if dies:
+        whole["mtf"] = mtf_comparison(dies)
+    tasks: list[tuple[str, Task]] = [(item.die.name, (of_die, (item, field_nm))) for item in dies]
+    tasks += more
+    found: dict[str, dict[str, str]] = {PLATE: whole} | {name: {} for name, _ in tasks}
+    for (name, _), drawings in zip(tasks, drawn([task for _, task in tasks], workers), strict=True):
+        found[name] |= drawings
+    return found
+
+
+def of_die(item: DieOptics, field_nm: int) -> dict[str, str]:
+    """The figures of one die; ``field_nm`` is the side of its thumbnail, the same for all."""
+    return {
+        "opening": opening(item.die.panel.opening, item.die.panel.dot_nm),
+        "panel": panel_close_up(item.die.panel),
+        "psf": psf(item.psfs),
+        "mtf": mtf(item.mtfs),
+        "panel_small": panel_thumbnail(item.die.panel, field_nm),
+        "psf_small": psf_thumbnail(_middle(_finest(item.psfs))),
+    }
+
+
+@styled
+def opening(opening: Opening, dot_nm: int | None = None) -> str:
+    """The unit cell: clear is white, chrome dark; ``dot_nm`` if it is laid out at another size than its nominal one."""
+    figure, axes = _sheet(2.6, 2.75)
+    _draw_opening(axes, opening, dot_nm or opening.dot_nm)
+    return image(figure, f"Opening {opening.name}: {opening.dots} x {opening.dots} dots")
+
+
+@styled
+def panel_close_up(panel: Panel, cells: int = 6) -> str:
+    """Some cells in the middle of the panel, each in its own orientation, with the gutters between them."""
+    figure, axes = _sheet(2.6, 2.75)
+    _draw_panel(axes, panel, cells)
+    return image(figure, f"{cells} x {cells} cells of the panel, tiling {panel.tiling.value}")
+
+
+@styled
+def psf(psfs: Sequence[Psf]) -> str:
+    """log10 of the PSFs over six decades below each one's own peak: the middle wavelength large, its neighbours small.
+
+    The colour scale is the same for every PSF of every die. Of two samplings of one wavelength the finer is shown.
+    """
+    shown = _finest(psfs)
+    main = _middle(shown)
+    others = [item for item in dict.fromkeys((shown[0], shown[-1])) if item is not main]
+    width = 6.2 if others else 4.5
+    figure = Figure(figsize=(width, 3.8))
+    _draw_psf(place(figure, (0.6, 0.5, 3.0, 3.0)), main, 321)
+    for row, item in enumerate(others):
+        axes = place(figure, (3.85, 2.15 - 1.65 * row, 1.35, 1.35))
+        _draw_psf(axes, item, 161)
+        axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
+    draw_decades(place(figure, (width - 0.8, 0.5, 0.12, 3.0)), "intensity / peak (log)")
+    lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)
+    return image(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
+
+
+def draw_decades(bar: Axes, words: str) -> None:
+    """The colours of :func:`maskfab.report.plots.png.log_intensity` as a narrow upright bar."""
+    ramp = np.linspace(-png.DECADES, 0, 256)[:, None]
+    bar.imshow(ramp, origin="lower", cmap="magma", interpolation="none", aspect="auto", extent=(0, 1, -png.DECADES, 0))
+    bar.set(xticks=[], yticks=range(0, -png.DECADES - 1, -1), yticklabels=_POWERS, ylabel=words)
+    bar.yaxis.tick_right()
+    bar.yaxis.set_label_position("right")
+
+
+@styled
+def mtf(mtfs: Sequence[Mtf]) -> str:
+    """One plot for each wavelength: the band from radial minimum to maximum, radial mean, and the straight cuts."""
+    few = len(mtfs) < 3  # the legend then has three lines, and needs its width
+    width, low = max(3.4 * len(mtfs), 5.2), 1.15 if few else 0.75
+    figure = Figure(figsize=(width + 0.6, low + 2.65))
+    for index, item in enumerate(mtfs):
+        step = width / len(mtfs)
+        axes = place(figure, (0.5 + step * index, low, step - 0.3, 2.05))
+        _draw_mtf(axes, item)
+        if index:
+            axes.set_ylabel("")
+            axes.tick_params(labelleft=False)
+    handles, labels = figure.axes[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="lower center", ncols=3 if few else 7, fontsize=7.5)
+    lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in mtfs)
+    return image(figure, f"MTF at {lines}: radial mean, minimum and maximum, horizontal, vertical, diagonal cuts")
+
+
+@styled
+def mtf_comparison(dies: Sequence[DieOptics]) -> str:
+    """Radial-minimum MTF of every die at its middle wavelength: colour says the opening, line style the tiling."""
+    figure = Figure(figsize=(10.8, 3.9))
+    axes = place(figure, (0.7, 0.5, 8.2, 2.7))
+    names = list(dict.fromkeys(item.die.panel.opening.name for item in dies))
+    widest = max(item.die.panel.pitch_nm for item in dies)
+    for item in dies:
+        panel, curve = item.die.panel, _middle(item.mtfs)
+        axes.plot(
+            curve.frequency_cy_per_mm,
+            np.maximum(curve.cuts["radial_min"], 1e-6),
+            color=_OKABE_ITO[names.index(panel.opening.name) % len(_OKABE_ITO)],
+            linestyle="-" if panel.tiling is Tiling.PERIODIC else (0, (4, 1.5)),
+            linewidth=1.6 if panel.pitch_nm > 0.9 * widest else 0.9,
+            label=item.die.name,
+        )
+    _dress_mtf(axes, _middle(dies[0].mtfs))
+    # What restoration can bring back is decided near zero, which a linear axis hides.
+    axes.set_yscale("log")
+    axes.set(ylim=(1e-3, 1), ylabel="MTF (log)", yticks=(1, 0.1, 0.01, 1e-3), yticklabels=("1", "0.1", "0.01", "0.001"))
+    axes.yaxis.set_minor_formatter(NullFormatter())
+    axes.set_title(f"{_middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
+    figure.legend(loc="center right", fontsize=7.5)
+    return image(figure, f"Radial-minimum MTF of {len(dies)} dies")
+
+
+@styled
+def plate_drawing(plate: Plate, document: Mapping[str, Any]) -> str:
+    """The plate in millimetres: blank, writable area, dies by name, and the marks as the polygons they really are."""
+    figure, axes = _sheet(8.6, 8.6)
+    _draw_plate(axes, plate, _failed_dies(document))
+    return image(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")
+
+
+def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108) -> str:
+    """A small picture of a square of ``side_nm``; with one side for all dies their cells compare in size."""
+    levels = np.rint(png.panel_coverage(panel, side_nm, pixels) * (len(_GREYS) - 1)).astype(np.uint8)
+    return img(png.data_uri(png.png(levels, _GREYS)), f"Cells of opening {panel.opening.name}", "small")
+
+
+def psf_thumbnail(psf: Psf, pixels: int = 97) -> str:
+    """A small picture of a PSF on the scale of :func:`psf`."""
+    levels = np.rint((png.log_intensity(psf, pixels) / png.DECADES + 1) * 255).astype(np.uint8)
+    magma = (mpl.colormaps["magma"](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
+    return img(png.data_uri(png.png(levels, magma)), f"PSF at {psf.wavelength_nm:g} nm", "small")
+
+
+@styled
+def overview(plate: Plate, document: Mapping[str, Any], optics: DieOptics) -> bytes:
+    """One PNG for a whole run: the plate, and one die's opening, panel, PSF and MTF."""
+    figure = Figure(figsize=(13.0, 6.9), layout="constrained", dpi=120)
+    grid = figure.add_gridspec(2, 3, width_ratios=(2.0, 1.0, 1.15))
+    whole = figure.add_subplot(grid[:, 0])
+    _draw_plate(whole, plate, _failed_dies(document))
+    whole.set_title(plate.title)
+    panel = optics.die.panel
+    places = [figure.add_subplot(grid[row, column]) for row in (0, 1) for column in (1, 2)]
+    _draw_opening(places[0], panel.opening, panel.dot_nm)
+    _draw_panel(places[1], panel, 6)
+    _draw_psf(places[2], _middle(_finest(optics.psfs)), 641)
+    _draw_mtf(places[3], _middle(optics.mtfs))
+    places[0].set_title(f"opening {panel.opening.name}")
+    places[1].set_title(f"die {optics.die.name}, 6 × 6 cells")
+    places[2].set_title(f"PSF, {_middle(_finest(optics.psfs)).wavelength_nm:g} nm, six decades")
+    places[3].legend(fontsize=6.5)
+    return bitmap(figure)
+
+
+@styled
+def optics(psfs: Sequence[Psf], mtfs: Sequence[Mtf], name: str) -> bytes:
+    """One PNG of what an opening or a mask does to a picture: a PSF over an MTF for each wavelength."""
+    shown = _finest(psfs)
+    columns = max(len(shown), len(mtfs))
+    figure = Figure(figsize=(3.6 * columns + 0.6, 7.2), layout="constrained", dpi=120)
+    for column, item in enumerate(shown):
+        _draw_psf(figure.add_subplot(2, columns, column + 1), item, 641)
+    for column, curve in enumerate(mtfs):
+        axes = figure.add_subplot(2, columns, columns + column + 1)
+        _draw_mtf(axes, curve)
+        if not column:
+            axes.legend(fontsize=6.5)
+    figure.suptitle(f"{name}: PSF over six decades below its peak, and presampled MTF")
+    return bitmap(figure)
+
+
+def _draw_opening(axes: Axes, opening: Opening, dot_nm: int) -> None:
+    side_um = opening.dots * dot_nm / 1000
+    _show_chrome(axes, opening.mask.astype(np.float64), side_um)
+
+
+def _draw_panel(axes: Axes, panel: Panel, cells: int) -> None:
+    side_nm = min(cells, *panel.orientations.shape) * panel.pitch_nm
+    _show_chrome(axes, png.panel_coverage(panel, side_nm, 360), side_nm / 1000)
+
+
+def _show_chrome(axes: Axes, clear: NDArray[np.float64], side_um: float) -> None:
+    """A picture of clear shares with a scale bar of a round length under it."""
+    grey = _GREYS[np.rint(clear * (len(_GREYS) - 1)).astype(np.intp)]
+    axes.imshow(grey, origin="lower", interpolation="none", extent=(0, side_um, 0, side_um))
+    decade = 10.0 ** np.floor(np.log10(side_um / 2))
+    bar = decade * max(step for step in (1, 2, 5) if step * decade <= side_um / 2)
+    axes.plot([0, bar], [-0.03 * side_um] * 2, color=INK, linewidth=2, solid_capstyle="butt", clip_on=False)
+    axes.text(bar + 0.03 * side_um, -0.03 * side_um, f"{bar:g} µm", va="center")
+    axes.add_patch(_outline((0, 0, side_um, side_um), QUIET, "-"))
+    axes.set(xlim=(-0.01 * side_um, 1.01 * side_um), ylim=(-0.06 * side_um, 1.01 * side_um))
+    axes.set_axis_off()
+
+
+def _draw_psf(axes: Axes, psf: Psf, pixels: int) -> None:
+    axes.set(xlabel="x (µm)", ylabel="y (µm)")
+    axes.set_title(f"{psf.wavelength_nm:g} nm")
+    draw_psf(axes, psf, pixels)
+
+
+def _draw_mtf(axes: Axes, mtf: Mtf) -> None:
+    low, high = mtf.cuts.get("radial_min"), mtf.cuts.get("radial_max")
+    if low is not None and high is not None:
+        band = _pooled(mtf.frequency_cy_per_mm, low, high)
+        axes.fill_between(*band, color="#d5dae0", linewidth=0, label="radial minimum to maximum")
+    for name, (label, colour, style, width) in _CUTS.items():
+        if name in mtf.cuts:
+            axes.plot(
+                mtf.frequency_cy_per_mm, mtf.cuts[name], color=colour, linestyle=style, linewidth=width, label=label
+            )
+    _dress_mtf(axes, mtf)
+    axes.set_title(f"{mtf.wavelength_nm:g} nm (± {number(float(mtf.uncertainty), 2)})", pad=30)
+
+
+def _pooled(
+    frequency: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64], most: int = 220
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """The band on at most ``most`` + 1 samples, its extremes kept: one sample for each point on paper is enough."""
+    starts = np.arange(0, len(frequency), -(-len(frequency) // most))
+    x = np.append(frequency[starts], frequency[-1])
+    y0 = np.append(np.minimum.reduceat(low, starts), low[-1])
+    return x, y0, np.append(np.maximum.reduceat(high, starts), high[-1])
+
+
+def _dress_mtf(axes: Axes, mtf: Mtf) -> None:
+    nyquist = float(mtf.frequency_cy_per_mm[-1])
+    axes.set(xlim=(0, nyquist), ylim=(0, 1), xlabel="frequency (cy/mm)", ylabel="MTF")
+    axes.grid(color="#e3e6ea", linewidth=0.5)
+    axes.set_axisbelow(True)
+    # Six words are drawn in a tenth of the time of a second axis, and a report has dozens of these plots.
+    top = axes.get_xaxis_transform()
+    words = [(nyquist * tenth / 5, 4, f"{tenth / 10:g}") for tenth in range(6)]
+    for x, rise, text in (*words, (nyquist / 2, 16, "cy/pixel")):
+        axes.annotate(text, (x, 1), (0, rise), xycoords=top, textcoords="offset points", ha="center", va="bottom")
+
+
+def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
+    half, room = plate.blank_nm / 2 / _NM_PER_MM, plate.writable_nm / 2 / _NM_PER_MM
+    axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=INK, linewidth=1))
+    axes.add_patch(_outline((-room, -room, room, room), "#9aa3ad", (0, (6, 4))))
+    for die in plate.dies:
+        axes.add_patch(_outline(_slot_mm(die), "#6b737e", (0, (2, 2))))
+        x0, y0, x1, y1 = (edge / _NM_PER_MM for edge in die.box_nm)
+        tone = 0.25 + 0.75 * die.panel.open_ratio  # a panel seen from afar is grey; lifted so that it shows on chrome
+        axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_mix(tone), linewidth=0))
+        _write_name(axes, die, die.name in failed, 2 * half)
+    for written, edge in ((True, "none"), (False, "#6b737e")):
+        polygons = [p for item in plate.furniture if item.layer.written is written for p in item.polygons]
+        fill = _CLEAR if written else "none"
+        axes.add_patch(PathPatch(_path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
+    for item in plate.furniture:
+        if item.kind == "fiducial":
+            _write_fiducial(axes, item.polygons, 0.04 * half)
+    _dimension(axes, (-half, -half), (half, -half), -0.055 * half, f"blank {2 * half:.6g} mm")
+    _dimension(axes, (-room, -half), (room, -half), -0.135 * half, f"writable {2 * room:.6g} mm")
+    _dimension_dies(axes, plate, half)
+    axes.plot([-0.03 * half, 0.03 * half], [0, 0], [0, 0], [-0.03 * half, 0.03 * half], color=_CLEAR, linewidth=0.6)
+    axes.set(xlim=(-1.02 * half, 1.17 * half), ylim=(-1.2 * half, 1.17 * half), aspect="equal")
+    axes.set_axis_off()
+
+
+def _path_mm(polygons: Sequence[Polygon]) -> Path:
+    """All polygons as one path: an SVG element for each would make the drawing ten times as large."""
+    vertices = [point for polygon in polygons for point in (*polygon, polygon[0])]
+    codes = [
+        code for polygon in polygons for code in (Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY)
+    ]
+    return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / _NM_PER_MM, codes)
+
+
+def _write_name(axes: Axes, die: Die, failed: bool, span: float) -> None:
+    x, y = (coordinate / _NM_PER_MM for coordinate in die.centre_nm)
+    width_pt = die.panel.size_nm[0] / _NM_PER_MM / span * 530
+    size = min(9.0, 1.45 * width_pt / max(len(die.name), 4))
+    box = {"facecolor": _CHROME, "edgecolor": "none", "boxstyle": "round,pad=0.25"}
+    text = f"{die.name}\nFAIL" if failed else die.name
+    axes.text(x, y, text, ha="center", va="center", color=_CLEAR, fontsize=size, bbox=box)
+
+
+def _write_fiducial(axes: Axes, polygons: Sequence[Polygon], pad: float) -> None:
+    corners = np.concatenate([np.array(polygon) for polygon in polygons]) / _NM_PER_MM
+    low, high = corners.min(axis=0), corners.max(axis=0)
+    x, y = (low + high) / 2
+    # Outwards of the mark: other marks stand beside it and further in.
+    above = y >= 0
+    height, align = (high[1] + pad, "bottom") if above else (low[1] - pad, "top")
+    axes.text(x, height, f"({x:.5g}, {y:.5g})", color="#c9d1d9", fontsize=6.5, ha="center", va=align)
+
+
+def _dimension_dies(axes: Axes, plate: Plate, half: float) -> None:
+    """Slot and step of the dies, where the top row and the right-hand column show them."""
+    top = max((die.centre_nm[1] for die in plate.dies), default=0)
+    row = sorted((die for die in plate.dies if die.centre_nm[1] == top), key=lambda die: die.centre_nm[0])
+    if not row:
+        return
+    x0, _, x1, y1 = _slot_mm(row[0])
+    _dimension(axes, (x0, y1), (x1, y1), half - y1 + 0.05 * half, f"slot {x1 - x0:.5g} mm")
+    if len(row) > 1:
+        a, b = (die.centre_nm[0] / _NM_PER_MM for die in row[:2])
+        _dimension(axes, (a, y1), (b, y1), half - y1 + 0.125 * half, f"step {b - a:.5g} mm")
+    last = row[-1].centre_nm[0]
+    column = sorted((die.centre_nm[1] for die in plate.dies if die.centre_nm[0] == last), reverse=True)
+    if len(column) > 1:
+        a, b = (coordinate / _NM_PER_MM for coordinate in column[:2])
+        right = _slot_mm(row[-1])[2]
+        _dimension(axes, (right, a), (right, b), half - right + 0.06 * half, f"step {a - b:.5g} mm")
+
+
+def _dimension(axes: Axes, start: tuple[float, float], end: tuple[float, float], offset: float, text: str) -> None:
+    """A dimension line between two points, moved outwards by ``offset`` across its direction."""
+    upright = start[0] == end[0]
+    dx, dy = (offset, 0.0) if upright else (0.0, offset)
+    a, b = (start[0] + dx, start[1] + dy), (end[0] + dx, end[1] + dy)
+    for point, tip in ((start, a), (end, b)):
+        axes.plot([point[0], tip[0]], [point[1], tip[1]], color=QUIET, linewidth=0.4)
+    axes.annotate("", a, b, arrowprops={"arrowstyle": "<->", "linewidth": 0.6, "shrinkA": 0, "shrinkB": 0})
+    x, y = (a[0] + b[0]) / 2, (a[1] + b[1]) / 2
+    box = {"facecolor": "white", "edgecolor": "none", "pad": 1.5}
+    axes.text(x, y, text, ha="center", va="center", rotation=90 if upright else 0, fontsize=7.5, bbox=box)
+
+
+def _slot_mm(die: Die) -> tuple[float, float, float, float]:
+    x, y = (coordinate / _NM_PER_MM for coordinate in die.centre_nm)
+    reach = die.slot_nm / 2 / _NM_PER_MM
+    return x - reach, y - reach, x + reach, y + reach
+
+
+def _outline(box: tuple[float, float, float, float], colour: str, style: Any) -> Rectangle:
+    x0, y0, x1, y1 = box
+    return Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor="none", edgecolor=colour, linestyle=style, linewidth=0.6)
+
+
+def _mix(clear: float) -> tuple[float, float, float]:
+    red, green, blue = _GREYS[round(clear * (len(_GREYS) - 1))] / 255
+    return float(red), float(green), float(blue)
+
+
+def _failed_dies(document: Mapping[str, Any]) -> frozenset[str]:
+    return frozenset(check["die"] for check in document["checks"] if not check["passed"] and "die" in check)
+
+
+def _finest(psfs: Sequence[Psf]) -> list[Psf]:
+    """One PSF for each wavelength, in the given order: the one sampled at the closest points."""
+    chosen: dict[float, Psf] = {}
+    for item in psfs:
+        if item.step_um < chosen.setdefault(item.wavelength_nm, item).step_um:
+            chosen[item.wavelength_nm] = item
+    return list(chosen.values())
+
+
+def _middle(items: Sequence[Item]) -> Item:
+    return items[len(items) // 2]
+
+
+def _sheet(width: float, height: float) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(width, height))
+    return figure, figure.add_axes((0.0, 0.0, 1.0, 1.0))

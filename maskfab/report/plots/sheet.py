@@ -1,0 +1,109 @@
+"""A sheet to draw on, and what becomes of it: an ``<img>`` with its own SVG, or a PNG; equal drawings, equal bytes."""
+
+from __future__ import annotations
+
+import base64
+import io
+import re
+from html import escape
+from urllib.parse import quote
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.image import imread
+
+from maskfab.model import Psf
+from maskfab.report.plots import png
+
+INK, QUIET = "#1f2328", "#7a828c"
+
+styled = mpl.rc_context(
+    {
+        "font.family": ["DejaVu Sans"],
+        "font.size": 8.0,
+        "axes.titlesize": 9.0,
+        "axes.linewidth": 0.6,
+        "axes.edgecolor": QUIET,
+        "axes.labelcolor": INK,
+        "text.color": INK,
+        "text.parse_math": False,  # a dollar sign in somebody's title is a dollar sign
+        "xtick.color": INK,
+        "ytick.color": INK,
+        "xtick.major.width": 0.6,
+        "ytick.major.width": 0.6,
+        "legend.frameon": False,
+        "image.composite_image": False,
+        "svg.fonttype": "none",
+        "svg.hashsalt": "maskfab",
+    }
+)
+"""Decorates what draws, so that the reader's own settings of matplotlib do not matter."""
+
+
+def place(figure: Figure, inches: tuple[float, float, float, float]) -> Axes:
+    """Axes at left, bottom, width, height in inches: a layout engine would draw every figure twice to find them."""
+    width, height = figure.get_size_inches()
+    left, bottom, wide, high = inches
+    return figure.add_axes((left / width, bottom / height, wide / width, high / height))
+
+
+def draw_psf(axes: Axes, psf: Psf, pixels: int, peak: float | None = None) -> None:
+    """A PSF as a logarithmic map about its axis, below ``peak``, its own if None; at most ``pixels`` along a side."""
+    half = psf.step_um * len(psf.values) / 2
+    axes.imshow(
+        png.log_intensity(psf, pixels, peak),
+        origin="lower",
+        interpolation="none",
+        cmap="magma",
+        vmin=-png.DECADES,
+        vmax=0.0,
+        extent=(-half, half, -half, half),
+    )
+
+
+def bitmap(figure: Figure) -> bytes:
+    """The figure as a PNG file without a date or a program's name."""
+    buffer = io.BytesIO()
+    figure.savefig(buffer, format="png", metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def image(figure: Figure, words: str) -> str:
+    """The figure as an ``<img>`` that holds its own SVG."""
+    buffer = io.StringIO()
+    figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
+    svg = _slim(buffer.getvalue())
+    # Only a namespace, but a page that shows no address at all is seen to need none.
+    address = quote(svg[svg.index("<svg") :], safe=' "=/:;,()+*!?@&~').replace("//", "%2F%2F")
+    return img(f"data:image/svg+xml,{address}", words, "figure")
+
+
+def img(address: str, words: str, kind: str) -> str:
+    """An ``<img>`` of a ``data:`` address, with words for who cannot see it."""
+    return f"""<img class="{kind}" src='{escape(address, quote=False)}' alt="{escape(words)}">"""
+
+
+def _slim(svg: str) -> str:
+    """The SVG in fewer bytes: paths to 0.01 pt, images as palettes, the reader's own sans-serif type."""
+    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
+    svg = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=\s]+", lambda uri: _palette(uri[0]), svg)
+    svg = re.sub(r"<!--.*?-->", "", re.sub(r'<g id="[^"]*"', "<g", svg), flags=re.DOTALL)
+    svg = svg.replace("'DejaVu Sans'", "system-ui, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif")
+    return " ".join(svg.split())
+
+
+def _palette(address: str) -> str:
+    """A PNG as matplotlib embeds it, four bytes a pixel, with one byte a pixel if its colours are opaque and few."""
+    pixels = (
+        (imread(io.BytesIO(base64.b64decode(address.split(",", 1)[1])), format="png") * 255).round().astype(np.uint8)
+    )
+    if pixels.ndim != 3 or (pixels.shape[2] == 4 and (pixels[..., 3] < 255).any()):
+        return address
+    packed = pixels[..., :3].astype(np.uint32) @ np.array([65536, 256, 1], dtype=np.uint32)
+    colours, levels = np.unique(packed, return_inverse=True)
+    if len(colours) > 256:
+        return address
+    palette = np.stack([colours >> 16, (colours >> 8) & 255, colours & 255], axis=1).astype(np.uint8)
+    return png.data_uri(png.png(levels.reshape(packed.shape).astype(np.uint8)[::-1], palette))
