@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import torch
+from bench.published_step import WAVELENGTHS_NM, published_step
 from numpy.typing import NDArray
 from optics.published_recipe import Recipe, published_autograd
 from optics.test_torch_field import full_size, published_loss
@@ -20,7 +21,6 @@ from threadpoolctl import threadpool_limits
 from maskfab.bench.accuracy import absent, gemm_bound_ms, race, standard_workload
 from maskfab.bench.other_libraries import PEERS, Task
 from maskfab.bench.published import published_intensity, published_size
-from maskfab.bench.published_step import WAVELENGTHS_NM, published_step
 from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from bench.published_step import PublishedStep, published_step
 
-from maskfab.bench.published_step import PublishedStep, published_step
 from maskfab.design.relax.recipes import PAPER_CAMERA
 from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
 

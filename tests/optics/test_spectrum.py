@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,7 +14,6 @@ from maskfab.errors import InternalError, JobError, SourceError
 from maskfab.model import Camera, Stop
 from maskfab.optics.image import spectrum as spectrum_module
 from maskfab.optics.image.lag_table import LagTable, lag_table
-from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
 from maskfab.optics.image.spectrum import (
     Band,
     Curve,
@@ -26,8 +24,6 @@ from maskfab.optics.image.spectrum import (
     quadrature,
     reach_um,
 )
-from maskfab.optics.light import rescale
-from maskfab.optics.light.rescale import INTERPOLATION_ERROR, polychromatic_psf
 from maskfab.optics.light.response import GENERIC_RGB, black_body, camera_bands, generic_rgb, read_curves
 
 FREQUENCY = np.linspace(0.0, 0.25, 60)
@@ -64,34 +60,6 @@ def test_the_table_is_not_read_beyond_its_reach() -> None:
     assert polychromatic_otf(table, setting, spectrum, np.array([0.02]), np.array([0.0])).shape == (1,)
     with pytest.raises(InternalError, match="MF901"):
         polychromatic_otf_grid(table, setting, spectrum, np.array([0.03]), np.array([0.0]))
-
-
-@pytest.mark.parametrize("kind", ["point", "pixel"])
-@pytest.mark.parametrize("shape", ["circle", "square"])
-def test_polychromatic_psf_is_the_sum_of_monochromatic_ones(kind: str, shape: str) -> None:
-    setting = camera(480.0, shape=shape, window_um=64.0)
-    source = pupil(panel(noise(7, 0.4, 3), gutter_nm=1000, cells=10, seed=1), setting.stop)
-    spectrum = lines([420.0, 530.0, 555.5, 690.0], [1, 2, 0.5, 3])
-    every = replace(setting, wavelengths_nm=tuple(spectrum.wavelengths_nm))
-    margin = pixel_margin(every) if kind == "pixel" else 0
-    expected = 0.0
-    for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
-        line = point_psf(source, every, wavelength, margin)
-        expected = expected + weight * (pixel_psf(line, every) if kind == "pixel" else line).values
-    found = polychromatic_psf(source, setting, spectrum, "pixel" if kind == "pixel" else "point")
-    assert found.values.shape == expected.shape
-    # The monochromatic pixel filter is good to 1e-8.
-    limit = INTERPOLATION_ERROR if kind == "point" else 1e-8
-    assert abs(found.values - expected).max() < limit * expected.max()
-    np.testing.assert_allclose(found.values, found.values[::-1, ::-1], rtol=1e-12)
-    assert found.wavelength_nm == pytest.approx(spectrum.centroid_nm)
-
-
-def test_interpolation_keeps_its_promise_for_every_plane_wave() -> None:
-    taps = np.arange(1 - rescale._HALF_TAPS, rescale._HALF_TAPS + 1)
-    place, lag = np.linspace(0, 1, 101), np.linspace(-0.5, 0.5, 201) / rescale._OVERSAMPLING
-    found = rescale._kernel(place[:, None] - taps) @ np.exp(2j * np.pi * taps[:, None] * lag)
-    assert abs(found - np.exp(2j * np.pi * place[:, None] * lag)).max() < INTERPOLATION_ERROR / 2
 
 
 @settings(max_examples=10, deadline=None)
