@@ -17,7 +17,7 @@ from maskfab.model import Camera
 from maskfab.optics.field import parity
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.image.spectrum import Band, Curve, Spectrum, lines
-from maskfab.optics.light.band_lines import band_errors, band_lines
+from maskfab.optics.light.band_lines import BAND_SAFETY, band_errors, band_lines
 from maskfab.optics.light.response import generic_rgb
 from maskfab.optics.pupil.pupil import Pupil
 
@@ -97,7 +97,7 @@ def check(name: str, diameter_um: float, seed: int | None, apart_nm: float, targ
     setting = camera(diameter_um, wavelengths=band.range_nm, window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=2 * math.ceil((diameter_um / 2 + 20) / 56), seed=seed), setting.stop)
     exact = psf(source, setting, fine_lines(band, apart_nm))
-    foretold = band_errors(source, setting, band, target)
+    (foretold,) = band_errors(source, setting, [band], target)
     assert foretold
     for count, error in foretold.items():
         real = np.linalg.norm(psf(source, setting, band_lines(band, count)) - exact) / np.linalg.norm(exact)
@@ -135,7 +135,42 @@ def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pyte
     band = BANDS["mercury"]
     setting = camera(400.0, wavelengths=band.range_nm, window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
-    foretold = band_errors(source, setting, band, 1e-2)
+    (foretold,) = band_errors(source, setting, [band], 1e-2)
     assert sum(foretold) >= 5
     # Four parities of the whole dots and of either band of the rim.
     assert len(calls) <= 12
+
+
+def test_more_bands_and_lines_look_at_the_field_no_more_often(monkeypatch: pytest.MonkeyPatch) -> None:
+    calls = []
+    at = parity.SampledField.field
+
+    def counted(self: parity.SampledField, *arguments: object) -> object:
+        calls.append(self)
+        return at(self, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(parity.SampledField, "field", counted)
+    white = Band((FLAT,), "white")
+    setting = camera(400.0, wavelengths=(400.0, 700.0), window_um=96.0)
+    source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
+    looks, most = [], []
+    for bands, target in (([white], 2e-3), ([white, *BANDS.values()], 1e-3)):
+        found = band_errors(source, setting, bands, target)
+        assert len(found) == len(bands)
+        looks.append(len(calls))
+        most.append(max(found[0]))
+        calls.clear()
+    assert looks[0] == looks[1]
+    assert most[1] > most[0]
+
+
+def test_rays_measure_the_window_as_its_places_do() -> None:
+    band = Band((FLAT,), "white")
+    # As wide as a whole number of the samples that it is held against.
+    setting = camera(400.0, wavelengths=band.range_nm, window_um=94.0)
+    source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
+    (foretold,) = band_errors(source, setting, [band], 1e-4)
+    exact = psf(source, setting, band.quadrature(8))
+    for count in (1, 4):
+        real = np.linalg.norm(psf(source, setting, band_lines(band, count)) - exact) / np.linalg.norm(exact)
+        assert foretold[count] == pytest.approx(BAND_SAFETY * real, rel=0.01)

@@ -8,6 +8,7 @@ Notes:
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +17,10 @@ from maskfab.errors import InternalError
 from maskfab.model import Camera
 from maskfab.optics.field.methods import PRUNED, Task, admissible, precise_enough
 from maskfab.optics.field.parity import SampledField
+from maskfab.optics.field.waves import Reals
 from maskfab.optics.image.psf import cutoff, image_scale_um2
 from maskfab.optics.image.spectrum import Band, Spectrum, lines
+from maskfab.optics.light.rays import RAYS_ERROR, Rays, beyond
 from maskfab.optics.pupil.pupil import Pupil
 
 Floats = NDArray[np.float64]
@@ -34,35 +37,51 @@ def band_lines(band: Band, count: int) -> Spectrum:
     return band.quadrature(count // 4)
 
 
-def band_errors(pupil: Pupil, camera: Camera, band: Band, target: float) -> dict[int, float]:
-    """The error of replacing a band by 1, 4, 8, ... lines: relative L2 of the PSF in the window against the most tried.
+def band_errors(pupil: Pupil, camera: Camera, bands: Sequence[Band], target: float) -> list[dict[int, float]]:
+    """The error of replacing bands by 1, 4, 8, ... lines: relative L2 of the PSF in the window against the most tried.
 
-    The PSF is looked at on an even grid, three of whose samples or more fall on the width of its sharpest orders. Twice
-    the lines are tried until doubling changes less than ``target``, or there are 512; the last has nothing to be
-    compared with and is left out.
+    The PSF is looked at along rays to all sides of the window, as dense at its edge as places along a ray, three of
+    which or more fall on the width of its sharpest orders; a place stands for its part of the window. Twice the lines
+    are tried until doubling changes less than ``target``, or there are 512; the last has nothing to be compared with
+    and is left out.
     """
-    half, (shortest_nm, _) = camera.window_um / 2, band.range_nm
+    if not bands:
+        return []
+    half, shortest_nm = camera.window_um / 2, min(band.range_nm[0] for band in bands)
     samples = max(_LEAST_SAMPLES, math.ceil(1.5 * half * cutoff(camera, shortest_nm)))
-    place = half / samples * (np.arange(samples, dtype=np.float64) + 0.5)
-    shortest = image_scale_um2(camera, shortest_nm)
-    # The step of a discrete transform suits one wavelength only.
-    task = Task.of(pupil, place / shortest, place / shortest)
-    path = next(path for path in admissible(task) if path is not PRUNED)
-    precision, own = precise_enough([path], target)
-    highest = (float(place[-1] / shortest),) * 2
-    prepared = path.prepare(pupil, *highest, precision)
+    slopes = (np.arange(samples, dtype=np.float64) + 0.5) / samples
+    rays, own = _rays(pupil, half / image_scale_um2(camera, shortest_nm), slopes, target)
+    # Evenly in the angle whose cosine it is, places see the peak on the axis, where even ones hardly do.
+    count = math.ceil(np.pi / 2 * samples)
+    angle = np.pi * (np.arange(count, dtype=np.float64) + 0.5) / count
+    place = half * (1 - np.cos(angle)) / 2
+    root = np.sqrt(place * np.sin(angle))[:, None]
+
+    def seen(spectrum: Spectrum) -> Reals:
+        """The PSF, weighted with the root of the area that a place stands for."""
+        scales = np.array([image_scale_um2(camera, float(line)) for line in spectrum.wavelengths_nm])
+        found = rays.combined(place, scales, spectrum.weights / scales**2)
+        found *= root
+        return found
+
+    return [_errors(band, seen, target, own) for band in bands]
+
+
+def _rays(pupil: Pupil, highest: float, slopes: Floats, target: float) -> tuple[Rays, float]:
+    """A pupil's intensity along rays up to a frequency along the axes, and the error of what it shows."""
     reach = [float(abs(axis.edges_um()).max()) for axis in (pupil.x, pupil.y)]
-    sampled = SampledField.of(prepared.field, (reach[0], reach[1]), highest, precision)
+    sides = pupil.stop.sides_um
+    farthest = max(sides) / math.sqrt(2) if pupil.stop.round else sum(sides) / 2
+    # The step of a discrete transform suits one wavelength only.
+    path = next(path for path in admissible(Task.of(pupil, highest * slopes, highest * slopes)) if path is not PRUNED)
+    precision, own = precise_enough([path], target)
+    end = (beyond(farthest, highest, precision),) * 2
+    sampled = SampledField.of(path.prepare(pupil, *end, precision).field, (reach[0], reach[1]), end, precision)
+    return Rays.of(sampled, farthest, highest, slopes, precision), own + RAYS_ERROR[precision]
 
-    def seen(spectrum: Spectrum) -> Floats:
-        """Half of the window, which the other half mirrors."""
-        total = np.zeros((2, samples, samples))
-        for line, share in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
-            scale = image_scale_um2(camera, float(line))
-            total += share / scale**2 * np.stack(sampled.field(place / scale, place / scale).quadrants())
-        return total
 
-    found: dict[int, Floats] = {}
+def _errors(band: Band, seen: Callable[[Spectrum], Reals], target: float, own: float) -> dict[int, float]:
+    found: dict[int, Reals] = {}
     for count in (1, *(4 * 2**k for k in range(20))):
         found[count] = seen(band_lines(band, count))
         size = float(np.linalg.norm(found[count]))

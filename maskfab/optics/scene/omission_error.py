@@ -154,7 +154,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
     asks = scene.gap_um or scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
-    bands = [band_errors(pupil, camera, band, target / 4) for band in scene.bands]
+    bands = band_errors(pupil, camera, scene.bands, target / 4)
     counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
     moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
 
