@@ -31,22 +31,26 @@ class JobSection(Section):
     """[job]: name and title of the plate."""
 
     name: Name
+    """Name of the plate: a letter, then at most 23 letters, digits or underscores. Files are named after it."""
     title: DrawnText = Field(max_length=80)
+    """Text of the title block, ASCII, at most 80 characters."""
 
 
 class StopSection(Section):
-    """camera.stop: the lens aperture, the optical axis in its middle or, for a polygon, at the corners' origin.
-
-    A circle and a square have a ``diameter``, an annulus an ``inner`` one as well, an ellipse and a rectangle ``width``
-    and ``height``, a polygon ``corners``: pairs of x and y in either sense of rotation, its sides not crossing.
-    """
+    """camera.stop: the lens aperture, the optical axis in its middle or, for a polygon, at the corners' origin."""
 
     shape: StopShape = "circle"
+    """Shape of the lens stop."""
     diameter: Length | None = None
+    """Diameter of a circle or of an annulus, side of a square."""
     inner: Length | None = None
+    """Diameter of the dark middle of an annulus."""
     width: Length | None = None
+    """Width along x of an ellipse or rectangle."""
     height: Length | None = None
+    """Height along y of an ellipse or rectangle."""
     corners: Corners | None = None
+    """Corners of a polygon as pairs of x and y, in either sense of rotation; its sides must not cross."""
 
     @model_validator(mode="after")
     def _of_its_shape(self) -> StopSection:
@@ -100,10 +104,15 @@ class CameraSection(Section):
     """[camera]: the camera behind the panel, and the window of the sensor around the axis."""
 
     focal: Length
+    """Focal length of the lens."""
     stop: StopSection
+    """The lens stop, a table."""
     wavelengths: Annotated[tuple[Wavelength, ...], Field(min_length=1, max_length=64, strict=False)]
+    """One to 64 lines at which PSF and MTF are computed."""
     pixel: Length
+    """Pixel pitch of the sensor."""
     window: Length = 256.0
+    """Side of the PSF's window on the sensor; at most wavelength x focal / dot."""
 
     def camera(self) -> Camera:
         """The camera of the model."""
@@ -111,23 +120,25 @@ class CameraSection(Section):
 
 
 class GlassSection(Section):
-    """plate.glass: its thickness, its refractive index, and whether the chrome is towards the lens or away from it."""
+    """plate.glass: substrate of the plate."""
 
     thickness: Length
+    """Thickness of the plate."""
     index: float = Field(ge=1, le=4, allow_inf_nan=False)
+    """Refractive index of the plate."""
     chrome: Literal["lens", "away"]
+    """Side of the glass that carries the chrome: towards the lens, or away from it."""
 
 
 class BlankSection(Section):
-    """Chrome and glass of [plate]; what is left out is part of the model bar instead of the model.
-
-    ``optical_density`` is that of the chrome, ``film_phase`` the phase lag, in waves, of
-    the light that leaks through it, the same at every line.
-    """
+    """Chrome and glass of [plate]; what is left out is part of the model bar instead of the model."""
 
     optical_density: float | None = Field(default=None, gt=0, le=12, allow_inf_nan=False)
+    """Optical density of the chrome; without it the leak is part of the model bar."""
     film_phase: float | None = Field(default=None, ge=-1, le=1, allow_inf_nan=False)
+    """Phase lag, in waves, of light that leaks through the chrome, equal at every line; without it the worst."""
     glass: GlassSection | None = None
+    """Substrate, a table; without it the model bar assumes 90 mil of silica, chrome away from the lens."""
 
     @model_validator(mode="after")
     def _phase_of_something(self) -> Self:
@@ -150,94 +161,122 @@ def _with_density(section: BlankSection) -> BlankSection:
 
 
 class PlateSection(BlankSection):
-    """[plate]: the blank and how dies are arranged on it.
-
-    ``template`` names a file of export_templates/plates/ that states the blank, its writable area and its marks;
-    without one, ``blank`` and ``writable`` are required.
-    """
+    """[plate]: the blank and how dies are arranged on it."""
 
     template: str | None = None
+    """A file of export_templates/plates, such as "5in", that states blank, writable area and marks."""
     blank: PlateLength | None = None
+    """Side of the blank; required without a template."""
     writable: PlateLength | None = None
+    """Side of the area that may be written; required without a template."""
     die_size: PlateLength
+    """Side of the square that each die fills."""
     die_pitch: PlateLength
+    """Distance between the centres of neighbouring dies."""
     columns: int = Field(ge=1, le=100)
+    """Dies in a row."""
 
 
 class LimitsSection(Section):
     """[limits]: limits of every die; quantities without a limit are reported without a verdict."""
 
     corner_touches: int | None = Field(default=None, ge=0)
+    """Most points at which two clear corners may touch."""
     min_feature: Length | None = None
+    """Narrowest clear shape."""
     min_space: Length | None = None
+    """Narrowest chrome between clear shapes."""
 
 
 class DieSection(Section):
-    """[[die]]: one opening laid out as one panel.
-
-    ``opening`` is a key of [openings], or the path of a file relative to the job file; ``opening_layer`` and
-    ``opening_cell`` locate it in a layout file. ``others`` are further openings: every cell draws one of all.
-    ``map``, for the tiling of that name, is a key of [maps] or the path of a file.
-    """
+    """[[die]]: one opening laid out as one panel."""
 
     name: Name
+    """Name of the die in files and reports."""
     label: DrawnText = Field(min_length=1, max_length=40)
+    """Text under the die, ASCII."""
     opening: str
+    """A key of [openings], or the path of a file relative to the job: TOML, text, PNG, TIFF, EXR, NumPy, GDSII, OASIS
+    or DXF.
+    """
     opening_layer: str | None = None
+    """Layer that holds the opening, in a layout file."""
     opening_cell: str | None = None
+    """Cell that holds the opening, in a layout file."""
     others: Annotated[tuple[str, ...], Field(min_length=1, max_length=14, strict=False)] | None = None
+    """Further openings; every cell draws one of all."""
     dot: Length
+    """Side of one dot."""
     pitch: Pitch | None = None
+    """Pitch of the pixels, as a length or in DPI; checked against dots x dot + gutter."""
     gutter: LengthOrZero = 0.0
+    """Opaque space between neighbouring cells, half of it on each side."""
     tiling: Annotated[Tiling, Field(strict=False)]
+    """Order of orientations over the panel."""
     map: str | None = None
+    """With tiling = "map": a key of [maps], or the path of a file relative to the job."""
     seed: int | None = Field(default=None, ge=0)
+    """Seed of a tiling that is drawn at random."""
 
 
 class RulesSection(Section):
-    """design.rules: rules of the opening; see :class:`maskfab.design.rules.constraints.Constraints` for each.
-
-    ``rim_dots`` is the gutter, half of it on each side: cells meet with twice as many closed dots between them.
-    ``footprint`` is the least share of the pixel that each colour's emitter covers; ``gap_to_opening``, ``colour_gap``
-    and ``min_width`` are the rules of these emitters, the last by default two dots. ``circuit`` is the area of one
-    drive circuit, of which the pixel's closed area at least ``min_width`` wide must hold three. Both are as in
-    [emitters]. ``keep_out`` is a drawing of the cell, the top row first: x stays closed, . is free.
-    """
+    """design.rules: rules of the opening; see :class:`maskfab.design.rules.constraints.Constraints` for each."""
 
     min_feature_dots: int = Field(default=1, ge=1)
+    """Narrowest clear shape, dots."""
     min_space_dots: int = Field(default=1, ge=1)
+    """Narrowest closed space, dots."""
     kissing: Literal["allowed", "cell", "neighbours"] = "allowed"
+    """Corners that only touch: allowed, none within a cell, or none between neighbours either."""
     rim_dots: int = Field(default=0, ge=0)
+    """Closed dots all round the cell; neighbours meet with twice as many between their openings."""
     symmetry: Literal["d4", "mirror", "rot180"] | None = None
+    """Symmetry that the opening must have."""
     footprint: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Least share of the pixel that each colour's emitter covers."""
     gap_to_opening: LengthOrZero = 0.0
+    """Gap from an emitter to any opening, for the footprint."""
     colour_gap: LengthOrZero = 8.0
+    """Gap between emitters of two colours, for the footprint."""
     min_width: Length | None = None
+    """Least width of an emitter; two dots if left out."""
     circuit: Area | None = None
+    """Area of one drive circuit; the closed area at least min_width wide must hold three."""
     wire_flow: int | None = Field(default=None, ge=1)
+    """Opaque lines that must cross the cell through closed dots, from top to bottom and from left to right."""
     ports: int | None = Field(default=None, ge=1)
+    """Symmetric ports through which these lines must run in both directions."""
     centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Largest distance of the light's centroid from the pixel's centre, pixels."""
     keep_out: str | None = None
+    """Drawing of the cell, top row first: x stays closed, . is free."""
 
 
 class DesignSection(Section):
-    """[design]: an opening to be found, by either method.
-
-    ``clear_dots`` and ``rules`` are met exactly by either method. ``output`` is a path relative to the job
-    file.
-    """
+    """[design]: an opening to be found, by either method."""
 
     name: Name
+    """Name of the opening."""
     method: Method = "search"
+    """"search" over compact shapes, or "relax", gradient descent."""
     dots: int = Field(ge=1, le=128)
+    """Dots along a side of the cell."""
     pitch: Pitch
+    """Pitch of the pixels, as a length or in DPI."""
     clear_dots: int = Field(ge=1)
+    """Number of clear dots; met exactly."""
     tiling: Annotated[Tiling, Field(strict=False)] = Tiling.RANDOM
+    """Order of orientations that the opening is designed for."""
     tiling_seed: int | None = Field(default=None, ge=0)
+    """Seed of that order."""
     seed: int = Field(default=0, ge=0)
+    """Seed of the search."""
     anneal: int = Field(default=0, ge=0, le=10_000_000)
+    """Evaluations of a search dot by dot that follows."""
     rules: RulesSection = RulesSection()
+    """Hard constraints on the opening, a table."""
     output: str | None = None
+    """File of the opening, relative to the job."""
 
 
 class SearchSection(DesignSection):
@@ -256,14 +295,23 @@ class SearchSection(DesignSection):
     families: Annotated[
         tuple[Literal["bars", "discs", "l_shapes", "crosses", "blobs"], ...], Field(min_length=1, strict=False)
     ] = ("bars",)
+    """Shapes that are tried."""
     objective: Literal["restored", "auc"] = "restored"
+    """Expected PSNR of restored photographs, or area under the radial minimum of the blue MTF."""
     weights: Annotated[tuple[float, float, float], Field(strict=False)] = (1.0, 1.0, 1.0)
+    """Weights of the light levels of 24, 32 and 40 dB."""
     map: Literal["equal_light", "edge_packing"] | None = None
+    """Design the orientation of each cell too: at the light of a random map, or with cut cells turned inwards."""
     map_output: str | None = None
+    """File of the map, relative to the job."""
     shortlist: int = Field(default=4, ge=1, le=100)
+    """Best shapes that are tried under a quick map before one is chosen."""
     positions: int = Field(default=1, ge=1, le=15)
+    """Offsets of the opening in its cell that the map may choose from."""
     joint: int = Field(default=0, ge=0, le=100)
+    """Rounds that alternate between opening and map."""
     density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
+    """Share of clear dots in the central half of the stop; the rest has fewer, so that total light is the same."""
 
 
 class RelaxSection(DesignSection):
@@ -275,19 +323,33 @@ class RelaxSection(DesignSection):
     """
 
     recipe: Literal["paper-l2", "paper-l2+inv"] | None = None
+    """A published schedule with its own objectives."""
     epochs: int = Field(default=150, ge=1, le=10_000)
+    """Epochs of the recipe."""
     objectives: Annotated[dict[ObjectiveName, Weight], Field(min_length=1)] = {"invertibility": 1.0}
+    """Weights of the objectives that are minimised; area is the pull on the open ratio."""
     epsilon: float = Field(default=0.015, ge=0, le=1, allow_inf_nan=False)
+    """Regularisation of the invertibility objective."""
     worst_fraction: float = Field(default=0.3, gt=0, le=1, allow_inf_nan=False)
+    """Share of frequencies, the weakest, that the invertibility objective counts."""
     normalisation: Literal["light", "own_sum"] = "light"
+    """Scale of the PSF: by the light of an open stop, or to a sum of 1."""
     iterations: int = Field(default=300, ge=1, le=100_000)
+    """Steps of the descent."""
     starts: int = Field(default=1, ge=1, le=1000)
+    """Noisy starts, of which the best is kept."""
     optimiser: Literal["adam", "sgd"] = "adam"
+    """Optimiser of the descent."""
     rate: float = Field(default=0.2, gt=0, le=1e6, allow_inf_nan=False)
+    """Step size."""
     start_logit: float = Field(default=1.0, ge=-100, le=100, allow_inf_nan=False)
+    """Mean logit of the dots at the start; 1 is 0.73 open."""
     start_noise: float = Field(default=0.5, ge=0, le=100, allow_inf_nan=False)
+    """Standard deviation of the logits at the start."""
     straight_through: bool = False
+    """Round dots to 0 or 1 on the way forward, with the gradient of the relaxed ones."""
     patience: int = Field(default=0, ge=0)
+    """Judgements without a better candidate after which a start ends; 0 for no end."""
 
 
 def _method(values: object) -> str:
@@ -302,85 +364,95 @@ AnyDesign = Annotated[
 
 
 class ParetoSection(Section):
-    """[pareto]: restored photographs against emitters, for several sizes of openings, among the shapes of [design].
-
-    ``clear_dots`` are listed or given as a range; each is a curve. ``compare`` names files of openings, relative to the
-    job file, that are judged beside them. With ``anneal``, the opening at each of so many ``points`` of a curve is
-    changed dot by dot, for so many evaluations, its footprint kept.
-    """
+    """[pareto]: restored photographs against emitters, for several sizes of openings, among the shapes of [design]."""
 
     clear_dots: Counts
+    """Numbers of clear dots, listed or as a range; each is a curve."""
     compare: Annotated[tuple[str, ...], Field(max_length=100, strict=False)] = ()
+    """Files of openings, relative to the job, that are judged beside the curves."""
     anneal: int = Field(default=0, ge=0, le=1_000_000)
+    """Evaluations of a search dot by dot at each point, footprint kept."""
     points: int = Field(default=4, ge=1, le=100)
+    """Points of each curve that are annealed."""
 
 
 class EmittersSection(Section):
-    """[emitters]: placement rules of the red, green and blue emitters around the openings of every die.
-
-    Gaps are kept in x or in y, corners included, and across pixels too. ``ratio`` is that of the areas; ``required``
-    the least share of the pixel that one colour covers, divided by its ratio (ratios scaled to sum to 3). Of the
-    placements with at least ``keep`` of the largest footprint, the one whose light is centred best is taken.
-    ``circuit`` is the area of one drive circuit, of which a pixel's closed area must hold ``circuits``; ``shared_by``
-    pixels take turns at them.
-    """
+    """[emitters]: placement rules of the red, green and blue emitters around the openings of every die."""
 
     gap_to_opening: LengthOrZero = 0.0
+    """Least gap from an emitter to any opening, neighbours' included; in x or in y, as all gaps."""
     colour_gap: LengthOrZero
+    """Least gap between emitters of two colours, across pixels too."""
     min_width: Length
+    """Least width: every emitter is a union of squares of this side."""
     ratio: ThreeColours = (1.0, 1.0, 1.0)
+    """Areas of red, green and blue relative to each other."""
     max_aspect: float | None = Field(default=None, ge=1, allow_inf_nan=False)
+    """Largest aspect of an emitter that is a rectangle."""
     required: float = Field(default=0.0, ge=0, le=1, allow_inf_nan=False)
+    """Least share of the pixel for each colour, divided by its ratio (ratios scaled to sum to 3)."""
     keep: float = Field(default=1.0, gt=0, le=1, allow_inf_nan=False)
+    """Share of the largest footprint above which the placement with the best-centred light is chosen."""
     circuit: Area = 1985.0
+    """Area of one drive circuit."""
     circuits: int = Field(default=3, ge=1, le=16)
+    """Drive circuits that a pixel's closed area must hold."""
     shared_by: int = Field(default=1, ge=1, le=16)
+    """Pixels that take turns at one circuit."""
 
 
 class WiresSection(Section):
-    """[wires]: the display's wires.
-
-    ``lines`` is how many must cross every pixel from top to bottom, and from left to right, on two layers of metal;
-    opaque ones are ``line`` wide, ``space`` apart and ``clearance`` from openings. A ``transparent`` wire of that width
-    runs straight over every pixel in both directions and passes a share ``transmission`` of the light.
-    """
+    """[wires]: the display's wires."""
 
     line: Length = 3.0
+    """Width of an opaque wire."""
     space: Length = 3.0
+    """Least space between wires."""
     clearance: LengthOrZero = 2.5
+    """Least distance from a wire to an opening."""
     lines: int = Field(default=4, ge=1, le=64)
+    """Wires that must cross every pixel from top to bottom, and from left to right, on two layers of metal."""
     transparent: Length | None = None
+    """Width of one transparent wire along each axis, straight over every pixel; none if left out."""
     transmission: float = Field(default=0.9, gt=0, le=1, allow_inf_nan=False)
+    """Transmission of a transparent wire."""
 
 
 class LightSection(Section):
-    """[light]: what the display must emit: white luminance in cd/m2, cd/A of each colour, and how life falls with
-    current density, as its power ``-life_exponent``."""
+    """[light]: light that the display must emit."""
 
     luminance: float = Field(default=500.0, gt=0, allow_inf_nan=False)
+    """Luminance of white, cd/m2."""
     efficacy: ThreeColours = (45.0, 110.0, 8.0)
+    """Efficacy of red, green and blue, cd/A."""
     life_exponent: float = Field(default=1.44, gt=0, allow_inf_nan=False)
+    """Life falls with current density to this power, negative."""
 
 
 class SceneSection(Section):
     """[scene]: what the camera looks at and how accurate the PSF must be; the defaults ask for nothing extra.
 
-    ``depth`` is the nearest and the farthest object, ``field`` the largest image height, ``gap`` the distance from the
-    panel to the stop; ``aberrations`` are pairs of Noll's number and waves at the first wavelength. ``spectrum`` is the
-    camera's own lines, the bundled colour camera, or a file of its response; ``illuminant``, for colours alone, is a
-    black body's temperature in kelvins, a file of one curve, or equal energy at all wavelengths. A file is a path
-    relative to the job file, or a key of [curves].
+    A file is a path relative to the job file, or a key of [curves].
     """
 
     accuracy: Accuracy = 1e-3
+    """Largest relative L2 error of the PSF: "draft" 1e-2, "standard" 1e-3, "certify" 1e-6, or a number."""
     depth: Depth = (math.inf, math.inf)
+    """Nearest and farthest object."""
     focus: Distance = math.inf
+    """Distance of the object that is in focus."""
     field: LengthOrZero = 0.0
+    """Largest image height."""
     gap: LengthOrZero = 0.0
+    """Distance from the panel to the stop."""
     aberrations: Aberrations = ()
+    """Pairs of Noll's number and waves at the first wavelength."""
     saturation: bool = False
+    """Highlights clip at the sensor; left to the capture, adds nothing to the PSF."""
     spectrum: Spectrum = "lines"
+    """"lines" of the camera, "rgb", a generic colour camera, or the path of a response."""
     illuminant: Illuminant = "equal"
+    """Light on the scene, for colours: "equal" energy, a black body such as "6500 K", or a file of one curve."""
 
 
 DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references")
@@ -390,26 +462,34 @@ DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references
 class ExportSection(Section):
     """[export]: the files of a plate, and how their polygons are drawn.
 
-    A die with more than ``max_references`` puts two pixels in each cell; ``dots_per_um`` sets the pixels of PNG and
-    TIFF. The format ``exr`` is of the PSFs that are measured in the files before it.
-
-    ``shop`` is a mask shop: its name, or the path of your own profile, relative to the job file. Its rules are checked
-    on every GDSII, OASIS, DXF and Gerber file with all its layers; SVG, solids and pictures are for people. Formats and
-    drawing options that the job states are honoured and checked. Those it omits are None and default to the shop's: its
-    first format, and polygons as ``maskfab package`` would draw them, except that holes never get a layer of their own.
+    Formats and drawing options that the job states are honoured and checked against the shop's rules. Those it omits
+    are None with a shop and default to the shop's: its first format, and polygons as ``maskfab package`` would draw
+    them, except that holes never get a layer of their own. The format ``exr`` is of the PSFs that are measured in the
+    files before it.
     """
 
     formats: Formats | None = MASK_FORMATS
+    """File formats; the first four if left out."""
     shop: str | None = None
+    """A mask shop: its name, or the path of your own profile. Its rules are checked on every mask file."""
     hierarchy: Literal["cells", "flat", "merged"] | None = "cells"
+    """Cells placed by reference, flat polygons, or polygons merged across pixels."""
     max_vertices: int | None = Field(default=4094, ge=4, le=4094)
+    """Most vertices of a polygon."""
     holes: Literal["bisect", "keyhole", "trapezoids"] | None = "bisect"
+    """Way in which outlines with holes are written."""
     corners: Literal["apart", "joined"] | None = "apart"
+    """Dots that touch at a corner: apart, or joined in one outline."""
     max_references: int | None = Field(default=None, ge=1)
+    """References of a die above which two pixels share a cell."""
     dots_per_um: float = Field(default=0.125, gt=0, le=MOST_DOTS_PER_UM, allow_inf_nan=False)
+    """Pixels per micrometre of PNG and TIFF."""
     stl_limit_mb: float = Field(default=100.0, gt=0, le=10_000, allow_inf_nan=False)
+    """Largest STL, MB."""
     chrome: Length = 0.1
+    """Thickness of the film in solids."""
     exaggeration: float = Field(default=1.0, ge=1, le=1e6, allow_inf_nan=False)
+    """Factor on that thickness, to make it visible."""
 
     @model_validator(mode="before")
     @classmethod
@@ -421,10 +501,12 @@ class ExportSection(Section):
 
 
 class ProcessSection(Section):
-    """[process]: what the mask writer does to corners and widths; a positive ``cd_bias`` widens what is clear."""
+    """[process]: what the mask writer does to corners and widths."""
 
     corner_radius: LengthOrZero = 0.0
+    """Radius to which the writer rounds corners."""
     cd_bias: SignedLength = 0.0
+    """Change of width of a clear line; positive widens what is clear."""
 
     def process(self) -> Process:
         """The process of the model."""
@@ -432,9 +514,7 @@ class ProcessSection(Section):
 
 
 class JobSpec(Section):
-    """A whole job file. ``openings``, ``maps``, ``curves`` and ``shops`` hold files by the names that dies, [scene] and
-    [export] use: a job is then self-contained.
-    """
+    """A whole job file."""
 
     job: JobSection | None = None
     camera: CameraSection
@@ -450,9 +530,13 @@ class JobSpec(Section):
     export: ExportSection | None = None
     process: ProcessSection | None = None
     openings: dict[str, str] = {}
+    """Openings as text, by the names that dies use: a job is then self-contained."""
     maps: dict[str, str] = {}
+    """Orientation maps as text, by the names that dies use."""
     curves: dict[str, str] = {}
+    """Spectral tables as text, by the names that [scene] uses."""
     shops: dict[str, str] = {}
+    """Profiles of mask shops as text, by the names that [export] uses."""
 
     def dump(self) -> dict[str, Any]:
         """Plain data that loads to an equal spec; defaults are written out, so that they are part of the job's hash.

@@ -1,0 +1,198 @@
+"""The keys of a job file: form, default and meaning of each, as ``maskfab explain`` and the documentation give them.
+
+Form and default are those of the types that check a job; the meaning is the text that stands below each key in
+:mod:`maskfab.jobfile.sections`.
+"""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import json
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cache
+from types import MappingProxyType
+from typing import Any, get_args
+
+from pydantic.fields import FieldInfo
+
+from maskfab.errors import JobError
+from maskfab.jobfile import sections
+from maskfab.jobfile.sections import JobSpec, Section
+
+_FORMS: Mapping[str, str] = MappingProxyType(
+    {
+        "LengthOrZero": 'length with its unit, or "0 um"',
+        "SignedLength": 'length of either sign, such as "-0.1 um"',
+        "PlateLength": 'length up to 2 m, such as "5 in"',
+        "Length": 'length with its unit, such as "8 um"',
+        "Pitch": 'length or resolution, such as "168 um" or "302 DPI"',
+        "Wavelength": 'list of lengths, such as ["610 nm", "530 nm"]',
+        "Area": 'area, such as "1985 um^2"',
+        "ThreeColours": "three positive numbers: red, green, blue",
+        "Corners": 'list of pairs of lengths, such as [["1 mm", "0 mm"], ...]',
+        "Counts": "list of whole numbers, or { from, to, step }",
+        "Accuracy": '"draft", "standard", "certify" or a number',
+        "Depth": 'pair of distances, such as ["1 m", "inf"]',
+        "Distance": 'length, or "inf"',
+        "Aberrations": "list of pairs, such as [[11, 0.02]]",
+        "Spectrum": '"lines", "rgb" or a file',
+        "Illuminant": '"equal", a temperature such as "6500 K", or a file',
+        "Formats": "list of formats",
+        "Name": "name",
+        "DrawnText": "ASCII text",
+        "ObjectiveName": "table of an objective's name and its weight",
+    }
+)
+_PLAIN: Mapping[str, str] = MappingProxyType(
+    {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "object": "table"}
+)
+_LIMITS: Mapping[str, str] = MappingProxyType(
+    {"minimum": ">=", "exclusiveMinimum": ">", "maximum": "<=", "exclusiveMaximum": "<"}
+)
+
+
+@dataclass(frozen=True)
+class Key:
+    """One key of a job file.
+
+    Attributes:
+        section: its table, such as ``camera.stop``; of a method of [design], ``design (method = "relax")``.
+        name: the key.
+        form: kind of value, with range or choices.
+        default: value as a job file writes it; None for a required key, empty where leaving it out means none.
+        meaning: one or two sentences.
+    """
+
+    section: str
+    name: str
+    form: str
+    default: str | None
+    meaning: str
+
+    @property
+    def path(self) -> str:
+        """Table and key, without the method that the key is for."""
+        return f"{self.section.partition(' ')[0]}.{self.name}".lstrip(".")
+
+
+@dataclass(frozen=True)
+class Table:
+    """One table of a job file: its name, its text, and its keys."""
+
+    name: str
+    meaning: str
+    keys: tuple[Key, ...]
+
+
+@cache
+def tables() -> tuple[Table, ...]:
+    """Every table of a job file, in the order in which a job states them."""
+    return tuple(_tables(JobSpec, ""))
+
+
+def described(path: str) -> tuple[Key, ...]:
+    """The keys of a path such as ``camera.stop.diameter``, or of a table such as ``camera`` or ``[camera]``.
+
+    Raises:
+        JobError: MF105 for an unknown path, with those that look like it.
+    """
+    paths = [key.path for table in tables() for key in table.keys]
+    wanted = path.strip().strip("[]").lower()
+    keys = tuple(key for table in tables() for key in table.keys if wanted in {key.path, key.path.rpartition(".")[0]})
+    if not (wanted and keys):
+        near = get_close_matches(wanted.rpartition(".")[2], {each.rpartition(".")[2] for each in paths}, n=3)
+        meant = [each for each in paths if each.rpartition(".")[2] in near] or get_close_matches(wanted, paths, n=3)
+        listed = "maskfab explain lists all codes; a key is written as camera.pixel, a table as camera"
+        cure = f"Did you mean {' or '.join(meant)}? {listed}" if meant else listed
+        raise JobError("MF105", f"a job has no key or table {path!r}", where="KEY", cure=cure)
+    return keys
+
+
+def _tables(model: type[Section], name: str) -> Iterator[Table]:
+    inner = {key: list(_models(field)) for key, field in model.model_fields.items()}
+    own = tuple(_key(model, name, key) for key in model.model_fields if not inner[key])
+    if own:
+        yield Table(name, inspect.cleandoc(model.__doc__ or ""), own)
+    for key, models in inner.items():
+        path = f"{name}.{key}".lstrip(".")
+        if len(models) == 1:
+            yield from _tables(models[0], path)
+        elif models:
+            yield from _methods(models, path)
+
+
+def _methods(models: list[type[Section]], path: str) -> Iterator[Table]:
+    """A table whose keys depend on its method: those in common, then those of each."""
+    common = next(base for base in models[0].__mro__[1:] if issubclass(base, Section))
+    yield from _tables(common, path)
+    for model in models:
+        method = f'{path} (method = "{model.__name__.removesuffix("Section").lower()}")'
+        own = [key for key in model.model_fields if key not in common.model_fields]
+        yield Table(method, inspect.cleandoc(model.__doc__ or ""), tuple(_key(model, method, key) for key in own))
+
+
+def _models(field: FieldInfo) -> Iterator[type[Section]]:
+    """The sections that a field holds."""
+    stack: list[Any] = [field.annotation]
+    while stack:
+        each = stack.pop(0)
+        if isinstance(each, type) and issubclass(each, Section):
+            yield each
+        else:
+            stack[:0] = get_args(each)
+
+
+def _key(model: type[Section], section: str, name: str) -> Key:
+    written, meaning = next(
+        _source()[base.__name__, name] for base in model.__mro__ if (base.__name__, name) in _source()
+    )
+    return Key(section, name, _form(model, name, written), _default(model, name), meaning)
+
+
+@cache
+def _source() -> Mapping[tuple[str, str], tuple[str, str]]:
+    """Annotation and text of every key, by class and name, from the source of the sections."""
+    return MappingProxyType(
+        {
+            (section.name, key.target.id): (ast.unparse(key.annotation), " ".join(text.value.value.split()))
+            for section in ast.parse(inspect.getsource(sections)).body
+            if isinstance(section, ast.ClassDef)
+            for key, text in zip(section.body, section.body[1:], strict=False)
+            if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)
+            if isinstance(text, ast.Expr) and isinstance(text.value, ast.Constant) and isinstance(text.value.value, str)
+        }
+    )
+
+
+def _form(model: type[Section], name: str, written: str) -> str:
+    for word in re.findall(r"\w+", written):
+        if word in _FORMS:
+            return _FORMS[word]
+    stated = model.model_json_schema()
+    schema = stated["properties"][name]
+    choices = [each for each in schema.get("anyOf", [schema]) if each.get("type") != "null"]
+    schema = choices[0]
+    if "$ref" in schema:
+        schema = stated["$defs"][schema["$ref"].rpartition("/")[2]]
+    if "items" in schema or "prefixItems" in schema:
+        inner = schema.get("items") or schema["prefixItems"][0]
+        return f"list of {_words(inner)}"
+    return _words(schema)
+
+
+def _words(schema: Mapping[str, Any]) -> str:
+    if "enum" in schema:
+        return ", ".join(json.dumps(each) for each in schema["enum"])
+    limits = [f"{sign} {schema[key]:,.15g}".replace(",", " ") for key, sign in _LIMITS.items() if key in schema]
+    return ", ".join([_PLAIN[schema["type"]], *limits])
+
+
+def _default(model: type[Section], name: str) -> str | None:
+    if model.model_fields[name].is_required():
+        return None
+    value = model.model_construct().model_dump(mode="json", include={name})[name]
+    return "" if value is None or value == {} else json.dumps(value)

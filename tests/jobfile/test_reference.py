@@ -1,0 +1,77 @@
+"""The reference of a job's keys agrees with the types that check a job."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+from pydantic import TypeAdapter
+
+from maskfab.errors import JobError
+from maskfab.jobfile.reference import Key, described, tables
+from maskfab.jobfile.sections import AnyDesign, JobSpec, Section
+
+KEYS = [key for table in tables() for key in table.keys]
+
+
+NEEDED = {"camera.stop": {"diameter": 1.0}}
+"""What a section must hold besides the key that is looked at."""
+
+
+def fields(model: type[Section]) -> set[str]:
+    """Names of the keys below a section, as JSON schema sees them."""
+    schema = model.model_json_schema()
+    sections = {"JobSpec": schema, **schema["$defs"]}
+    return {name for each in sections.values() for name in each.get("properties", {})}
+
+
+def test_every_key_of_the_schema_is_described_and_no_other():
+    tables_ = {place for table in tables() for place in table.name.partition(" ")[0].split(".")}
+    assert {key.name for key in KEYS} | tables_ - {""} == fields(JobSpec)
+
+
+@pytest.mark.parametrize("key", [key for key in KEYS if key.default], ids=lambda key: key.path)
+def test_a_default_is_a_value_that_a_job_may_state(key: Key):
+    value = json.loads(key.default or "")
+    if key.section.startswith("design (") or key.section == "design":
+        method = {"method": "relax"} if "relax" in key.section else {}
+        needed = {"name": "A", "dots": 3, "pitch": "24 um", "clear_dots": 1}
+        spec = TypeAdapter(AnyDesign).validate_python({**needed, **method, key.name: value})
+        assert spec == TypeAdapter(AnyDesign).validate_python({**needed, **method})
+        return
+    model: type[Section] = JobSpec
+    for part in key.section.split("."):
+        model = next(each for each in held(model.model_fields[part].annotation))
+    adapter = model.__pydantic_validator__
+    left_out, stated = (
+        model.model_construct(),
+        model.model_construct(**NEEDED.get(key.section, {}), **{key.name: value}),
+    )
+    assert adapter.validate_assignment(stated, key.name, value).__dict__[key.name] == left_out.__dict__[key.name]
+
+
+def held(annotation: object):
+    if isinstance(annotation, type) and issubclass(annotation, Section):
+        yield annotation
+    for each in getattr(annotation, "__args__", ()):
+        yield from held(each)
+
+
+@pytest.mark.parametrize(
+    ("path", "names"),
+    [
+        ("camera.stop.diameter", {"diameter"}),
+        ("[process]", {"corner_radius", "cd_bias"}),
+        ("design.anneal", {"anneal"}),
+        ("design.objective", {"objective"}),
+    ],
+)
+def test_a_path_finds_a_key_or_the_keys_of_a_table(path, names):
+    assert {key.name for key in described(path)} == names
+
+
+@pytest.mark.parametrize(("typed", "meant"), [("camera.pixl", "camera.pixel"), ("gap", "scene.gap"), ("", "camera")])
+def test_an_unknown_path_is_refused_with_what_was_meant(typed, meant):
+    with pytest.raises(JobError, match="MF105") as refused:
+        described(typed)
+    assert meant in str(refused.value)
