@@ -39,7 +39,8 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -
     if isinstance(shapes, np.ndarray):
         placed = _placed(shapes, x_edges, y_edges)
         if not any(share.any() for _, share in placed):
-            return np.minimum(_box_coverage(placed, x_edges.size, y_edges.size), 1.0)
+            shares = _box_coverage(placed, x_edges.size, y_edges.size)
+            return np.minimum(shares, 1.0, out=shares)
         shapes = _region_of(shapes)
     merged = shapes if shapes.is_merged() else shapes.merged(True, 1)
     if _is_manhattan(merged):
@@ -47,7 +48,7 @@ def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -
         shares = _box_coverage(placed, x_edges.size, y_edges.size)
     else:
         shares = _edge_coverage(_segments(merged), x_edges, y_edges)
-    return np.clip(shares, 0.0, 1.0)
+    return np.clip(shares, 0.0, 1.0, out=shares)
 
 
 def outline_coverage(edges: Floats, x_edges: Floats, y_edges: Floats) -> Floats:
@@ -59,11 +60,8 @@ def outline_coverage(edges: Floats, x_edges: Floats, y_edges: Floats) -> Floats:
         y_edges: float64 [ny + 1], ascending.
     """
     rising = edges[edges[:, 1] != edges[:, 3]][:, [2, 3, 0, 1]]
-    # What edges cover is a sum over them, which takes less memory a part at a time.
-    shares = np.zeros((y_edges.size - 1, x_edges.size - 1))
-    for start in range(0, len(rising), _EDGES_AT_A_TIME):
-        shares += _edge_coverage(rising[start : start + _EDGES_AT_A_TIME], x_edges, y_edges)
-    return np.clip(shares, 0.0, 1.0)
+    shares = _edge_coverage(rising, x_edges, y_edges)
+    return np.clip(shares, 0.0, 1.0, out=shares)
 
 
 def to_boxes(region: db.Region) -> Ints:
@@ -210,6 +208,15 @@ def _segments(region: db.Region) -> Floats:
 
 def _edge_coverage(segments: Floats, x_edges: Floats, y_edges: Floats) -> Floats:
     """Coverage by polygons: an edge covers all that lies to its right, positive upwards and negative downwards."""
+    differences = np.zeros((y_edges.size - 1, x_edges.size + 1))
+    # What edges cover is a sum over them, which takes less memory a part at a time.
+    for start in range(0, len(segments), _EDGES_AT_A_TIME):
+        _add_differences(differences, segments[start : start + _EDGES_AT_A_TIME], x_edges, y_edges)
+    return np.cumsum(differences, axis=1, out=differences)[:, :-2]
+
+
+def _add_differences(differences: Floats, segments: Floats, x_edges: Floats, y_edges: Floats) -> None:
+    """Add what edges change of the coverage from each cell to the next along x."""
     sign = np.sign(segments[:, 3] - segments[:, 1])
     pieces, source = _cut(segments, y_edges, "y")
     sign = sign[source]
@@ -221,11 +228,8 @@ def _edge_coverage(segments: Floats, x_edges: Floats, y_edges: Floats) -> Floats
     rows, _ = _locate(middle_y, y_edges)
     share = sign * np.abs(pieces[:, 3] - pieces[:, 1]) / np.diff(y_edges)[rows]
     columns, u = _locate((pieces[:, 0] + pieces[:, 2]) / 2, x_edges)
-    differences = np.zeros((y_edges.size - 1, x_edges.size + 1))
     np.add.at(differences, (rows, columns), share * (1 - u))
     np.add.at(differences, (rows, columns + 1), share * u)
-    sums: Floats = differences.cumsum(axis=1)
-    return sums[:, :-2]
 
 
 def _cut(segments: Floats, edges: Floats, axis: Literal["x", "y"]) -> tuple[Floats, NDArray[np.intp]]:

@@ -22,6 +22,7 @@ from maskfab.jobfile import SceneSection, check_lens, check_optics, even_nm, is_
 from maskfab.measure.apertures import aperture_in_stop, edge_distances
 from maskfab.measure.optics import (
     INVARIANT_LIMIT_ROUND,
+    LitPupils,
     lit_pupils,
     measure,
     measure_pupils,
@@ -46,6 +47,7 @@ from maskfab.model import (
     Tiling,
 )
 from maskfab.opening import openings
+from maskfab.optics.field.polygon_field import Boundary
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.image.psf import pixel_margin
 from maskfab.optics.light.response import curves_text
@@ -292,7 +294,7 @@ def _name(path: Path) -> str:
 
 
 @dataclass(frozen=True, eq=False)
-class _Seen:
+class _Drawn:
     """A mask file as far as the stop sees it; the polygons themselves, which take more memory than all else, are gone.
 
     Attributes:
@@ -310,61 +312,98 @@ class _Seen:
     aperture: Aperture
 
 
+@dataclass(frozen=True, eq=False)
+class _Seen:
+    """What the optics needs of it; edges and aperture, as large as all of this, are gone.
+
+    Attributes:
+        name: of the cell.
+        area_um2: clear area before the stop.
+        dot_um: side of the raster's dots.
+        outline: the polygons, cut by the stop.
+        pupil: their raster inside the stop.
+        lit: the lags.
+    """
+
+    name: str
+    area_um2: float
+    dot_um: float
+    outline: Boundary
+    pupil: Pupil
+    lit: LitPupils
+
+
 def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
-    seen, camera, stop = _see(path, request), request.camera, request.camera.stop
+    seen = _see(path, request)
     give_back()
-    pupil = cut(seen.aperture, stop)
-    standard = _measure_seen(seen, pupil, request, progress)
+    standard, pupil = _measure_seen(seen, request, progress), seen.pupil
+    del seen
     give_back()
-    bar = bar_quantities(model_bar(pupil, camera, request.blank), camera, None)
+    bar = bar_quantities(model_bar(pupil, request.camera, request.blank), request.camera, None)
     return replace(standard, quantities=(*standard.quantities, *bar))
 
 
 def _see(path: Path, request: Request) -> _Seen:
+    drawn, camera = _draw(path, request), request.camera
+    give_back()
+    name, area, dot_um, aperture = drawn.name, drawn.area_um2, drawn.lattice.dot_um, drawn.aperture
+    outline = stop_boundary(drawn.edges_um, area, camera, pixel_margin(camera))
+    pupil, leak = cut(aperture, camera.stop), Leak.of(request.blank, camera.stop)
+    parts = () if leak is None else leak.pupils(aperture)
+    del drawn, aperture
+    return _Seen(name, area, dot_um, outline, pupil, lit_pupils(pupil, parts, leak, camera))
+
+
+def _draw(path: Path, request: Request) -> _Drawn:
     dots = _dots(request)
+    name, layer, inside = _polygons(path, request)
+    camera, stop = request.camera, request.camera.stop
+    edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
+    if area <= 0:
+        raise SourceError(
+            "MF309",
+            f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry",
+            where=f"cell {name}, layer {layer}",
+            cure="Name another --cell or --layer, or use a larger --stop",
+        )
+    lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
+    check_optics(camera, lattice.dot_um, where=str(path))
+    return _Drawn(name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)))
+
+
+def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Region]:
+    """Cell, layer, and their polygons as far as a stop in the middle of all sees them, about that middle."""
     layout = read_layout(path, request.unit_um)
     try:
         cell = find_cell(layout, request.cell)
         layer = find_layer(layout, request.layer)
     except SourceError as problem:  # these two know the layout, but not its file
         raise SourceError(problem.code, problem.what, where=str(path), cure=problem.cure) from None
-    camera, stop = request.camera, request.camera.stop
     index = layout.find_layer(layer)
     box = _polygons_box(layout, index, cell)
     centre = ((box.left + box.right) // 2, (box.bottom + box.top) // 2)
-    near = stop_box(stop, centre, _LARGEST_DOT_NM)
-    _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), stop)
-    inside = region(layout, layer, near, cell.name).moved(-centre[0], -centre[1])
-    edges, area = edges_in_stop(inside, stop, (0.0, 0.0))
-    if area <= 0:
-        raise SourceError(
-            "MF309",
-            f"{path} has nothing clear inside a stop of {stop.diameter_um:g} um round the middle of its geometry",
-            where=f"cell {cell.name}, layer {layer}",
-            cure="Name another --cell or --layer, or use a larger --stop",
-        )
-    lattice = _lattice(_coordinates_nm(inside, stop), request, dots)
-    check_optics(camera, lattice.dot_um, where=str(path))
-    return _Seen(cell.name, edges, area, lattice, aperture_in_stop(lattice, lattice, inside, edges, stop, (0.0, 0.0)))
+    near = stop_box(request.camera.stop, centre, _LARGEST_DOT_NM)
+    _allow_optics(path, cell.begin_shapes_rec_overlapping(index, db.Box(*near)), request.camera.stop)
+    return cell.name, layer, region(layout, layer, near, cell.name).moved(-centre[0], -centre[1])
 
 
-def _measure_seen(seen: _Seen, pupil: Pupil, request: Request, progress: Progress) -> Analysis:
-    camera, leak = request.camera, Leak.of(request.blank, request.camera.stop)
-    outline = stop_boundary(seen.edges_um, seen.area_um2, camera, pixel_margin(camera))
-    lit = lit_pupils(seen.aperture, pupil, leak, camera)
+def _measure_seen(seen: _Seen, request: Request, progress: Progress) -> Analysis:
+    camera, lit = request.camera, seen.lit
     header = (
         *metrics.model_notes(camera),
         metrics.stop_open_ratio(
             seen.area_um2, camera, None, "area of the file's polygons inside the stop over the stop's"
         ),
-        metrics.mtf_volume(lit.table, seen.area_um2, None, INVARIANT_LIMIT_ROUND, leak),
+        metrics.mtf_volume(lit.table, seen.area_um2, None, INVARIANT_LIMIT_ROUND, lit.leak),
     )
 
     def difference(error: float, wavelength: float) -> Quantity:
-        method = f"relative L2 between the polygons' PSF and that of their raster of {seen.lattice.dot_um:g} um"
+        method = f"relative L2 between the polygons' PSF and that of their raster of {seen.dot_um:g} um"
         return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
 
-    found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress)
+    found = measure_pupils(
+        seen.pupil, None, lit, seen.outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress
+    )
     return Analysis(seen.name, found.psfs, found.mtfs, (*header, *found.quantities))
 
 

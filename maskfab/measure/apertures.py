@@ -23,6 +23,8 @@ Shapes: TypeAlias = db.Region | Ints
 _WHOLE = 1e-8
 """Share of an interval within the stop to which the stop's polygon and its grid tell what is clear."""
 
+_ROWS_AT_A_TIME = 64
+
 
 def axis_nm(die: Die) -> tuple[float, float]:
     """Where the optical axis meets the plate: the middle of the panel."""
@@ -70,15 +72,15 @@ def aperture_in_stop(
     """
     lines = x.edges_um(), y.edges_um()
     covered = coverage(shapes, *lines_nm(x, y, axis))
-    row, column = np.nonzero((covered > 0) & (covered < 1))
-    cut = _beyond(stop, lines[0][column], lines[0][column + 1], lines[1][row], lines[1][row + 1])
-    if cut.any():
+    row, column = _grey_beyond(covered, stop, *lines)
+    if row.size:
         of_stop, _ = edges_in_stop(db.Region(db.Box(*stop_box(stop, (0.0, 0.0)))), stop, (0.0, 0.0))
-        clear, whole = (outline_coverage(edges, *lines)[row[cut], column[cut]] for edges in (edges_um, of_stop))
+        clear, whole = (outline_coverage(edges, *lines)[row, column] for edges in (edges_um, of_stop))
         share = np.clip(clear / np.where(whole > 0, whole, 1.0), 0.0, 1.0)
         share[clear < _WHOLE] = 0.0
         share[whole - clear < _WHOLE] = 1.0
-        covered[row[cut], column[cut]] = share
+        covered[row, column] = share
+    covered.flags.writeable = False
     return read_aperture(x, y, covered)
 
 
@@ -111,10 +113,21 @@ def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> 
     return distances, not bool((upright | level).all())
 
 
-def _beyond(stop: Stop, x0: Floats, x1: Floats, y0: Floats, y1: Floats) -> NDArray[np.bool_]:
-    """Whether intervals reach beyond a centred stop."""
-    inside, _ = whole_or_away(stop.scaled(1e3, 1e3), *(1e3 * each for each in (x0, y0, x1, y1)))
-    return ~inside
+def _grey_beyond(covered: Floats, stop: Stop, x_um: Floats, y_um: Floats) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """Rows and columns of intervals that are clear in part and reach beyond a centred stop.
+
+    Of foreign polygons most intervals may be clear in part, so they are looked at a few rows at a time.
+    """
+    found = []
+    for start in range(0, len(covered), _ROWS_AT_A_TIME):
+        some = covered[start : start + _ROWS_AT_A_TIME]
+        row, column = np.nonzero((some > 0) & (some < 1))
+        row += start
+        sides = (x_um[column], y_um[row], x_um[column + 1], y_um[row + 1])
+        inside, _ = whole_or_away(stop.scaled(1e3, 1e3), *(1e3 * side for side in sides))
+        found.append((row[~inside], column[~inside]))
+    row, column = (np.concatenate(each) for each in zip(*found, strict=True))
+    return row, column
 
 
 def _on_grid(edges_nm: Floats) -> Floats:

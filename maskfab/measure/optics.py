@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -92,10 +92,9 @@ def _pupils(
     design_pupil = pupil if np.array_equal(read.transmission, designed.transmission) else cut(designed, stop)
     # Of a wide stop each of these takes hundreds of megabytes.
     del designed
-    if leak is None:
-        del read
-        return pupil, design_pupil, _lags_of(pupil, camera)
-    return pupil, design_pupil, lit_pupils(read, pupil, leak, camera)
+    parts = () if leak is None else leak.pupils(read)
+    del read
+    return pupil, design_pupil, lit_pupils(pupil, parts, leak, camera)
 
 
 def measure_pupils(
@@ -180,20 +179,28 @@ class LitPupils:
     leak: Leak | None
 
 
-def lit_pupils(openings: Aperture, pupil: Pupil, leak: Leak | None, camera: Camera) -> LitPupils:
-    """The lags that the camera needs, of openings, of what the stop leaves of them, and of the film."""
+def lit_pupils(pupil: Pupil, parts: Iterable[Pupil], leak: Leak | None, camera: Camera) -> LitPupils:
+    """The lags that the camera needs.
+
+    Args:
+        pupil: openings inside the stop.
+        parts: of the amplitude of openings and film, see :meth:`maskfab.optics.image.leak.Leak.pupils`; none without a
+            leak.
+        leak: of the film.
+        camera: what looks through them.
+    """
+    reach = longest_lag_um(camera)
     if leak is None:
-        return _lags_of(pupil, camera)
-    parts = leak.pupils(openings)
-    along = [axis_lags(part, part.energy_um2) for part in parts]
+        table = lag_table(pupil, reach)
+        return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
+
+    def lags(part: Pupil) -> tuple[LagTable, tuple[AxisLags, AxisLags]]:
+        return lag_table(part, reach), axis_lags(part, part.energy_um2)
+
+    # The variable of a loop would keep every part until the next one is made.
+    tables, along = zip(*map(lags, parts), strict=True)
     x, y = (replace(each[0], values=sum(part.values for part in each)) for each in zip(*along, strict=True))
-    return LitPupils(leak.lag_table(pupil, parts, longest_lag_um(camera)), (x, y), leak)
-
-
-def _lags_of(pupil: Pupil, camera: Camera) -> LitPupils:
-    """The lags where the film is opaque."""
-    table = lag_table(pupil, longest_lag_um(camera))
-    return LitPupils(table, axis_lags(pupil, table.energy_um2), None)
+    return LitPupils(leak.lag_table(pupil, tables, reach), (x, y), leak)
 
 
 def _of_polygons(quantity: Quantity) -> Quantity:

@@ -68,7 +68,7 @@ def test_a_real_leak_is_that_of_an_aperture_that_passes_it(stop, blank):
     (found,) = point_psfs(cut(plain, stop), camera, leak=leak)
     expected = point_psf(cut(leaking(plain, leak.amplitude.real), stop), camera, 530.0)
     np.testing.assert_allclose(found.values, expected.values, atol=1e-10 * expected.values.max())
-    table = lit_pupils(plain, cut(plain, stop), leak, camera).table
+    table = lit_pupils(cut(plain, stop), leak.pupils(plain), leak, camera).table
     alone = lag_table(cut(leaking(plain, leak.amplitude.real), stop), table.reach_um)
     lags = np.linspace(0, 60, 31)
     np.testing.assert_allclose(table.otf(lags, 0.3 * lags), alone.otf(lags, 0.3 * lags), atol=1e-12)
@@ -142,7 +142,7 @@ def test_the_volume_under_the_mtf_is_mean_amplitude_squared_over_mean_intensity(
         leak = Leak.of(blank, stop)
         t = leak.amplitude
         expected = abs(eta + t * (1 - eta)) ** 2 / (eta + abs(t) ** 2 * (1 - eta)) * stop.area_um2
-        table = leak.lag_table(pupil, leak.pupils(aperture), np.inf)
+        table = leak.lag_table(pupil, [lag_table(part) for part in leak.pupils(aperture)], np.inf)
         assert table.volume_um2 == pytest.approx(expected, rel=1e-12)
 
 
@@ -154,7 +154,7 @@ def test_the_bar_of_the_mtf_holds_what_it_leaves_out(gutter_nm):
     assert np.allclose(np.diff(edges), 8.0)
     leak = Leak.of(MaskBlank(2.0, 0.3), stop)
     pupil = cut(aperture, stop)
-    table = leak.lag_table(pupil, leak.pupils(aperture), np.inf)
+    table = leak.lag_table(pupil, [lag_table(part) for part in leak.pupils(aperture)], np.inf)
     film = cut(replace(aperture, transmission=1 - aperture.transmission), stop).mean_transmission
     amplitude = pupil.mean_transmission + leak.amplitude * film
     size = 2 * len(amplitude)

@@ -206,10 +206,12 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
         reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
     """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
-    values = _autocorrelation(pupil, _blocks(pupil, pupil.mean_transmission), reach_um) * dot_area
+    values = _autocorrelation(pupil, _blocks(pupil, pupil.mean_transmission), reach_um)
+    values *= dot_area
     spread = float(pupil.variance.sum()) * dot_area
     values[0, 0, 0, 0] += spread
     energy = float(values[0, 0, 0, 0])
+    values.flags.writeable = False
     rim = rim_lags(pupil, reach_um)
     unknown = shape_errors(pupil, energy, cut_dots=rim is None)
     # Areas are told to some last places of the stop's.
@@ -236,32 +238,33 @@ def shape_errors(pupil: Pupil, energy_um2: float, *, cut_dots: bool) -> tuple[fl
         return 0.0, 0.0
     share = pupil.x.dot_um * pupil.y.dot_um / energy_um2
     spread = float(variance.sum())
-    beyond = (_largest_overlap(np.sqrt(variance)) + 1.5 * float(np.sqrt(spread))) * share
+    beyond = (_largest_overlap(variance) + 1.5 * float(np.sqrt(spread))) * share
     return min(beyond + spread * share, 1.0), min(beyond, 1.0)
 
 
-def _largest_overlap(deviation: Floats) -> float:
-    """The largest autocorrelation, lag 0 aside, of the intervals' standard deviations.
+def _largest_overlap(variance: Floats) -> float:
+    """The largest autocorrelation, lag 0 aside, of the standard deviations of intervals of such variances.
 
     Gutters count as intervals, which makes some lags alike that are not; their sums are still a bound.
     """
-    row, column = np.nonzero(deviation)
-    height, width = deviation.shape
-    if row.size**2 <= _MOST_PAIRS:
-        value = deviation[row, column]
+    height, width = variance.shape
+    if np.count_nonzero(variance) ** 2 <= _MOST_PAIRS:
+        row, column = np.nonzero(variance)
+        value = np.sqrt(variance[row, column])
         place = row * 2 * width + column
         first, second = np.nonzero(place[:, None] > place)
         found = np.bincount(place[first] - place[second], value[first] * value[second])
         return float(found.max(initial=0.0))
     sizes = [scipy.fft.next_fast_len(2 * n - 1, real=True) for n in (height, width)]
     # A bound needs no more than single precision, whose error is added.
-    blocks, padded = deviation.astype(np.float32)[:, None, None, :], [sizes[0], 1, 1, sizes[1]]
+    deviation, padded = np.empty(variance.shape, dtype=np.float32), [sizes[0], 1, 1, sizes[1]]
+    np.sqrt(variance, out=deviation, casting="same_kind")
     largest = 0.0
-    for rows, lags in _lags(_power(blocks, padded), padded):
+    for rows, lags in _lags(_power(deviation[:, None, None, :], padded), padded):
         if rows.start == 0:
             lags[0, 0, 0, 0] = 0.0
         largest = max(largest, float(lags.max()))
-    return largest + _SINGLE * float((deviation**2).sum())
+    return largest + _SINGLE * float(variance.sum())
 
 
 def _blocks(pupil: Pupil, values: Floats) -> Floats:

@@ -14,14 +14,16 @@ Notes:
 from __future__ import annotations
 
 import cmath
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import reduce
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import MaskBlank, Stop
 from maskfab.optics.field.clear_stop import clear_field
-from maskfab.optics.image.lag_table import LagTable, lag_table
+from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
@@ -75,32 +77,33 @@ class Leak:
         lacking = self.energy_um2(clear_um2) - energy_um2
         return lacking / abs(self.amplitude) ** 2 if lacking > 1e-9 * energy_um2 else 0.0
 
-    def pupils(self, aperture: Aperture) -> tuple[Pupil, ...]:
+    def pupils(self, aperture: Aperture) -> Iterator[Pupil]:
         """Real and imaginary part of the amplitude of dots inside the stop; the latter only if there is one.
 
-        Strips between cells stay dark, for lags are those of dots.
+        Strips between cells stay dark, for lags are those of dots. One part at a time is made: of a fine grid each
+        takes hundreds of megabytes.
         """
         x, y, t = aperture.x, aperture.y, aperture.transmission
-        film = np.zeros(t.shape)
-        dots = np.ix_(y.dot_index().ravel(), x.dot_index().ravel())
-        film[dots] = 1 - t[dots]
         step, turned = self.amplitude.real, self.amplitude.imag
-        found = [cut(Aperture(x, y, t + step * film, (1 - step) ** 2 * aperture.variance), self.stop)]
+        film = 1 - t
+        for rows, dots in ((film, y.dot_index()), (film.T, x.dot_index())):
+            rows[np.setdiff1d(np.arange(len(rows)), dots)] = 0.0
+        yield cut(Aperture(x, y, t + step * film, (1 - step) ** 2 * aperture.variance), self.stop)
         if abs(turned) > 1e-15:
-            found.append(cut(Aperture(x, y, turned * film, turned**2 * aperture.variance), self.stop))
-        return tuple(found)
+            film *= turned
+            yield cut(Aperture(x, y, film, turned**2 * aperture.variance), self.stop)
 
-    def lag_table(self, openings: Pupil, parts: tuple[Pupil, ...], reach_um: float) -> LagTable:
-        """The table of lags of :meth:`pupils`, as of :func:`maskfab.optics.image.lag_table.lag_table`.
+    def lag_table(self, openings: Pupil, tables: Sequence[LagTable], reach_um: float) -> LagTable:
+        """The table of lags of all that passes light, as of :func:`maskfab.optics.image.lag_table.lag_table`.
 
         Args:
             openings: inside the stop, without the leak.
-            parts: of the amplitude.
+            tables: of every one of :meth:`pupils`.
             reach_um: the largest lag along either axis that will be asked for.
         """
-        tables = [lag_table(part, reach_um) for part in parts]
         energy = sum(table.energy_um2 for table in tables)
-        total = np.sum([table.values for table in tables], axis=0)
+        total = reduce(np.add, [table.values for table in tables])
+        total.flags.writeable = False
         shares = [table.energy_um2 / energy for table in tables]
         strips = abs(self.amplitude) ** 2 * self._strips_um2(openings.energy_um2, float(energy))
         # Cauchy and Schwarz: what is missing, against all, and against itself.

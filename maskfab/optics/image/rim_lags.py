@@ -39,10 +39,10 @@ class RimLags:
     Attributes:
         x, y: the pupil's lattices.
         dots: the cut dots.
-        whole: [ny, nx] transmission of what the stop leaves whole, in a margin of dark intervals; int8 if binary.
+        whole: [ny, nx] transmission of what the stop leaves whole, in a margin of one dark interval; int8 if binary.
         kind: uint8 [ny, nx]: whether an interval and the next ones along x and y are unlike, and whether one of
-            them is cut; and whether it is cut itself.
-        margin: dark intervals on either side along y and along x.
+            them is cut; and whether it is cut itself; 0 in a margin as wide as lags reach.
+        margin: of ``kind``, intervals on either side along y and along x.
         spread_um2: what the means lack at lag 0, and the table has been given there.
     """
 
@@ -69,7 +69,7 @@ class RimLags:
 
     def _correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
         total = np.zeros(lag_x_um.size)
-        width = self.whole.shape[1]
+        width = self.kind.shape[1]
         place = (self.dots.row + self.margin[0]) * width + self.dots.column + self.margin[1]
         place_of_part = place[self.dots.parts.dot]
         batch = max(1, _PAIRS_AT_A_TIME // place_of_part.size)
@@ -87,6 +87,11 @@ class RimLags:
                         if sign > 0:
                             total[part] += meeting.with_cut_um2(place, lag)
         return total
+
+    def in_whole(self, where: Indices) -> Indices:
+        """Flat indices of ``whole`` for those of ``kind`` where it is not 0."""
+        (above, before), across, wide = self.margin, self.whole.shape[1], self.kind.shape[1]
+        return np.asarray(where - where // wide * (wide - across) - ((above - 1) * across + before - 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,21 +137,23 @@ def rim_lags(pupil: Pupil, reach_um: float) -> RimLags | None:
         min(int(min(reach_um / lattice.dot_um, size)) + 2 * lattice.period + 2, size + 1)
         for lattice, size in zip((pupil.y, pupil.x), pupil.whole.shape, strict=True)
     )
-    margins = ((margin_y, margin_y), (margin_x, margin_x))
     binary = bool(((pupil.whole == 0) | (pupil.whole == 1)).all())
     whole: NDArray[np.int8] | Floats
-    whole = np.pad(pupil.whole.astype(np.int8), margins) if binary else np.pad(pupil.whole, margins)
+    whole = np.pad(pupil.whole.astype(np.int8), 1) if binary else np.pad(pupil.whole, 1)
     # Beyond a gutter dots of another cell do not count, so then any clear one makes a difference.
     first = np.zeros((), whole.dtype) if pupil.x.has_gutter or pupil.y.has_gutter else whole[:-1, :-1]
-    kind = np.zeros(whole.shape, dtype=np.uint8)
+    rows, columns = pupil.whole.shape
+    kind = np.zeros((rows + 2 * margin_y, columns + 2 * margin_x), dtype=np.uint8)
+    about = kind[margin_y - 1 : margin_y + rows, margin_x - 1 : margin_x + columns]
     for j in _NEXT:
         for i in _NEXT:
             other = whole[j : whole.shape[0] - 1 + j, i : whole.shape[1] - 1 + i]
-            kind[:-1, :-1] |= (first != other).view(np.uint8) * np.uint8(_UNLIKE)
+            about |= (first != other).view(np.uint8) * np.uint8(_UNLIKE)
     for j in _NEXT:
         for i in _NEXT:
             kind[dots.row + margin_y - j, dots.column + margin_x - i] |= _NEAR_CUT
     kind[dots.row + margin_y, dots.column + margin_x] |= _CUT
+    whole.flags.writeable = kind.flags.writeable = False
     spread = float((dots.mean * (dots.transmission - dots.mean)).sum()) * pupil.x.dot_um * pupil.y.dot_um
     return RimLags(pupil.x, pupil.y, dots, whole, kind, (margin_y, margin_x), spread)
 
@@ -226,15 +233,16 @@ class _Meeting:
 
     def with_whole_um2(self) -> Floats:
         """Change of the overlap with whole dots by shapes, for each lag."""
-        here, right, above, beyond = (self._transmission(j, i) for j in _NEXT for i in _NEXT)
+        first = self.rim.in_whole(self.where)
+        here, right, above, beyond = (self._transmission(first, j, i) for j in _NEXT for i in _NEXT)
         quarters = [each - beyond for each in (here, right, above)]
         share_x, share_y = self.along_x.edge[self.at], self.along_y.edge[self.at]
         excess = self.rim.dots.parts.excess_um2(self.part, share_x, share_y, quarters)
         return np.asarray(np.bincount(self.at, excess, self.along_x.edge.size), dtype=np.float64)
 
-    def _transmission(self, j: int, i: int) -> Floats:
+    def _transmission(self, first: Indices, j: int, i: int) -> Floats:
         """Transmission of the interval met first, or of the next ones along y and x."""
-        value = self.rim.whole.ravel()[self.where + (j * self.rim.whole.shape[1] + i)]
+        value = self.rim.whole.ravel()[first + (j * self.rim.whole.shape[1] + i)]
         dots = self.rim.dots
         for shift, interval, step in ((self.along_x, dots.column, i), (self.along_y, dots.row, j)):
             if shift.lattice.has_gutter:
@@ -250,7 +258,7 @@ class _Meeting:
         """
         near = np.flatnonzero((self.rim.kind.ravel()[self.where] & _NEAR_CUT > 0) & (self.part < place.size))
         j, i = np.array([(j, i) for j in _NEXT for i in _NEXT]).T
-        met = self.where[near] + (j * self.rim.whole.shape[1] + i)[:, None]
+        met = self.where[near] + (j * self.rim.kind.shape[1] + i)[:, None]
         way, k = np.nonzero(self.rim.kind.ravel()[met] & _CUT)
         return self._with_cut(near[k], np.searchsorted(place, met[way, k]), j[way], i[way], lag_um)
 

@@ -85,7 +85,10 @@ class Aperture:
 def covered_aperture(x: Lattice, y: Lattice, coverage: NDArray[np.float64]) -> Aperture:
     """An aperture from the share of every interval that is clear, [ny, nx]; intervals clear in part keep their
     variance c (1 - c), so that energies and error bars stay true."""
-    return Aperture(x, y, coverage, coverage * (1 - coverage))
+    variance = 1 - coverage
+    variance *= coverage
+    variance.flags.writeable = False
+    return Aperture(x, y, coverage, variance)
 
 
 def panel_lattices(panel: Panel) -> tuple[Lattice, Lattice]:

@@ -66,6 +66,8 @@ _EVERY = 2
 
 _PHASES = 360
 
+_ROWS_AT_A_TIME = 128
+
 
 @dataclass(frozen=True)
 class Omission:
@@ -214,6 +216,7 @@ class _Known:
         """Openings before the stop, dots that it cuts whole; what it hides is dark."""
         clear = self.pupil.whole.copy()
         clear[self.pupil.rim_row, self.pupil.rim_column] = self.pupil.rim_transmission
+        clear.flags.writeable = False
         return Aperture(self.pupil.x, self.pupil.y, clear, zeros(clear.shape))
 
     @property
@@ -223,6 +226,7 @@ class _Known:
     def weighted(self, weight: Floats) -> Complexes:
         """The field of the openings times a weight [ny, nx], the dots at the rim grey."""
         grey = self.pupil.mean_transmission * weight
+        grey.flags.writeable = False
         plain = Pupil.of_whole_dots(self.pupil.x, self.pupil.y, grey, self.pupil.stop)
         return field(plain, self.u, self.u, "single").amplitude()
 
@@ -411,10 +415,14 @@ def _bias(known: _Known) -> Omission:
     beside[:-1] += clear[1:]
     beside[:, 1:] += clear[:, :-1]
     beside[:, :-1] += clear[:, 1:]
-    added = (1 - clear) * beside * (ASSUMED_BIAS_UM / 2 / openings.x.dot_um)
     x, y = ((edges[1:] + edges[:-1]) / 2 for edges in (openings.x.edges_um(), openings.y.edges_um()))
-    added *= inside(known.camera.stop, x, y[:, None])
-    wider = Pupil.of_whole_dots(openings.x, openings.y, added, known.camera.stop)
+    for start in range(0, y.size, _ROWS_AT_A_TIME):
+        rows = slice(start, start + _ROWS_AT_A_TIME)
+        beside[rows] *= 1 - clear[rows]
+        beside[rows] *= ASSUMED_BIAS_UM / 2 / openings.x.dot_um
+        beside[rows] *= inside(known.camera.stop, x, y[rows, None])
+    beside.flags.writeable = False
+    wider = Pupil.of_whole_dots(openings.x, openings.y, beside, known.camera.stop)
     change = field(wider, known.u, known.u, "single").amplitude()
     more = 2 * (known.field.conj() * change).real / known.pupil.energy_um2
     gained = wider.field_integral_um2 / known.pupil.energy_um2

@@ -104,8 +104,8 @@ def _measured(
         return None
     lattice, exact = _lattice(shapes, axis, camera, dot_nm)
     aperture = aperture_in_stop(lattice, lattice, shapes, edges, camera.stop, axis)
-    pupil = cut(aperture, camera.stop)
-    lit = lit_pupils(aperture, pupil, Leak.of(blank, camera.stop), camera)
+    pupil, leak = cut(aperture, camera.stop), Leak.of(blank, camera.stop)
+    lit = lit_pupils(pupil, () if leak is None else leak.pupils(aperture), leak, camera)
     raster = f"of a raster of {lattice.dot_um:g} um"
 
     def difference(error: float, wavelength: float) -> Quantity:
