@@ -12,15 +12,15 @@ plate: $(VENV)/run.stamp
 test: CHOSEN := -m "not slow"
 test-all: export HYPOTHESIS_PROFILE := full
 test test-all: $(VENV)/dev.stamp
-	$(BIN)/ruff format --check maskfab tests
-	$(BIN)/ruff check maskfab tests
+	$(BIN)/ruff format --check maskfab tests docs
+	$(BIN)/ruff check maskfab tests docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile $(CHOSEN)
 
 lint: $(VENV)/dev.stamp
-	$(BIN)/ruff format maskfab tests
-	$(BIN)/ruff check --fix maskfab tests
+	$(BIN)/ruff format maskfab tests docs
+	$(BIN)/ruff check --fix maskfab tests docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
@@ -34,8 +34,10 @@ fuzz: $(VENV)/dev.stamp
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/python tests/fuzz_readers.py 1000
 	$(BIN)/python tests/kill_swaps.py 1000
 
-docs: plate
+# The manual, build/site/index.html, with the picture of a plate made just now.
+docs: plate $(VENV)/docs.stamp
 	cp build/upc12/overview.png docs/upc12.png
+	$(BIN)/mkdocs build --quiet --strict
 
 clean:
 	rm -rf build dist $(VENV)
@@ -46,6 +48,10 @@ $(VENV)/pip.stamp:
 
 $(VENV)/run.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable .
+	touch $@
+
+$(VENV)/docs.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp
+	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable '.[docs]'
 	touch $@
 
 $(VENV)/dev.stamp: pyproject.toml constraints.txt $(VENV)/pip.stamp

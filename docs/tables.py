@@ -1,0 +1,83 @@
+"""Tables of the site that maskfab itself holds: verbs, keys of a job, quantities and error codes."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Iterator
+
+import typer
+
+from maskfab.cli.app import app
+from maskfab.error_codes import explained, grouped
+from maskfab.jobfile.reference import tables
+from maskfab.report.glossary import QUANTITIES
+
+
+def _row(*cells: str) -> str:
+    return "| " + " | ".join(cell.replace("|", "\\|").replace("\n", " ") for cell in cells) + " |"
+
+
+def _table(heads: Iterable[str], rows: Iterable[tuple[str, ...]]) -> Iterator[str]:
+    named = list(heads)
+    yield from ("", _row(*named), _row(*["---"] * len(named)), *(_row(*row) for row in rows), "")
+
+
+def _plain(text: str) -> str:
+    """Text as Markdown: names of modules and literals as code, brackets and angles as they are."""
+    marked = re.sub(r":\w+:`([^`]*)`|``([^`]*)``", lambda found: f"`{found[1] or found[2]}`", text)
+    return re.sub(r"([][])(?=[^`]*(?:`[^`]*`[^`]*)*$)", r"\\\1", marked).replace("<", "&lt;")
+
+
+def _keys() -> Iterator[str]:
+    for table in tables():
+        yield f"### {table.name or 'Whole job'}\n\n{_plain(table.meaning)}"
+        yield from _table(
+            ("key", "meaning", "form", "default"),
+            (
+                (
+                    f"`{key.name}`",
+                    _plain(key.meaning),
+                    _plain(key.form),
+                    _plain(key.default or "none") if key.default is not None else "required",
+                )
+                for key in table.keys
+            ),
+        )
+
+
+def _codes() -> Iterator[str]:
+    for heading, codes in grouped().items():
+        yield f"## {heading}\n"
+        for code in codes:
+            entry = explained(code)
+            yield f"### {code}\n\n{_plain(entry.meaning)}\n\n```text\n{entry.example}\n```\n"
+            yield f"**Usual cause.** {_plain(entry.cause)}\n\n**Cure.** {_plain(entry.cure)}\n"
+
+
+def _verbs() -> Iterator[str]:
+    commands = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+    yield from _table(
+        ("command", "purpose"),
+        ((f"`maskfab {name}`", _plain((verb.help or "").splitlines()[0])) for name, verb in commands.items()),
+    )
+    yield "Each has `--help` with examples; `--json` prints one JSON document on stdout, progress goes to stderr."
+
+
+def _quantities() -> Iterator[str]:
+    yield from _table(
+        ("name", "title", "meaning", "if its check fails"),
+        ((f"`{name}`", term.title, _plain(term.meaning), _plain(term.cure)) for name, term in QUANTITIES.items()),
+    )
+
+
+_MADE: dict[str, Callable[[], Iterator[str]]] = {
+    "keys": _keys,
+    "codes": _codes,
+    "verbs": _verbs,
+    "quantities": _quantities,
+}
+
+
+def on_page_markdown(markdown: str, **_: object) -> str:
+    """Put each table in the place of its mark, ``<!-- name -->``."""
+    return re.sub(r"<!-- (\w+) -->", lambda mark: "\n".join(_MADE[mark[1]]()), markdown)
