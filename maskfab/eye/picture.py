@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.readers.image_mask import said_by
+from maskfab.readers.tiff_tone import shown_alike
 
 Floats = NDArray[np.float64]
 
@@ -43,27 +44,43 @@ def read(path: str | Path) -> Picture:
     """Read a picture of any kind that OpenImageIO knows; palettes are looked up.
 
     Raises:
-        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF308 not a picture.
+        SourceError: MF301 missing, MF302 empty, MF303 damaged, MF308 not a picture, MF318 a TIFF that does not say what
+            is white.
         JobError: MF121 no colour channels, or too large.
     """
-    import OpenImageIO as oiio  # noqa: N813 - its customary name
-
     path = Path(path)
     where = str(path)
     if not os.path.isfile(path):
         raise SourceError("MF301", f"there is no file {where}", cure="Give the path of a picture")
     if path.stat().st_size == 0:
         raise SourceError("MF302", f"{where} is empty", cure="Save or copy the picture again")
+    image = _opened(path, where)
+    if image.format_name() != "tiff":
+        return _of_image(image, where)
+    image.close()
+    with shown_alike(path) as shown:
+        return _of_image(_opened(shown, where), where)
+
+
+def _opened(path: Path, where: str) -> Any:
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
     # Otherwise integers come multiplied by alpha, in code values, which loses what a display would be sent.
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
-    image = oiio.ImageInput.open(where, config)
+    image = oiio.ImageInput.open(str(path), config)
     if image is None:
         raise SourceError(
             "MF308",
             f"{where} is not a picture: {_first_line(said_by(oiio))}",
             cure="Save the picture as PNG, TIFF or JPEG",
         )
+    return image
+
+
+def _of_image(image: Any, where: str) -> Picture:
+    import OpenImageIO as oiio  # noqa: N813 - its customary name
+
     try:
         spec = image.spec()
         _check_spec(spec, where)

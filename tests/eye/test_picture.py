@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import struct
+
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
+from PIL import Image
 
 from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.eye.picture import LARGEST, Picture, on_pixels, read
@@ -154,3 +157,27 @@ def test_a_huge_picture_is_refused_before_it_is_read(tmp_path):
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + part + struct.pack(">I", zlib.crc32(part)))
     with pytest.raises((JobError, SourceError), match=r"MF121|MF308"):
         read(path)
+
+
+def test_a_palette_of_bytes_times_256_shows_the_colours_that_its_writer_meant(tmp_path):
+    """As Pillow writes them, where white would come out as 65280 of 65535."""
+    colours = np.random.default_rng(2).integers(256, size=(256, 3), dtype=np.uint8)
+    colours[0], colours[-1] = 0, 255
+    picture = Image.fromarray(np.arange(256, dtype=np.uint8).reshape(16, 16), "P")
+    picture.putpalette(colours.ravel().tolist())
+    picture.save(tmp_path / "p.tif")
+    picture.convert("RGB").save(tmp_path / "p.png")
+    expected, found = (on_pixels(read(tmp_path / name), 16, 16) for name in ("p.png", "p.tif"))
+    assert found.max() == 1
+    np.testing.assert_allclose(found, expected, atol=1e-7)
+
+
+def test_a_tiff_that_does_not_say_what_is_white_is_refused(tmp_path):
+    Image.fromarray(np.full((3, 3), 200, dtype=np.uint8)).save(tmp_path / "g.tif")
+    written, tag = (tmp_path / "g.tif").read_bytes(), struct.pack("<HHI", 262, 3, 1)
+    assert written.count(tag) == 1
+    (tmp_path / "u.tif").write_bytes(written.replace(tag, struct.pack("<HHI", 263, 3, 1)))
+    assert read(tmp_path / "g.tif").values.shape == (3, 3, 1)
+    with pytest.raises(SourceError) as caught:
+        read(tmp_path / "u.tif")
+    assert caught.value.code == "MF318"
