@@ -183,7 +183,7 @@ def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judg
     assert run_command_line(["run", str(tmp_path / "job.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     rows = {row["name"]: row for die in report["dies"] for row in die["quantities"]}
-    assert rows["designed_for"]["value"] == F1.described
+    assert rows["designed_for"]["value"] == described(F1)
     assert rows["designed_for"]["passed"] is None
     assert "MF135" in rows["photographs_refused"]["value"]
     assert "restored_psnr" not in rows
@@ -194,7 +194,7 @@ def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judg
     [
         ("", None),
         ('\n[provenance]\nauthor = "somebody"\nshape = "bar"\n', None),
-        (DESIGNED, F1.described),
+        (DESIGNED, described(F1)),
         (DESIGNED + "loss = 0.1\n", None),
         (DESIGNED + 'camera = "a box"\n', "a box"),
     ],

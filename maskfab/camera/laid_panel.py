@@ -50,14 +50,14 @@ def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:
         )
     rows, columns = panel.orientations.shape
     drawn = panel.tiling is Tiling.RANDOM
-    if not (drawn or camera.protocol or rows % 2 == columns % 2):
+    if not (drawn or camera.is_f1 or rows % 2 == columns % 2):
         raise JobError(
             "MF122",
             f"{name} has {columns} x {rows} cells: the axis is in the middle of a cell along one side only",
             where=name,
             cure="Use even numbers of both, or odd ones",
         )
-    fine = _finer(name, panel, camera, odd=bool(rows % 2) and not (drawn or camera.protocol))
+    fine = _finer(name, panel, camera, odd=bool(rows % 2) and not (drawn or camera.is_f1))
     units = np.stack([np.pad(refined(opening.mask, fine.times), fine.rim) for opening in panel.openings])
     if drawn:
         return lay(name, units, room=fine.room)

@@ -90,22 +90,13 @@ class PhotoCamera:
         return self.wavelengths_nm
 
     @property
-    def protocol(self) -> str | None:
-        """``F1`` of that protocol's camera; None of any other."""
-        return "F1" if self == F1 else None
+    def is_f1(self) -> bool:
+        """Whether it is the camera of protocol F1.
 
-    @property
-    def whole_lags(self) -> bool:
-        """Whether what sampling folds back is taken from the nearest whole lag, as protocol F1 defines its numbers.
-
-        Behind other cameras it is interpolated, which is exact for square dots.
+        What its sampling folds back is taken from the nearest whole lag, as the protocol defines its numbers. Behind
+        other cameras it is interpolated, which is exact for square dots.
         """
         return self == F1
-
-    @property
-    def described(self) -> str:
-        """In one line, the same for equal cameras."""
-        return described(self)
 
     def cycle_um(self, wavelength_nm: float) -> float:
         """The lag in the stop's plane of one cycle per pixel, λf / pixel."""

@@ -145,7 +145,7 @@ def _require_lags(room: Lattice, where: str) -> None:
             where=where,
             cure="Draw the opening with smaller dots",
         )
-    if camera.whole_lags:
+    if camera.is_f1:
         return
     across = camera.stop.diameter_um / room.dot_um
     least, most = (room.per_cycle(nm) for nm in (camera.shortest_nm, camera.wavelengths_nm[0]))
@@ -290,7 +290,7 @@ class OpenStop:
         area = float(table[room.side - 1, room.side - 1])
         table /= area
         orders = max(_FOLDED, room.camera.orders(wavelength_nm))
-        return cls(table, area, per_cycle or room.per_cycle(wavelength_nm), orders, room.camera.whole_lags)
+        return cls(table, area, per_cycle or room.per_cycle(wavelength_nm), orders, room.camera.is_f1)
 
     def __call__(self, y: Floats, x: Floats) -> Floats:
         """At frequencies in cycles per pixel, any shape."""

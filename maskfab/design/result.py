@@ -165,7 +165,7 @@ def camera_facts(camera: Camera | PhotoCamera) -> Facts:
     What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
     """
     told = described(camera)
-    return {} if told == F1.described else {"camera": told, "protocol": LEVELS_OF_F1}
+    return {} if told == described(F1) else {"camera": told, "protocol": LEVELS_OF_F1}
 
 
 def by_level(name: str, values: Sequence[float]) -> Facts:

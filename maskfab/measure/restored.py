@@ -98,7 +98,7 @@ class Photographer:
         if not panel.others and panel.tiling in (Tiling.PERIODIC, Tiling.RANDOM):
             found = estimate(_unit(panel, laid), periodic=panel.tiling is Tiling.PERIODIC)
             how = "all random layouts" if panel.tiling is Tiling.RANDOM else "the repeated opening"
-        elif self.camera.protocol and abs(laid.lattice.side * laid.lattice.dot_um - CELLS * PITCH_UM) > _SAME_UM:
+        elif self.camera.is_f1 and abs(laid.lattice.side * laid.lattice.dot_um - CELLS * PITCH_UM) > _SAME_UM:
             return []  # the error of one layout is only known of panels of the protocol's own side
         else:
             # It brings torch along, which takes longer to start than most plates take to check.
@@ -106,9 +106,9 @@ class Photographer:
 
             found = pupil_error(estimate).psnr(laid.pupil)
             how = "this very layout"
-        told = "surrogate of protocol F1 over the bundled scenes" if self.camera.protocol else _OTHER_CAMERA
-        against = "for twelve dies" if self.camera.protocol else "behind five cameras"
-        residual = RESIDUAL_DB if self.camera.protocol else OTHER_RESIDUAL_DB
+        told = "surrogate of protocol F1 over the bundled scenes" if self.camera.is_f1 else _OTHER_CAMERA
+        against = "for twelve dies" if self.camera.is_f1 else "behind five cameras"
+        residual = RESIDUAL_DB if self.camera.is_f1 else OTHER_RESIDUAL_DB
         return [
             Quantity(
                 "restored_psnr",
@@ -158,7 +158,7 @@ def photographer(
 
 def _require_cells(die: Die, room: Lattice) -> None:
     """Refuse random layouts of too few cells for the mean over all layouts to represent them."""
-    if die.panel.tiling is Tiling.RANDOM and room.cells < FEWEST_CELLS and not room.camera.protocol:
+    if die.panel.tiling is Tiling.RANDOM and room.cells < FEWEST_CELLS and not room.camera.is_f1:
         raise JobError(
             "MF136",
             f"the stop of {room.camera.stop.diameter_um:g} um has {room.cells} x {room.cells} cells of "

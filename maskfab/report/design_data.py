@@ -73,7 +73,7 @@ def _camera(facts: Facts) -> object:
     a camera that former versions did not name."""
     if "camera" in facts:
         return facts["camera"]
-    return F1.described if facts.get("author") == "maskfab" and "loss" not in facts else None
+    return described(F1) if facts.get("author") == "maskfab" and "loss" not in facts else None
 
 
 def design_document(said: Stated, restored: Restored | None = None) -> Document:

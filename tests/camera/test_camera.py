@@ -106,7 +106,7 @@ def test_the_slope_of_a_layout_between_whole_lags_tells_what_one_dot_changes(sce
 def test_a_camera_next_to_that_of_f1_gives_next_to_its_numbers(scenes):
     """F1 takes whole lags where others interpolate: 0.1 dB of one layout for dots of 24 um, 0.02 dB for 8 um."""
     close = replace(F1, focal_um=F1.focal_um * (1 + 1e-9))
-    assert (F1.protocol, close.protocol) == ("F1", None)
+    assert (F1.is_f1, close.is_f1) == (True, False)
     ours, theirs = (surrogate(scenes, 7, dot_nm=24_000, camera=camera) for camera in (F1, close))
     assert theirs(bar(7)) == pytest.approx(ours(bar(7)), abs=0.02)
     errors = [pupil_error(estimate, (32,)) for estimate in (ours, theirs)]

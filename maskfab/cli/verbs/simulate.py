@@ -44,7 +44,7 @@ def simulate(
 ) -> None:
     """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference."""
     from maskfab.camera.laid_panel import laid_panel
-    from maskfab.camera.photo_camera import F1, PhotoCamera
+    from maskfab.camera.photo_camera import F1, PhotoCamera, described
     from maskfab.camera.photographs import folder
     from maskfab.camera.protocol import ASSUMED, evaluate
     from maskfab.camera.scenes import bundled
@@ -71,7 +71,7 @@ def simulate(
     if not laid:
         raise JobError(
             "MF122",
-            f"no die can be judged behind a camera of {camera.described}",
+            f"no die can be judged behind a camera of {described(camera)}",
             where=str(job),
             cure="Add --die NAME to see why",
         )
@@ -100,16 +100,18 @@ def simulate(
     if as_json:
         print_json({"assumed": ASSUMED, **_document(table, base, camera, [scene.name for scene in scenes])})
         return
-    if not camera.protocol:
-        typer.echo(f"camera: {camera.described}; levels of light of protocol F1")
+    if not camera.is_f1:
+        typer.echo(f"camera: {described(camera)}; levels of light of protocol F1")
     for line in (*_lines(table, base), f"Assumed: {ASSUMED}."):
         typer.echo(line)
 
 
 def _document(table: Table, reference: str, camera: PhotoCamera, scenes: list[str]) -> dict[str, Any]:
+    from maskfab.camera.photo_camera import described
+
     return {
-        "protocol": "f1" if camera.protocol else None,
-        "camera": camera.described,
+        "protocol": "f1" if camera.is_f1 else None,
+        "camera": described(camera),
         "reference": reference,
         "scenes": scenes,
         "scores": [vars(score) for score in table.scores],

@@ -288,10 +288,10 @@ def pupil_error(
     side, camera = room.side, room.camera
     per_cycle = room.per_cycle(camera.middle_nm)
     cycle = 2 * round((per_cycle - 1) / 2) + 1
-    if not camera.whole_lags:
+    if not camera.is_f1:
         cycle = max(cycle, _FEWEST_FREQUENCIES)
     half = cycle // 2 + _orders(camera) * cycle
-    stretch = None if camera.whole_lags else _parts(np.arange(half + 1, dtype=np.float64) * (per_cycle / cycle))
+    stretch = None if camera.is_f1 else _parts(np.arange(half + 1, dtype=np.float64) * (per_cycle / cycle))
     reach = half if stretch is None else int(stretch[0].max()) + 1
     reach = max(reach, len(estimate.near) // 2)
     nu = np.arange(-(cycle // 2), cycle // 2 + 1) / cycle
@@ -328,7 +328,7 @@ def pupil_error(
 
 def _orders(camera: PhotoCamera) -> int:
     """Multiples of the sampling frequency that are folded back."""
-    passed = 1 - _RIM if camera.whole_lags else 1
+    passed = 1 - _RIM if camera.is_f1 else 1
     return max(1, math.ceil(passed * camera.reach(camera.middle_nm) - 0.5))
 
 
