@@ -66,7 +66,7 @@ SEARCH = """
 [design]
 name = "found"
 dots = 7
-pitch = "168 um"
+pitch = "42 um"
 clear_dots = 10
 anneal = 20
 shortlist = 1
