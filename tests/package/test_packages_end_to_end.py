@@ -508,7 +508,7 @@ def test_a_package_lacks_no_paper_and_has_no_other(capsys, whole, tmp_path):
             ({"parity": None}, {"parity"}),
             ({"plate": "OTHER"}, {"plate"}),
             ({"job_hash": "0" * 64}, {"job_hash"}),
-            ({"shop": "pog"}, {"paper"}),
+            ({"shop": "pog"}, {"paper", "profile"}),
             ({"drawn": ["nothing"]}, {"drawn"}),
             ({"drawing": float("nan")}, {"drawing"}),
             ({"schema_version": 1}, {"schema_version"}),
