@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from maskfab import jobfile, provenance, units
+from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
 from maskfab.jobfile import DieSection, JobSpec, check_optics, is_table
 from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate
@@ -227,5 +228,5 @@ def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Pat
     if source.suffix.lower() == ".toml":
         return openings.load(source)
     dot_nm = units.to_nm(die.dot, where=f"{where}.dot", name="dot")
-    dots = None if die.pitch is None else round((die.pitch - die.gutter) / die.dot)
+    dots = None if die.pitch is None else CellSize.filling(die.pitch, dot_nm, units.to_nm(die.gutter)).dots
     return openings.load(source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell)

@@ -16,6 +16,8 @@ from typing import Literal, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.cell_size import CellSize
+
 Point = tuple[int, int]
 Polygon = tuple[Point, ...]
 Box = tuple[int, int, int, int]
@@ -94,6 +96,11 @@ class Opening:
     @property
     def dots(self) -> int:
         return int(self.mask.shape[0])
+
+    @property
+    def cell_size(self) -> CellSize:
+        """The cell at the nominal pitch, without a gutter."""
+        return CellSize(self.dots, self.dot_nm)
 
     @property
     def clear_dots(self) -> int:
@@ -193,8 +200,12 @@ class Panel:
         return np.stack([self.pattern(cell) for cell in range(ORIENTATIONS * len(self.openings))])
 
     @property
+    def cell_size(self) -> CellSize:
+        return CellSize(self.opening.dots, self.dot_nm, self.gutter_nm)
+
+    @property
     def pitch_nm(self) -> int:
-        return self.opening.dots * self.dot_nm + self.gutter_nm
+        return self.cell_size.pitch_nm
 
     @property
     def size_nm(self) -> Point:

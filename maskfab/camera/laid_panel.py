@@ -65,7 +65,7 @@ def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:
     if min(rows, columns) < cells:
         raise JobError(
             "MF122",
-            f"{name} has {columns} x {rows} cells of {panel.pitch_nm / 1e3:g} um, fewer than the {cells} x {cells} "
+            f"{name} has {columns} x {rows} cells of {panel.cell_size.pitch_um:g} um, fewer than the {cells} x {cells} "
             f"that cover a stop of {camera.stop.diameter_um:g} um",
             where=name,
             cure=f"Use a die of at least {cells * panel.pitch_nm / 1e6:.3g} mm",

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from maskfab.camera.photo_camera import F1, PhotoCamera
+from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, Scalar, orient
 from maskfab.optics.pupil.stop_shape import inside
@@ -118,7 +119,7 @@ def lattice(
             "MF104", f"{dots} dots of {dot_nm} nm make no cell", where=where, cure="Give at least 1 dot of 1 nm"
         )
     dot_um = PITCH_UM / dots if dot_nm is None else dot_nm / NM_PER_UM
-    pitch_nm = PITCH_UM * NM_PER_UM if dot_nm is None else dots * dot_nm
+    pitch_nm = PITCH_UM * NM_PER_UM if dot_nm is None else CellSize(dots, dot_nm).pitch_nm
     half = camera.stop.diameter_um * NM_PER_UM / (2 * pitch_nm)
     made = Lattice(dots, 2 * math.ceil(half - 0.5) + 1 if odd else 2 * math.ceil(half), dot_um, camera)
     _require_lags(made, where)

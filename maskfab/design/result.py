@@ -78,7 +78,7 @@ def constraints_of(section: DesignSection, *, where: str = "design") -> Constrai
             MF117 or MF118 where a footprint's rules do not suit the pixel.
     """
     asked = section.rules
-    dot_nm = dot_of_pitch(f"{section.pitch:.15g} um", section.dots, where=f"{where}.pitch")
+    dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}.pitch")
     gap_nm, colour_nm, width_nm = (
         to_nm(value, where=f"{where}.rules.{name}", name=name)
         for name, value in (

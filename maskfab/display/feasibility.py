@@ -178,7 +178,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
         return Feasibility(
             required, found, None, 0.0, None, (), room, (), None, None, nowhere, 0.0, wires, (), given, rules.light
         )
-    pixel_um2 = (panel.pitch_nm / 1e3) ** 2
+    pixel_um2 = (panel.cell_size.pitch_um) ** 2
     red, green, blue = (area / pixel_um2 for area in emitters.areas_um2)
     shares = (red, green, blue)
     density = current_density(rules.light, shares)

@@ -42,9 +42,7 @@ class PanelCells:
     @cached_property
     def edges_nm(self) -> Ints:
         """int64 [n + 1], where the rows and columns of ``clear`` end."""
-        panel = self.panel
-        dots = panel.gutter_nm // 2 + panel.dot_nm * np.arange(panel.opening.dots + 1)
-        return np.unique(np.concatenate([[0], dots, [panel.pitch_nm]]))
+        return self.panel.cell_size.edges_nm
 
     @cached_property
     def origins_nm(self) -> Ints:

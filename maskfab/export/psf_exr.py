@@ -126,7 +126,7 @@ def _of_die(job: Job, die: Die) -> Iterator[tuple[str, Fact]]:
     section = next(each for each in job.spec.die if each.name == die.name)
     named = (section.opening, *(section.others or ()))
     yield "die", die.name
-    yield "pitch_um", panel.pitch_nm / 1e3
+    yield "pitch_um", panel.cell_size.pitch_um
     yield "dot_um", panel.dot_nm / 1e3
     yield "gutter_um", panel.gutter_nm / 1e3
     yield "tiling", panel.tiling.value

@@ -74,7 +74,7 @@ def show(panel: Panel, image: Floats, samples: int) -> Light:
         for row in range(rows):
             lit = tiles[turned[row], colour] * image[row, :, colour, None, None]
             rgb[colour, row] = lit.transpose(1, 0, 2)
-    return Light(_still(rgb.reshape(3, rows * samples, columns * samples)), samples, panel.pitch_nm / 1e3)
+    return Light(_still(rgb.reshape(3, rows * samples, columns * samples)), samples, panel.cell_size.pitch_um)
 
 
 def ideal(image: Floats, samples: int, pitch_um: float) -> Light:
@@ -130,13 +130,13 @@ def _checked_emitters(panel: Panel, opening: Opening) -> Emitters:
     where = f"opening {opening.name}"
     emitters = panel.emitters
     if emitters is None and opening.emitters is not None:
-        emitters = Emitters(opening.emitters, opening.dots * panel.dot_nm // len(opening.emitters))
+        emitters = Emitters(opening.emitters, panel.cell_size.dots_nm // len(opening.emitters))
     if emitters is None:
         raise JobError(
             "MF121", "the panel has no emitters", where=where, cure="Say in the job where red, green and blue emit"
         )
     labels = emitters.labels
-    side = panel.pitch_nm - panel.gutter_nm
+    side = panel.cell_size.dots_nm
     if labels.ndim != 2 or labels.shape[0] != labels.shape[1] or labels.shape[0] * emitters.cell_nm != side:
         raise JobError(
             "MF119",

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from maskfab.model import Die, Panel
+from maskfab.model import Die
 
 Floats = NDArray[np.float64]
 
@@ -17,7 +17,7 @@ _DIGITS = 12
 def die_edges_nm(die: Die) -> tuple[Floats, Floats]:
     """Grid lines of a die along x and y: the borders of all its dots, cells and gutters."""
     rows, columns = die.panel.orientations.shape
-    (x0, y0), cell = die.origin_nm, _cell_edges_nm(die.panel)
+    (x0, y0), cell = die.origin_nm, die.panel.cell_size.edges_nm
     x, y = (
         np.append((np.arange(n)[:, None] * die.panel.pitch_nm + cell[:-1]).ravel(), n * die.panel.pitch_nm)
         for n in (columns, rows)
@@ -54,8 +54,3 @@ def overlaps(edges: Floats, pixels: Floats) -> sparse.csr_array:
     columns = np.searchsorted(edges, middles, side="right") - 1
     shares = np.round(np.diff(cuts) / np.diff(pixels)[rows], _DIGITS)
     return sparse.csr_array((shares, (rows, columns)), shape=shape)
-
-
-def _cell_edges_nm(panel: Panel) -> NDArray[np.int64]:
-    dots = panel.gutter_nm // 2 + np.arange(panel.opening.dots + 1) * panel.dot_nm
-    return np.unique(np.concatenate([[0], dots, [panel.pitch_nm]]))

@@ -59,15 +59,17 @@ def length_um(value: object, *, zero_allowed: bool = False) -> float:
     Raises:
         JobError: MF103 for a missing or wrong unit, MF104 for a length out of range.
     """
-    length = units.parse_length_um(value, zero_allowed=zero_allowed)
+    return _in_range(units.parse_length_um(value, zero_allowed=zero_allowed), value)
+
+
+def _in_range(length: float, value: object) -> float:
     if length > _LONGEST_UM:
         raise JobError("MF104", f"{value!r} is longer than the limit of 1 km", cure="Give a length of at most 1 km")
     return length
 
 
 def _pitch(value: object) -> float:
-    pitch = units.parse_pitch_um(value)
-    return length_um(f"{pitch:.15g} um")
+    return _in_range(float(f"{units.parse_pitch_um(value):.15g}"), value)  # densities give more digits than are meant
 
 
 def _on_plate(value: object) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, SourceError
 from maskfab.export.gds import write_oasis
 from maskfab.files.release_memory import give_back
@@ -57,7 +58,7 @@ from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
-from maskfab.plate.panels import check_light, check_size, dot_on_grid
+from maskfab.plate.panels import check_light, check_size
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
 from maskfab.readers.layout_file import find_cell, find_layer, read_layout
@@ -171,7 +172,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     """Analysis of an opening that is already loaded; else as :func:`analyse`."""
     check_lens(request.camera, where="the request")
     dot_nm = opening.dot_nm if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
-    gutter_nm = even_nm(request.gutter_um, where="--gutter", name="gutter")
+    gutter_nm = _gutter_nm(request)
     if request.seed is not None and request.seed < 0:
         raise JobError(
             "MF104",
@@ -185,7 +186,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     if scene is not None:
         check_optics(sampling_camera(camera, scene), dot_nm / 1e3, where="the request: the ends of the spectrum")
         reach = reach_um(camera, scene)
-    pitch_nm = opening.dots * dot_nm + gutter_nm
+    pitch_nm = CellSize(opening.dots, dot_nm, gutter_nm).pitch_nm
     cells = 2 * math.ceil(reach * 1e3 / pitch_nm)
     check_size(cells, opening.dots, "the panel over the stop", where="the request")
     tiling = request.tiling or Tiling.PERIODIC
@@ -256,16 +257,22 @@ def _dots(request: Request) -> int | None:
         return None
     if request.gutter_um >= request.pitch_um:
         raise _no_room(request)
-    dots = max(1, round((request.pitch_um - request.gutter_um) / request.dot_um))
-    if abs(dots * request.dot_um + request.gutter_um - request.pitch_um) > 1e-6:
+    dot_nm = to_nm(request.dot_um, where="--dot", name="dot")
+    nearest = CellSize.filling(request.pitch_um, dot_nm, _gutter_nm(request))
+    cell = replace(nearest, dots=max(1, nearest.dots))
+    if not cell.has_pitch(request.pitch_um):
         raise JobError(
             "MF106",
             f"pitch {request.pitch_um:g} um is not a whole number of dots of {request.dot_um:g} um"
             f" plus a gutter of {request.gutter_um:g} um",
             where="--pitch",
-            cure=f"Use --pitch '{dots * request.dot_um + request.gutter_um:g} um'",
+            cure=f"Use --pitch '{cell.pitch_um:g} um'",
         )
-    return dots
+    return cell.dots
+
+
+def _gutter_nm(request: Request) -> int:
+    return even_nm(request.gutter_um, where="--gutter", name="gutter")
 
 
 def _no_room(request: Request) -> JobError:
@@ -282,8 +289,8 @@ def _scaled(opening: Opening, request: Request) -> Opening:
     assert request.pitch_um is not None
     if request.gutter_um >= request.pitch_um:
         raise _no_room(request)
-    dot_nm = dot_on_grid(request.pitch_um, request.gutter_um, opening.dots, where="--pitch")
-    return Opening(opening.name, opening.mask, dot_nm, opening.provenance)
+    cell = CellSize.of_pitch(request.pitch_um, opening.dots, _gutter_nm(request), where="--pitch")
+    return Opening(opening.name, opening.mask, cell.dot_nm, opening.provenance)
 
 
 def _name(path: Path) -> str:

@@ -10,7 +10,6 @@ from maskfab.eye.grain import SLOW_CPD, predicted_rms
 from maskfab.eye.viewing import Viewing
 from maskfab.measure.wired import wired_quantities
 from maskfab.model import COLOURS, Camera, Die, Quantity
-from maskfab.units import NM_PER_UM
 
 _DISTANCE_UM = 3e5
 
@@ -110,7 +109,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         "distance of the light's centroid from the pixel's centre, colours weighted with their share of white",
         die=name,
     )
-    viewing = Viewing(die.panel.pitch_nm / NM_PER_UM, _DISTANCE_UM)
+    viewing = Viewing(die.panel.cell_size.pitch_um, _DISTANCE_UM)
     yield Quantity(
         "grain_rms",
         "σ",

@@ -162,7 +162,7 @@ def _require_cells(die: Die, room: Lattice) -> None:
         raise JobError(
             "MF136",
             f"the stop of {room.camera.stop.diameter_um:g} um has {room.cells} x {room.cells} cells of "
-            f"{die.panel.pitch_nm / NM_PER_UM:g} um behind it; a random layout of fewer than {FEWEST_CELLS} x "
+            f"{die.panel.cell_size.pitch_um:g} um behind it; a random layout of fewer than {FEWEST_CELLS} x "
             f"{FEWEST_CELLS} may lie 2 dB from the mean over all layouts",
             where=die.name,
             cure="Use another tiling, smaller cells or a larger stop",

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.readers.tiff_tone import shown_alike
 from maskfab.units import NM_PER_UM
@@ -210,7 +211,7 @@ def _of_polygons(
             "MF205", f"a corner is {rounding_nm(layout):.3g} nm off the grid of 1 nm", where=where, cure=cure
         )
     box = clear.bbox()
-    pitch_nm = dots * dot_nm
+    pitch_nm = CellSize(dots, dot_nm).pitch_nm
     corner = -(pitch_nm // 2) if min(box.left, box.bottom) < 0 else 0
     if min(box.left, box.bottom) < corner or max(box.right, box.top) > corner + pitch_nm:
         raise OpeningError(

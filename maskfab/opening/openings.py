@@ -30,6 +30,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.jobfile import check_name
 from maskfab.jobfile.toml import loads
@@ -152,7 +153,8 @@ def parse(text: str, where: str = "") -> Opening:
         )
     if "pitch" not in facts:
         raise _absent("pitch", where)
-    dot_nm = dot_of_pitch(facts["pitch"], dots, where=_at(where, "pitch"))
+    place = _at(where, "pitch")
+    dot_nm = dot_of_pitch(parse_pitch_um(facts["pitch"], where=place), dots, where=place)
     if "open_ratio" in facts:
         _check_open_ratio(facts["open_ratio"], mask, _at(where, "open_ratio"))
     opening = _opening(name, mask, dot_nm, _provenance(facts.get("provenance", {}), where), where)
@@ -167,7 +169,7 @@ def parse(text: str, where: str = "") -> Opening:
 
 def dumps(opening: Opening) -> str:
     """The opening as TOML text; ``parse(dumps(o))`` is equal in all parts."""
-    pitch_um = Decimal(opening.dots * opening.dot_nm) / NM_PER_UM
+    pitch_um = Decimal(opening.cell_size.pitch_nm) / NM_PER_UM
     lines = [
         f"name = {_quoted(opening.name)}",
         f'pitch = "{pitch_um:f} um"',
@@ -185,17 +187,17 @@ def dumps(opening: Opening) -> str:
     return "\n".join(lines) + "\n"
 
 
-def dot_of_pitch(pitch: object, dots: int, *, where: str = "") -> int:
-    """Nanometres of one dot of a pitch as the user wrote it (``"168 um"``, ``"300 dpi"``) over ``dots`` dots.
+def dot_of_pitch(pitch_um: float, dots: int, *, where: str = "") -> int:
+    """Nanometres of one dot of a pitch of so many dots and no gutter.
 
     Raises:
-        JobError: MF103, MF104 for the quantity or no dots; MF107 if the pitch is off the 1 nm grid, MF106 if a dot is.
+        JobError: MF104 for no dots; MF107 if the pitch is off the 1 nm grid, MF106 if a dot is.
     """
     _check_number("dots", dots, where)
-    pitch_nm = to_nm(parse_pitch_um(pitch, where=where), where=where, name="pitch")
+    pitch_nm = to_nm(pitch_um, where=where, name="pitch")
     dot_nm, rest = divmod(pitch_nm, dots)
     if rest:
-        below, above = (f"{d * dots / NM_PER_UM:g} um" for d in (dot_nm, dot_nm + 1))
+        below, above = (f"{CellSize(dots, d).pitch_um:g} um" for d in (dot_nm, dot_nm + 1))
         raise JobError(
             "MF106",
             f"pitch {pitch_nm / NM_PER_UM:.15g} um is not a multiple of {dots} dots of whole nanometres: one dot would "

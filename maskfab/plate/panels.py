@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, SourceError
 from maskfab.jobfile import DieSection, JobSection, JobSpec, PlateSection
 from maskfab.model import Opening, Panel, Stop, Tiling
@@ -14,7 +15,7 @@ from maskfab.optics.pupil.pupil import cut
 from maskfab.plate import maps
 from maskfab.plate.hexagonal import hexagonal_sheet
 from maskfab.plate.tiling import orientations
-from maskfab.units import NM_PER_UM, UM_PER_INCH, to_nm
+from maskfab.units import NM_PER_UM, to_nm
 
 _MOST_CELLS_ACROSS = 1000
 _MOST_DOTS_ACROSS = 10_000
@@ -55,9 +56,10 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
 
 def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, size_nm: int, where: str) -> Panel:
     opening, *others = held
-    dot_nm, gutter_nm = to_nm(die.dot), to_nm(die.gutter)
-    pitch_nm = opening.dots * dot_nm + gutter_nm
-    _check_pitch(die, opening.dots, pitch_nm, where)
+    size = CellSize(opening.dots, to_nm(die.dot), to_nm(die.gutter))
+    if die.pitch is not None:
+        size.require_pitch(die.pitch, where=f"{where}.pitch")
+    dot_nm, pitch_nm = size.dot_nm, size.pitch_nm
     cells = size_nm // pitch_nm
     if cells < 1:
         raise JobError(
@@ -84,25 +86,9 @@ def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, size_nm: i
         chosen = orientations(die.tiling, rows, columns, die.seed, openings=len(held), where=f"{where}.seed")
     else:
         chosen = maps.placed(given, rows, columns, die.seed, openings=len(held), where=f"{where}.map")
-    panel = Panel(opening, dot_nm, gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
+    panel = Panel(opening, dot_nm, size.gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
     check_light(panel, stop, where=where)
     return panel
-
-
-def dot_on_grid(pitch_um: float, gutter_um: float, dots: int, *, where: str) -> int:
-    """Nanometres of the dot that a pitch is made of; a pitch off the database grid is told with its nearest (MF107)."""
-    dot_nm = max(1, round((pitch_um - gutter_um) * NM_PER_UM / dots))
-    reached = dots * dot_nm / NM_PER_UM + gutter_um
-    if abs(reached - pitch_um) * NM_PER_UM > 1e-6:
-        raise JobError(
-            "MF107",
-            f"pitch {pitch_um:.6f} um ({UM_PER_INCH / pitch_um:.2f} DPI) cannot be made of {dots} dots on the 1 nm "
-            f"grid; the nearest is {reached:.10g} um = {UM_PER_INCH / reached:.4f} DPI, "
-            f"{(reached - pitch_um) * NM_PER_UM:+.1f} nm or {(reached / pitch_um - 1) * 1e6:+.0f} ppm off",
-            where=where,
-            cure=f'Use dot = "{dot_nm / NM_PER_UM:g} um" and pitch = "{reached:.10g} um"',
-        )
-    return dot_nm
 
 
 def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
@@ -129,7 +115,7 @@ def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
             where=where,
             cure="Increase camera.stop until a clear dot lies in it",
         )
-    pitch_um = panel.pitch_nm / NM_PER_UM
+    pitch_um = panel.cell_size.pitch_um
     if stop.diameter_um >= 3 * pitch_um:
         return  # it holds a whole cell, wherever it lies
     rows, columns = panel.orientations.shape
@@ -152,16 +138,3 @@ def check_light(panel: Panel, stop: Stop, *, where: str) -> None:
             where=where,
             cure="Increase camera.stop until a clear dot lies in it",
         )
-
-
-def _check_pitch(die: DieSection, dots: int, pitch_nm: int, where: str) -> None:
-    if die.pitch is None or abs(die.pitch * 1e3 - pitch_nm) < 1e-6:
-        return
-    dot_nm = dot_on_grid(die.pitch, die.gutter, dots, where=f"{where}.pitch")
-    raise JobError(
-        "MF106",
-        f"{dots} dots x {die.dot:g} um + gutter {die.gutter:g} um = {pitch_nm / 1e3:g} um, but pitch says "
-        f"{die.pitch:g} um",
-        where=f"{where}.pitch",
-        cure=f'Use dot = "{dot_nm / 1e3:g} um", or pitch = "{pitch_nm / 1e3:g} um"',
-    )

@@ -206,9 +206,7 @@ def _split(corners_mm: NDArray[np.float32], die: Die) -> _Split:
 
 def unit_lines_nm(die: Die) -> Floats:
     """Borders of the dots and gutters of one cell along x or y, from its lower left corner."""
-    panel = die.panel
-    dots = panel.gutter_nm // 2 + np.arange(panel.opening.dots + 1) * panel.dot_nm
-    return np.unique(np.concatenate([[0], dots, [panel.pitch_nm]])).astype(np.float64)
+    return die.panel.cell_size.edges_nm.astype(np.float64)
 
 
 def nearest(lines: Floats, values: Floats) -> Ints:

@@ -20,7 +20,7 @@ from maskfab.optics.scene.plan import AT_MOST
 from maskfab.optics.scene.plan import document as plan_document
 from maskfab.report.design_data import design_schema
 from maskfab.report.display_data import display_document, display_schema
-from maskfab.units import NM_PER_UM, dpi
+from maskfab.units import NM_PER_UM
 
 SCHEMA_VERSION = 2
 
@@ -247,7 +247,6 @@ def _die(
 ) -> Document:
     panel = die.panel
     rows, columns = panel.orientations.shape
-    pitch_um = panel.pitch_nm / NM_PER_UM
     extra = {} if scene is None else {"scene": _scene(scene)}
     if display is not None:
         extra["display"] = display_document(display)
@@ -258,8 +257,8 @@ def _die(
         "label": die.label,
         "opening": panel.opening.name,
         "dot_um": panel.dot_nm / NM_PER_UM,
-        "pitch_um": pitch_um,
-        "dpi": dpi(pitch_um),
+        "pitch_um": panel.cell_size.pitch_um,
+        "dpi": panel.cell_size.dpi,
         "gutter_um": panel.gutter_nm / NM_PER_UM,
         "tiling": panel.tiling.value,
         "seed": panel.seed,

@@ -114,7 +114,7 @@ def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
             die.name,
             f"{cx:.6g}, {cy:.6g}",
             f"{width:.6g} x {height:.6g}",
-            f"{die.panel.pitch_nm / 1e3:g}",
+            f"{die.panel.cell_size.pitch_um:g}",
         )
         for cell, (_, x) in zip(cells, columns, strict=True):
             axes.text(x, y, cell, va="top", fontsize=7)

@@ -145,7 +145,7 @@ def test_an_all_clear_cell_is_a_reference() -> None:
 
 
 def test_pitch_in_dots_per_inch() -> None:
-    assert dot_of_pitch("508 dpi", 5) == 10_000
+    assert dot_of_pitch(50.0, 5) == 10_000
 
 
 def test_open_ratio_agrees_to_its_printed_digits() -> None:

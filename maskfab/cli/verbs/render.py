@@ -58,7 +58,7 @@ def render(
         for done, name in enumerate(shown):
             progress("panels", done, len(shown))
             panel = panels[name]
-            viewing = Viewing(pitch_um or panel.pitch_nm / units.NM_PER_UM, distance_um)
+            viewing = Viewing(pitch_um or panel.cell_size.pitch_um, distance_um)
             side = min(100, *panel.orientations.shape) if pixels is None else pixels
             judged.append(judge(name, panel, pictures(side, photograph), samples, viewing, with_jod=with_jod))
         progress("panels", len(shown), len(shown))

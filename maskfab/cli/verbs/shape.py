@@ -45,6 +45,7 @@ def shape(
     from maskfab.model import Opening
     from maskfab.opening import display_layouts, shapes
     from maskfab.opening.openings import dot_of_pitch, dumps
+    from maskfab.units import parse_pitch_um
 
     check_file(out, force=force)
     check_name(name or out.stem, where="--name")
@@ -52,7 +53,7 @@ def shape(
     changed = dots is not None or pitch is not None or bool(lengths)
     own_dots, own_pitch = (display.dots, display.pitch) if display else (21, "168 um")
     dots = own_dots if dots is None else dots
-    dot_nm = dot_of_pitch(own_pitch if pitch is None else pitch, dots, where="--pitch")
+    dot_nm = dot_of_pitch(parse_pitch_um(own_pitch if pitch is None else pitch, where="--pitch"), dots, where="--pitch")
     facts: dict[str, str | int | float] = {}
     emitters = None
     if display is not None:

@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.cell_size import CellSize
 from maskfab.model import Stop
 from maskfab.optics.pupil.stop_shape import inside
 from maskfab.units import NM_PER_UM
@@ -17,7 +18,7 @@ MAX_SIDE = 4096
 
 def cells_across(stop: Stop, dots: int, dot_nm: int) -> int:
     """Cells along the side of the smallest square of cells that covers the stop."""
-    return math.ceil(stop.diameter_um * NM_PER_UM / (dots * dot_nm) - 1e-9)
+    return math.ceil(stop.diameter_um * NM_PER_UM / CellSize(dots, dot_nm).pitch_nm - 1e-9)
 
 
 def stop_dots(stop: Stop, side: int, dot_nm: int) -> NDArray[np.bool_]:

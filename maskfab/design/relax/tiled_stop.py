@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from maskfab.cell_size import CellSize
 from maskfab.design.relax.autocorrelation import Autocorrelation, autocorrelation
 from maskfab.design.relax.invertibility import Invertibility
 from maskfab.design.relax.stop_grid import MAX_SIDE, cells_across, lags_within, stop_dots
@@ -166,7 +167,7 @@ def tiled_stop(
     if side * dot_nm < camera.stop.diameter_um * NM_PER_UM - 1:
         raise JobError(
             "MF114",
-            f"{cells} x {cells} cells of {dots * dot_nm / NM_PER_UM:g} um do not cover a stop of "
+            f"{cells} x {cells} cells of {CellSize(dots, dot_nm).pitch_um:g} um do not cover a stop of "
             f"{camera.stop.diameter_um:g} um",
             where="camera.stop",
             cure=f"Give {cells_across(camera.stop, dots, dot_nm)} x {cells_across(camera.stop, dots, dot_nm)} cells",

@@ -18,6 +18,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.cell_size import CellSize
 from maskfab.design.rules.families import Symmetry, orbits, reachable
 from maskfab.display.circuit import CircuitRules, pixel_room
 from maskfab.display.emitters.across_borders import border_margin
@@ -495,8 +496,8 @@ class Constraints:
     def _by_area(self) -> Conflict | None:
         if self.footprint is None:
             return None
-        pitch = self.dots * self.dot_nm + self.gutter_nm
-        closed = 1 - self.clear_dots * (self.dot_nm / pitch) ** 2
+        pitch_nm = CellSize(self.dots, self.dot_nm, self.gutter_nm).pitch_nm
+        closed = 1 - self.clear_dots * (self.dot_nm / pitch_nm) ** 2
         if 3 * self.footprint > closed + 1e-9:
             return Conflict(
                 ("footprint", "clear_dots"),

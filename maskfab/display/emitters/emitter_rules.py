@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
 from maskfab.model import Opening
 
@@ -66,7 +67,7 @@ class Grid:
 
     @property
     def pitch_nm(self) -> int:
-        return self.cells * self.cell_nm + self.gutter_nm
+        return CellSize(self.cells, self.cell_nm, self.gutter_nm).pitch_nm
 
     @property
     def gutter(self) -> int:

@@ -1,4 +1,4 @@
-"""Capacity of a gutter for lines, the width needed for them, and its cost in light."""
+"""Capacity of a gutter for lines, and the width needed for them."""
 
 from __future__ import annotations
 
@@ -70,8 +70,3 @@ def gutter_for(lines: int, layers: int, rules: WireRules) -> int:
             cure="Give 0 lines or more and at least 1 layer",
         )
     return rules.width_nm(-(-lines // layers))
-
-
-def remaining_open_ratio(dots_nm: int, gutter_nm: int) -> float:
-    """Factor by which a gutter added round dots of that total side lowers the open ratio: (side / pitch)²."""
-    return (dots_nm / (dots_nm + gutter_nm)) ** 2

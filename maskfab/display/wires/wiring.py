@@ -85,9 +85,9 @@ def check_wires(panel: Panel, demand: WireDemand) -> None:
         if width_nm > panel.pitch_nm:
             raise JobError(
                 "MF120",
-                f"{name} = {width_nm / 1e3:g} um is wider than the {panel.pitch_nm / 1e3:g} um of a pixel",
+                f"{name} = {width_nm / 1e3:g} um is wider than the {panel.cell_size.pitch_um:g} um of a pixel",
                 where=f"wires.{name}",
-                cure=f"Give a width up to {panel.pitch_nm / 1e3:g} um",
+                cure=f"Give a width up to {panel.cell_size.pitch_um:g} um",
             )
 
 

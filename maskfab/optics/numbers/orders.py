@@ -41,7 +41,7 @@ def order_efficiencies(panel: Panel, highest: int) -> Floats:
     if (panel.orientations != panel.orientations[0, 0]).any():
         raise InternalError("MF901", "diffraction orders were asked of a panel whose cells differ in orientation")
     cell = replace(panel, orientations=panel.orientations[:1, :1])
-    pitch = panel.pitch_nm / 1e3
+    pitch = panel.cell_size.pitch_um
     frequency = np.arange(-highest, highest + 1, dtype=np.float64) / pitch
     field = direct_field(cut(panel_aperture(cell), Stop("square", pitch)), frequency, frequency)
     return np.asarray(abs(field) ** 2 / pitch**4)

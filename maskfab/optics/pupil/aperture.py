@@ -93,7 +93,7 @@ def covered_aperture(x: Lattice, y: Lattice, coverage: NDArray[np.float64]) -> A
 
 def panel_lattices(panel: Panel) -> tuple[Lattice, Lattice]:
     """The x and y lattices of a panel whose middle lies on the optical axis."""
-    dot, pitch, gutter = panel.dot_nm / 1e3, panel.pitch_nm / 1e3, panel.gutter_nm / 1e3
+    dot, pitch, gutter = panel.dot_nm / 1e3, panel.cell_size.pitch_um, panel.gutter_nm / 1e3
     rows, columns = panel.orientations.shape
 
     def lattice(cells: int) -> Lattice:

@@ -20,13 +20,12 @@ def veil(panel: Panel) -> tuple[Floats, Floats]:
     Raises:
         JobError: MF120 if an outline has an edge that is neither horizontal nor vertical.
     """
-    half, dots = panel.gutter_nm // 2, panel.opening.dots
-    lines = half + panel.dot_nm * np.arange(dots + 1)
+    lines = panel.cell_size.dot_edges_nm
     drawn = [track for track in panel.tracks if track.transmission < 1]
     points = [np.array(polygon).ravel() for track in drawn for polygon in track.polygons]
     cuts = np.concatenate([lines, *points, *(panel.pitch_nm - each for each in points)])
     # The same cuts in x and y, and mirrored, so that a turn is a turn of the array.
-    edges = np.unique(cuts[(cuts >= half) & (cuts <= lines[-1])])
+    edges = np.unique(cuts[(cuts >= lines[0]) & (cuts <= lines[-1])])
     middle = (edges[1:] + edges[:-1]) / 2
     shares = np.diff(edges) / panel.dot_nm
     starts = np.searchsorted(edges, lines[:-1])

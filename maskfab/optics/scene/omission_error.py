@@ -160,11 +160,11 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
 
     @cache
     def openings() -> Aperture:
-        return panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.pitch_nm / 1e3)
+        return panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.cell_size.pitch_um)
 
     blur = math.sqrt(1e-3 * max(ends) * scene.gap_um)
     crowding = rim_crowding(openings(), pupil, blur) if blur else 1.0
-    uneven = panel.pitch_nm / 1e3 / camera.stop.diameter_um if not panel.tiling.independent else 0.0
+    uneven = panel.cell_size.pitch_um / camera.stop.diameter_um if not panel.tiling.independent else 0.0
     return Estimates(
         scale=_scale(pilots, sampled, scene),
         defocus=_defocus(means, sampled, scene, min(1.0, uneven + _lens_share(sampled, scene.wavefront(camera)))),

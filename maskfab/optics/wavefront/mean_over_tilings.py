@@ -91,7 +91,7 @@ def mean_psf(
     frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
     whole_axis = np.concatenate([-frequency[:0:-1], frequency])
     mean = parity_field(cells.mean, frequency, frequency).amplitude()
-    nodes, interpolate = _chebyshev(whole_axis, panel.pitch_nm / 1e3)
+    nodes, interpolate = _chebyshev(whole_axis, panel.cell_size.pitch_um)
     power, pseudo = _cell_variances(cells, nodes)
     random = np.clip(interpolate @ power @ interpolate.T, 0, None)
     comb = _comb(cells, 2 * whole_axis)

@@ -19,6 +19,7 @@ from matplotlib.path import Path
 from matplotlib.ticker import NullFormatter
 from numpy.typing import NDArray
 
+from maskfab.cell_size import CellSize
 from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
 from maskfab.report.plots import png
 from maskfab.report.plots.number_text import number
@@ -240,8 +241,7 @@ def optics(psfs: Sequence[Psf], mtfs: Sequence[Mtf], name: str) -> bytes:
 
 
 def _draw_opening(axes: Axes, opening: Opening, dot_nm: int) -> None:
-    side_um = opening.dots * dot_nm / 1000
-    _show_chrome(axes, opening.mask.astype(np.float64), side_um)
+    _show_chrome(axes, opening.mask.astype(np.float64), CellSize(opening.dots, dot_nm).pitch_um)
 
 
 def _draw_panel(axes: Axes, panel: Panel, cells: int) -> None:

@@ -16,6 +16,7 @@ from maskfab.eye.display_light import ideal, show
 from maskfab.eye.drawn_scenes import flat
 from maskfab.eye.side_by_side import FLAT, Judged, View
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
+from maskfab.units import dpi
 
 Floats = NDArray[np.float64]
 
@@ -91,11 +92,11 @@ def _side_um(judged: Judged) -> float:
 
 
 def _heading(judged: Judged, *, perfect: bool) -> str:
-    dpi, distance = 25400 / judged.viewing.pitch_um, judged.viewing.distance_um / 1e3
+    density, distance = dpi(judged.viewing.pitch_um), judged.viewing.distance_um / 1e3
     if perfect:
-        return f"even pixels\n{dpi:.0f} DPI at {distance:.0f} mm"
+        return f"even pixels\n{density:.0f} DPI at {distance:.0f} mm"
     offset = _value(judged, "centroid_offset")
-    return f"{judged.name}\n{dpi:.0f} DPI, centroid offset {offset:.3f} px"
+    return f"{judged.name}\n{density:.0f} DPI, centroid offset {offset:.3f} px"
 
 
 def _caption(judged: Judged, name: str, view: View) -> str:
