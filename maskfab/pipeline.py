@@ -49,10 +49,11 @@ from maskfab.report.plots import design_figures, die_figures, display_figures, s
 from maskfab.report.plots.workers import Task
 from maskfab.shops.adapt import blank_of
 from maskfab.shops.judge import check_written
+from maskfab.shops.plate_files import PlateFiles, files_of_job
 from maskfab.shops.profiles import shop_of
 from maskfab.threads import one_thread
 from maskfab.verify.bitmaps import check_pixels
-from maskfab.verify.files import Drawn, drawn, read_back
+from maskfab.verify.files import read_back
 from maskfab.verify.psf_files import check_psf_file
 
 MANIFEST_VERSION = 1
@@ -145,12 +146,12 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     return Result(place.asked, report)
 
 
-def draw_files(job: Job, plate: Plate) -> Drawn:
+def draw_files(job: Job, plate: Plate) -> PlateFiles:
     """The files that a job's plate becomes; the optics come from the first."""
-    return drawn(plate, job.spec, [job.signature, plate.title], named_shop(job))
+    return files_of_job(plate, job.spec, [job.signature, plate.title], named_shop(job))
 
 
-def write_files(job: Job, made: Drawn, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
+def write_files(job: Job, made: PlateFiles, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
     """Write the files of a plate, markers of its rules, the layer colours for KLayout, and the resolved job."""
     steps: dict[str, tuple[str, Callable[[Path], object]]] = {
         **{product.name: (product.title, product.write) for product in made.products},
@@ -183,7 +184,7 @@ def aids(job: Job, plate: Plate) -> dict[str, tuple[str, Callable[[Path], object
 
 
 def psfs_as_files(
-    job: Job, made: Drawn, optics: Sequence[DieOptics], version: str = __version__
+    job: Job, made: PlateFiles, optics: Sequence[DieOptics], version: str = __version__
 ) -> tuple[PsfFile, ...]:
     """The PSFs of the report as files, if the job asks for EXR: they need what is measured in the files before them."""
     if "exr" not in made.formats:
@@ -277,7 +278,7 @@ def named_shop(job: Job) -> Shop | None:
     return shop_of(job.spec, job.where)
 
 
-def shop_quantities(job: Job, made: Drawn) -> tuple[Quantity, ...]:
+def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
     """The rules of the mask house that the job names, each a check of the files as drawn; none if it names none.
 
     Raises:

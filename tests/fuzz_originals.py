@@ -21,9 +21,8 @@ from maskfab.job import load as load_job
 from maskfab.jobfile import ExportSection
 from maskfab.model import Plate
 from maskfab.package.pack import pack
+from maskfab.shops.plate_files import PlateFiles, files_of_job
 from maskfab.shops.profiles import load_shop
-from maskfab.verify.files import Drawn
-from maskfab.verify.files import drawn as drawn_files
 
 SUFFIXES = {
     "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif", "exr": ".exr",
@@ -84,10 +83,10 @@ def clear_alone() -> db.Layout:
 
 
 @cache
-def made(reader: str) -> Drawn:
+def made(reader: str) -> PlateFiles:
     """The plate drawn for one file of a format."""
     export = ExportSection.model_validate({"formats": ["gdsii", reader]})
-    whole = drawn_files(plate(), job().spec.model_copy(update={"export": export}), ["fuzz"])
+    whole = files_of_job(plate(), job().spec.model_copy(update={"export": export}), ["fuzz"])
     # SVG has no die of its own, and of STEP the first file is the light assembly of the plate.
     chosen = next(each for each in whole.products[1:] if each.die or reader == "svg")
     return replace(whole, products=(chosen,))

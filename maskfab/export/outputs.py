@@ -95,7 +95,11 @@ class Product:
 
 
 def products(
-    figures: Figures, formats: Sequence[FileFormat], comments: Sequence[str], settings: FileSettings | None = None
+    figures: Figures,
+    formats: Sequence[FileFormat],
+    comments: Sequence[str],
+    settings: FileSettings | None = None,
+    stem: str | None = None,
 ) -> tuple[Product, ...]:
     """The files of a plate, in the order of the formats; STEP has a file for each die and one for the plate.
 
@@ -106,26 +110,27 @@ def products(
         formats: what is asked for.
         comments: provenance, for every format that can hold it.
         settings: of drawings, solids and pictures.
+        stem: how names of files begin; the plate's name by default.
     """
-    chosen = settings or FileSettings()
-    return tuple(product for each in formats for product in _of_format(figures, each, comments, chosen))
+    chosen, named = settings or FileSettings(), stem or figures.plate.name
+    return tuple(product for each in formats for product in _of_format(figures, each, comments, chosen, named))
 
 
 def _of_format(
-    figures: Figures, kind: FileFormat, comments: Sequence[str], settings: FileSettings
+    figures: Figures, kind: FileFormat, comments: Sequence[str], settings: FileSettings, stem: str
 ) -> Iterator[Product]:
     plate, title = figures.plate, TITLES[kind]
     if kind == "exr":
         return
     if kind in MASK_TAILS:
         write_mask = mask_writer(figures, kind, comments, settings.drawing)
-        yield Product(plate.name + MASK_TAILS[kind], title, "mask", write_mask)
+        yield Product(stem + MASK_TAILS[kind], title, "mask", write_mask)
         return
     if kind == "step":
         assembly = partial(write_plate_step, plate, comments=comments, stack=settings.stack)
-        yield Product(f"{plate.name}.step", title, "plate_solid", assembly)
+        yield Product(f"{stem}.step", title, "plate_solid", assembly)
     for die in plate.dies:
-        name = f"{plate.name}_{die.name}{_DIE_SUFFIX[kind]}"
+        name = f"{stem}_{die.name}{_DIE_SUFFIX[kind]}"
         if kind in ("png", "tiff"):
             picture = write_preview if kind == "png" else write_bilevel
             write = partial(picture, plate, dots_per_um=settings.dots_per_um, comments=comments, die=die.name)

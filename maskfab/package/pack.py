@@ -10,30 +10,26 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from klayout import db
-
 from maskfab import __version__, provenance
 from maskfab.errors import InputError, JobError, OutputError, SourceError
-from maskfab.export.cell_polygons import CUT, Figures, draw
-from maskfab.export.dxf import DrawingStyle
-from maskfab.export.outputs import MASK_TAILS, mask_writer
+from maskfab.export.cell_polygons import CUT
+from maskfab.export.outputs import MASK_TAILS
 from maskfab.files.staging import check_file, write_bytes, write_text
-from maskfab.geometry.plate_layout import DBU_UM, layer_info, plate_layout, region
 from maskfab.job import Job, load
 from maskfab.jobfile import is_table
 from maskfab.jobfile import read as read_spec
 from maskfab.jobfile.shop_profile import Format, Shop, parse_shop
-from maskfab.model import CLEAR, Box, Plate, Quantity, WrittenFile
+from maskfab.model import Box, Quantity, WrittenFile
 from maskfab.package.archive import MANIFEST, safe_stem, unpack, write_package
 from maskfab.package.papers import JOB_COPY, PROFILE, Ordered, check_papers, check_profile, facts, papers
 from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
-from maskfab.readers.layout_file import find_cell, read_layout
-from maskfab.readers.sandbox.bounded import bounded, library_errors, seconds_of
-from maskfab.shops.adapt import blank_of, drawing_options, drawing_style, extent_nm, fitted
+from maskfab.readers.sandbox.bounded import bounded, seconds_of
+from maskfab.shops.adapt import blank_of, drawing_options, extent_nm, fitted
 from maskfab.shops.judge import Finding, accepted, check_shop, extent
+from maskfab.shops.plate_files import PlateFiles, files_for_shop
+from maskfab.verify.files import compare_mask, read_mask
 from maskfab.verify.foreign.extents import file_box
-from maskfab.verify.roundtrip import compare
 
 PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
 """Formats that a package can hold."""
@@ -95,29 +91,29 @@ def pack(
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
-    figures, style = draw(plate, options), drawing_style(plate, shop)
     stem = safe_stem(plate.name)
+    drawn = files_for_shop(plate, shop, sent, [job.signature, plate.title], stem)
     with _aside() as folder:
-        names = _names(plate, sent)
         checks: list[Quantity] = []
         boxes: list[Box] = []
-        for done, (name, kind) in enumerate(names.items()):
-            progress("write and read back", done, len(names))
-            mask_writer(figures, kind, [job.signature, plate.title], style)(folder / name)
-            read = _read(folder / name)
-            boxes.append(file_box(folder / name, read, style))
-            checks += read_back(figures, folder / name, style, read)
-        progress("write and read back", len(names), len(names))
+        for done, product in enumerate(drawn.products):
+            progress("write and read back", done, len(drawn.products))
+            product.write(folder / product.name)
+            box, rows = _read_back(drawn, folder / product.name)
+            boxes.append(box)
+            checks += rows
+        progress("write and read back", len(drawn.products), len(drawn.products))
         judged = tuple(check for check in checks if check.passed is not None)
         findings = _measured(findings, shop, boxes)
         if not (accepted(findings) and all(check.passed for check in judged)):
             return Package(None, findings, judged)
-        masks = tuple(provenance.written(folder, folder / name, kind) for name, kind in names.items())
-        made = papers(Ordered(job, shop, figures, job.signature, findings, judged, sent, masks))
+        names = [product.name for product in drawn.products]
+        masks = tuple(provenance.written(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True))
+        made = papers(Ordered(job, shop, drawn.figures, job.signature, findings, judged, sent, masks))
         for name, content in made.items():
             write_bytes(folder / name, content)
         files = (*masks, *(provenance.written(folder, folder / name, "paper") for name in made))
-        manifest = {**facts(job, shop, figures), "files": [vars(file) for file in files]}
+        manifest = {**facts(job, shop, drawn.figures), "files": [vars(file) for file in files]}
         write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
         _make_parents(zipped)
         write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}", replace=force)
@@ -202,7 +198,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
             whole = compose(made.spec, made.openings, signature, where=made.where)
             plate = fitted(whole, house)
-            figures, style = draw(plate, drawing_options(plate, house)), drawing_style(plate, house)
+            drawn = files_for_shop(plate, house, PACKED, (), safe_stem(plate.name))
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
                 raise
@@ -213,7 +209,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         boxes: dict[str, Box] = {}
         for name in masks:
             try:
-                boxes[name], rows = _held(figures, folder / name, style)
+                boxes[name], rows = _read_back_bounded(drawn, folder / name)
             except InputError as error:
                 checks.append(_failed("readable", f"{name}: {error}"))
                 continue
@@ -223,22 +219,18 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         if not masks:
             listing = "mask files that the manifest lists"
             checks.append(Quantity("mask_files", "", 0, "", listing, limit=1, passed=False))
-        kinds = {name: kind for name, kind in _names(plate, PACKED).items() if name in listed}
+        named = zip(drawn.products, PACKED, strict=True)
+        kinds = {product.name: kind for product, kind in named if product.name in listed}
         sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
         formats = tuple(kinds[file.path] for file in sent)
-        findings = check_shop(whole, house, formats, figures.options, blank_of(made.spec))
+        findings = check_shop(whole, house, formats, drawn.figures.options, blank_of(made.spec))
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
         findings = _measured(findings, house, tuple(boxes.values()))
-        ordered = Ordered(made, house, figures, signature, findings, tuple(readings), formats, tuple(sent))
+        ordered = Ordered(made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent))
         if shop is None:
             checks += check_profile(made, house, ours=manifest.get("maskfab_version") == __version__)
         checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= boxes.keys())
     return tuple(checks)
-
-
-def _names(plate: Plate, formats: Sequence[Format]) -> dict[str, Format]:
-    """The mask files of a package in some formats, by name."""
-    return {f"{safe_stem(plate.name)}{MASK_TAILS[each]}": each for each in formats}
 
 
 def _as_listed(path: Path, kind: Format, digest: str) -> WrittenFile:
@@ -306,45 +298,20 @@ def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
     return parse_shop(text, name, where=f"{package}: {PROFILE}")
 
 
-def _read(path: Path) -> db.Layout:
-    read = read_layout(path)
-    find_cell(read)
-    return read
+def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box, tuple[Quantity, ...]]:
+    """:func:`_read_back`, within limits, of a file from any source."""
+    return bounded(path, lambda _tell: _read_back(drawn, path), seconds=seconds_of(drawn.figures.account.polygons))
 
 
-def _held(figures: Figures, path: Path, style: DrawingStyle) -> tuple[Box, tuple[Quantity, ...]]:
-    """Extent of a whole file, and :func:`read_back`, within limits, of a file from any source."""
-
-    def work(_tell: Progress) -> tuple[Box, tuple[Quantity, ...]]:
-        read = _read(path)
-        return file_box(path, read, style), read_back(figures, path, style, read)
-
-    return bounded(path, work, seconds=seconds_of(figures.account.polygons))
-
-
-def read_back(figures: Figures, path: Path, style: DrawingStyle, read: db.Layout) -> tuple[Quantity, ...]:
-    """A written file, read by another library, against what was drawn and against the openings dot by dot."""
-    plate, cut = figures.plate, CUT in figures.layers
-    names = style.layer_names if path.suffix == ".dxf" else None
-    with library_errors(path):
-        drawn = compare(plate, figures.layout(), read, path, dots=not cut, layer_names=names).quantities()
-    if not cut:
-        return drawn
-    with library_errors(path):
-        exposed = compare(plate, plate_layout(plate), _exposed(read), path).quantities()
-    dark = [each for each in exposed if each.name != "polygons"]
-    if path.suffix == MASK_TAILS["gerber"]:
-        return tuple(dark)  # its reader takes the holes away, so that polygons are no longer those that were drawn
-    return (*(each for each in drawn if each.name == "polygons"), *dark)
-
-
-def _exposed(read: db.Layout) -> db.Layout:
-    """The exposed layout of a file whose holes lie on a layer of their own."""
-    layout = db.Layout()
-    layout.dbu = DBU_UM
-    top = layout.create_cell(read.top_cell().name)
-    top.shapes(layout.layer(layer_info(CLEAR))).insert(region(read, CLEAR) - region(read, CUT))
-    return layout
+def _read_back(drawn: PlateFiles, path: Path) -> tuple[Box, tuple[Quantity, ...]]:
+    """Extent of everything in a mask file, and the file against the design and the openings dot by dot."""
+    read = read_mask(path)
+    box = file_box(path, read, drawn.settings.drawing)
+    rows = compare_mask(drawn, read, path).quantities()
+    if CUT in drawn.figures.layers and path.suffix == MASK_TAILS["gerber"]:
+        # Its reader takes the holes away, so that polygons are no longer those that were drawn.
+        return box, tuple(each for each in rows if each.name != "polygons")
+    return box, rows
 
 
 def _manifest(path: Path) -> Mapping[str, Any]:

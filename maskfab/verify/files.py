@@ -1,6 +1,6 @@
-"""The files of a plate, and what reading them back shows: layouts by polygons, solids by volume, pictures by pixels.
+"""Written files read back and compared with their plate: layouts by polygons, solids by volume, pictures by pixels.
 
-plate + [export] -> drawn -> files -> read by other libraries -> quantities
+plate -> :class:`maskfab.shops.plate_files.PlateFiles` -> written -> :func:`read_mask` -> :func:`compare_mask`
 """
 
 from __future__ import annotations
@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -19,27 +19,21 @@ from typing import Any, TypeAlias
 from klayout import db
 
 from maskfab.errors import InputError, SourceError
-from maskfab.export.cell_polygons import Figures, draw
-from maskfab.export.outputs import FileSettings, Product, products
-from maskfab.export.solid.tiles import Stack
+from maskfab.export.outputs import Product
 from maskfab.files.release_memory import give_back
 from maskfab.geometry.plate_layout import layer_info
 from maskfab.geometry.shape_limits import count_vertices
-from maskfab.jobfile import ExportSection, FileFormat, JobSpec
-from maskfab.jobfile.shop_profile import Shop
-from maskfab.model import CLEAR, Die, Plate, Quantity
+from maskfab.model import CLEAR, Quantity
 from maskfab.progress import Progress
 from maskfab.readers.layout_file import find_cell, read_layout
 from maskfab.readers.sandbox.bounded import bounded, library_errors, seconds_of
 from maskfab.readers.svg import read_svg
-from maskfab.shops.adapt import blank_of, drawing_style, suited, written_formats, written_options
-from maskfab.units import NM_PER_UM
+from maskfab.shops.plate_files import PlateFiles
 from maskfab.verify.bitmaps import check_bitmap
 from maskfab.verify.roundtrip import RoundTrip, compare
 from maskfab.verify.slivers import Sifted
 from maskfab.verify.solids import check_plate_solid, check_solid
 
-_MB = 1_000_000
 _WRITTEN_ALONE = (".gbr", ".svg")
 """Formats that hold what the writer exposes and nothing else."""
 
@@ -59,63 +53,6 @@ _Taken: TypeAlias = db.Layout | RoundTrip | tuple[Quantity, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class Drawn:
-    """A plate as its files draw it.
-
-    Attributes:
-        figures: cells and polygons.
-        design: the same as a layout.
-        products: the files.
-        settings: of solids and pictures.
-        formats: of the files.
-    """
-
-    figures: Figures
-    design: db.Layout
-    products: tuple[Product, ...]
-    settings: FileSettings
-    formats: tuple[FileFormat, ...]
-
-    @property
-    def plate(self) -> Plate:
-        """The plate that is drawn."""
-        return self.figures.plate
-
-    def account(self) -> tuple[Quantity, ...]:
-        """Changes made to draw polygons that formats and readers accept, as rows of the report."""
-        said = self.figures.account
-        counts = {
-            "drawn_holes": (said.holed, f"outlines with holes, drawn by {self.figures.options.holes}"),
-            "drawn_parted": (said.parted, "outlines parted where they touched themselves"),
-            "drawn_split": (said.split, f"outlines cut for more than {self.figures.options.max_vertices} vertices"),
-        }
-        return tuple(Quantity(name, "", count, "", method) for name, (count, method) in counts.items())
-
-
-def drawn(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> Drawn:
-    """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
-
-    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.shops.adapt`, and marks are drawn as the
-    shop takes them.
-
-    Raises:
-        OutputError: MF413, MF416 for drawings that cannot be made.
-    """
-    section = spec.export or ExportSection()
-    formats = written_formats(section, shop)
-    glass_nm = blank_of(spec).glass_nm
-    settings = FileSettings(
-        Stack(section.chrome * NM_PER_UM, Stack().glass_nm if glass_nm is None else glass_nm, section.exaggeration),
-        round(section.stl_limit_mb * _MB),
-        section.dots_per_um,
-        drawing_style(plate, shop),
-    )
-    options = written_options(plate, section, shop)
-    figures = draw(plate if shop is None else suited(plate, shop, options.holes), options)
-    return Drawn(figures, figures.layout(), products(figures, formats, comments, settings), settings, formats)
-
-
-@dataclass(frozen=True, eq=False)
 class ReadBack:
     """Result of reading files back: of layouts, the first measured further, and every row of the report.
 
@@ -127,7 +64,7 @@ class ReadBack:
 
 
 def read_back(
-    made: Drawn, folder: Path, progress: Progress, refused: list[tuple[str, InputError]] | None = None
+    made: PlateFiles, folder: Path, progress: Progress, refused: list[tuple[str, InputError]] | None = None
 ) -> ReadBack:
     """Read the files of a folder through libraries that did not write them, and compare each with the plate.
 
@@ -171,7 +108,7 @@ def read_back(
                 if isinstance(found, RoundTrip) and not trips and found.dies[0].wrong_dots is None:
                     found = take(number, dots=True)  # what should have been the first was refused
                 if isinstance(found, db.Layout):
-                    found = _trip(made, found, folder / product.name, dots=not trips)
+                    found = compare_mask(made, found, folder / product.name, dots=not trips)
                 if isinstance(found, RoundTrip):
                     trip, quantities[number] = found, found.quantities()
                     trips[number] = trip if not trips else replace(trip, layout=db.Layout())
@@ -190,7 +127,7 @@ def read_back(
 
 
 @contextmanager
-def _ahead(made: Drawn, take: Callable[[int], _Taken]) -> Iterator[dict[str, Future[_Taken]]]:
+def _ahead(made: PlateFiles, take: Callable[[int], _Taken]) -> Iterator[dict[str, Future[_Taken]]]:
     """Start slow reads in background threads; yields futures by file name. Unstarted reads are cancelled on exit."""
     workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
     with ThreadPoolExecutor(workers) as pool:
@@ -201,10 +138,19 @@ def _ahead(made: Drawn, take: Callable[[int], _Taken]) -> Iterator[dict[str, Fut
             pool.shutdown(wait=False, cancel_futures=True)
 
 
-def _take(made: Drawn, product: Product, folder: Path) -> _Taken:
+def _take(made: PlateFiles, product: Product, folder: Path) -> _Taken:
     path = folder / product.name
     if product.kind != "mask":
-        return _others(made, product.die, path)
+        return _others(made, product, path)
+    return read_mask(path)
+
+
+def read_mask(path: Path) -> db.Layout:
+    """A mask file, by a library that did not write it; it has one top cell.
+
+    Raises:
+        SourceError: as :func:`maskfab.readers.layout_file.read_layout` and :func:`maskfab.readers.svg.read_svg`.
+    """
     if path.suffix == ".svg":
         return read_svg(path)
     read = read_layout(path)
@@ -212,16 +158,23 @@ def _take(made: Drawn, product: Product, folder: Path) -> _Taken:
     return read
 
 
-def _trip(made: Drawn, read: db.Layout, path: Path, *, dots: bool) -> RoundTrip:
-    names = made.settings.drawing.layer_names
+def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = True) -> RoundTrip:
+    """A mask file that was read, against the design and, if ``dots``, the openings dot by dot.
+
+    Raises:
+        SourceError: MF323 if the polygon library fails on the file.
+    """
+    names: Mapping[str, str] | None = None
     if path.suffix in _WRITTEN_ALONE:
         names = {CLEAR.name: CLEAR.name}
+    elif path.suffix == ".dxf":
+        names = made.settings.drawing.layer_names
     polygons = made.figures.account.polygons
     with library_errors(path):
         return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
 
 
-def _within_limits(made: Drawn, product: Product, folder: Path, *, dots: bool) -> RoundTrip:
+def _within_limits(made: PlateFiles, product: Product, folder: Path, *, dots: bool) -> RoundTrip:
     """A layout that anybody may have written, read and compared in a copy of this process.
 
     What comes back holds no differing shapes, and a layout only if ``dots``: the design where they are equal.
@@ -235,7 +188,7 @@ def _within_limits(made: Drawn, product: Product, folder: Path, *, dots: bool) -
     def work(_tell: Progress) -> dict[str, object]:
         read = _take(made, product, folder)
         assert isinstance(read, db.Layout)
-        trip = _trip(made, read, path, dots=dots)
+        trip = compare_mask(made, read, path, dots=dots)
         if dots and trip.differences:
             _refuse_many_vertices(made, read, path)
             read.write(str(differing), _clear_alone(read))
@@ -261,8 +214,8 @@ def _clear_alone(read: db.Layout) -> db.SaveLayoutOptions:
     return options
 
 
-def _refuse_many_vertices(made: Drawn, read: db.Layout, path: Path) -> None:
-    found, drawn = count_vertices(read), count_vertices(made.design)
+def _refuse_many_vertices(made: PlateFiles, read: db.Layout, path: Path) -> None:
+    found, drawn = count_vertices(read), max(count_vertices(made.design), made.figures.account.vertices)
     if found > _LIKE * drawn + _FEW_VERTICES:
         raise SourceError(
             "MF313",
@@ -272,9 +225,10 @@ def _refuse_many_vertices(made: Drawn, read: db.Layout, path: Path) -> None:
         )
 
 
-def _others(made: Drawn, die: Die | None, path: Path) -> tuple[Quantity, ...]:
-    if die is None:
+def _others(made: PlateFiles, product: Product, path: Path) -> tuple[Quantity, ...]:
+    if product.die is None:
         return check_plate_solid(made.plate, path)
-    if path.suffix in (".png", ".tif"):
+    (die,) = (each for each in made.plate.dies if each.name == product.die.name)
+    if product.kind == "bitmap":
         return check_bitmap(die, made.design, path, made.settings.dots_per_um)
     return check_solid(die, path, made.settings.stack)

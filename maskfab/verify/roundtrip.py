@@ -286,14 +286,15 @@ def clear_length_nm(layout: db.Layout, gauge: Gauge) -> int:
 def _xor(design: db.Layout, read: db.Layout, layer: Layer, alike: Sequence[Die] = ()) -> db.Region:
     """Symmetric difference of two layouts, merged; compared in hierarchy, for most cells are alike.
 
-    Where dies are known to be alike, only what lies between them is compared.
+    Where dies are known to be alike, only what lies between them is compared. A file without references is compared as
+    it is drawn: the search for cells in it would take longer than they save.
     """
     if alike:
         around = db.Region([(each.top_cell().bbox() + db.Box(*alike[0].box_nm)) for each in (design, read)]).merged()
         places = around - db.Region([db.Box(*die.box_nm) for die in alike])
         return (_within(design, layer, places) ^ _within(read, layer, places)).merged(True, 1)
-    store = db.DeepShapeStore()
-    one, other = (_deep(layout, layer, store) for layout in (design, read))
+    store = db.DeepShapeStore() if read.top_cell().child_instances() else None
+    one, other = (_drawn(layout, layer, store) for layout in (design, read))
     # A region in hierarchy dies with its store, so what differs is copied out of it.
     return db.Region(list((one ^ other).each())).merged(True, 1)
 
@@ -323,13 +324,15 @@ def _exposed(layout: db.Layout, box_nm: Box) -> db.Region:
     return clear if layout.find_layer(layer_info(CUT)) is None else clear - region(layout, CUT, box_nm)
 
 
-def _deep(layout: db.Layout, layer: Layer, store: db.DeepShapeStore) -> db.Region:
+def _drawn(layout: db.Layout, layer: Layer, store: db.DeepShapeStore | None) -> db.Region:
+    """Exposed shapes of a layout, in hierarchy if there is a store to hold it."""
+    kept = () if store is None else (store,)
     index = layout.find_layer(layer_info(layer))
     if index is None:
         return db.Region()
-    drawn = db.Region(layout.top_cell().begin_shapes_rec(index), store)
+    drawn = db.Region(layout.top_cell().begin_shapes_rec(index), *kept)
     cut = layout.find_layer(layer_info(CUT)) if layer is CLEAR else None
-    return drawn if cut is None else drawn - db.Region(layout.top_cell().begin_shapes_rec(cut), store)
+    return drawn if cut is None else drawn - db.Region(layout.top_cell().begin_shapes_rec(cut), *kept)
 
 
 def _within(layout: db.Layout, layer: Layer, places: db.Region) -> db.Region:

@@ -12,14 +12,14 @@ from maskfab.job import load
 from maskfab.model import NOTE
 from maskfab.pipeline import draw_files, named_shop, shop_quantities
 from maskfab.shops.judge import Finding, check_written
+from maskfab.shops.plate_files import PlateFiles
 from maskfab.shops.profiles import load_shop, shop_names
-from maskfab.verify.files import Drawn
 
 HOUSE = 'title = "A house"\nsources = []\n[order]\nfields = ["tone"]\n'
 FIVE_INCH = (('blank = "27 mm"', 'blank = "5 in"'), ('writable = "22 mm"', 'writable = "100 mm"'))
 
 
-def judged(folder: Path, section: str, profile: str = HOUSE, *edits) -> tuple[Drawn, tuple[Finding, ...]]:
+def judged(folder: Path, section: str, profile: str = HOUSE, *edits) -> tuple[PlateFiles, tuple[Finding, ...]]:
     """The job's files as drawn for the house of a profile, and what the house says to them."""
     job = write_job(folder, ("[plate]", f"[export]\n{section}\n\n[plate]"), *edits)
     (folder / "mine.toml").write_text(profile, encoding="utf-8")

@@ -24,8 +24,9 @@ from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.progress import silent
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
+from maskfab.shops.plate_files import PlateFiles, files_of_job
 from maskfab.verify import files
-from maskfab.verify.files import Drawn, drawn, read_back
+from maskfab.verify.files import read_back
 
 MASKS = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg")
 SOLIDS = ("step", "glb", "3mf", "stl")
@@ -41,8 +42,8 @@ def spec(text: str = "") -> JobSpec:
 
 
 @pytest.fixture(scope="module")
-def made(small_plate) -> Drawn:
-    return drawn(small_plate, spec(), ["job 0123abcd"])
+def made(small_plate) -> PlateFiles:
+    return files_of_job(small_plate, spec(), ["job 0123abcd"])
 
 
 @pytest.fixture(scope="module")
@@ -54,16 +55,16 @@ def folder(made, tmp_path_factory) -> Path:
     return place
 
 
-def only(made: Drawn, product: Product) -> Drawn:
+def only(made: PlateFiles, product: Product) -> PlateFiles:
     return replace(made, products=(product,))
 
 
-def named(made: Drawn, ending: str) -> Product:
+def named(made: PlateFiles, ending: str) -> Product:
     (found,) = (product for product in made.products if product.name.endswith(ending))
     return found
 
 
-def failed(made: Drawn, product: Product, place: Path) -> set[str]:
+def failed(made: PlateFiles, product: Product, place: Path) -> set[str]:
     rows = read_back(only(made, product), place, silent).quantities
     assert all(product.name in row.method for row in rows if row.passed is False)
     return {row.name for row in rows if row.passed is False}
@@ -126,7 +127,9 @@ def test_a_die_has_a_file_of_each_solid_and_picture_and_the_plate_one_of_each_la
 
 
 def test_a_job_without_export_becomes_four_layouts(small_plate):
-    names = [product.name for product in drawn(small_plate, validate(tomllib.loads(JOB), where="job"), []).products]
+    names = [
+        product.name for product in files_of_job(small_plate, validate(tomllib.loads(JOB), where="job"), []).products
+    ]
     assert names == [f"{small_plate.name}{tail}" for tail in (".gds", ".oas", "_R12.dxf", "_R2010.dxf")]
 
 
@@ -139,7 +142,7 @@ def test_what_was_done_to_draw_polygons_is_told(made):
 
 
 def test_settings_of_the_job_reach_the_files(small_plate):
-    settings = drawn(
+    settings = files_of_job(
         small_plate, spec('stl_limit_mb = 0.5\nchrome = "80 nm"\nexaggeration = 20\nmax_vertices = 200'), []
     ).settings
     assert settings.stl_limit_bytes == 500_000
@@ -148,7 +151,7 @@ def test_settings_of_the_job_reach_the_files(small_plate):
 
 
 def test_an_stl_above_its_limit_is_refused(small_plate, tmp_path):
-    product = named(drawn(small_plate, spec("stl_limit_mb = 0.001"), []), "PERIODIC.stl")
+    product = named(files_of_job(small_plate, spec("stl_limit_mb = 0.001"), []), "PERIODIC.stl")
     with pytest.raises(InputError, match=r"MF411.*export\.stl_limit_mb"):
         product.write(tmp_path / "x.stl")
     assert not list(tmp_path.iterdir())
@@ -159,7 +162,7 @@ def test_an_stl_above_its_limit_is_refused(small_plate, tmp_path):
 
 def test_a_closed_dot_fails_in_every_format(made, small_plate, tmp_path):
     """All 20 cells of the first die differ by one dot of 8 um."""
-    other = drawn(without_a_dot(small_plate), spec(), ["job 0123abcd"])
+    other = files_of_job(without_a_dot(small_plate), spec(), ["job 0123abcd"])
     for product, wrong in zip(made.products, other.products, strict=True):
         assert product.name == wrong.name
         if product.kind == "plate_solid" or (product.die is not None and product.die.name != "PERIODIC"):
@@ -173,7 +176,7 @@ def test_a_moved_die_fails_in_the_plate_step(made, small_plate, tmp_path):
     x, y = first.centre_nm
     moved = replace(small_plate, dies=(replace(first, centre_nm=(x + 2, y)), *others))
     product = next(each for each in made.products if each.kind == "plate_solid")
-    named(drawn(moved, spec(), []), product.name).write(tmp_path / product.name)
+    named(files_of_job(moved, spec(), []), product.name).write(tmp_path / product.name)
     assert failed(made, product, tmp_path) == {"solid_position_error"}
 
 
