@@ -39,7 +39,7 @@ _NEAR_DOTS = 3
 _FEW_PAIRS, _FEW_NEAR_PAIRS = 50_000, 25_000
 # Lags at which the coarse error is measured.
 _NEAR_SAMPLES, _FEWEST_SAMPLES, _MOST_SAMPLES = 4, 64, 128
-_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME = 128, 64
+_ROWS_AT_A_TIME, _COLUMNS_AT_A_TIME = 128, 16
 _SINGLE = 1e-5
 # Above it a transform is faster than counting pairs.
 _MOST_PAIRS = 8_000_000
@@ -309,11 +309,14 @@ def _power(blocks: Reals, sizes: list[int]) -> NDArray[np.complexfloating[Any]]:
     spectrum = scipy.fft.rfftn(blocks, *_along_x(sizes))
     columns = spectrum.reshape(*blocks.shape[:2], -1)
     power = np.empty((sizes[0] // 2 + 1, sizes[1], columns.shape[2]), dtype=columns.dtype)
+    axes = [0, 1] if sizes[1] > 1 else [0]
     for start in range(0, columns.shape[2], _COLUMNS_AT_A_TIME):
         part = slice(start, start + _COLUMNS_AT_A_TIME)
-        field = scipy.fft.fftn(columns[:, :, part], sizes[:2], axes=(0, 1))
-        field *= field.conj()
-        power[:, :, part] = scipy.fft.ifftn(field, axes=(0, 1), overwrite_x=True)[: len(power)]
+        field = scipy.fft.fftn(columns[:, :, part], [sizes[axis] for axis in axes], axes=axes)
+        squares = field.real**2
+        squares += field.imag**2
+        # Squares are real, so half of the lags tell the others.
+        power[:, :, part] = scipy.fft.rfftn(squares, axes=axes[::-1], norm="forward").conj()
     return power.reshape(*power.shape[:2], *spectrum.shape[2:])
 
 
@@ -346,7 +349,7 @@ def neighbours(lattice: Lattice, lag: Floats, sizes: tuple[int, int]) -> Iterato
         within = (lag - cell * pitch) / lattice.dot_um
         if dots == 1:
             # A cell of one dot meets others in one way only.
-            ways = [(np.zeros_like(within), np.maximum(1 - abs(within), 0))]
+            ways = [(np.zeros(()), np.maximum(1 - abs(within), 0))]
         else:
             base = np.floor(within)
             ways = [(base, 1 - (within - base)), (base + 1, within - base)]

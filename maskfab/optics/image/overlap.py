@@ -6,8 +6,6 @@ two discs.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -15,8 +13,6 @@ from maskfab.model import Stop
 
 Floats = NDArray[np.float64]
 
-# Of the area of a unit disc.
-_QUARTER = np.pi / 4
 # So many rectangles stay in the fastest cache.
 _AT_A_TIME = 4_096
 
@@ -52,10 +48,8 @@ def shared_area(stop: Stop, box_um: Floats, lag_um: Floats) -> Floats:
     share = stop.inner_share
     pairs = [(1.0, 1.0), (1.0, share), (share, 1.0), (share, share)] if share else [(1.0, 1.0)]
     area = np.zeros(box.shape[1])
-    for start in range(0, area.size, _AT_A_TIME):
-        some = slice(start, start + _AT_A_TIME)
-        for own, moved in pairs:
-            area[some] += (1 if own == moved else -1) * _in_both_discs(box[:, some], lag[:, some], own, moved)
+    for own, moved in pairs:
+        area += (1 if own == moved else -1) * _in_both_discs(box, lag, own, moved)
     return area * (width * height / 4)
 
 
@@ -64,60 +58,73 @@ def _in_both_discs(box: Floats, lag: Floats, own_radius: float, moved_radius: fl
 
     The circle of the larger power bounds a point, so on either side of the circles' radical axis it is a single one.
     """
-    power = ((lag**2).sum(axis=0) + own_radius**2 - moved_radius**2) / 2
-    height = (box[0] + box[1]) / 2 * lag[0] + (box[2] + box[3]) / 2 * lag[1] + power
-    beyond = height >= 0
-    radius = np.where(beyond, moved_radius, own_radius)
-    left, right, bottom, top = (
-        _Lines.of((side + along * beyond) / radius) for side, along in zip(box, np.repeat(lag, 2, axis=0), strict=True)
-    )
-    area = _disc_before(right, top) - _disc_before(left, top) - _disc_before(right, bottom) + _disc_before(left, bottom)
-    area *= radius**2
-    reach = (abs(lag[0]) * (box[1] - box[0]) + abs(lag[1]) * (box[3] - box[2])) / 2
-    k = np.flatnonzero(abs(height) < reach)
-    area[k] = _on_the_axis(box[:, k], lag[:, k], power[k], own_radius, moved_radius)
+    area, split = np.empty(box.shape[1]), []
+    for start in range(0, area.size, _AT_A_TIME):
+        some = slice(start, start + _AT_A_TIME)
+        power = _power(lag[:, some], own_radius, moved_radius)
+        area[some], is_split = _in_bounding_disc(box[:, some], lag[:, some], power, own_radius, moved_radius)
+        split.append(start + np.flatnonzero(is_split))
+    if split:
+        k = np.concatenate(split)
+        power = _power(lag[:, k], own_radius, moved_radius)
+        area[k] = _on_the_axis(box[:, k], lag[:, k], power, own_radius, moved_radius)
     return area
 
 
-@dataclass(frozen=True, eq=False)
-class _Lines:
-    """Lines across a unit disc along one axis.
+def _power(lag: Floats, own_radius: float, moved_radius: float) -> Floats:
+    """Half of what the moved circle's power of the origin is over the own one's."""
+    power: Floats = ((lag**2).sum(axis=0) + own_radius**2 - moved_radius**2) / 2
+    return power
 
-    Attributes:
-        place: where they lie, -1 to 1.
-        area: of the disc's quarter before the axes, and of what lies beyond that up to a line, on one side.
-        side: 2 for lines on the axis or beyond it, 0 for those before.
+
+def _in_bounding_disc(
+    box: Floats, lag: Floats, power: Floats, own_radius: float, moved_radius: float
+) -> tuple[Floats, NDArray[np.bool_]]:
+    """Area of rectangles inside the disc that bounds their middle, and whether the radical axis splits them."""
+    height = (box[0] + box[1]) / 2 * lag[0] + (box[2] + box[3]) / 2 * lag[1] + power
+    beyond = height >= 0
+    radius = np.where(beyond, moved_radius, own_radius)
+    area = _in_disc((box + np.repeat(lag * beyond, 2, axis=0)) / radius)
+    area *= radius**2
+    reach = (abs(lag[0]) * (box[1] - box[0]) + abs(lag[1]) * (box[3] - box[2])) / 2
+    return area, abs(height) < reach
+
+
+def _in_disc(sides: Floats) -> Floats:
+    """Area of rectangles [4, n] inside a unit disc: what lies above their bottoms, less what lies above their tops.
+
+    Between the same ends, a line below the axis has as much of the disc below it as its mirror image above.
     """
+    lines = np.clip(sides[2:], -1.0, 1.0)
+    # No line is at -0.
+    lines += 0.0
+    chord = _height(lines)
+    ends = np.clip(sides[:2, None], -chord, chord)
+    integral = _integral(ends)
+    beyond = integral[1] - integral[0]
+    beyond -= abs(lines) * (ends[1] - ends[0])
+    bottom, top = np.copysign(beyond, lines)
+    area: Floats = bottom - top
+    across = np.flatnonzero((lines[0] < 0) & (lines[1] >= 0))
+    left, right = _integral(np.clip(sides[:2, across], -1.0, 1.0))
+    area[across] += 2 * (right - left)
+    return area
 
-    place: Floats
-    area: Floats
-    side: Floats
 
-    @classmethod
-    def of(cls, place: Floats) -> _Lines:
-        place = np.clip(place, -1.0, 1.0)
-        area = np.sqrt(1 - place * place)
-        area *= place
-        area += np.arcsin(place)
-        area *= 0.5
-        area += _QUARTER
-        return cls(place, area, np.copysign(1.0, place) + 1)
+def _height(place: Floats) -> Floats:
+    """Of a unit circle above its axis."""
+    height = 1 - place
+    height *= 1 + place
+    return np.sqrt(height, out=height)
 
 
-def _disc_before(x: _Lines, y: _Lines) -> Floats:
-    """Area of a unit disc left of lines and below others."""
-    corner = x.place * y.place
-    corner += x.area
-    corner += y.area
-    corner -= _QUARTER
-    # A corner beyond the circle cuts off nothing, a cap, two of them, or everything. Both are found for all, since to
-    # part them takes longer.
-    beyond = (x.area - _QUARTER * x.side) * y.side
-    beyond += y.area * x.side
-    beyond -= corner
-    beyond *= x.place * x.place + y.place * y.place >= 1
-    corner += beyond
-    return corner
+def _integral(place: Floats) -> Floats:
+    """Of the height, from 0."""
+    integral = _height(place)
+    integral *= place
+    integral += np.arcsin(place)
+    integral *= 0.5
+    return integral
 
 
 def _on_the_axis(box: Floats, lag: Floats, power: Floats, own_radius: float, moved_radius: float) -> Floats:

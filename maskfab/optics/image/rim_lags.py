@@ -11,7 +11,7 @@ meet, that part of their rectangle counts which both stops leave. Areas are clos
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,9 +27,11 @@ Indices = NDArray[np.intp]
 
 # Pairs of a lag and a part of a cut dot: so many are sifted at a time, in the fastest cache, for those that matter, and
 # so many of these looked at.
-_PAIRS_AT_A_TIME, _SIFTED_AT_A_TIME, _MET_AT_A_TIME = 400_000, 4_096, 4_096
+_PAIRS_AT_A_TIME, _SIFTED_AT_A_TIME, _MET_AT_A_TIME = 400_000, 16_384, 8_192
 _UNLIKE, _NEAR_CUT, _CUT = 1, 2, 4
-_NEXT = (0, 1)
+# From an interval to itself, the next ones along x, along y, and both; and the bit that tells of the first.
+_QUARTERS = [(0, 0), (0, 1), (1, 0), (1, 1)]
+_FIRST_CLEAR_BIT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -39,9 +41,10 @@ class RimLags:
     Attributes:
         x, y: the pupil's lattices.
         dots: the cut dots.
-        whole: [ny, nx] transmission of what the stop leaves whole, in a margin of one dark interval; int8 if binary.
-        kind: uint8 [ny, nx]: whether an interval and the next ones along x and y are unlike, and whether one of
-            them is cut; and whether it is cut itself; 0 in a margin as wide as lags reach.
+        kind: uint8 [ny, nx], what of an interval and the next ones along x and y a bit each tells: whether they are
+            unlike, whether one of them is cut, and whether the first is; and in a binary mask which ones are whole and
+            clear. 0 in a margin as wide as lags reach.
+        grey: float64, transmission of what the stop leaves whole, in a margin of one dark interval, if not binary.
         margin: of ``kind``, intervals on either side along y and along x.
         spread_um2: what the means lack at lag 0, and the table has been given there.
     """
@@ -49,14 +52,15 @@ class RimLags:
     x: Lattice
     y: Lattice
     dots: CutDots
-    whole: NDArray[np.int8] | Floats
     kind: NDArray[np.uint8]
+    grey: Floats | None
     margin: tuple[int, int]
     spread_um2: float
 
     def __post_init__(self) -> None:
-        for name in ("whole", "kind"):
-            object.__setattr__(self, name, frozen(getattr(self, name)))
+        object.__setattr__(self, "kind", frozen(self.kind))
+        if self.grey is not None:
+            object.__setattr__(self, "grey", frozen(self.grey))
 
     def correction_um2(self, lag_x_um: Floats, lag_y_um: Floats) -> Floats:
         """Correction to a table of means, given its due at lag 0, at lags [n], in square micrometres."""
@@ -88,10 +92,18 @@ class RimLags:
                             total[part] += meeting.with_cut_um2(place, lag)
         return total
 
-    def in_whole(self, where: Indices) -> Indices:
-        """Flat indices of ``whole`` for those of ``kind`` where it is not 0."""
-        (above, before), across, wide = self.margin, self.whole.shape[1], self.kind.shape[1]
-        return np.asarray(where - where // wide * (wide - across) - ((above - 1) * across + before - 1))
+    def transmissions(self, where: Indices) -> NDArray[np.int8] | Floats:
+        """Of intervals at flat indices [n] of ``kind``, where it is not 0, and the next ones along x, along y and both.
+
+        Returns:
+            [4, n].
+        """
+        if self.grey is None:
+            bits = np.arange(_FIRST_CLEAR_BIT, _FIRST_CLEAR_BIT + len(_QUARTERS), dtype=np.uint8)
+            return (self.kind.take(where) >> bits[:, None] & 1).view(np.int8)
+        (above, before), across, wide = self.margin, self.grey.shape[1], self.kind.shape[1]
+        first = where - where // wide * (wide - across) - ((above - 1) * across + before - 1)
+        return np.stack([self.grey.take(first + (j * across + i)) for j, i in _QUARTERS])
 
 
 @dataclass(frozen=True, eq=False)
@@ -138,37 +150,43 @@ def rim_lags(pupil: Pupil, reach_um: float) -> RimLags | None:
         for lattice, size in zip((pupil.y, pupil.x), pupil.whole.shape, strict=True)
     )
     binary = bool(((pupil.whole == 0) | (pupil.whole == 1)).all())
-    whole: NDArray[np.int8] | Floats
-    whole = np.pad(pupil.whole.astype(np.int8), 1) if binary else np.pad(pupil.whole, 1)
+    whole = np.pad(pupil.whole.astype(np.uint8) if binary else pupil.whole, 1)
     # Beyond a gutter dots of another cell do not count, so then any clear one makes a difference.
     first = np.zeros((), whole.dtype) if pupil.x.has_gutter or pupil.y.has_gutter else whole[:-1, :-1]
     rows, columns = pupil.whole.shape
     kind = np.zeros((rows + 2 * margin_y, columns + 2 * margin_x), dtype=np.uint8)
     about = kind[margin_y - 1 : margin_y + rows, margin_x - 1 : margin_x + columns]
-    for j in _NEXT:
-        for i in _NEXT:
-            other = whole[j : whole.shape[0] - 1 + j, i : whole.shape[1] - 1 + i]
-            about |= (first != other).view(np.uint8) * np.uint8(_UNLIKE)
-    for j in _NEXT:
-        for i in _NEXT:
-            kind[dots.row + margin_y - j, dots.column + margin_x - i] |= _NEAR_CUT
+    for bit, (j, i) in enumerate(_QUARTERS, _FIRST_CLEAR_BIT):
+        other = whole[j : rows + 1 + j, i : columns + 1 + i]
+        about |= (first != other).view(np.uint8) * np.uint8(_UNLIKE)
+        if binary:
+            about |= other.astype(np.uint8) << np.uint8(bit)
+    for j, i in _QUARTERS:
+        kind[dots.row + margin_y - j, dots.column + margin_x - i] |= _NEAR_CUT
     kind[dots.row + margin_y, dots.column + margin_x] |= _CUT
-    whole.flags.writeable = kind.flags.writeable = False
+    kind.flags.writeable = whole.flags.writeable = False
     spread = float((dots.mean * (dots.transmission - dots.mean)).sum()) * pupil.x.dot_um * pupil.y.dot_um
-    return RimLags(pupil.x, pupil.y, dots, whole, kind, (margin_y, margin_x), spread)
+    grey = None if binary else whole.astype(np.float64, copy=False)
+    return RimLags(pupil.x, pupil.y, dots, kind, grey, (margin_y, margin_x), spread)
 
 
-def _sifted(kind: NDArray[np.uint8], place: Indices, offset: Indices) -> tuple[Indices, Indices, Indices]:
-    """Numbers of lags and of parts whose meeting changes anything, and the flat index at which they meet."""
-    rows = max(1, _SIFTED_AT_A_TIME // place.size)
-    found = [
-        np.flatnonzero(kind[place + offset[start : start + rows, None]] != 0) + start * place.size
-        for start in range(0, offset.size, rows)
-    ]
-    pair = np.concatenate(found)
-    at = np.repeat(np.arange(offset.size), np.diff(np.searchsorted(pair, place.size * np.arange(offset.size + 1))))
-    part = pair - place.size * at
-    return at, part, place[part] + offset[at]
+def _sifted(
+    kind: NDArray[np.uint8], place: Indices, offset: Indices
+) -> tuple[Indices, Indices, Indices, NDArray[np.uint8]]:
+    """Numbers of lags and of parts, ascending, whose meeting changes anything, its flat index and kind."""
+    rows = max(1, _SIFTED_AT_A_TIME // offset.size)
+    pairs, places, kinds = [], [], []
+    for start in range(0, place.size, rows):
+        where = (place[start : start + rows, None] + offset).ravel()
+        met = kind.take(where)
+        found = np.flatnonzero(met & (_UNLIKE | _NEAR_CUT) != 0)
+        pairs.append(found + start * offset.size)
+        places.append(where.take(found))
+        kinds.append(met.take(found))
+    pair = np.concatenate(pairs)
+    ends = np.searchsorted(pair, offset.size * np.arange(place.size + 1))
+    part = np.repeat(np.arange(place.size), np.diff(ends))
+    return pair - offset.size * part, part, np.concatenate(places), np.concatenate(kinds)
 
 
 @dataclass(frozen=True, eq=False)
@@ -215,7 +233,8 @@ class _Meeting:
     Attributes:
         rim: whose dots they are.
         along_x, along_y: where the lags take them.
-        at, part, where: intp [n], which lag, which part, and the flat index of the interval met first.
+        at, part, where: intp [n], which lag, which part, ascending, and the flat index of the interval met first.
+        kind: uint8 [n], of that interval.
     """
 
     rim: RimLags
@@ -224,30 +243,31 @@ class _Meeting:
     at: Indices
     part: Indices
     where: Indices
+    kind: NDArray[np.uint8]
 
     def few_at_a_time(self) -> Iterator[_Meeting]:
         """The meetings, so few at a time that they stay in the fastest cache."""
         for start in range(0, self.at.size, _MET_AT_A_TIME):
             some = slice(start, start + _MET_AT_A_TIME)
-            yield replace(self, at=self.at[some], part=self.part[some], where=self.where[some])
+            yield _Meeting(
+                self.rim, self.along_x, self.along_y,
+                self.at[some], self.part[some], self.where[some], self.kind[some],
+            )  # fmt: skip
 
     def with_whole_um2(self) -> Floats:
         """Change of the overlap with whole dots by shapes, for each lag."""
-        first = self.rim.in_whole(self.where)
-        here, right, above, beyond = (self._transmission(first, j, i) for j in _NEXT for i in _NEXT)
-        quarters = [each - beyond for each in (here, right, above)]
-        share_x, share_y = self.along_x.edge[self.at], self.along_y.edge[self.at]
-        excess = self.rim.dots.parts.excess_um2(self.part, share_x, share_y, quarters)
+        share = np.stack([self.along_x.edge, self.along_y.edge]).take(self.at, axis=1)
+        excess = self.rim.dots.parts.excess_um2(self.part, share, self._quarters())
         return np.asarray(np.bincount(self.at, excess, self.along_x.edge.size), dtype=np.float64)
 
-    def _transmission(self, first: Indices, j: int, i: int) -> Floats:
-        """Transmission of the interval met first, or of the next ones along y and x."""
-        value = self.rim.whole.ravel()[first + (j * self.rim.whole.shape[1] + i)]
-        dots = self.rim.dots
-        for shift, interval, step in ((self.along_x, dots.column, i), (self.along_y, dots.row, j)):
+    def _quarters(self) -> NDArray[np.int8] | Floats:
+        """Transmissions [4, n] of the intervals met first, and of the next ones along x, along y and both."""
+        values, dots = self.rim.transmissions(self.where), self.rim.dots
+        for step, shift, interval in ((1, self.along_x, dots.column), (0, self.along_y, dots.row)):
             if shift.lattice.has_gutter:
-                value = value * shift.meets(self.at, interval[dots.parts.dot[self.part]], step)
-        return np.asarray(value, dtype=np.float64)
+                met = interval.take(dots.parts.dot.take(self.part))
+                values *= np.stack([shift.meets(self.at, met, way[step]) for way in _QUARTERS])
+        return values
 
     def with_cut_um2(self, place: Indices, lag_um: Floats) -> Floats:
         """Change of the overlap with cut dots by shapes, for each lag.
@@ -256,10 +276,10 @@ class _Meeting:
             place: flat index of all cut dots.
             lag_um: float64 [2, n], x first.
         """
-        near = np.flatnonzero((self.rim.kind.ravel()[self.where] & _NEAR_CUT > 0) & (self.part < place.size))
-        j, i = np.array([(j, i) for j in _NEXT for i in _NEXT]).T
+        near = np.flatnonzero((self.kind & _NEAR_CUT > 0) & (self.part < place.size))
+        j, i = np.array(_QUARTERS).T
         met = self.where[near] + (j * self.rim.kind.shape[1] + i)[:, None]
-        way, k = np.nonzero(self.rim.kind.ravel()[met] & _CUT)
+        way, k = np.nonzero(self.rim.kind.take(met) & _CUT)
         return self._with_cut(near[k], np.searchsorted(place, met[way, k]), j[way], i[way], lag_um)
 
     def _with_cut(self, near: Indices, second: Indices, j: Indices, i: Indices, lag_um: Floats) -> Floats:

@@ -6,7 +6,8 @@ y(x) = sqrt(1 - x²) falls, and of a part that begins at l and b
 
     ∫_l^x clip(y(u), b, y₁) - b du = (y₁ - b)(min(x, x₁) - l) + ∫_{x₁}^{max(x, x₁)} y(u) - b du,    y(x₁) = y₁,
 
-is clear, with ∫_0^x y = (x y(x) + asin x) / 2.
+is clear, with ∫_0^x y = (x y(x) + asin x) / 2. Left of and below a point of the disc all is clear; right of and above
+one outside it nothing is, so that what two lines leave follows from what either does.
 """
 
 from __future__ import annotations
@@ -22,6 +23,9 @@ from maskfab.model import Stop, frozen
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
 
+# Whether parts are mirrored along x and along y.
+_QUADRANTS = [(False, False), (False, True), (True, False), (True, True)]
+
 
 @dataclass(frozen=True, eq=False)
 class RimParts:
@@ -29,17 +33,19 @@ class RimParts:
 
     Attributes:
         dot: intp [m], whose part; the first k parts are one of every dot, in order.
-        table: float64 [m, 22], one row for each: where it lies along x and along y, see :func:`_along`, and what areas
-            of the stretched stop count that lie before a line along x, along y and both, and the clear one of it all.
+        mirrored: int8 [2, m], 1 for parts mirrored along x, and along y.
+        table: float64 [8, 2, m]: where the parts lie along either axis, see :class:`_Along`; last, what areas of the
+            stretched stop count, and the clear one of each part.
         round: whether the stop is.
     """
 
     dot: Indices
+    mirrored: NDArray[np.int8]
     table: Floats
     round: bool
 
     def __post_init__(self) -> None:
-        for name in ("dot", "table"):
+        for name in ("dot", "mirrored", "table"):
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @classmethod
@@ -47,116 +53,140 @@ class RimParts:
         """Parts of dots [k] between x_um [2, k] and y_um [2, k] that a stop cuts, which is no polygon."""
         discs = [(1.0, 1.0), (stop.inner_share, -1.0)] if stop.inner_share else [(1.0, 1.0)]
         width, height = stop.sides_um
-        found = []
+        tables, areas = [], []
         for share, sign in discs:
             weight = sign * share**2 * width * height / 4 * transmission
-            x, y = x_um * (2 / (share * width)), y_um * (2 / (share * height))
-            for mirrored_x in (False, True):
-                for mirrored_y in (False, True):
-                    *rows, area = _quadrant(stop.round, x, y, mirrored_x, mirrored_y)
-                    sign_x, sign_y = (-1.0 if mirrored else 1.0 for mirrored in (mirrored_x, mirrored_y))
-                    weights = [weight * factor for factor in (sign_x, sign_y, sign_x * sign_y, area)]
-                    found.append((np.stack([*rows, *weights], axis=1), area))
-        tables, area = (np.stack(each) for each in zip(*found, strict=True))
-        dots = np.arange(transmission.size)
+            ends = np.stack([x_um * (2 / (share * width)), y_um * (2 / (share * height))])
+            for mirrored in _QUADRANTS:
+                along = _Along.of(stop.round, ends, mirrored)
+                area = _Lines.of(along, np.ones(along.start.shape)).before[0]
+                tables.append(np.stack([*along, np.stack([weight, weight * area])]))
+                areas.append(area)
+        dots, area = np.arange(transmission.size), np.stack(areas)
         first = np.argmax(area, axis=0)
         rest = area > 0
         rest[first, dots] = False
-        others, dot = np.nonzero(rest)
-        return cls(
-            np.concatenate([dots, dot]), np.concatenate([tables[first, dots], tables[others, dot]]), stop.round
-        )  # fmt: skip
+        others, other_dots = np.nonzero(rest)
+        place, dot = np.concatenate([first, others]), np.concatenate([dots, other_dots])
+        mirrors = np.array(_QUADRANTS * len(discs), dtype=np.int8)
+        return cls(dot, mirrors[place].T, np.stack(tables, axis=-2)[..., place, dot], stop.round)
 
-    def excess_um2(self, part: Indices, share_x: Floats, share_y: Floats, quarters: list[Floats]) -> Floats:
+    @property
+    def clear_um2(self) -> Floats:
+        """Clear area of each part times the dot's transmission, negative in an annulus's dark middle, [m]."""
+        return np.asarray(self.table[-1, 1])
+
+    def excess_um2(self, part: Indices, share: Floats, quarters: NDArray[np.int8] | Floats) -> Floats:
         """Area that quarters of parts' dots pass if they transmit unlike amounts, less the mean's share of it.
 
         Args:
-            part: intp [n].
-            share_x, share_y: where lines divide the dots, 0 to 1.
-            quarters: transmissions [n] of those left and below, right and below, left and above, all less that of the
-                one right and above.
+            part: intp [n], ascending.
+            share: [2, n] where lines across x and across y divide the dots, 0 to 1.
+            quarters: [4, n] transmissions of those left and below, right and below, left and above, right and above;
+                those of the last are taken to be let through by the whole dot.
         """
-        table = self.table.take(part, axis=0).T
-        x, y = _Line.of(table[:9], share_x), _Line.of(table[9:18], share_y)
-        of_x, of_y, of_both, clear = table[18:]
-        here, right, above = quarters
+        held = slice(part[0], part[-1] + 1)
+        count = np.diff(np.searchsorted(part, np.arange(held.start, held.stop + 1)))
+        found = np.repeat(self.table[..., held], count, axis=2)
+        weight, clear = found[-1]
+        mirrored = np.repeat(self.mirrored[:, held], count, axis=1)
+        here, right, above = quarters[:3] - quarters[3]
         twist = here - right - above
-        mean = clear * y.share
-        both = self._before(x, y)
-        both *= of_both
-        both -= x.share * mean
-        both *= twist
-        below = y.before
-        below *= of_y
-        below -= mean
-        below *= right + x.mirrored * twist
-        both += below
-        beside = x.before
-        beside *= of_x
-        beside -= clear * x.share
-        beside *= above + y.mirrored * twist
-        both += beside
+        steps = np.stack([above, right])
+        # Mirroring changes sides.
+        steps += mirrored[::-1] * twist
+        turn = 1 - 2 * mirrored
+        steps *= turn
+        twist *= turn[0] * turn[1]
+        share = abs(share - mirrored)
+        lines = _Lines.of(_Along(*found[:-1]), share)
+        sides = lines.before
+        sides *= weight
+        both = lines.rectangle()
+        both *= weight
+        if self.round:
+            # What lies beyond a corner outside the disc is dark.
+            both = np.where(lines.place[1] < lines.height[0], both, sides[0] + sides[1] - clear)
+        means = clear * share
+        sides -= means
+        sides *= steps.astype(np.float64, copy=False)
+        both -= share[0] * means[1]
+        both *= twist.astype(np.float64, copy=False)
+        both += sides[1]
+        both += sides[0]
         return both
 
-    def _before(self, x: _Line, y: _Line) -> Floats:
-        """Clear area before lines along both axes."""
-        if not self.round:
-            return (np.minimum(x.place, x.on_rim) - x.low) * (np.minimum(y.place, y.on_rim) - y.low)
-        # x₁ is the rim's height above the line along x.
-        area = np.minimum(x.place, y.height)
-        area -= x.low
-        area *= np.minimum(y.place, y.on_rim) - y.low
-        beyond = x.integral + y.integral
-        beyond -= y.on_rim * y.height
-        beyond -= np.pi / 4
-        area += np.maximum(beyond, 0.0, out=beyond)
-        run = x.on_rim - y.height
-        np.maximum(run, 0.0, out=run)
-        run *= y.low
-        area -= run
-        return area
 
-
-class _Line(NamedTuple):
-    """Lines across parts along one axis.
+class _Along(NamedTuple):
+    """Where parts lie along x and along y, mirrored into the first quadrant; float64 [2, n] each.
 
     Attributes:
-        mirrored: 1 where a part is, else 0.
-        share: of the dot before the line, less 1 if mirrored.
+        start, step: where their dots begin, and the way to the ends.
+        low: where the parts begin.
+        first, last: where the rim's run through them begins and ends.
+        across: how far they reach along the other axis.
+        base: what makes the area before a line begin at 0.
+    """
+
+    start: Floats
+    step: Floats
+    low: Floats
+    first: Floats
+    last: Floats
+    across: Floats
+    base: Floats
+
+    @classmethod
+    def of(cls, is_round: bool, ends: Floats, mirrored: tuple[bool, bool]) -> _Along:
+        """Of dots that begin and end, float64 [2, 2, k], along x and along y."""
+        ends = np.stack([-axis[::-1] if flip else axis for axis, flip in zip(ends, mirrored, strict=True)])
+        start = ends[:, 0]
+        # Also for dots beyond a disc, whose areas rounding may leave above 0.
+        low, high = np.clip(ends, 0, 1).swapaxes(0, 1)
+        first, last = (np.clip(_height(end[::-1]), low, high) for end in (high, low)) if is_round else (high, high)
+        across = (high - low)[::-1]
+        base = low[::-1] * first - across * low - _integral(first, _height(first))
+        return cls(start, ends[:, 1] - start, low, first, last, across, base)
+
+
+class _Lines(NamedTuple):
+    """Lines across parts, across x and across y; float64 [2, n] each.
+
+    Attributes:
         low: where the part begins.
         place: of the line, from there on.
         on_rim: the nearest place at which the rim runs through the part.
         height: of the rim there.
-        integral: of the height up to there.
         before: what is clear of the part before the line.
     """
 
-    mirrored: Floats
-    share: Floats
     low: Floats
     place: Floats
     on_rim: Floats
     height: Floats
-    integral: Floats
     before: Floats
 
     @classmethod
-    def of(cls, along: Floats, share: Floats) -> _Line:
-        mirrored, start, step, low, first, last, across, bottom, base = along
-        share = share - mirrored
-        place = share * step
-        place += start
-        np.maximum(place, low, out=place)
-        on_rim = np.maximum(place, first)
-        np.minimum(on_rim, last, out=on_rim)
+    def of(cls, along: _Along, share: Floats) -> _Lines:
+        """Lines at shares of mirrored dots."""
+        place = share * along.step
+        place += along.start
+        np.maximum(place, along.low, out=place)
+        on_rim = np.maximum(place, along.first)
+        np.minimum(on_rim, along.last, out=on_rim)
         height = _height(on_rim)
-        integral = _integral(on_rim, height)
-        before = np.minimum(place, first)
-        before *= across
-        before += integral
-        before -= bottom * on_rim
-        before += base
-        return cls(mirrored, share, low, place, on_rim, height, integral, before)
+        before = np.minimum(place, along.first)
+        before *= along.across
+        before += _integral(on_rim, height)
+        before -= along.low[::-1] * on_rim
+        before += along.base
+        return cls(along.low, place, on_rim, height, before)
+
+    def rectangle(self) -> Floats:
+        """Area of the rectangle before lines across both axes, as far as the rim runs."""
+        sides = np.minimum(self.place, self.on_rim)
+        sides -= self.low
+        return np.asarray(sides[0] * sides[1])
 
 
 def _height(place: Floats) -> Floats:
@@ -172,38 +202,3 @@ def _integral(place: Floats, height: Floats) -> Floats:
     integral += place * height
     integral *= 0.5
     return integral
-
-
-def _quadrant(is_round: bool, x: Floats, y: Floats, mirrored_x: bool, mirrored_y: bool) -> list[Floats]:
-    """Where dots between x [2, k] and y [2, k] lie in one quadrant, and what is clear of them."""
-    x, y = (-each[::-1] if mirrored else each for each, mirrored in ((x, mirrored_x), (y, mirrored_y)))
-    (left, right), (bottom, top) = np.clip(x, 0, None), np.clip(y, 0, None)
-    if is_round:
-        first_x, last_x, first_y, last_y = (
-            np.clip(_height(np.minimum(far, 1)), low, np.minimum(high, 1))
-            for far, low, high in ((top, left, right), (bottom, left, right), (right, bottom, top), (left, bottom, top))
-        )
-    else:
-        left, right, bottom, top = (np.minimum(each, 1) for each in (left, right, bottom, top))
-        first_x, last_x, first_y, last_y = right, right, top, top
-    along_x = _along(mirrored_x, x, left, first_x, last_x, bottom, top)
-    along_y = _along(mirrored_y, y, bottom, first_y, last_y, left, right)
-    area = _Line.of(np.stack(along_x), np.full(left.shape, 0.0 if mirrored_x else 1.0)).before
-    return [*along_x, *along_y, area]
-
-
-def _along(
-    mirrored: bool, ends: Floats, low: Floats, first: Floats, last: Floats, bottom: Floats, top: Floats
-) -> list[Floats]:
-    """Where parts lie along one axis.
-
-    Whether they are mirrored, as 0 and 1; where their dots begin, and the way to the ends; where the
-    parts begin, and the rim's run through them first and last is; how far they reach across, and from where; and what
-    makes the area before a line begin at 0.
-    """
-    base = bottom * first - (top - bottom) * low - _integral(first, _height(first))
-    sign = -1.0 if mirrored else 1.0
-    return [
-        np.full(low.shape, float(mirrored)), ends[0], sign * (ends[1] - ends[0]),
-        low, first, last, top - bottom, bottom, base,
-    ]  # fmt: skip
