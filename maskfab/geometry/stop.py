@@ -34,7 +34,7 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
         touch, both their edges are there; they cancel in any integral along the boundary.
     """
     if isinstance(shapes, db.Region):
-        return _cut_edges(shapes & db.Region(db.Box(*stop_box(stop, centre_nm))), stop, centre_nm)
+        return _polygon_edges(shapes if shapes.is_merged() else shapes.merged(True, 1), stop, centre_nm)
     corners = shapes - np.tile(centre_nm, 2)
     inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *corners.T)
     cut = db.Region()
@@ -47,6 +47,25 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
     sides = [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
     whole = np.concatenate([np.stack(side, axis=1) for side in sides])
     return np.concatenate([whole, rim]), rim_area + float(((x1 - x0) * (y1 - y0)).sum())
+
+
+def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
+    """Of polygons that are disjoint only those that the stop may cut are cut; a boolean of all takes far longer."""
+    boxes = (polygon.bbox() for polygon in merged.each())
+    ends = np.fromiter((end for box in boxes for end in (box.left, box.bottom, box.right, box.top)), dtype=np.int64)
+    inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *(ends.reshape(-1, 4) - np.tile(centre_nm, 2)).T)
+    whole, near = db.Region(), db.Region()
+    for polygon, held, away in zip(merged.each(), inside.tolist(), outside.tolist(), strict=True):
+        if not away:
+            (whole if held else near).insert(polygon)
+    whole.merged_semantics = False
+    # KLayout has the clear side on the right of an edge, the field formula on the left.
+    corners = (c for e in whole.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
+    edges = (np.fromiter(corners, dtype=np.float64).reshape(-1, 4) - np.tile(centre_nm, 2)) * 1e-3
+    rim, rim_area = _cut_edges(near & db.Region(db.Box(*stop_box(stop, centre_nm))), stop, centre_nm)
+    # A region's area is told in whole square nanometres of every polygon, of which slanted ones have halves.
+    area = sum(polygon.area2() for polygon in whole.each()) / 2e6
+    return np.concatenate([edges, rim]), area + rim_area
 
 
 def _cut_edges(region: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:

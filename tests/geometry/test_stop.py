@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
-from maskfab.geometry.stop import edges_in_stop
+from maskfab.geometry.stop import _cut_edges, edges_in_stop, stop_box
 from maskfab.measure.optics import polygon_psf, stop_boundary
 from maskfab.model import Stop
 from maskfab.optics.image.psf import point_psf
@@ -40,3 +41,29 @@ def test_boxes_far_larger_than_their_stop_are_cut_like_regions() -> None:
     corner = np.trapezoid(np.sqrt(2.5**2 - x**2) - 0.3, x)
     assert area == pytest.approx(strip + corner, rel=1e-8)
     assert half == pytest.approx(area, rel=1e-8)
+
+
+@pytest.mark.parametrize("stop", [Stop("circle", 90.0), Stop("circle", 90.0, inner_share=0.4), Stop("square", 81.0)])
+def test_only_polygons_at_the_rim_are_cut_and_the_rest_stay_as_they_are(monkeypatch, stop):
+    """Against a boolean of all polygons; the axis lies between two nanometres."""
+    random = np.random.default_rng(7)
+    shapes = db.Region()
+    for x, y in np.ndindex(26, 26):
+        width, height = random.integers(800, 3600, 2).tolist()
+        corners = [(0, 0), (0, height), (width // 2, height), (width, height // 3), (width, 0)]
+        shapes.insert(db.Polygon([db.Point(3700 * x - 48_000 + dx, 3700 * y - 48_000 + dy) for dx, dy in corners]))
+    shapes.merge(True, 1)
+    axis = (0.5, -13.0)
+    booleans = []
+
+    def cut(region, *others):
+        booleans.append(region.count())
+        return _cut_edges(region, *others)
+
+    monkeypatch.setattr("maskfab.geometry.stop._cut_edges", cut)
+    edges, area = edges_in_stop(shapes, stop, axis)
+    assert sum(booleans) < 0.3 * shapes.count()
+    expected, expected_area = _cut_edges(shapes & db.Region(db.Box(*stop_box(stop, axis))), stop, axis)
+    assert area == pytest.approx(expected_area, rel=1e-12)
+    one, other = (each[np.lexsort(np.round(each, 7).T)] for each in (edges, expected))
+    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
