@@ -97,7 +97,7 @@ def check_quantity(quantity: dict) -> None:
 def test_run_prints_paths_on_stdout_and_progress_on_stderr(capsys, tmp_path):
     (tmp_path / "new" / "out").mkdir(parents=True)  # an empty directory takes a result
     answer = command(capsys, "run", write_job(tmp_path), "--out", tmp_path / "new" / "out")
-    assert answer.code == 0
+    assert answer.code == 0, answer.stderr
     printed = [Path(line) for line in answer.stdout.splitlines()]
     assert printed == sorted((tmp_path / "new" / "out").iterdir())
     assert {path.name for path in printed} >= {
