@@ -321,7 +321,7 @@ class _Drawn:
 
 @dataclass(frozen=True, eq=False)
 class _Seen:
-    """What the optics needs of it; edges and aperture, as large as all of this, are gone.
+    """Parts of a mask file that the optics needs; edges and aperture, as large as all of these, are gone.
 
     Attributes:
         name: of the cell.
