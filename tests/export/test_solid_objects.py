@@ -1,0 +1,57 @@
+"""A die as an object of cadquery and of trimesh: the same solids in the same places, made by two libraries."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from maskfab.errors import OutputError
+from maskfab.export.solid.objects import cadquery_assembly, trimesh_scene
+from maskfab.export.solid.tiles import Stack
+from maskfab.model import Die, Opening, Panel, Tiling
+
+STACK = Stack(chrome_nm=20_000.0)
+
+
+def die(mask: np.ndarray) -> Die:
+    orientations = np.array([[0, 1, 2, 3], [4, 5, 6, 7]])
+    panel = Panel(Opening("LOPSIDED", mask, 8000), 8000, 2000, orientations, Tiling.RANDOM, 1)
+    return Die("D1", "a die", panel, (3_000_000, -2_000_000), 400_000)
+
+
+@pytest.fixture(scope="module")
+def lopsided() -> Die:
+    """Two dots that meet at a corner, and a bar, so that no orientation looks like another."""
+    mask = np.zeros((5, 5), dtype=np.bool_)
+    mask[0, 0] = mask[1, 1] = True
+    mask[3, 1:4] = True
+    return die(mask)
+
+
+def test_two_libraries_hold_the_same_solids_in_the_same_places(lopsided: Die) -> None:
+    """Volume and centre of mass of every cell; a cell turned wrongly would have its centre elsewhere."""
+    assembly, scene = cadquery_assembly(lopsided, STACK), trimesh_scene(lopsided, STACK)
+    solids = {child.name: child.obj.val().moved(child.loc) for child in assembly.children}
+    assert (
+        solids.keys() == set(scene.graph.nodes_geometry) == {"GLASS", *(f"R{r}C{c}" for r in (0, 1) for c in range(4))}
+    )
+    for name, solid in solids.items():
+        place, geometry = scene.graph[name]
+        mesh = scene.geometry[geometry].copy().apply_transform(place)
+        assert mesh.is_watertight
+        assert solid.isValid()
+        assert mesh.volume == pytest.approx(solid.Volume(), rel=1e-9)
+        np.testing.assert_allclose(solid.Center().toTuple(), mesh.center_mass, atol=1e-9)
+    panel = lopsided.panel
+    film_mm3 = 20e-3 * (panel.pitch_nm**2 - 5 * panel.dot_nm**2) * 1e-12
+    assert solids["R0C0"].Volume() == pytest.approx(film_mm3, rel=1e-9)
+
+
+def test_a_cell_without_chrome_is_refused_by_both() -> None:
+    clear = die(np.ones((5, 5), dtype=np.bool_))
+    bare = Die(
+        "D1", "a die", Panel(clear.panel.opening, 8000, 0, clear.panel.orientations, Tiling.RANDOM, 1), (0, 0), 400_000
+    )
+    for made in (cadquery_assembly, trimesh_scene):
+        with pytest.raises(OutputError, match="MF410"):
+            made(bare, STACK)
