@@ -1,37 +1,128 @@
 """maskfab: photomask plates for under-panel cameras, and the pictures they will make.
 
-    >>> import maskfab
-    >>> job = maskfab.load_job("layouts/upc12.toml")        # doctest: +SKIP
-    >>> result = maskfab.run(job, "build/upc12")            # doctest: +SKIP
+    >>> import maskfab as mf
+    >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+    >>> panel = mf.Panel.tile(bar, "random", seed=1, size="4.4 mm")
+    >>> camera = mf.Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
+    >>> print(camera.mtf(panel, "530 nm").auc)                                      # doctest: +SKIP
 
-The types are in :mod:`maskfab.model`; the chain is on one page in :mod:`maskfab.pipeline`.
+Lengths are text with a unit, or numbers of micrometres (wavelengths: nanometres). What is wrong is refused with an
+error whose code ``explain`` knows. The types and functions are in :mod:`maskfab.api`, the vocabulary is in
+:mod:`maskfab.model`, the chain on one page in :mod:`maskfab.pipeline`.
 """
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
+from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from inspect import Signature
+
+    from maskfab.api.camera import Camera as Camera
+    from maskfab.api.curves import Mtf as Mtf
+    from maskfab.api.curves import Psf as Psf
+    from maskfab.api.designing import Design as Design
+    from maskfab.api.designing import design as design
+    from maskfab.api.opening import Opening as Opening
+    from maskfab.api.opening import read_opening as read_opening
+    from maskfab.api.panel import Panel as Panel
+    from maskfab.api.plate import Plate as Plate
+    from maskfab.api.plates import run as run
+    from maskfab.api.plates import verify as verify
+    from maskfab.errors import MaskfabError as MaskfabError
     from maskfab.job import load as load_job
     from maskfab.measure.analysis import analyse as analyse
-    from maskfab.pipeline import run as run
-    from maskfab.verification import verify as verify
+    from maskfab.plate.maps import load as read_map
+    from maskfab.report.quantities import Quantities as Quantities
 
 __version__ = "0.1.0"
-__all__ = ["__version__", "analyse", "load_job", "run", "verify"]
 
 _WHERE = {
-    "analyse": ("maskfab.measure.analysis", "analyse"),
-    "load_job": ("maskfab.job", "load"),
-    "run": ("maskfab.pipeline", "run"),
-    "verify": ("maskfab.verification", "verify"),
+    "Camera": "maskfab.api.camera",
+    "Design": "maskfab.api.designing",
+    "MaskfabError": "maskfab.errors",
+    "Mtf": "maskfab.api.curves",
+    "Opening": "maskfab.api.opening",
+    "Panel": "maskfab.api.panel",
+    "Plate": "maskfab.api.plate",
+    "Psf": "maskfab.api.curves",
+    "Quantities": "maskfab.report.quantities",
+    "analyse": "maskfab.measure.analysis",
+    "design": "maskfab.api.designing",
+    "load_job": "maskfab.job:load",
+    "read_map": "maskfab.plate.maps:load",
+    "read_opening": "maskfab.api.opening",
+    "run": "maskfab.api.plates",
+    "verify": "maskfab.api.plates",
 }
+"""Module of every public name, and its name there where that differs."""
+
+__all__ = [
+    "Camera",
+    "Design",
+    "MaskfabError",
+    "Mtf",
+    "Opening",
+    "Panel",
+    "Plate",
+    "Psf",
+    "Quantities",
+    "__version__",
+    "analyse",
+    "design",
+    "load_job",
+    "read_map",
+    "read_opening",
+    "run",
+    "verify",
+]
 
 
 def __getattr__(name: str) -> Any:
-    """Import the heavy rooms only when one of their functions is asked for."""
+    """Import a room only when one of its names is asked for."""
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, attribute = _WHERE[name]
-    return getattr(import_module(module), attribute)
+    found = _found(name)
+    # A room of that name has come along with its function.
+    return globals().get(name, found)
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+def _found(name: str) -> Any:
+    module, _, attribute = _WHERE[name].partition(":")
+    return getattr(import_module(module), attribute or name)
+
+
+class _Room(ModuleType):
+    """A room with the name of a verb, such as ``maskfab.design``: it is also the verb's function."""
+
+    @property
+    def _function(self) -> Any:
+        return _found(self.__name__.rpartition(".")[2])
+
+    @property
+    def __signature__(self) -> Signature:
+        from inspect import signature
+
+        return signature(self._function)
+
+    def __call__(self, *args: Any, **options: Any) -> Any:
+        return self._function(*args, **options)
+
+
+class _Doorway(ModuleType):
+    """This module, to which Python binds every room that it imports."""
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        if name in _WHERE and isinstance(value, ModuleType):
+            value.__class__ = _Room
+        super().__setattr__(name, value)
+
+
+sys.modules[__name__].__class__ = _Doorway

@@ -5,7 +5,8 @@
      │   ├─ JobError        MF1xx  the job file
      │   ├─ OpeningError    MF2xx  an opening
      │   ├─ SourceError     MF3xx  a file that is read
-     │   └─ OutputError     MF4xx  the place results go to
+     │   ├─ OutputError     MF4xx  the place results go to
+     │   └─ UnknownNameError  MF432  a name that results are looked up by; a KeyError too
      └─ InternalError       MF9xx  exit 3: a fault of maskfab
 
 Every error says what is wrong, the value with its unit, the limit, where it stands, and the cure.
@@ -96,6 +97,9 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF421": "A shop profile is malformed.",
         "MF422": "A file is not a package made by maskfab.",
         "MF423": "A package is unsafe to unpack.",
+        "MF430": "maskfab does not write files of this kind.",
+        "MF431": "An optional package that this needs is not installed.",
+        "MF432": "The results have no number or die of that name.",
         "MF901": "maskfab failed: an internal error, not your input.",
     }
 )
@@ -157,6 +161,13 @@ class SourceError(InputError):
 
 class OutputError(InputError):
     """Results cannot be put where the user wants them."""
+
+
+class UnknownNameError(InputError, KeyError):
+    """A result is asked for a number or a die that it does not have."""
+
+    def __str__(self) -> str:
+        return str(self.args[0])
 
 
 class InternalError(MaskfabError):

@@ -102,15 +102,26 @@ def load(path: str | Path) -> Job:
     Raises:
         JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
     """
-    path = Path(path)
-    stated = jobfile.read(path)
+    return resolve(jobfile.read(Path(path)), Path(path))
+
+
+def resolve(stated: JobSpec, path: Path) -> Job:
+    """The job of a validated spec, with the files that it names and does not hold itself.
+
+    Args:
+        stated: the spec.
+        path: the file that it came from; names of other files are relative to its folder.
+
+    Raises:
+        JobError, OpeningError, SourceError, OutputError: for the first thing that is wrong.
+    """
     found = {
         die.name: tuple(_opening(name, die, i, stated, path) for name in (die.opening, *(die.others or ())))
         for i, die in enumerate(stated.die)
     }
     texts: dict[str, str] = {}
     for i, die in enumerate(stated.die):
-        _check_alike(found[die.name], f"{path}: die[{i}].others")
+        check_alike(found[die.name], f"{path}: die[{i}].others")
         for opening in found[die.name]:
             _keep(texts, opening.name, openings.dumps(opening), "openings", f"{path}: die[{i}].opening")
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
@@ -208,7 +219,7 @@ def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:
     return die.model_copy(update={**names, "opening_layer": None, "opening_cell": None})
 
 
-def _check_alike(held: tuple[Opening, ...], where: str) -> None:
+def check_alike(held: tuple[Opening, ...], where: str) -> None:
     """Cells that choose among openings are of one size."""
     for opening in held[1:]:
         if opening.dots != held[0].dots:

@@ -8,6 +8,7 @@ lowest. Integer nanometres carry geometry, float micrometres carry optics; names
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
@@ -587,6 +588,22 @@ class Quantity:
     wavelength_nm: float | None = None
     level_db: int | None = None
     at_most: bool = False
+
+    def __float__(self) -> float:
+        if not isinstance(self.value, int | float):
+            raise TypeError(f"{self.name} = {self.value!r} is no number")
+        return float(self.value)
+
+    def __str__(self) -> str:
+        """Value, error bar and unit; the value to one digit more than the error bar leaves."""
+        value, error = self.value, ""
+        if isinstance(value, float):
+            half = self.uncertainty or 0.0
+            digits = math.ceil(math.log10(abs(value) / half)) + 1 if half and value else 6
+            value = f"{value:.{min(max(digits, 3), 9)}g}"
+            error = f"± {half:.1g}" if half else ""
+        parts = ("≤" if self.at_most else "", "none" if value is None else str(value), error, self.unit.strip("1"))
+        return " ".join(part for part in parts if part)
 
 
 @dataclass(frozen=True, eq=False)

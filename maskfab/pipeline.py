@@ -11,7 +11,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from klayout import db
 
@@ -19,7 +19,7 @@ from maskfab import __version__, provenance, resources
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.display.place import Populated
 from maskfab.drc import RuleResult, check_plate
-from maskfab.errors import JobError
+from maskfab.errors import JobError, UnknownNameError
 from maskfab.export.markers import write_markers
 from maskfab.export.outputs import TITLES
 from maskfab.export.psf_exr import PsfFile, psf_files
@@ -47,6 +47,7 @@ from maskfab.progress import Progress, silent
 from maskfab.report import data, design_data, html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.plots.workers import Task
+from maskfab.report.quantities import Quantities
 from maskfab.shops.adapt import blank_of
 from maskfab.shops.judge import check_written
 from maskfab.shops.plate_files import PlateFiles, files_of_job
@@ -55,6 +56,9 @@ from maskfab.threads import one_thread
 from maskfab.verify.bitmaps import check_pixels
 from maskfab.verify.files import read_back
 from maskfab.verify.psf_files import check_psf_file
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
 
 MANIFEST_VERSION = 1
 JOB_COPY = "job.json"
@@ -75,12 +79,65 @@ _DIES_A_PROCESS = 3
 """Dies whose figures take longer than starting a process that draws them."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Result:
-    """Where a finished run is, and what came of it."""
+    """Where a finished run is, and what came of it.
+
+    ``result["DIE"]`` are the numbers of a die, ``result["DIE"]["mtf50", 530]`` one of them.
+    """
 
     directory: Path
     report: Report
+
+    @property
+    def passed(self) -> bool:
+        """Whether no check failed."""
+        return self.report.passed
+
+    @property
+    def checks(self) -> Quantities:
+        """Every number that was judged, of dies and plate."""
+        return Quantities(self.report.checks)
+
+    @property
+    def plate(self) -> Quantities:
+        """Numbers of the whole plate."""
+        return Quantities(self.report.plate)
+
+    def __getitem__(self, die: str) -> Quantities:
+        if die not in self.report.dies:
+            cure = f"Use one of {', '.join(self.report.dies)}"
+            raise UnknownNameError("MF432", f"there is no die {die!r}", cure=cure)
+        return Quantities(self.report.dies[die])
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.report.dies)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The content of report.json."""
+        document: dict[str, Any] = json.loads((self.directory / REPORT).read_text(encoding="utf-8"))
+        return document
+
+    def to_dataframe(self) -> DataFrame:
+        """One row for each number of each die and of the plate.
+
+        Raises:
+            OutputError: MF431 without pandas.
+        """
+        return self._every.to_dataframe()
+
+    @property
+    def _every(self) -> Quantities:
+        return Quantities((*(each for die in self.report.dies.values() for each in die), *self.report.plate))
+
+    def __str__(self) -> str:
+        return f"{self.directory}\n{self._every}"
+
+    def __repr__(self) -> str:
+        return f"<Result in {self.directory}: {', '.join(self.report.dies)}; {'pass' if self.passed else 'fail'}>"
+
+    def _repr_html_(self) -> str:
+        return self._every._repr_html_()
 
 
 @one_thread

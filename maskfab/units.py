@@ -25,6 +25,9 @@ _QUANTITY = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?))\s*(\S*)\s*", re.IGNORECASE
 )
 
+_SECONDS: Mapping[str, float] = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
+_TIME = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)\s*([a-z]*)\s*", re.IGNORECASE)
+
 
 def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False) -> float:
     """Micrometres of a length written with its unit.
@@ -75,6 +78,25 @@ def parse_wavelength_nm(text: object, *, where: str = "") -> float:
             f"wavelength {value:g} nm is outside 200 nm to 2000 nm",
             where=where,
             cure="Give a wavelength that silica passes and a camera sees, such as 530 nm",
+        )
+    return value
+
+
+def parse_time_s(text: object, *, where: str = "") -> float:
+    """Seconds of a time written with its unit, s, min or h.
+
+    Raises:
+        JobError: MF103 if there is no unit or it is no unit of time; MF104 if the time is not finite and positive.
+    """
+    match = _TIME.fullmatch(text) if isinstance(text, str) else None
+    if match is None or match[2] not in _SECONDS:
+        raise JobError(
+            "MF103", f"{text!r} is not a time with a unit", where=where, cure='Write it as "60 s", "5 min" or "1 h"'
+        )
+    value = float(match[1]) * _SECONDS[match[2]]
+    if not (math.isfinite(value) and value > 0):
+        raise JobError(
+            "MF104", f"{text!r} must be a finite time above 0", where=where, cure='Give a positive time, such as "60 s"'
         )
     return value
 

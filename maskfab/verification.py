@@ -1,4 +1,4 @@
-"""A finished output directory, checked again from its files alone."""
+"""A finished output directory checked again from its files alone, and any mask file held against a job."""
 
 from __future__ import annotations
 
@@ -44,9 +44,13 @@ from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
+from maskfab.readers.sandbox.bounded import bounded
 from maskfab.report import again, data, design_data, html
+from maskfab.shops.profiles import shop_of
 from maskfab.threads import one_thread
 from maskfab.verify.files import read_back
+from maskfab.verify.foreign.comparison import Foreign, How, check_foreign, only_die
+from maskfab.verify.foreign.layer_choice import Ordered
 from maskfab.verify.psf_files import check_psf_file
 from maskfab.verify.roundtrip import RoundTrip
 
@@ -134,6 +138,36 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         ):
             checks.append(_again(name, differs, judged=alike and differs != _PHOTOGRAPHS))
     return tuple(checks)
+
+
+@one_thread
+def verify_file(
+    path: Path, job: Job, die: str | None = None, how: How | None = None, progress: Progress = silent
+) -> Foreign:
+    """Any mask file held against a job, or against one of its dies, within limits of time and memory.
+
+    Raises:
+        SourceError, JobError: see :func:`maskfab.verify.foreign.comparison.check_foreign`; MF322 beyond the limits.
+    """
+    house = shop_of(job.spec, job.where)
+    plate, drawing = job.plate(), job.spec.export
+    stated = drawing is not None and "max_vertices" in drawing.model_fields_set
+
+    def checked(tell: Progress) -> Foreign:
+        found = check_foreign(
+            plate if die is None else only_die(plate, die),
+            job.camera,
+            job.spec.limits,
+            path,
+            how,
+            tell,
+            blank=job.blank,
+            max_vertices=drawing.max_vertices if drawing is not None and stated else None,
+            ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
+        )
+        return replace(found, trip=None)  # whose layout stays in the process that read it
+
+    return bounded(path, checked, progress)
 
 
 def _aids_differ(folder: Path, job: Job, plate: Plate) -> Iterator[tuple[str, str]]:

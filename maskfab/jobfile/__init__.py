@@ -4,7 +4,7 @@ Every length is written with its unit (``"168 um"``); a validated spec holds mic
 dumps back to text that loads to the same spec.
 """
 
-from maskfab.jobfile.checks import check_lens, check_optics, even_nm
+from maskfab.jobfile.checks import check_die, check_lens, check_optics, even_nm
 from maskfab.jobfile.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, FileFormat
 from maskfab.jobfile.read import parse_section, read, validate
 from maskfab.jobfile.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
@@ -61,6 +61,7 @@ __all__ = [
     "SearchSection",
     "StopSection",
     "WiresSection",
+    "check_die",
     "check_lens",
     "check_name",
     "check_optics",

@@ -8,7 +8,7 @@ from collections import Counter
 from maskfab import units
 from maskfab.errors import JobError
 from maskfab.jobfile.design_values import METHODS
-from maskfab.jobfile.sections import DesignSection, JobSpec, RelaxSection, SearchSection
+from maskfab.jobfile.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
 from maskfab.model import Camera, Tiling
 
 _MOST_DOTS_ACROSS_STOP = 6000
@@ -44,34 +44,41 @@ def check_dies(spec: JobSpec, where: str) -> None:
             )
     for number, die in enumerate(spec.die):
         place = f"{where}: die[{number}]"
-        if (die.tiling.seeded or die.others) and die.seed is None:
-            what = (
-                f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
-            )
-            raise JobError(
-                "MF111",
-                f"die {die.name!r} {what} without a seed",
-                where=f"{place}.seed",
-                cure="Add seed = 1",
-            )
-        if (die.tiling is Tiling.MAP) != (die.map is not None):
-            without = die.map is None
-            raise JobError(
-                "MF122",
-                f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map",
-                where=f"{place}.map",
-                cure='Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key',
-            )
-        if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
-            raise JobError(
-                "MF122",
-                f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter",
-                where=f"{place}.{'others' if die.others else 'gutter'}",
-                cure="Remove that key, or use another tiling",
-            )
-        units.to_nm(die.dot, where=f"{place}.dot", name="dot")
-        even_nm(die.gutter, where=f"{place}.gutter", name="gutter")
+        check_die(die, place)
         check_optics(spec.camera.camera(), die.dot, where=place)
+
+
+def check_die(die: DieSection, where: str) -> None:
+    """A tiling with the seed and the map that it needs, and a dot and a gutter on the grid of 1 nm.
+
+    Raises:
+        JobError: MF105, MF107, MF111 or MF122.
+    """
+    if (die.tiling.seeded or die.others) and die.seed is None:
+        what = f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
+        raise JobError(
+            "MF111",
+            f"die {die.name!r} {what} without a seed",
+            where=f"{where}.seed",
+            cure="Add seed = 1",
+        )
+    if (die.tiling is Tiling.MAP) != (die.map is not None):
+        without = die.map is None
+        raise JobError(
+            "MF122",
+            f"die {die.name!r} is tiled {die.tiling} and has {'no' if without else 'a'} map",
+            where=f"{where}.map",
+            cure='Add map = "maps/x.toml"' if without else 'Use tiling = "map", or remove the key',
+        )
+    if die.tiling is Tiling.HEXAGONAL and (die.others or die.gutter):
+        raise JobError(
+            "MF122",
+            f"die {die.name!r} is tiled hexagonal, which takes one opening and no gutter",
+            where=f"{where}.{'others' if die.others else 'gutter'}",
+            cure="Remove that key, or use another tiling",
+        )
+    units.to_nm(die.dot, where=f"{where}.dot", name="dot")
+    even_nm(die.gutter, where=f"{where}.gutter", name="gutter")
 
 
 def check_display(spec: JobSpec, where: str) -> None:

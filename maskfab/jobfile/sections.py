@@ -217,6 +217,8 @@ class DieSection(Section):
     """With tiling = "map": a key of [maps], or the path of a file relative to the job."""
     seed: int | None = Field(default=None, ge=0)
     """Seed of a tiling that is drawn at random."""
+    size: PlateLength | None = None
+    """Side of the square that the panel fills with whole pixels; default: plate.die_size."""
 
 
 class RulesSection(Section):

@@ -154,19 +154,29 @@ def from_npy(path: Path) -> Mask:
             values = np.load(path, mmap_mode="r", allow_pickle=False)  # looks at the shape before it takes memory
     except (ValueError, EOFError, OSError, SyntaxError, TypeError, OverflowError, MemoryError, TokenError) as problem:
         raise _damaged(where, str(problem).splitlines()[0] if str(problem) else type(problem).__name__) from None
+    return from_array(values, where)
+
+
+def from_array(values: NDArray[Any], where: str) -> Mask:
+    """Mask of an array [dots, dots] of bool or 0/1, row 0 lowest.
+
+    Raises:
+        OpeningError: MF201 not square, MF202 another value.
+        JobError: MF115 too large.
+    """
     if values.ndim != 2:
         raise OpeningError(
             "MF201",
             f"the array has the shape {values.shape}; an opening has [dots, dots]",
             where=where,
-            cure="Save one square array, [dots, dots]",
+            cure="Give one square array, [dots, dots]",
         )
     rows, columns = values.shape
     check_square(rows, columns, where)
     check_size(rows, where)
     if values.dtype.kind not in "buif":
         raise OpeningError(
-            "MF202", f"the array's values are of type {values.dtype}", where=where, cure="Save bool values, or 0 and 1"
+            "MF202", f"the array's values are of type {values.dtype}", where=where, cure="Give bool values, or 0 and 1"
         )
     _refuse((values != 0) & (values != 1), values, "is neither 0 nor 1", where)
     return np.array(values, dtype=np.bool_)

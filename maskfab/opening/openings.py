@@ -100,7 +100,7 @@ def load(
     if suffix == ".toml":
         opening = parse(_decode(content, where), where)
         _check_stated(opening, dots, dot_nm, where)
-        return opening if name is None else _opening(name, opening.mask, opening.dot_nm, opening.provenance, where)
+        return opening if name is None else checked(name, opening.mask, opening.dot_nm, opening.provenance, where)
 
     if dot_nm is None:
         raise _missing("dot_nm", "the side of one dot in nanometres", where)
@@ -114,7 +114,7 @@ def load(
         if dots is None:
             raise _missing("dots", "the number of dots along a side", where)
         mask = decode.from_layout(path, dots, dot_nm, layer, cell, unit_um)
-    opening = _opening(path.stem if name is None else name, mask, dot_nm, {"source": path.name}, where)
+    opening = checked(path.stem if name is None else name, mask, dot_nm, {"source": path.name}, where)
     _check_stated(opening, dots, dot_nm, where)
     return opening
 
@@ -157,7 +157,7 @@ def parse(text: str, where: str = "") -> Opening:
     dot_nm = dot_of_pitch(parse_pitch_um(facts["pitch"], where=place), dots, where=place)
     if "open_ratio" in facts:
         _check_open_ratio(facts["open_ratio"], mask, _at(where, "open_ratio"))
-    opening = _opening(name, mask, dot_nm, _provenance(facts.get("provenance", {}), where), where)
+    opening = checked(name, mask, dot_nm, _provenance(facts.get("provenance", {}), where), where)
     if "emitters" not in facts:
         return opening
     drawn = _required(facts, "emitters", str, where)
@@ -211,9 +211,10 @@ def dot_of_pitch(pitch_um: float, dots: int, *, where: str = "") -> int:
 # --- the facts of an opening, checked -------------------------------------------------------------------------------
 
 
-def _opening(
+def checked(
     name: str, mask: decode.Mask, dot_nm: int, provenance: Mapping[str, str | int | float], where: str
 ) -> Opening:
+    """The opening of a mask, if its name is one that layouts take and something of it is clear (MF110, MF203)."""
     check_name(name, where=_at(where, "name"))
     if not mask.any():
         raise OpeningError(

@@ -48,47 +48,79 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
         SourceError: MF309 if nothing is clear inside the stop.
     """
     _, section = laid_out(spec, where=where)
-    size_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
-    return {
-        die.name: _panel(die, openings[die.name], spec, size_nm, f"{where}: die[{i}]") for i, die in enumerate(spec.die)
-    }
+    slot_nm = to_nm(section.die_size, where=f"{where}: plate.die_size", name="die_size")
+    stop = spec.camera.camera().stop
+    panels = {}
+    for i, die in enumerate(spec.die):
+        place = f"{where}: die[{i}]"
+        given = None if die.map is None else maps.parse(spec.maps[die.map], f"{place}.map")
+        panel = tiled(die, openings[die.name], _side_nm(die, slot_nm, place), given, where=place)
+        check_cover(panel, stop, f"die {die.name!r}", where=place)
+        panels[die.name] = panel
+    return panels
 
 
-def _panel(die: DieSection, held: tuple[Opening, ...], spec: JobSpec, size_nm: int, where: str) -> Panel:
+def _side_nm(die: DieSection, slot_nm: int, where: str) -> int:
+    """Side of a die's panel, at most that of its slot."""
+    side_nm = slot_nm if die.size is None else to_nm(die.size, where=f"{where}.size", name="size")
+    if side_nm > slot_nm:
+        raise JobError(
+            "MF108",
+            f"die {die.name!r} is {side_nm / NM_PER_UM:g} um wide, more than its slot of {slot_nm / NM_PER_UM:g} um",
+            where=f"{where}.size",
+            cure=f'Use size = "{slot_nm / NM_PER_UM:g} um" or less, or a larger plate.die_size',
+        )
+    return side_nm
+
+
+def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: maps.CellMap | None, *, where: str) -> Panel:
+    """The panel of a die, whatever camera looks through it.
+
+    Args:
+        die: how it is tiled.
+        held: its openings.
+        side_nm: of the square that it may fill.
+        given: its map, for the tiling of that name.
+        where: the die, for errors.
+
+    Raises:
+        JobError: as :func:`die_panels`, but for the stop.
+    """
     opening, *others = held
     size = CellSize(opening.dots, to_nm(die.dot), to_nm(die.gutter))
     if die.pitch is not None:
         size.require_pitch(die.pitch, where=f"{where}.pitch")
     dot_nm, pitch_nm = size.dot_nm, size.pitch_nm
-    cells = size_nm // pitch_nm
+    cells = side_nm // pitch_nm
     if cells < 1:
         raise JobError(
             "MF108",
-            f"die {die.name!r}: one cell of {pitch_nm / 1e3:g} um does not fit a die of {size_nm / 1e3:g} um",
+            f"die {die.name!r}: one cell of {pitch_nm / 1e3:g} um does not fit a die of {side_nm / 1e3:g} um",
             where=where,
             cure="Use a larger plate.die_size or a finer dot",
         )
-    given = None if die.map is None else maps.parse(spec.maps[die.map], f"{where}.map")
-    rows, columns = (cells, cells) if given is None else maps.panel_shape(given, cells, cells)
-    stop = spec.camera.camera().stop
-    if min(rows, columns) * pitch_nm < stop.diameter_um * 1e3:
-        raise JobError(
-            "MF114",
-            f"die {die.name!r} is {min(rows, columns) * pitch_nm / 1e3:g} um wide, less than the stop of "
-            f"{stop.diameter_um:g} um",
-            where=where,
-            cure="Use a larger plate.die_size or a smaller camera.stop",
-        )
     check_size(cells, opening.dots, f"die {die.name!r}", where=where)
+    rows, columns = (cells, cells) if given is None else maps.panel_shape(given, cells, cells)
     if die.tiling is Tiling.HEXAGONAL:
-        opening, rows, columns = hexagonal_sheet(opening, size_nm // dot_nm, die.seed or 0), 1, 1
+        opening, rows, columns = hexagonal_sheet(opening, side_nm // dot_nm, die.seed or 0), 1, 1
     if given is None:
         chosen = orientations(die.tiling, rows, columns, die.seed, openings=len(held), where=f"{where}.seed")
     else:
         chosen = maps.placed(given, rows, columns, die.seed, openings=len(held), where=f"{where}.map")
-    panel = Panel(opening, dot_nm, size.gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
+    return Panel(opening, dot_nm, size.gutter_nm, chosen, die.tiling, die.seed, others=tuple(others))
+
+
+def check_cover(panel: Panel, stop: Stop, what: str, *, where: str) -> None:
+    """Refuse a panel narrower than the stop behind it, or with nothing clear in front of it (MF114, MF309)."""
+    side_um = min(panel.size_nm) / NM_PER_UM
+    if side_um < stop.diameter_um:
+        raise JobError(
+            "MF114",
+            f"{what} is {side_um:g} um wide, less than the stop of {stop.diameter_um:g} um",
+            where=where,
+            cure="Use a larger plate.die_size or a smaller camera.stop",
+        )
     check_light(panel, stop, where=where)
-    return panel
 
 
 def check_size(cells: int, dots: int, what: str, *, where: str) -> None:

@@ -61,19 +61,20 @@ def test_figures_leave_the_settings_of_matplotlib_alone(run):
 
 def test_figures_do_not_depend_on_the_readers_settings_of_grid_and_font_size(run, drawn):
     with mpl.rc_context({"font.size": 30.0, "svg.hashsalt": "other"}):
-        assert die_figures.psf(run.optics[0].psfs) == drawn["PLAIN"]["psf"]
+        assert die_figures.psf(run.optics[0].psfs).img() == drawn["PLAIN"]["psf"]
 
 
 def test_all_psfs_have_one_colour_scale():
     """A sample a hundred times below its PSF's peak has one colour, whatever the peak."""
     base = np.zeros((5, 5))
     base[2, 2], base[2, 4] = 1.0, 0.01
-    faint, strong = (die_figures.psf((Psf(base * scale, 1.0, 530.0, "point"),)) for scale in (1e-7, 3.0))
+    faint, strong = (die_figures.psf((Psf(base * scale, 1.0, 530.0, "point"),)).img() for scale in (1e-7, 3.0))
     assert faint == strong
     bar = embedded(strong)[1]
     assert bar.shape[0] == 256
     colours = [
-        embedded(die_figures.psf((Psf(values, 1.0, 530.0, "point"),)))[0][2, 4] for values in (base, base.clip(1e-3))
+        embedded(die_figures.psf((Psf(values, 1.0, 530.0, "point"),)).img())[0][2, 4]
+        for values in (base, base.clip(1e-3))
     ]
     np.testing.assert_array_equal(colours[0], colours[1])
     position = np.abs(bar[:, 0] - colours[0]).sum(axis=1).argmin()
@@ -84,7 +85,7 @@ def test_of_two_samplings_of_a_wavelength_the_finer_is_drawn(run):
     fine = run.optics[0].psfs
     coarse = tuple(Psf(psf.values[::4, ::4], 8.0, psf.wavelength_nm, "pixel") for psf in fine)
     mixed = [item for pair in zip(coarse, fine, strict=True) for item in pair]
-    assert die_figures.psf(mixed) == die_figures.psf(fine)
+    assert die_figures.psf(mixed).img() == die_figures.psf(fine).img()
 
 
 def test_plate_drawing_says_where_things_are(drawn):
@@ -122,11 +123,8 @@ def test_optics_of_one_opening_are_one_png_with_equal_bytes(run):
 
 
 @pytest.mark.parametrize("lines", [1, 2, 3])
-def test_the_legend_of_the_mtf_lies_on_the_sheet_and_covers_nothing(run, monkeypatch, lines):
-    sheets = []
-    monkeypatch.setattr(die_figures, "image", lambda figure, words: sheets.append(figure) or "")
-    die_figures.mtf((run.optics[0].mtfs * 2)[:lines])
-    (sheet,) = sheets
+def test_the_legend_of_the_mtf_lies_on_the_sheet_and_covers_nothing(run, lines):
+    sheet = die_figures.mtf((run.optics[0].mtfs * 2)[:lines]).figure
     renderer = FigureCanvasAgg(sheet).get_renderer()
     legend = sheet.legends[0].get_window_extent(renderer)
     assert legend.x0 >= 0

@@ -16,6 +16,9 @@ Json = Annotated[bool, typer.Option("--json", help="Print a single JSON document
 Unit = Annotated[
     str | None, typer.Option(metavar="nm|um|mm|mil|in", help="Drawing unit of a DXF; overrides the one in the file.")
 ]
+Budget = Annotated[
+    str | None, typer.Option("--budget", help="Time budget of the search, such as '60 s'; default: unlimited.")
+]
 Quiet = Annotated[bool, typer.Option("--quiet", help="Show no progress on stderr.")]
 
 

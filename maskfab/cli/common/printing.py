@@ -39,18 +39,10 @@ def print_json(document: dict[str, Any]) -> None:
 
 def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:
     """One line for each quantity, in columns; with the name of its die if ``dies``."""
-    rows = [("quantity", "die", "line", "value", "error", "unit", "limit")]
-    for q in quantities:
-        line = "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm"
-        value = "-" if q.value is None else f"{q.value:.6g}" if isinstance(q.value, float) else str(q.value)
-        value = f"≤ {value}" if q.at_most else value
-        error = "" if not q.uncertainty else f"± {q.uncertainty:.1e}"
-        limit = "" if q.passed is None else f"{'pass' if q.passed else 'FAIL'} ({q.limit})"
-        rows.append((q.name, q.die or "", line, value, error, q.unit, limit))
-    shown = [k for k, name in enumerate(rows[0]) if dies or name != "die"]
-    widths = {k: max(len(row[k]) for row in rows) for k in shown}
-    for row in rows:
-        typer.echo(plain("  ".join(row[k].ljust(widths[k]) for k in shown).rstrip()))
+    from maskfab.report.quantities import table_lines
+
+    for line in table_lines(quantities, dies=dies):
+        typer.echo(plain(line))
 
 
 def print_methods(title: str, quantities: Sequence[Quantity]) -> None:

@@ -3,26 +3,19 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maskfab.cli.common.budget import Budget, seconds
 from maskfab.cli.common.design_text import document, lines
-from maskfab.cli.common.options import JobFile, Json, Quiet
+from maskfab.cli.common.options import Budget, JobFile, Json, Quiet
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
 from maskfab.errors import JobError, OutputError
 
 if TYPE_CHECKING:
-    from maskfab.camera.photographs import Scene
-    from maskfab.design.result import Designed
     from maskfab.jobfile import JobSpec
-    from maskfab.progress import Progress
-
-_SCENES_OF_MAPS = 16
 
 
 def design(
@@ -43,13 +36,15 @@ def design(
     quiet: Quiet = False,
 ) -> None:
     """Find the opening through which photographs restore best, by shape search or gradient descent."""
+    from maskfab.design.design import design as design_job
     from maskfab.files.staging import check_file, write_text
     from maskfab.jobfile import read
     from maskfab.opening.openings import dumps
     from maskfab.plate import maps
+    from maskfab.units import parse_time_s
 
     spec = read(job)
-    limit_s = seconds(budget)
+    limit_s = None if budget is None else parse_time_s(budget, where="--budget")
     targets = _targets(spec, job, out)
     for each in targets.values():
         check_file(each, force=force)
@@ -59,11 +54,17 @@ def design(
             f"there is no directory for the checkpoint {checkpoint}",
             cure="Create that directory, or give a path in one that exists",
         )
-    _check_rules(spec, job)
     command = f"maskfab design {job.as_posix()}" + ("" if images is None else f" --images {images.as_posix()}")
     with watched(quiet) as progress:
-        scenes = _scenes(images, for_map=getattr(spec.design, "map", None) is not None)
-        found = _found(spec, scenes, command, progress, limit_s, checkpoint)
+        found = design_job(
+            spec,
+            command,
+            where=str(job),
+            images=images,
+            progress=progress,
+            budget_s=limit_s,
+            checkpoint=checkpoint,
+        )
     written = {"opening": dumps(found.opening)}
     if found.outer is not None:
         written["outer"] = dumps(found.outer)
@@ -119,51 +120,3 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
         if section.density is not None:
             targets["outer"] = target.with_name(f"{target.stem}_outer{target.suffix}")
     return targets
-
-
-def _check_rules(spec: JobSpec, job: Path) -> None:
-    """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn."""
-    from maskfab.camera.photo_camera import PhotoCamera
-    from maskfab.camera.transfer import lattice
-    from maskfab.design.result import constraints_of
-    from maskfab.jobfile import RelaxSection
-
-    assert spec.design is not None
-    rules = constraints_of(spec.design, where=f"{job}: design")
-    rules.require_possible()
-    if not isinstance(spec.design, RelaxSection):
-        camera = PhotoCamera.of(spec.camera.camera(), where=str(job))
-        lattice(spec.design.dots, rules.dot_nm, camera=camera, where=f"{job}: design.dots")
-
-
-def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Scene]:
-    """Maps fit the very pictures they are designed on, so they get more of them."""
-    from maskfab.camera.photographs import folder
-    from maskfab.camera.scenes import bundled
-
-    if images is not None:
-        return folder(images)
-    return bundled(_SCENES_OF_MAPS) if for_map else bundled()
-
-
-def _found(
-    spec: JobSpec,
-    scenes: Sequence[Scene],
-    command: str,
-    progress: Progress,
-    limit_s: float | None,
-    checkpoint: Path | None,
-) -> Designed:
-    from maskfab.jobfile import RelaxSection
-
-    assert spec.design is not None
-    camera = spec.camera.camera()
-    if isinstance(spec.design, RelaxSection):
-        from maskfab.design.relax.relax import relax
-
-        return relax(spec.design, camera, scenes, command, progress, budget_s=limit_s, checkpoint=checkpoint)
-    from maskfab.camera.photo_camera import PhotoCamera
-    from maskfab.design.search.search import search
-
-    seen = PhotoCamera.of(camera)
-    return search(spec.design, scenes, command, progress, camera=seen, budget_s=limit_s, checkpoint=checkpoint)

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maskfab.cli.common.budget import Budget, seconds
-from maskfab.cli.common.options import JobFile, Json, Quiet
+from maskfab.cli.common.options import Budget, JobFile, Json, Quiet
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
 from maskfab.errors import JobError
@@ -41,6 +40,7 @@ def pareto(
     from maskfab.jobfile import SearchSection, read
     from maskfab.opening.openings import dumps, load
     from maskfab.report import pareto_files as report
+    from maskfab.units import parse_time_s
 
     spec = read(job)
     if spec.pareto is None:
@@ -59,7 +59,7 @@ def pareto(
             cure='Add [design] with method = "search"',
         )
     camera = PhotoCamera.of(spec.camera.camera(), where=str(job))
-    limit = seconds(budget)
+    limit = None if budget is None else parse_time_s(budget, where="--budget")
     compared = [load(job.parent / path) for path in spec.pareto.compare]
     texts = {opening.name: dumps(opening) for opening in compared}
     if len(texts) < len(compared):

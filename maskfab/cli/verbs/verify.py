@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -17,7 +16,6 @@ from maskfab.errors import JobError
 
 if TYPE_CHECKING:
     from maskfab.model import Quantity
-    from maskfab.progress import Progress
     from maskfab.verify.foreign.comparison import Foreign, How
 
 
@@ -168,8 +166,11 @@ def _foreign(
     as_json: bool,
     quiet: bool,
 ) -> None:
+    from maskfab.job import load
+    from maskfab.verification import verify_file
+
     with watched(quiet) as progress:
-        found = _checked(path, against, die, how, progress)
+        found = verify_file(path, load(against), die, how, progress)
     checks = [quantity for quantity in found.quantities if quantity.passed is not None]
     passed = all(check.passed for check in checks)
     if as_json:
@@ -200,32 +201,3 @@ def _read_as(found: Foreign) -> str:
     of_layer = f" on layer {layers.clear}" if layers.clear else ""
     beside = f"; ignored layers with shapes: {', '.join(layers.others)}" if layers.others else ""
     return f"{found.path.name}: polygons{of_layer} are {'opaque' if found.dark else 'clear'}{beside}"
-
-
-def _checked(path: Path, against: Path, die: str | None, how: How, progress: Progress) -> Foreign:
-    from maskfab.job import load
-    from maskfab.readers.sandbox.bounded import bounded
-    from maskfab.shops.profiles import shop_of
-    from maskfab.verify.foreign.comparison import check_foreign, only_die
-    from maskfab.verify.foreign.layer_choice import Ordered
-
-    job = load(against)
-    house = shop_of(job.spec, job.where)
-    plate, drawing = job.plate(), job.spec.export
-    stated = drawing is not None and "max_vertices" in drawing.model_fields_set
-
-    def checked(tell: Progress) -> Foreign:
-        found = check_foreign(
-            plate if die is None else only_die(plate, die),
-            job.camera,
-            job.spec.limits,
-            path,
-            how,
-            tell,
-            blank=job.blank,
-            max_vertices=drawing.max_vertices if drawing is not None and stated else None,
-            ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
-        )
-        return replace(found, trip=None)  # whose layout stays in the process that read it
-
-    return bounded(path, checked, progress)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -30,11 +31,12 @@ _RINGS_ABOUT, _RADII_PER_RING, _DIRECTIONS_PER_DOT = 2, 3, 2
 _FEWEST_DIRECTIONS, _FEW_DIRECTIONS, _MOST_DIRECTIONS = 16, 64, 1024
 
 
-def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float) -> Mtf:
+def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float, levels: Sequence[float] = LEVELS) -> Mtf:
     """MTF from 0 to half a cycle per pixel along four directions, and its radial mean, minimum and maximum.
 
     Radial statistics are taken over rings one sample wide of a square grid of frequencies, the corners left out. The
-    pixel is a full square, so its transfer is sinc(ν_x p) sinc(ν_y p).
+    pixel is a full square, so its transfer is sinc(ν_x p) sinc(ν_y p). About its first crossings of the ``levels``, in
+    per cent, the radial mean is told on exact radii.
     """
     view = _View(table, camera, wavelength_nm)
     step = 0.5 / camera.pixel_um / (RINGS - 1)
@@ -53,7 +55,9 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float) -> Mtf
         "radial_max": rings.high,
     }
     uncertainty = max(float(slanted_errors.max()), float(rings.error.max()))
-    return Mtf(axis * 1e3, cuts, wavelength_nm, uncertainty, float(rings.low_error.mean()), _falls(view, rings, step))
+    return Mtf(
+        axis * 1e3, cuts, wavelength_nm, uncertainty, float(rings.low_error.mean()), _falls(view, rings, step, levels)
+    )
 
 
 def longest_lag_um(camera: Camera) -> float:
@@ -216,11 +220,11 @@ def _least(group: Indices, values: Floats, count: int) -> Indices:
     return order[np.arange(order.size) - np.searchsorted(group, group) < count]
 
 
-def _falls(view: _View, rings: _Rings, step: float) -> RadialMean:
+def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> RadialMean:
     """The mean over directions on exact radii, wherever it may first fall below one of the levels."""
     chosen = np.zeros(RINGS, dtype=np.bool_)
     found = []
-    for level in LEVELS:
+    for level in levels:
         may, must = (np.flatnonzero(rings.mean + sign * rings.error < level / 100) for sign in (-1, 1))
         first = int(may[0]) if may.size else RINGS
         last = int(must[0]) if must.size else first

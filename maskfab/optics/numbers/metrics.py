@@ -86,35 +86,38 @@ def mtf_quantities(mtf: Mtf, pixel_um: float, die: str | None) -> list[Quantity]
 
     The frequencies are given in cycles per millimetre of sensor, then in cycles per pixel of side ``pixel_um``.
     """
-    line = mtf.wavelength_nm
-    found = [
-        Quantity(
-            "auc_radial_min",
-            "AUC",
-            area_under_radial_min(mtf),
-            "1",
-            "mean of the radial minimum of the presampled MTF from 0 to half a cycle per pixel, from the lag table",
-            uncertainty=mtf.minimum_uncertainty,
-            die=die,
-            wavelength_nm=line,
-        )
-    ]
-    for level in LEVELS:
-        frequency, error = frequency_at(mtf, level / 100) or (None, None)
-        found.append(
-            Quantity(
-                f"mtf{level}",
-                f"ν{level}",
-                frequency,
-                "cy/mm",
-                f"first frequency at which the mean over directions of the presampled MTF falls to {level} %; none: "
-                f"not before {mtf.frequency_cy_per_mm[-1]:g} cy/mm",
-                uncertainty=error,
-                die=die,
-                wavelength_nm=line,
-            )
-        )
-    return found + [_per_pixel(quantity, pixel_um) for quantity in found[1:]]
+    falls = [falls_to(mtf, level, die) for level in LEVELS]
+    return [auc_radial_min(mtf, die), *falls, *(_per_pixel(quantity, pixel_um) for quantity in falls)]
+
+
+def auc_radial_min(mtf: Mtf, die: str | None) -> Quantity:
+    """Area under the radial minimum, as a mean over its frequencies."""
+    return Quantity(
+        "auc_radial_min",
+        "AUC",
+        area_under_radial_min(mtf),
+        "1",
+        "mean of the radial minimum of the presampled MTF from 0 to half a cycle per pixel, from the lag table",
+        uncertainty=mtf.minimum_uncertainty,
+        die=die,
+        wavelength_nm=mtf.wavelength_nm,
+    )
+
+
+def falls_to(mtf: Mtf, level: float, die: str | None) -> Quantity:
+    """Frequency at which the radial mean falls to a level, in per cent, about which the MTF knows it on exact radii."""
+    frequency, error = frequency_at(mtf, level / 100) or (None, None)
+    return Quantity(
+        f"mtf{level:g}",
+        f"ν{level:g}",
+        frequency,
+        "cy/mm",
+        f"first frequency at which the mean over directions of the presampled MTF falls to {level:g} %; none: "
+        f"not before {mtf.frequency_cy_per_mm[-1]:g} cy/mm",
+        uncertainty=error,
+        die=die,
+        wavelength_nm=mtf.wavelength_nm,
+    )
 
 
 def _per_pixel(quantity: Quantity, pixel_um: float) -> Quantity:

@@ -23,7 +23,7 @@ from maskfab.cell_size import CellSize
 from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
 from maskfab.report.plots import png
 from maskfab.report.plots.number_text import number
-from maskfab.report.plots.sheet import INK, QUIET, bitmap, draw_psf, image, img, place, styled
+from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, draw_psf, img, place, styled
 from maskfab.report.plots.workers import Task, drawn
 
 Item = TypeVar("Item", Psf, Mtf)
@@ -66,9 +66,9 @@ def pictures(
         workers: how many processes draw.
     """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
-    whole = {"drawing": plate_drawing(plate, document)}
+    whole = {"drawing": plate_drawing(plate, _failed_dies(document)).img()}
     if dies:
-        whole["mtf"] = mtf_comparison(dies)
+        whole["mtf"] = mtf_comparison(dies).img()
     tasks: list[tuple[str, Task]] = [(item.die.name, (of_die, (item, field_nm))) for item in dies]
     tasks += more
     found: dict[str, dict[str, str]] = {PLATE: whole} | {name: {} for name, _ in tasks}
@@ -80,33 +80,33 @@ def pictures(
 def of_die(item: DieOptics, field_nm: int) -> dict[str, str]:
     """The figures of one die; ``field_nm`` is the side of its thumbnail, the same for all."""
     return {
-        "opening": opening(item.die.panel.opening, item.die.panel.dot_nm),
-        "panel": panel_close_up(item.die.panel),
-        "psf": psf(item.psfs),
-        "mtf": mtf(item.mtfs),
+        "opening": opening(item.die.panel.opening, item.die.panel.dot_nm).img(),
+        "panel": panel_close_up(item.die.panel).img(),
+        "psf": psf(item.psfs).img(),
+        "mtf": mtf(item.mtfs).img(),
         "panel_small": panel_thumbnail(item.die.panel, field_nm),
         "psf_small": psf_thumbnail(_middle(_finest(item.psfs))),
     }
 
 
 @styled
-def opening(opening: Opening, dot_nm: int | None = None) -> str:
+def opening(opening: Opening, dot_nm: int | None = None) -> Drawing:
     """The unit cell: clear is white, chrome dark; ``dot_nm`` if it is laid out at another size than its nominal one."""
     figure, axes = _sheet(2.6, 2.75)
     _draw_opening(axes, opening, dot_nm or opening.dot_nm)
-    return image(figure, f"Opening {opening.name}: {opening.dots} x {opening.dots} dots")
+    return Drawing(figure, f"Opening {opening.name}: {opening.dots} x {opening.dots} dots")
 
 
 @styled
-def panel_close_up(panel: Panel, cells: int = 6) -> str:
+def panel_close_up(panel: Panel, cells: int = 6) -> Drawing:
     """Some cells in the middle of the panel, each in its own orientation, with the gutters between them."""
     figure, axes = _sheet(2.6, 2.75)
     _draw_panel(axes, panel, cells)
-    return image(figure, f"{cells} x {cells} cells of the panel, tiling {panel.tiling.value}")
+    return Drawing(figure, f"{cells} x {cells} cells of the panel, tiling {panel.tiling.value}")
 
 
 @styled
-def psf(psfs: Sequence[Psf]) -> str:
+def psf(psfs: Sequence[Psf]) -> Drawing:
     """log10 of the PSFs over six decades below each one's own peak: the middle wavelength large, its neighbours small.
 
     The colour scale is the same for every PSF of every die. Of two samplings of one wavelength the finer is shown.
@@ -123,7 +123,7 @@ def psf(psfs: Sequence[Psf]) -> str:
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
     draw_decades(place(figure, (width - 0.8, 0.5, 0.12, 3.0)), "intensity / peak (log)")
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)
-    return image(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
+    return Drawing(figure, f"PSF at {lines}, logarithmic, six decades below the peak")
 
 
 def draw_decades(bar: Axes, words: str) -> None:
@@ -136,7 +136,7 @@ def draw_decades(bar: Axes, words: str) -> None:
 
 
 @styled
-def mtf(mtfs: Sequence[Mtf]) -> str:
+def mtf(mtfs: Sequence[Mtf]) -> Drawing:
     """One plot for each wavelength: the band from radial minimum to maximum, radial mean, and the straight cuts."""
     few = len(mtfs) < 3  # the legend then has three lines, and needs its width
     width, low = max(3.4 * len(mtfs), 5.2), 1.15 if few else 0.75
@@ -151,11 +151,11 @@ def mtf(mtfs: Sequence[Mtf]) -> str:
     handles, labels = figure.axes[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="lower center", ncols=3 if few else 7, fontsize=7.5)
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in mtfs)
-    return image(figure, f"MTF at {lines}: radial mean, minimum and maximum, horizontal, vertical, diagonal cuts")
+    return Drawing(figure, f"MTF at {lines}: radial mean, minimum and maximum, horizontal, vertical, diagonal cuts")
 
 
 @styled
-def mtf_comparison(dies: Sequence[DieOptics]) -> str:
+def mtf_comparison(dies: Sequence[DieOptics]) -> Drawing:
     """Radial-minimum MTF of every die at its middle wavelength: colour says the opening, line style the tiling."""
     figure = Figure(figsize=(10.8, 3.9))
     axes = place(figure, (0.7, 0.5, 8.2, 2.7))
@@ -178,15 +178,16 @@ def mtf_comparison(dies: Sequence[DieOptics]) -> str:
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_title(f"{_middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
     figure.legend(loc="center right", fontsize=7.5)
-    return image(figure, f"Radial-minimum MTF of {len(dies)} dies")
+    return Drawing(figure, f"Radial-minimum MTF of {len(dies)} dies")
 
 
 @styled
-def plate_drawing(plate: Plate, document: Mapping[str, Any]) -> str:
-    """The plate in millimetres: blank, writable area, dies by name, and the marks as the polygons they really are."""
+def plate_drawing(plate: Plate, failed: frozenset[str] = frozenset()) -> Drawing:
+    """The plate in millimetres: blank, writable area, dies by name, those that failed a check marked, and the marks
+    as the polygons they really are."""
     figure, axes = _sheet(8.6, 8.6)
-    _draw_plate(axes, plate, _failed_dies(document))
-    return image(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")
+    _draw_plate(axes, plate, failed)
+    return Drawing(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")
 
 
 def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108) -> str:

@@ -5,7 +5,9 @@ from __future__ import annotations
 import base64
 import io
 import re
+from dataclasses import dataclass
 from html import escape
+from pathlib import Path
 from urllib.parse import quote
 
 import matplotlib as mpl
@@ -14,6 +16,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.image import imread
 
+from maskfab.errors import OutputError
+from maskfab.files.staging import write_bytes
 from maskfab.model import Psf
 from maskfab.report.plots import png
 
@@ -70,14 +74,71 @@ def bitmap(figure: Figure) -> bytes:
     return buffer.getvalue()
 
 
-def image(figure: Figure, words: str) -> str:
-    """The figure as an ``<img>`` that holds its own SVG."""
+def vector(figure: Figure) -> str:
+    """The figure as an SVG document without a date or a program's name."""
     buffer = io.StringIO()
     figure.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
     svg = _slim(buffer.getvalue())
+    return svg[svg.index("<svg") :]
+
+
+def image(figure: Figure, words: str) -> str:
+    """The figure as an ``<img>`` that holds its own SVG."""
     # Only a namespace, but a page that shows no address at all is seen to need none.
-    address = quote(svg[svg.index("<svg") :], safe=' "=/:;,()+*!?@&~').replace("//", "%2F%2F")
+    address = quote(vector(figure), safe=' "=/:;,()+*!?@&~').replace("//", "%2F%2F")
     return img(f"data:image/svg+xml,{address}", words, "figure")
+
+
+@dataclass(frozen=True, eq=False)
+class Drawing:
+    """A figure and the words that say what it shows, to be looked at in a notebook or saved.
+
+    Attributes:
+        figure: of matplotlib, to go on with.
+        words: what it shows, in one line.
+    """
+
+    figure: Figure
+    words: str
+
+    @styled
+    def svg(self) -> str:
+        """An SVG document; equal figures give equal text."""
+        return vector(self.figure)
+
+    @styled
+    def png(self) -> bytes:
+        """A PNG file."""
+        return bitmap(self.figure)
+
+    @styled
+    def img(self) -> str:
+        """An ``<img>`` that holds its own SVG."""
+        return image(self.figure, self.words)
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as SVG or PNG, by the path's suffix; an earlier file is replaced.
+
+        Raises:
+            OutputError: MF430 for another suffix, MF401 if the file cannot be written.
+        """
+        target = Path(path)
+        content = {".svg": lambda: self.svg().encode(), ".png": self.png}.get(target.suffix.lower())
+        if content is None:
+            raise OutputError(
+                "MF430",
+                f"no picture is written with the suffix {target.suffix!r}",
+                where=str(target),
+                cure="Use .svg or .png",
+            )
+        write_bytes(target, content(), replace=True)
+        return target
+
+    def _repr_svg_(self) -> str:
+        return self.svg()
+
+    def __repr__(self) -> str:
+        return f"<Drawing: {self.words}>"
 
 
 def img(address: str, words: str, kind: str) -> str:

@@ -1,0 +1,179 @@
+"""Openings that are found."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from maskfab.api.camera import F1, Camera
+from maskfab.api.lengths import Length, length_text
+from maskfab.api.opening import Opening
+from maskfab.camera.protocol import LEVELS
+from maskfab.design.design import design as design_spec
+from maskfab.design.result import Designed
+from maskfab.errors import OutputError
+from maskfab.files.staging import check_file, write_text
+from maskfab.jobfile import read, validate
+from maskfab.opening import openings
+from maskfab.plate import maps
+from maskfab.plate.maps import CellMap
+from maskfab.progress import Progress, silent
+from maskfab.report.plots.sheet import Drawing
+from maskfab.threads import one_thread
+from maskfab.units import parse_time_s
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Design:
+    """An opening that was found, and its map.
+
+    Attributes:
+        found: everything that is known of it: proven headroom, cost of rules, notes.
+    """
+
+    found: Designed
+
+    @property
+    def opening(self) -> Opening:
+        return Opening.of_model(self.found.opening)
+
+    @property
+    def outer(self) -> Opening | None:
+        """The opening of the outer half of the stop, where the density was asked to differ."""
+        return None if self.found.outer is None else Opening.of_model(self.found.outer)
+
+    @property
+    def map(self) -> CellMap | None:
+        """Which way the cells are turned; None for a design without a map."""
+        return self.found.cells
+
+    @property
+    def psnr(self) -> dict[int, float]:
+        """Expected PSNR of restored photographs in dB, by the light: the signal-to-noise ratio of white in dB."""
+        return dict(zip(LEVELS, self.found.psnr, strict=True))
+
+    @property
+    def headroom(self) -> dict[int, float] | None:
+        """Proven bound in dB of what any other opening with as many clear dots could gain, by the light."""
+        return None if self.found.head_room is None else dict(zip(LEVELS, self.found.head_room, strict=True))
+
+    def texts(self, target: Path) -> dict[str, tuple[Path, str]]:
+        """Files of the opening, and of outer opening and map where there are any, beside each other: path and text."""
+        written = {"opening": (target, openings.dumps(self.found.opening))}
+        if self.found.outer is not None:
+            written["outer"] = (
+                target.with_name(f"{target.stem}_outer{target.suffix}"),
+                openings.dumps(self.found.outer),
+            )
+        if self.found.cells is not None:
+            written["map"] = (target.with_name(f"{target.stem}_map.toml"), maps.dumps(self.found.cells))
+        return written
+
+    def save(self, path: str | Path, *, force: bool = False) -> list[Path]:
+        """Write the opening (.toml), its map beside it as X_map.toml.
+
+        Raises:
+            OutputError: MF430 for another suffix, MF401 or MF402 for a place that cannot be written.
+        """
+        target = Path(path)
+        if target.suffix.lower() != ".toml":
+            problem = f"no opening is written with the suffix {target.suffix!r}"
+            raise OutputError("MF430", problem, where=str(target), cure="Use .toml")
+        files = list(self.texts(target).values())
+        for file, _ in files:
+            check_file(file, force=force)
+        for file, text in files:
+            write_text(file, text, replace=force)
+        return [file for file, _ in files]
+
+    def plot(self) -> Drawing:
+        """The opening."""
+        return self.opening.plot()
+
+    def _repr_svg_(self) -> str:
+        return self.plot().svg()
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{value:.2f} dB at {level} dB" for level, value in self.psnr.items())
+        return f"<Design {self.found.opening.name}: {self.found.shape}; restored {told}>"
+
+
+@one_thread
+def design(
+    job: str | Path | None = None,
+    *,
+    dots: int | None = None,
+    pitch: Length | None = None,
+    clear_dots: int | None = None,
+    camera: Camera | None = None,
+    name: str = "found",
+    method: Literal["search", "relax"] = "search",
+    tiling: str = "random",
+    map: Literal["equal_light", "edge_packing"] | None = "equal_light",
+    rules: Mapping[str, Any] | None = None,
+    images: str | Path | None = None,
+    budget: str | None = None,
+    checkpoint: str | Path | None = None,
+    progress: Progress = silent,
+    **keys: Any,
+) -> Design:
+    """Find the opening through which photographs restore best, and the map that suits it.
+
+    Args:
+        job: a job file with [design]; then no other key of a design is given.
+        dots: along the side of a pixel.
+        pitch: side of the pixel.
+        clear_dots: met exactly.
+        camera: designed for; by default that of protocol F1.
+        name: of the opening.
+        method: search among compact shapes, or gradient descent.
+        tiling: how pixels are turned.
+        map: which orientations of the pixels before the stop are designed too; not for "relax" or without chance.
+        rules: hard constraints, as design.rules of a job file has them.
+        images: folder of photographs to design for; synthetic scenes if None.
+        budget: ``"60 s"``: take the best that was found by then.
+        checkpoint: file that saves the state, from which it goes on if it exists.
+        progress: told where the work stands.
+        keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
+
+    Raises:
+        JobError: as for a job file with such a [design]; MF123 for rules that contradict each other.
+    """
+    limit_s = None if budget is None else parse_time_s(budget, where="design: budget")
+    if job is not None:
+        spec, where = read(Path(job)), str(job)
+        command = f"maskfab design {Path(job).as_posix()}"
+    else:
+        stated: dict[str, Any] = {
+            "name": name,
+            "method": method,
+            "dots": dots,
+            "pitch": length_text(pitch),
+            "clear_dots": clear_dots,
+            "tiling": tiling,
+            **keys,
+        }
+        if method == "search" and tiling == "random":
+            stated["map"] = map
+        if rules is not None:
+            stated["rules"] = {key: length_text(value) if key in _LENGTHS else value for key, value in rules.items()}
+        section = {key: value for key, value in stated.items() if value is not None}
+        where = "design()"
+        document = {"camera": (camera or F1).section.model_dump(mode="json", exclude_none=True), "design": section}
+        spec = validate(document, where=where)
+        command = f"maskfab.design({', '.join(f'{key}={value!r}' for key, value in section.items())})"
+    found = design_spec(
+        spec,
+        command,
+        where=where,
+        images=None if images is None else Path(images),
+        progress=progress,
+        budget_s=limit_s,
+        checkpoint=None if checkpoint is None else Path(checkpoint),
+    )
+    return Design(found)
+
+
+_LENGTHS = frozenset({"gap_to_opening", "colour_gap", "min_width"})

@@ -1,0 +1,175 @@
+"""The opening of one display pixel, from numbers, an array or a file."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from maskfab import __version__, model
+from maskfab.api.lengths import Length, length_text
+from maskfab.errors import JobError, OutputError
+from maskfab.files.staging import write_text
+from maskfab.opening import decode, openings, shapes
+from maskfab.readers.layout_file import LAYOUT_SUFFIXES
+from maskfab.report.plots import die_figures
+from maskfab.report.plots.sheet import Drawing
+from maskfab.units import parse_pitch_um
+
+
+class Opening(model.Opening):
+    """The clear shape in one display pixel, bool ``mask`` [dots, dots] with row 0 the lowest.
+
+    >>> import maskfab as mf
+    >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+    >>> bar.clear_dots, round(bar.open_ratio, 3), bar.dot_nm
+    (105, 0.238, 8000)
+    """
+
+    @classmethod
+    def bar(cls, dots: int, size: tuple[int, int], pitch: Length, *, name: str | None = None) -> Self:
+        """A rectangle of width x height dots in the middle of the pixel.
+
+        Raises:
+            JobError: MF103, MF104, MF106 or MF107 for the pitch, MF104 or MF105 for the size, MF110 for the name.
+        """
+        width, height = _pair(size)
+        mask = shapes.stripe(_whole(dots, "dots"), width, width * height)
+        made: dict[str, str | int | float] = {
+            "author": "maskfab",
+            "command": f"maskfab.Opening.bar(dots={dots}, size={(width, height)}, pitch={pitch!r})",
+            "version": __version__,
+        }
+        return cls._checked(name or f"bar_{width}x{height}", mask, pitch, made, "Opening.bar")
+
+    @classmethod
+    def of(cls, mask: ArrayLike, pitch: Length, *, name: str = "opening") -> Self:
+        """An opening from an array [dots, dots] of bool or of 0 and 1, row 0 the lowest.
+
+        >>> import maskfab as mf
+        >>> mf.Opening.of([[0, 1], [1, 1]], pitch="16 um").clear_dots
+        3
+
+        Raises:
+            OpeningError: MF201 not square, MF202 other values, MF203 nothing clear.
+            JobError: MF103 to MF107 for the pitch, MF110 for the name, MF115 for too many dots.
+        """
+        return cls._checked(name, decode.from_array(np.asarray(mask), "Opening.of: mask"), pitch, {}, "Opening.of")
+
+    @classmethod
+    def _checked(
+        cls, name: str, mask: decode.Mask, pitch: Length, made: dict[str, str | int | float], where: str
+    ) -> Self:
+        dot_nm = _dot_nm(pitch, len(mask), f"{where}: pitch")
+        return cls.of_model(openings.checked(name, mask, dot_nm, made, where))
+
+    @classmethod
+    def of_model(cls, opening: model.Opening) -> Self:
+        """An opening of the model with the methods of this class."""
+        return cls(opening.name, opening.mask, opening.dot_nm, opening.provenance, opening.emitters)
+
+    @property
+    def pitch_um(self) -> float:
+        """Side of the pixel at its nominal size, without a gutter."""
+        return self.dots * self.dot_nm / 1e3
+
+    def save(self, path: str | Path) -> Path:
+        """Write it as a readable file (.toml); an earlier file is replaced.
+
+        Raises:
+            OutputError: MF430 for another suffix, MF401 if the file cannot be written.
+        """
+        target = Path(path)
+        if target.suffix.lower() != ".toml":
+            problem = f"no opening is written with the suffix {target.suffix!r}"
+            raise OutputError("MF430", problem, where=str(target), cure="Use .toml")
+        write_text(target, openings.dumps(self))
+        return target
+
+    def plot(self) -> Drawing:
+        """The unit cell: clear is white, chrome dark."""
+        return die_figures.opening(self)
+
+    def _repr_svg_(self) -> str:
+        return self.plot().svg()
+
+    def __repr__(self) -> str:
+        return (
+            f"<Opening {self.name}: {self.dots} x {self.dots} dots, {self.open_ratio:.1%} clear, {self.pitch_um:g} um>"
+        )
+
+
+def read_opening(
+    source: str | Path | ArrayLike,
+    *,
+    pitch: Length | None = None,
+    dots: int | None = None,
+    layer: str | None = None,
+    cell: str | None = None,
+    name: str | None = None,
+) -> Opening:
+    """An opening from a file (.toml .txt .png .tif .exr .npy .gds .oas .dxf) or an array.
+
+    Args:
+        source: path or array; images are clear where they are bright, one pixel for each dot.
+        pitch: side of the pixel; all but .toml need it.
+        dots: dots along the pixel; layouts need it.
+        layer: of a layout; needed where it has several.
+        cell: of a layout; needed where it has several on top.
+        name: of the opening; by default the file's own, or its stem.
+
+    Raises:
+        SourceError: MF301 to MF323 for a file that cannot be read.
+        OpeningError: MF201 to MF206 for one that is no opening.
+        JobError: MF105 if pitch or dots are missing; MF103 to MF107 for the pitch.
+    """
+    if not isinstance(source, str | Path):
+        return Opening.of(source, _stated(pitch, "pitch", "the array"), name=name or "opening")
+    path = Path(source)
+    if path.suffix.lower() == ".toml":
+        found = openings.load(path, dots=dots, name=name)
+        return Opening.of_model(found if pitch is None else _repitched(found, pitch))
+    if path.suffix.lower() in LAYOUT_SUFFIXES:
+        wanted = _whole(_stated(dots, "dots", path.name), "dots")
+        dot_nm = _dot_nm(_stated(pitch, "pitch", path.name), wanted, "read_opening: pitch")
+        return Opening.of_model(openings.load(path, dots=wanted, dot_nm=dot_nm, layer=layer, cell=cell, name=name))
+    found = openings.load(path, dots=dots, dot_nm=1, name=name)
+    return Opening.of_model(_repitched(found, _stated(pitch, "pitch", path.name)))
+
+
+def _repitched(opening: model.Opening, pitch: Length) -> model.Opening:
+    return replace(opening, dot_nm=_dot_nm(pitch, opening.dots, "read_opening: pitch"))
+
+
+def _dot_nm(pitch: Length, dots: int, where: str) -> int:
+    return openings.dot_of_pitch(parse_pitch_um(length_text(pitch), where=where), dots, where=where)
+
+
+def _stated(value: Any, key: str, source: str) -> Any:
+    if value is None:
+        raise JobError(
+            "MF105",
+            f"{key} is not given, and {os.path.basename(source)} does not state it",
+            where=f"read_opening: {key}",
+            cure='Add pitch = "168 um"' if key == "pitch" else "Add dots = 21",
+        )
+    return value
+
+
+def _whole(value: object, key: str) -> int:
+    if isinstance(value, bool) or not isinstance(value, int | np.integer):
+        raise JobError("MF105", f"{key} = {value!r} is not a whole number", where=key, cure=f"Write {key} = 21")
+    return int(value)
+
+
+def _pair(size: object) -> tuple[int, int]:
+    if isinstance(size, str) or not isinstance(size, Sequence) or len(size) != 2:
+        raise JobError(
+            "MF105", f"size = {size!r} is not width and height in dots", where="size", cure="Write size = (15, 7)"
+        )
+    return _whole(size[0], "size"), _whole(size[1], "size")

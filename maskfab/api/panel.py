@@ -1,0 +1,129 @@
+"""An opening laid out over many pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Self
+
+from maskfab import model
+from maskfab.api.lengths import Length, length_text
+from maskfab.cell_size import CellSize
+from maskfab.errors import JobError
+from maskfab.job import check_alike
+from maskfab.jobfile import DieSection, check_die, even_nm, parse_section
+from maskfab.jobfile.values import um_text
+from maskfab.model import Tiling
+from maskfab.plate.maps import CellMap, panel_shape, shifted_openings
+from maskfab.plate.panels import tiled
+from maskfab.report.plots import die_figures
+from maskfab.report.plots.sheet import Drawing
+from maskfab.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
+
+_WHERE = "Panel.tile"
+
+
+@dataclass(frozen=True, eq=False, kw_only=True, repr=False)
+class Panel(model.Panel):
+    """An opening tiled over a square, with an opaque gutter round every pixel.
+
+    >>> import maskfab as mf
+    >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+    >>> panel = mf.Panel.tile(bar, "random", seed=1, size="4.4 mm")
+    >>> panel.orientations.shape, panel.size_nm
+    ((26, 26), (4368000, 4368000))
+
+    Attributes:
+        section: the panel as a [[die]] of a job file states it.
+        held: its openings as they were given; those of the model may be moved or turned.
+        cells: its map, for the tiling of that name.
+    """
+
+    section: DieSection
+    held: tuple[model.Opening, ...]
+    cells: CellMap | None = None
+
+    @classmethod
+    def tile(
+        cls,
+        opening: model.Opening,
+        tiling: str | CellMap = Tiling.PERIODIC,
+        *,
+        seed: int | None = None,
+        size: Length | None = None,
+        pitch: Length | None = None,
+        gutter: Length = 0.0,
+        others: Sequence[model.Opening] = (),
+    ) -> Self:
+        """Lay an opening out.
+
+        Args:
+            opening: the clear shape of a pixel.
+            tiling: how pixels are turned: periodic, random, paper4, flips, rot90, rot90flip, blue_noise or hexagonal;
+                or a map, such as that of a design, in the middle.
+            seed: of a random tiling, and of what lies beyond a map.
+            size: side of the square to be filled with whole pixels; by default that of the map.
+            pitch: side of a pixel, gutter included, or ``"300 dpi"``; by default the opening's own dots and the gutter.
+            gutter: opaque space round every pixel.
+            others: further openings, of which every pixel draws one.
+
+        Raises:
+            JobError: MF103 to MF107 for lengths, MF105 for an unknown tiling, MF108 where no pixel fits, MF111 without
+                a seed, MF115 for too many pixels, MF122 for a map that does not fit.
+        """
+        gap_um = parse_length_um(length_text(gutter), where=f"{_WHERE}: gutter", zero_allowed=True)
+        pixel = CellSize(opening.dots, opening.dot_nm, even_nm(gap_um, where=f"{_WHERE}: gutter", name="gutter"))
+        if pitch is not None:
+            place = f"{_WHERE}: pitch"
+            pitch_um = parse_pitch_um(length_text(pitch), where=place)
+            pixel = CellSize.of_pitch(pitch_um, opening.dots, pixel.gutter_nm, where=place)
+        cells = tiling if isinstance(tiling, CellMap) else None
+        if cells is not None and size is None:
+            rows, columns = cells.cells.shape
+            size = max(rows, columns) * pixel.pitch_um
+            if seed is None and panel_shape(cells, rows, rows) == (rows, columns):
+                seed = 0  # nothing lies beyond the map, so nothing is drawn from it
+        held = (opening, *others)
+        stated = {
+            "name": opening.name,
+            "label": opening.name,
+            "opening": opening.name,
+            "others": tuple(each.name for each in others) or None,
+            "dot": um_text(pixel.dot_nm / NM_PER_UM),
+            "gutter": um_text(gap_um),
+            "tiling": Tiling.MAP if cells is not None else tiling,
+            "map": None if cells is None else cells.name,
+            "seed": seed,
+            "size": None if size is None else length_text(size),
+        }
+        section = parse_section(DieSection, stated, where=_WHERE)
+        if section.size is None:
+            raise JobError("MF105", "the key 'size' is missing", where=_WHERE, cure='Add size = "4.4 mm"')
+        check_die(section, _WHERE)
+        check_alike(held, f"{_WHERE}: others")
+        laid = held if cells is None else shifted_openings(cells, held, where=f"{_WHERE}: map")
+        side_nm = to_nm(section.size, where=f"{_WHERE}: size", name="size")
+        panel = tiled(section, laid, side_nm, cells, where=_WHERE)
+        own = {field.name: getattr(panel, field.name) for field in fields(panel)}
+        return cls(**own, section=section, held=held, cells=cells)
+
+    @property
+    def side_nm(self) -> int:
+        """Side of the square that was to be filled."""
+        assert self.section.size is not None
+        return to_nm(self.section.size)
+
+    def plot(self, cells: int = 6) -> Drawing:
+        """Some pixels in the middle, with the gutters between them."""
+        return die_figures.panel_close_up(self, cells)
+
+    def _repr_svg_(self) -> str:
+        return self.plot().svg()
+
+    def __repr__(self) -> str:
+        rows, columns = self.orientations.shape
+        width, height = (side / 1e6 for side in self.size_nm)
+        return (
+            f"<Panel of {self.held[0].name}: {self.tiling}, {columns} x {rows} pixels of "
+            f"{self.pitch_nm / NM_PER_UM:g} um, {width:g} x {height:g} mm, {self.open_ratio:.1%} clear>"
+        )

@@ -1,0 +1,243 @@
+"""Panels on a photomask."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maskfab import model
+from maskfab.api.camera import F1, Camera
+from maskfab.api.lengths import Length, length_text
+from maskfab.api.panel import Panel
+from maskfab.errors import JobError, OutputError
+from maskfab.export.outputs import MASK_TAILS, mask_writer
+from maskfab.files.atomic import partial
+from maskfab.job import Job, resolve
+from maskfab.jobfile import FileFormat, JobSection, JobSpec, PlateSection, parse_section, validate
+from maskfab.jobfile.values import um_text
+from maskfab.opening import openings
+from maskfab.pipeline import draw_files
+from maskfab.plate import maps
+from maskfab.report.plots import die_figures
+from maskfab.report.plots.sheet import Drawing
+from maskfab.units import NM_PER_UM
+
+_WHERE = "Plate"
+_OWN = frozenset({"job", "camera", "plate", "die", "openings", "maps", "design", "pareto"})
+_STREET_NM, _STREET_SHARE = 1_000_000, 4
+"""Space between slots, labels included: a millimetre and a fourth of a die."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plate:
+    """Named panels on a photomask, as a job file states them.
+
+    >>> import maskfab as mf
+    >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+    >>> plate = mf.Plate.of(BAR=mf.Panel.tile(bar, "random", seed=1, size="4.4 mm"), template="5in")
+    >>> plate
+    <Plate PLATE: BAR>
+    >>> plate.layout().blank_nm
+    127000000
+
+    Attributes:
+        heading: [job] of a job file.
+        section: [plate] of a job file.
+        panels: by the names of their dies.
+        labels: texts under the dies, by name.
+        camera: looks through the plate where no other is named; part of the job, and so of the signature in the files.
+        sections: further sections of a job file.
+    """
+
+    heading: JobSection
+    section: PlateSection
+    panels: Mapping[str, Panel]
+    labels: Mapping[str, str]
+    camera: Camera | None
+    sections: Mapping[str, Any]
+
+    @classmethod
+    def of(
+        cls,
+        dies: Mapping[str, Panel] | None = None,
+        /,
+        *,
+        template: str | None = None,
+        blank: Length | None = None,
+        writable: Length | None = None,
+        die_size: Length | None = None,
+        die_pitch: Length | None = None,
+        columns: int | None = None,
+        name: str = "PLATE",
+        title: str | None = None,
+        labels: Mapping[str, str] | None = None,
+        camera: Camera | None = None,
+        sections: Mapping[str, Any] | None = None,
+        **panels: Panel,
+    ) -> Plate:
+        """Put panels on a plate, row by row, in the order in which they are given.
+
+        Args:
+            dies: panels by name; or each as a keyword of its own.
+            template: blank and marks: 4in, 5in, 6in or 7in; 5in if there is no blank either.
+            blank: side of the blank.
+            writable: side of the square in its middle that may be written.
+            die_size: side of the slots; by default the largest panel's.
+            die_pitch: distance between slots; by default room for the labels.
+            columns: of dies; by default as many as rows.
+            name: of the plate, and of its files.
+            title: written on the plate; by default its name.
+            labels: written under dies, by name; by default the name of the opening.
+            camera: looks through the plate; by default the camera of protocol F1.
+            sections: further sections as a job file has them, such as ``{"scene": {"gap": "0.5 mm"}}``.
+
+        Raises:
+            JobError: MF102 to MF110 for a section, a name or a length; what does not fit is refused by :meth:`layout`.
+        """
+        every = {**(dies or {}), **panels}
+        for die, panel in every.items():
+            if not isinstance(panel, Panel):
+                raise JobError(
+                    "MF105",
+                    f"{die} = {panel!r} is not a panel",
+                    where=f"{_WHERE}.of",
+                    cure="Make one: Panel.tile(opening, size=...)",
+                )
+        if not every:
+            raise JobError("MF105", "there is no panel", where=f"{_WHERE}.of", cure="Give at least one: A=panel")
+        size = max(panel.side_nm for panel in every.values())
+        default_pitch = size + size // _STREET_SHARE + _STREET_NM
+        stated = {
+            "template": "5in" if template is None and blank is None else template,
+            "blank": length_text(blank),
+            "writable": length_text(writable),
+            "die_size": um_text(size / NM_PER_UM) if die_size is None else length_text(die_size),
+            "die_pitch": um_text(default_pitch / NM_PER_UM) if die_pitch is None else length_text(die_pitch),
+            "columns": math.isqrt(len(every) - 1) + 1 if columns is None else columns,
+        }
+        more = dict(sections or {})
+        for key in more:
+            if key in _OWN or key not in JobSpec.model_fields:
+                raise JobError(
+                    "MF102",
+                    f"unknown section {key!r}",
+                    where=f"{_WHERE}.of: sections",
+                    cure=f"Use {', '.join(sorted(set(JobSpec.model_fields) - _OWN - {'curves', 'shops'}))}",
+                )
+        return cls(
+            parse_section(JobSection, {"name": name, "title": title or name}, where=_WHERE),
+            parse_section(PlateSection, stated, where=_WHERE),
+            every,
+            dict(labels or {}),
+            camera,
+            more,
+        )
+
+    def job(self, camera: Camera | None = None) -> Job:
+        """The plate and a camera as a validated job, as one read from a file.
+
+        Raises:
+            JobError, OpeningError: for the first thing that is wrong, as for a job file.
+        """
+        camera = camera or self.camera
+        where = _WHERE if camera is not None else f"{_WHERE} without a camera, so behind that of protocol F1"
+        texts: dict[str, dict[str, str]] = {"openings": {}, "maps": {}}
+        for die, panel in self.panels.items():
+            for opening in panel.held:
+                _keep(texts["openings"], opening.name, openings.dumps(opening), "openings", die)
+            if panel.cells is not None:
+                _keep(texts["maps"], panel.cells.name, maps.dumps(panel.cells), "maps", die)
+        document = {
+            "job": _plain(self.heading),
+            "camera": _plain((camera or F1).section),
+            "plate": _plain(self.section),
+            "die": [self._die(name, panel) for name, panel in self.panels.items()],
+            **self.sections,
+            **{key: held for key, held in texts.items() if held},
+        }
+        return resolve(validate(document, where=where), Path(where))
+
+    def _die(self, name: str, panel: Panel) -> dict[str, Any]:
+        stated = _plain(panel.section) | {"name": name, "label": self.labels.get(name, panel.held[0].name)}
+        if panel.section.size == self.section.die_size:
+            del stated["size"]
+        return stated
+
+    def layout(self, camera: Camera | None = None) -> model.Plate:
+        """Dies, marks and gauges in their places.
+
+        Raises:
+            JobError: MF106 to MF108, MF114, MF124 to MF126, as a job file's plate; MF109 if two openings or two maps
+                have one name.
+        """
+        return self.job(camera).plate()
+
+    def write(self, path: str | Path, camera: Camera | None = None) -> Path:
+        """Write the plate in the format that the suffix names: .oas .gds .dxf .gbr .svg; an earlier file is replaced.
+
+        The file is the one that a run writes, byte for byte.
+
+        Args:
+            path: of the file; a name that ends in _R12.dxf is of that version, any other .dxf of R2010.
+            camera: that the job in the file's signature has; by default the plate's.
+
+        Raises:
+            OutputError: MF430 for another suffix, MF401 if the file cannot be written.
+            JobError: as :meth:`layout`.
+        """
+        target = Path(path)
+        kind = _format(target)
+        job = self.job(camera)
+        plate = job.plate()
+        made = draw_files(job, plate)
+        write = mask_writer(made.figures, kind, [job.signature, plate.title], made.settings.drawing)
+        with partial(target) as aside:
+            write(aside)
+        return target
+
+    def plot(self) -> Drawing:
+        """The plate in millimetres: blank, writable area, dies by name, marks."""
+        return die_figures.plate_drawing(self.layout())
+
+    def __getitem__(self, die: str) -> Panel:
+        return self.panels[die]
+
+    def _repr_svg_(self) -> str:
+        return self.plot().svg()
+
+    def __repr__(self) -> str:
+        return f"<Plate {self.heading.name}: {', '.join(self.panels)}>"
+
+
+def _format(target: Path) -> FileFormat:
+    """The mask format that a file's name stands for."""
+    kinds: Sequence[FileFormat] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg")
+    for kind in kinds:
+        if target.name.lower().endswith(MASK_TAILS[kind].lower()):
+            return kind
+    if target.suffix.lower() == ".dxf":
+        return "dxf_r2010"
+    raise OutputError(
+        "MF430",
+        f"no plate is written with the suffix {target.suffix!r}",
+        where=str(target),
+        cure="Use .oas, .gds, .dxf, .gbr or .svg",
+    )
+
+
+def _keep(texts: dict[str, str], name: str, text: str, kind: str, die: str) -> None:
+    if texts.setdefault(name, text) != text:
+        raise JobError(
+            "MF109",
+            f"two different {kind} have the name {name!r}",
+            where=f"{_WHERE}: {die}",
+            cure="Give one of them another name, with the argument name",
+        )
+
+
+def _plain(section: Any) -> dict[str, Any]:
+    stated: dict[str, Any] = section.model_dump(mode="json", exclude_none=True)
+    return stated
