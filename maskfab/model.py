@@ -40,6 +40,24 @@ def refined(cells: NDArray[Scalar], times: int) -> NDArray[Scalar]:
     return cells.repeat(times, axis=-2).repeat(times, axis=-1)
 
 
+def side_by_side(cells: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Cells [rows, columns, height, width] as one picture, [rows x height, columns x width]."""
+    rows, columns, height, width = cells.shape
+    return cells.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)
+
+
+def split_cells(picture: NDArray[Scalar], height: int, width: int) -> NDArray[Scalar]:
+    """The inverse of :func:`side_by_side`: [rows, columns, height, width]."""
+    rows, columns = picture.shape[0] // height, picture.shape[1] // width
+    return picture.reshape(rows, height, columns, width).transpose(0, 2, 1, 3)
+
+
+def unit_dots(orientations: NDArray[np.int8], dots: int) -> NDArray[np.intp]:
+    """Flat index into a unit of every dot of the cells that it is laid out over, [rows x dots, columns x dots]."""
+    index = np.arange(dots * dots).reshape(dots, dots)
+    return side_by_side(np.stack([orient(index, element) for element in range(ORIENTATIONS)])[orientations])
+
+
 class Tiling(StrEnum):
     """Rule by which the cells of a panel choose among the eight orientations.
 

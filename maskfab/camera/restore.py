@@ -15,6 +15,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.optics.numbers.wiener import wiener_filter
+
 MARGIN = 256
 """Pixels of scene, and of mirrored record, round the sensor."""
 PRIOR_CY_PER_PX = 0.1
@@ -60,8 +62,7 @@ def prior(shape: tuple[int, int]) -> Singles:
 
 def wiener(transfer: Singles, inverse_prior: Singles, epsilon: float) -> Singles:
     """G for H of any shape. Without noise, ε = 0, it is 1 / H; where H is 0 as well it is 0."""
-    below = transfer**2 + np.float32(epsilon) * inverse_prior
-    return np.divide(transfer, below, out=np.zeros_like(transfer), where=below > 0)
+    return wiener_filter(transfer, np.float32(epsilon) * inverse_prior)
 
 
 def restore(mirrored: NDArray[np.complex64], filtered: Singles, margin: Margin) -> Singles:

@@ -28,8 +28,8 @@ from scipy import sparse
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError
-from maskfab.model import ORIENTATIONS, Scalar, orient
-from maskfab.optics.pupil.stop_shape import inside
+from maskfab.model import ORIENTATIONS, orient, side_by_side
+from maskfab.optics.pupil.stop_shape import stop_dots
 from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
@@ -75,21 +75,11 @@ class Lattice:
     @property
     def stop(self) -> NDArray[np.bool_]:
         """The dots within the stop, [side, side]."""
-        stop = self.camera.stop
-        if stop.shape == "circle":
-            distance = (np.arange(self.side) - (self.side - 1) / 2) ** 2
-            radius = stop.diameter_um / 2 / self.dot_um
-            return np.asarray(distance[:, None] + distance <= radius**2)
-        place_um = (np.arange(self.side, dtype=np.float64) - (self.side - 1) / 2) * self.dot_um
-        return inside(stop, place_um, place_um[:, None])
+        return stop_dots(self.camera.stop, self.side, self.dot_um)
 
     def per_cycle(self, wavelength_nm: float) -> float:
         """Lag in dots that belongs to one cycle per pixel."""
         return self.camera.cycle_um(wavelength_nm) / self.dot_um
-
-    def laid(self, cells: NDArray[Scalar]) -> NDArray[Scalar]:
-        """Cells [cells, cells, dots, dots] side by side, [side, side]."""
-        return cells.transpose(0, 2, 1, 3).reshape(self.side, self.side)
 
 
 def lattice(
@@ -246,11 +236,15 @@ def lay(
             cure=f"Give {room.cells} x {room.cells} integers from 0 to {kinds - 1}",
         )
     cells = np.stack([orient(unit, k) for unit in stack for k in range(ORIENTATIONS)]).astype(np.float64)
-    return Laid(name, room.laid(cells[turned]) * room.stop, room)
+    return Laid(name, side_by_side(cells[turned]) * room.stop, room)
 
 
 def autocorrelation(pupil: NDArray[np.float64]) -> Floats:
-    """Of a real pupil [n, n]: [2n - 1, 2n - 1], lag 0 in the middle, not normalised."""
+    """Of a real pupil of whole dots [n, n]: [2n - 1, 2n - 1], lag 0 in the middle, not normalised.
+
+    Reports take :mod:`maskfab.optics.image.lag_table`, which knows gutters and dots that the stop cuts; descents
+    :mod:`maskfab.design.relax.autocorrelation`, which has a slope.
+    """
     size = 2 * len(pupil) - 1
     fast = int(scipy.fft.next_fast_len(size, real=True))
     spectrum = scipy.fft.rfft2(pupil, (fast, fast), workers=1)

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
-from maskfab.model import Die
+from maskfab.model import Die, side_by_side
 
 Floats = NDArray[np.float64]
 
@@ -30,9 +30,7 @@ def die_raster(die: Die) -> NDArray[np.bool_]:
     panel = die.panel
     pad = 1 if panel.gutter_nm else 0
     variants = np.pad(panel.patterns, ((0, 0), (pad, pad), (pad, pad)))
-    cells = variants[panel.orientations]
-    rows, columns, height, width = cells.shape
-    return cells.transpose(0, 2, 1, 3).reshape(rows * height, columns * width)
+    return side_by_side(variants[panel.orientations])
 
 
 def overlaps(edges: Floats, pixels: Floats) -> sparse.csr_array:

@@ -35,7 +35,7 @@ from maskfab.geometry.writer_model import (
     written_corners,
 )
 from maskfab.measure.optics import middle_nm, polygon_psf, stop_boundary
-from maskfab.model import Camera, Die, Mtf, Process, Psf, Quantity, Stop
+from maskfab.model import Camera, Die, Mtf, Process, Psf, Quantity, Stop, split_cells
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
 from maskfab.optics.image.psf import point_psfs
@@ -241,9 +241,7 @@ def _transfer(
 def _vertices(aperture: Aperture) -> _Vertices:
     x, y = aperture.x, aperture.y
     clear = aperture.transmission[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())] > 0
-    (cells_y, dots_y), (cells_x, dots_x) = _blocks(y), _blocks(x)
-    cells = clear.reshape(cells_y, dots_y, cells_x, dots_x).transpose(0, 2, 1, 3)
-    held = configurations(cells).transpose(0, 2, 1, 3)
+    held = configurations(split_cells(clear, _blocks(y)[1], _blocks(x)[1])).transpose(0, 2, 1, 3)
     return _Vertices(_lines(x), _lines(y), held, x, y, x.dot_um)
 
 

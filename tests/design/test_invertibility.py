@@ -9,10 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from maskfab.design.relax.invertibility import Invertibility
-from maskfab.design.relax.stop_grid import cells_across, stop_dots
+from maskfab.design.relax.stop_grid import cells_across
 from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.errors import JobError
 from maskfab.model import Camera, Stop, Tiling, orient
+from maskfab.optics.pupil.stop_shape import stop_dots
 from maskfab.plate.tiling import orientations
 
 DOTS = 7
@@ -35,9 +36,9 @@ def cell_of(seed: int) -> np.ndarray:
 def test_stop_covers_its_circle() -> None:
     assert cells_across(Stop("circle", 4000.0), 21, 8000) == 24
     side = 24 * 21
-    area = stop_dots(Stop("circle", 4000.0), side, 8000).sum() * 64.0
+    area = stop_dots(Stop("circle", 4000.0), side, 8.0).sum() * 64.0
     assert area == pytest.approx(np.pi * 2000.0**2, rel=1e-3)
-    assert stop_dots(Stop("square", 400.0), 56, 8000).sum() == 50**2
+    assert stop_dots(Stop("square", 400.0), 56, 8.0).sum() == 50**2
 
 
 def test_pupil_holds_cells_oriented_as_the_model_says() -> None:
@@ -45,7 +46,7 @@ def test_pupil_holds_cells_oriented_as_the_model_says() -> None:
     elements = orientations(Tiling.RANDOM, across, across, 3)
     cell = cell_of(0)
     expected = np.block([[orient(cell, int(element)) for element in row] for row in elements])
-    expected = expected * stop_dots(STOP, across * DOTS, 8000)
+    expected = expected * stop_dots(STOP, across * DOTS, 8.0)
     np.testing.assert_array_equal(small_loss().correlation.pupil(torch.from_numpy(cell)).numpy(), expected)
 
 
@@ -78,7 +79,7 @@ def test_loss_equals_a_direct_computation() -> None:
     loss = small_loss()
     cell = torch.from_numpy(cell_of(2))
     table = loss.correlation(cell).numpy().ravel()
-    light = stop_dots(STOP, cells_across(STOP, DOTS, 8000) * DOTS, 8000).sum() * 0.2
+    light = stop_dots(STOP, cells_across(STOP, DOTS, 8000) * DOTS, 8.0).sum() * 0.2
     means = []
     for lags in loss.lags:
         otf = table[lags.numpy()] / light

@@ -17,7 +17,6 @@ from small_job import write_job
 from sweeps import examples
 
 from maskfab.cli import run_command_line
-from maskfab.design.relax.stop_grid import stop_dots
 from maskfab.design.relax.tiled_stop import tiled_stop
 from maskfab.errors import JobError
 from maskfab.geometry.stop import edges_in_stop
@@ -29,7 +28,7 @@ from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.polygon_stop import polygon_cover, polygon_moments
 from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.pupil.stop_shape import inside, perimeter_um, stop_nodes, stop_strehl, widest_um
+from maskfab.optics.pupil.stop_shape import inside, perimeter_um, stop_dots, stop_nodes, stop_strehl, widest_um
 from maskfab.optics.wavefront.aberration import Wavefront
 
 HEXAGON = [(110 * np.cos(a), 95 * np.sin(a)) for a in np.pi * (np.arange(6) / 3 + 0.11)]
@@ -183,7 +182,7 @@ def test_area_middle_and_second_moments_come_out_of_nodes_and_of_membership_alik
     assert held.sum() * cell == pytest.approx(stop.area_um2, rel=2e-2)
     assert (held * grid**2).sum() * cell == pytest.approx(weight @ x**2, rel=2e-2)
     assert (held * grid[:, None] ** 2).sum() * cell == pytest.approx(weight @ y**2, rel=2e-2)
-    assert stop_dots(stop, 40, round(stop.diameter_um * 25)).sum() * (stop.diameter_um / 40) ** 2 == pytest.approx(
+    assert stop_dots(stop, 40, stop.diameter_um / 40).sum() * (stop.diameter_um / 40) ** 2 == pytest.approx(
         stop.area_um2, rel=0.06
     )
 

@@ -25,7 +25,7 @@ from maskfab.design.maps.orientation_map import LIGHT_TOLERANCE, DesignedMap, Ma
 from maskfab.design.model.layout_error import PupilError, Slope
 from maskfab.design.rules.constraints import Constraints
 from maskfab.errors import JobError
-from maskfab.model import ORIENTATIONS, frozen, orient
+from maskfab.model import ORIENTATIONS, frozen, orient, split_cells
 from maskfab.plate.maps import Shift, shifted
 from maskfab.progress import Progress, silent
 
@@ -146,9 +146,8 @@ def dot_slopes(slope: Slope, orientations: NDArray[np.int8], shifts: tuple[Shift
         shifts: of the map; empty without positions.
         inside: the stop, bool [cells dots, cells dots].
     """
-    count = len(orientations)
-    dots = len(inside) // count
-    cells = (slope.field * inside).reshape(count, dots, count, dots).transpose(0, 2, 1, 3).reshape(-1, dots, dots)
+    dots = len(inside) // len(orientations)
+    cells = split_cells(slope.field * inside, dots, dots).reshape(-1, dots, dots)
     held = orientations.ravel()
     total = np.zeros((dots, dots))
     for kind in np.unique(held):

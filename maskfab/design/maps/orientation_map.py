@@ -32,7 +32,7 @@ from maskfab.camera.transfer import Lattice
 from maskfab.design.model.layout_error import PupilError, Slope
 from maskfab.design.rules.positions import best_places, places
 from maskfab.errors import JobError
-from maskfab.model import ORIENTATIONS, Scalar, frozen, orient
+from maskfab.model import ORIENTATIONS, Scalar, frozen, orient, side_by_side, split_cells
 from maskfab.plate.maps import Shift, shifted
 from maskfab.plate.tiling import MOST_OPENINGS
 from maskfab.progress import Progress, silent
@@ -296,9 +296,8 @@ class _Search:
 
     def pupil(self, chosen: NDArray[np.int64]) -> Floats:
         """The stop filled with these."""
-        dots, side, count = self.error.dots, len(self.error.inside), self.error.cells
-        cells = self.patterns[chosen].reshape(count, count, dots, dots)
-        return np.asarray(cells.transpose(0, 2, 1, 3).reshape(side, side) * self.error.inside)
+        cells = self.patterns[chosen.reshape(self.error.cells, self.error.cells)]
+        return np.asarray(side_by_side(cells) * self.error.inside)
 
     def packed(self, drawn: NDArray[np.int8]) -> NDArray[np.int8]:
         """The map with every cut cell turned so that the most light is inside; of equals, the drawn one first."""
@@ -442,5 +441,4 @@ def _best(worth: Floats) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
 
 def _by_cell(values: NDArray[Scalar], dots: int) -> NDArray[Scalar]:
     """[side, side] as [cells, dots²]."""
-    count = len(values) // dots
-    return values.reshape(count, dots, count, dots).transpose(0, 2, 1, 3).reshape(count**2, dots * dots)
+    return split_cells(values, dots, dots).reshape(-1, dots * dots)

@@ -33,6 +33,7 @@ from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import EPSILONS, LEVELS
+from maskfab.camera.restore import PRIOR_CY_PER_PX, wiener
 from maskfab.camera.transfer import Lattice, OpenStop, lattice
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient
@@ -164,7 +165,7 @@ class Surrogate:
         known = epsilons[::_LEAK_EVERY].astype(np.float32)
         errors = []
         for epsilon in known:
-            filtered = transfer / (transfer**2 + epsilon * self.low_prior)
+            filtered = wiener(transfer, self.low_prior, epsilon)
             restored = scipy.fft.irfft2(seen * filtered, (_ROWS, _COLUMNS), workers=1)
             missed = restored[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH] - self.low_truth
             errors.append(float(np.square(missed).mean()))
@@ -232,12 +233,12 @@ def surrogate_behind(scenes: Sequence[Scene], room: Lattice, *, leak_scenes: int
         open_stop.folded(nu[0], nu[1]),
         weight,
         np.where(low, 0, weight * density),
-        (distance / 0.1) ** 2 + 1e-12,
+        (distance / PRIOR_CY_PER_PX) ** 2 + 1e-12,
         open_stop.at(near[:, None], near),
         (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
         cut.astype(np.complex64),
         small[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH],
-        ((axes[0][:, None] ** 2 + axes[1] ** 2) / 0.1**2).astype(np.float32),
+        ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
         light,
     )
 

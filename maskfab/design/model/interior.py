@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.protocol import EPSILONS, LEVELS
+from maskfab.camera.restore import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import Lattice, OpenStop
 from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.model import ORIENTATIONS, orient
@@ -157,7 +158,7 @@ def interior(estimate: Surrogate) -> Interior:
         np.sinc(y / per_cycle) * np.sinc(x / per_cycle),
         open_stop.folded(y / per_cycle, x / per_cycle),
         power,
-        (frequency / 0.1) ** 2 + 1e-12,
+        (frequency / PRIOR_CY_PER_PX) ** 2 + 1e-12,
         estimate.light,
         per_cycle,
         open_stop.dots,

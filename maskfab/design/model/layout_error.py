@@ -30,6 +30,7 @@ from numpy.typing import NDArray
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.protocol import EPSILONS, LEVELS
+from maskfab.camera.restore import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import Lattice, lay
 from maskfab.design.model.expected_psnr import Surrogate
 from maskfab.errors import JobError
@@ -178,7 +179,10 @@ class PupilError:
         return Judged(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
 
     def _table(self, pupil: Floats) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
-        """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach."""
+        """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach.
+
+        In single precision, and with the transform kept for the slope; else as in camera.transfer.
+        """
         size, reach = self.size, self.reach
         lines = scipy.fft.rfft(pupil.astype(np.float32), n=size, axis=1, workers=1)
         spectrum = scipy.fft.fft(lines, n=size, axis=0, workers=1)
@@ -244,7 +248,7 @@ class PupilError:
         record = torch.fft.irfft2(self.low * single, s=(rows, columns))
         # The places are those of the whole scene, so that nothing needs to be cut out first.
         seen = torch.fft.rfft2(record.index_select(-2, self.mirror[0]).index_select(-1, self.mirror[1]))
-        filtered = single / (single**2 + epsilon * self.low_prior)
+        filtered = wiener_tensor(single, epsilon * self.low_prior)
         restored = torch.fft.irfft2(seen * filtered, s=(rows, columns))
         missed = restored[..., top : top + height, left : left + width] - self.low_truth
         mean: torch.Tensor = (missed**2).mean().to(torch.float64)
@@ -261,6 +265,11 @@ class PupilError:
                     for level in self.levels
                 ]
             )
+
+
+def wiener_tensor(transfer: torch.Tensor, noise_to_signal: torch.Tensor | float) -> torch.Tensor:
+    """:func:`maskfab.optics.numbers.wiener.wiener_filter` with a slope, for R above 0."""
+    return transfer / (transfer**2 + noise_to_signal)
 
 
 def pupil_error(
@@ -316,7 +325,7 @@ def pupil_error(
         torch.from_numpy(np.sinc(np.arange(-half, half + 1) / cycle).astype(np.float32)),
         torch.from_numpy(square),
         torch.from_numpy(signal),
-        torch.from_numpy((distance / 0.1) ** 2 + 1e-12),
+        torch.from_numpy((distance / PRIOR_CY_PER_PX) ** 2 + 1e-12),
         (torch.from_numpy(estimate.along[0]), torch.from_numpy(estimate.along[1])),
         torch.from_numpy(np.array(estimate.low)),
         torch.from_numpy(np.array(estimate.low_truth)),

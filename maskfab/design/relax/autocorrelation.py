@@ -24,7 +24,7 @@ import torch
 from numpy.typing import NDArray
 from scipy.fft import next_fast_len
 
-from maskfab.model import ORIENTATIONS, orient
+from maskfab.model import unit_dots
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,12 +72,9 @@ def autocorrelation(
         inside: bool [rows x dots, columns x dots], dots inside the stop.
         reach: longest lag in dots, shorter than the pupil.
     """
-    index = np.arange(dots * dots).reshape(dots, dots)
-    oriented = np.stack([orient(index, element) for element in range(ORIENTATIONS)])
-    laid = oriented[orientations].transpose(0, 2, 1, 3).reshape(inside.shape)
     # Twice a fast length is fast and even.
     size = 2 * int(next_fast_len((max(inside.shape) + reach + 1) // 2))
-    flat = torch.from_numpy(np.where(inside, laid, dots * dots).ravel())
+    flat = torch.from_numpy(np.where(inside, unit_dots(orientations, dots), dots * dots).ravel())
     return Autocorrelation(flat, (inside.shape[0], inside.shape[1]), dots, size, reach)
 
 

@@ -31,6 +31,7 @@ from numpy.typing import NDArray
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.design.model.expected_psnr import Surrogate
+from maskfab.design.model.layout_error import wiener_tensor
 from maskfab.design.relax.autocorrelation import Autocorrelation
 from maskfab.design.relax.objective import Objective
 from maskfab.design.relax.tiled_stop import Precision, TiledStop, tiled_stop
@@ -80,7 +81,7 @@ class BoundaryLeak(Objective):
         seen = torch.fft.rfft2(record.index_select(1, rows).index_select(2, columns))
         errors = []
         for epsilon in self.epsilons:
-            restored = torch.fft.irfft2(seen * (transfer / (transfer**2 + epsilon * self.prior)), s=shape)
+            restored = torch.fft.irfft2(seen * wiener_tensor(transfer, epsilon * self.prior), s=shape)
             errors.append(((restored[:, w:-w, w:-w] - self.truth) ** 2).mean())
         return torch.stack(errors)
 

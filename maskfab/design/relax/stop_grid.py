@@ -1,4 +1,4 @@
-"""A camera's stop on the dots of the cells that fill it, and the lags that a sensor can tell apart behind it."""
+"""The cells that cover a camera's stop, and the lags that a sensor can tell apart behind it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from maskfab.cell_size import CellSize
 from maskfab.model import Stop
-from maskfab.optics.pupil.stop_shape import inside
 from maskfab.units import NM_PER_UM
 
 MAX_SIDE = 4096
@@ -19,12 +18,6 @@ MAX_SIDE = 4096
 def cells_across(stop: Stop, dots: int, dot_nm: int) -> int:
     """Cells along the side of the smallest square of cells that covers the stop."""
     return math.ceil(stop.diameter_um * NM_PER_UM / CellSize(dots, dot_nm).pitch_nm - 1e-9)
-
-
-def stop_dots(stop: Stop, side: int, dot_nm: int) -> NDArray[np.bool_]:
-    """Dots whose middles lie inside the stop, bool [side, side]; the stop is centred on the square of dots."""
-    place_um = (np.arange(side) - (side - 1) / 2) * dot_nm / NM_PER_UM
-    return inside(stop, place_um, place_um[:, None])
 
 
 def lags_within(reach: float, table: int) -> NDArray[np.int64]:

@@ -18,9 +18,10 @@ from numpy.typing import NDArray
 from maskfab.cell_size import CellSize
 from maskfab.design.relax.autocorrelation import Autocorrelation, autocorrelation
 from maskfab.design.relax.invertibility import Invertibility
-from maskfab.design.relax.stop_grid import MAX_SIDE, cells_across, lags_within, stop_dots
+from maskfab.design.relax.stop_grid import MAX_SIDE, cells_across, lags_within
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Camera
+from maskfab.optics.pupil.stop_shape import stop_dots
 from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
@@ -172,7 +173,7 @@ def tiled_stop(
             where="camera.stop",
             cure=f"Give {cells_across(camera.stop, dots, dot_nm)} x {cells_across(camera.stop, dots, dot_nm)} cells",
         )
-    inside = stop_dots(camera.stop, side, dot_nm)
+    inside = stop_dots(camera.stop, side, dot_nm / NM_PER_UM)
     if inside.sum() < FEWEST_DOTS:
         raise JobError(
             "MF104",

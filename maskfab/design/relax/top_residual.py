@@ -28,6 +28,7 @@ import torch
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.photographs import Scene
 from maskfab.design.model.expected_psnr import LEAST_CONTRAST
+from maskfab.design.model.layout_error import wiener_tensor
 from maskfab.design.relax.autocorrelation import Autocorrelation
 from maskfab.design.relax.objective import Objective
 from maskfab.design.relax.tiled_stop import GridTransfer, TiledStop
@@ -89,7 +90,7 @@ class TopResidual(Objective):
         """The loss of the chosen pictures, white is 1."""
         m, shape = self.margin, (self.crops.shape[2], self.crops.shape[3])
         transfer = self.transfer(table)
-        response = transfer / (transfer**2 + self.nsr)
+        response = wiener_tensor(transfer, self.nsr)
         share = self.stop.share(table)
         losses = []
         for k in self.chosen:

@@ -16,6 +16,7 @@ Notes:
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf_grid
 
 Floats = NDArray[np.float64]
+Real = TypeVar("Real", bound=np.floating[Any])
 
 WORST_SHARE = 0.3
 """The share of frequencies that the design's loss looks at."""
@@ -80,6 +82,16 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
     return SensorSquare(modulation, step, table.coarse_uncertainty, line)
 
 
+def wiener_filter(transfer: NDArray[Real], noise_to_signal: NDArray[Real] | Real) -> NDArray[Real]:
+    """H / (H² + R) for a real H, any shapes that broadcast; 0 where there is neither signal nor noise.
+
+    Designs descend along its slope by :func:`maskfab.design.model.layout_error.wiener_tensor`, the same on tensors.
+    """
+    below = transfer**2 + noise_to_signal
+    filtered: NDArray[Real] = np.divide(transfer, below, out=np.zeros_like(below), where=below > 0)
+    return filtered
+
+
 def wiener_response(modulation: Floats, noise_to_signal: float) -> Floats:
     """H at each modulation, any shape, values in [0, 1]; ε = 0 gives the limit, 1 where there is any signal and else 0.
 
@@ -107,7 +119,7 @@ def restoration_gain(modulation: Floats, noise_to_signal: float) -> Floats:
         if smallest == 0:
             raise _unbounded(smallest, 0.0)
         return np.asarray(1 / modulation)
-    return np.asarray(modulation / (modulation**2 + noise_to_signal))
+    return wiener_filter(modulation, np.float64(noise_to_signal))
 
 
 def worst_wiener(square: SensorSquare, noise_to_signal: float, die: str | None = None) -> Quantity:

@@ -37,6 +37,15 @@ def inside(stop: Stop, x_um: Floats, y_um: Floats) -> NDArray[np.bool_]:
     return np.asarray((squared <= radius**2) & (squared >= (radius * stop.inner_share) ** 2))
 
 
+def stop_dots(stop: Stop, side: int, dot_um: float) -> NDArray[np.bool_]:
+    """Dots whose middles lie in the stop, bool [side, side], the stop centred on the square of dots.
+
+    Whole dots serve the design, which compares openings; :func:`maskfab.optics.pupil.pupil.cut` cuts dots exactly.
+    """
+    place_um = (np.arange(side, dtype=np.float64) - (side - 1) / 2) * dot_um
+    return inside(stop, place_um, place_um[:, None])
+
+
 def perimeter_um(stop: Stop) -> float:
     """Length of the stop's edge, the inner one included.
 

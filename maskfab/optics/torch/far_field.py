@@ -35,7 +35,7 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
-from maskfab.model import ORIENTATIONS, Panel, Stop, orient
+from maskfab.model import ORIENTATIONS, Panel, Stop, unit_dots
 from maskfab.optics.pupil.aperture import Lattice, panel_lattices
 from maskfab.optics.pupil.pupil import share_inside
 from maskfab.optics.torch.cell_field import WholeCells, cell_tables, unit_waves
@@ -127,7 +127,7 @@ def tiled_field(
     if chosen.max() >= ORIENTATIONS:
         raise InternalError("MF901", "a tiled field is a function of one opening; the panel has several")
     dots = panel.opening.dots
-    unit_dot = _unit_dots(chosen, dots)
+    unit_dot = unit_dots(chosen, dots)
     share = share_inside(x, y, stop)[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())]
     cells = share.reshape(y.cells, dots, x.cells, dots)
     # A cell that is mostly inside counts as whole, and what it lacks counts negative: that leaves a thinner ring.
@@ -192,11 +192,3 @@ def _kept_cells(panel: Panel, x: Lattice, y: Lattice) -> NDArray[np.int8]:
     column = round((x.start_um - whole_x.start_um) / x.pitch_um)
     row = round((y.start_um - whole_y.start_um) / y.pitch_um)
     return panel.orientations[row : row + y.cells, column : column + x.cells]
-
-
-def _unit_dots(chosen: NDArray[np.int8], dots: int) -> NDArray[np.intp]:
-    """Flat index into the unit of every dot of these cells, [dots y, dots x]."""
-    index = np.arange(dots * dots).reshape(dots, dots)
-    oriented = np.stack([orient(index, element) for element in range(ORIENTATIONS)])
-    rows, columns = chosen.shape
-    return oriented[chosen].transpose(0, 2, 1, 3).reshape(rows * dots, columns * dots)
