@@ -10,8 +10,8 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.drc.klayout_checks import Check
 from maskfab.drc.results import Floats, Ints
+from maskfab.drc.rules import Check
 
 _LARGEST_SHEET_NM = 1_000_000_000
 _DIGITS = str.maketrans(dict.fromkeys("(),;/|", " "))

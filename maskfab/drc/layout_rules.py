@@ -1,21 +1,60 @@
-"""The design rules on a layout that maskfab did not make, or whose panels it does not know."""
+"""The design rules on a layout that maskfab did not make, or whose panels it does not know: names, extent, shapes."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 
 from klayout import db
 
-from maskfab.drc.extent import checked_extent
 from maskfab.drc.flat import flat_results, merged
-from maskfab.drc.names import checked_names
 from maskfab.drc.results import RuleResult, counted_references
 from maskfab.drc.rules import DesignRules
 from maskfab.errors import SourceError
 from maskfab.geometry.plate_layout import layer_info
-from maskfab.model import CLEAR, Layer, Polygon
+from maskfab.model import CLEAR, Box, Layer, Polygon
 
 MOST_SHAPES = 200_000
+
+
+def checked_names(names: Iterable[str], rules: DesignRules) -> tuple[RuleResult, ...]:
+    """One result for each rule on names; names that break it are listed in alphabetical order."""
+    every = sorted(names)
+    results = []
+    if rules.name_pattern is not None:
+        pattern = re.compile(rules.name_pattern)
+        bad = tuple(name for name in every if pattern.fullmatch(name) is None)
+        results.append(_result("name_pattern", rules.name_pattern, "", bad))
+    for text in rules.forbidden_names:
+        bad = tuple(name for name in every if text.casefold() in name.casefold())
+        results.append(_result("forbidden_name", text, "", bad))
+    if rules.max_name_length is not None:
+        bad = tuple(name for name in every if len(name) > rules.max_name_length)
+        longest = max((len(name) for name in bad), default=None)
+        results.append(RuleResult("name_length", rules.max_name_length, "characters", longest, len(bad), names=bad))
+    return tuple(results)
+
+
+def _result(rule: str, limit: str, unit: str, bad: tuple[str, ...]) -> RuleResult:
+    return RuleResult(rule, limit, unit, bad[0] if bad else None, len(bad), names=bad)
+
+
+def checked_extent(boxes: Iterable[Box], extent_nm: tuple[int, int]) -> RuleResult:
+    """Boxes that leave a box about the origin; the value is how far the worst sticks out, in nm.
+
+    Args:
+        boxes: of everything that is written, in plate coordinates.
+        extent_nm: width and height of the box that should hold them.
+    """
+    width, height = extent_nm
+    out = []
+    for x0, y0, x1, y1 in boxes:
+        beyond = max(max(-x0, x1) - width / 2, max(-y0, y1) - height / 2)
+        if beyond > 0:
+            out.append((y0, x0, y1, x1, beyond))
+    places = tuple((x0, y0, x1, y1) for y0, x0, y1, x1, _ in sorted(out))
+    worst = max((beyond for *_, beyond in out), default=None)
+    return RuleResult("extent", f"{width} x {height}", "nm", worst, len(out), places)
 
 
 def check_layout(

@@ -1,24 +1,31 @@
-"""The rules on a panel, by its distinct parts and neighbourhoods; the work hardly grows with the panel."""
+"""The rules on a panel, by its distinct parts and neighbourhoods; the work hardly grows with the panel.
+
+Its narrowest places are exact, corner to corner included, and not hidden by corners that kiss.
+"""
 
 from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
 
 import numpy as np
 from klayout import db
 
-from maskfab.drc.areas import small_islands
 from maskfab.drc.canvas import facing_edges
 from maskfab.drc.cells import PanelCells
-from maskfab.drc.drawn_polygons import off_grid
-from maskfab.drc.flat import LARGEST, drawn_rules, merged
-from maskfab.drc.islands import islands
-from maskfab.drc.klayout_checks import Check, distance_checks
+from maskfab.drc.flat import LARGEST, drawn_rules, merged, off_grid
+from maskfab.drc.islands import islands, small_islands
+from maskfab.drc.neighbours import fits_windows, kissing_corners, narrow_spaces
+from maskfab.drc.raster_rules import smallest_runs
 from maskfab.drc.results import Found, Ints, Repeated, RuleResult, listed
-from maskfab.drc.rules import DesignRules
-from maskfab.drc.spaces import fits_windows, narrow_spaces
-from maskfab.drc.touches import kissing_corners
+from maskfab.drc.rules import Check, DesignRules, distance_checks
 from maskfab.drc.within_polygon import within_polygons
+from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.unit_cell import unit_shapes
-from maskfab.model import CLEAR, Die, Polygon
+from maskfab.model import CLEAR, Box, Die, Polygon
+
+Tone: TypeAlias = Literal["clear", "opaque"]
 
 
 def panel_results(die: Die, rules: DesignRules, most: int) -> tuple[RuleResult, ...]:
@@ -97,3 +104,50 @@ def _off_grid(
     every: Ints = np.concatenate(owners)
     repeated = Repeated(items, cells.origins_nm, every, np.concatenate(boxes), np.concatenate(values))
     return repeated.found(most, largest=True)
+
+
+@dataclass(frozen=True)
+class Narrowest:
+    """A width of what is clear, or a space between clear edges.
+
+    Attributes:
+        value_nm: Euclidian distance; inf where nothing faces anything.
+        place: hull of the two edges, in plate nanometres; None where it was not asked for, or there is none.
+    """
+
+    value_nm: float
+    place: Box | None = None
+
+
+def narrowest(die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
+    """The least clear width, or the least opaque space, of a die.
+
+    Distances are those of :class:`DesignRules` with ``kissing=False``. The shortest run along x or y is one of them,
+    so only what is less than it has to be looked for, and nothing that is no kiss is less than a dot or a gutter.
+
+    Args:
+        die: the die, alone.
+        tone: "clear" for widths, "opaque" for spaces.
+        placed: whether the place is asked for, too.
+    """
+    runs = smallest_runs(die_raster(die), *die_edges_nm(die))
+    run = runs.clear if tone == "clear" else runs.opaque
+    panel = die.panel
+    if run <= min(panel.dot_nm, panel.gutter_nm or panel.dot_nm) and not placed:
+        return Narrowest(run)
+    # Where no row and no column has a run there are few edges, however far one looks.
+    reach = run if math.isfinite(run) else math.hypot(*panel.size_nm)
+    found = _below(die, tone, math.ceil(reach) + int(placed))
+    if found.place is None or found.value_nm >= run:
+        return Narrowest(run, found.place)
+    return found if placed else Narrowest(found.value_nm)
+
+
+def _below(die: Die, tone: Tone, limit_nm: int) -> Narrowest:
+    """The narrowest place that breaks a limit, the first of its kind."""
+    width, space = (limit_nm, None) if tone == "clear" else (None, limit_nm)
+    results = panel_results(die, DesignRules(min_width_nm=width, min_space_nm=space, kissing=False), 1)
+    (result,) = (each for each in results if each.rule == ("width" if tone == "clear" else "space"))
+    if result.passed or not isinstance(result.value, int | float):
+        return Narrowest(math.inf)
+    return Narrowest(float(result.value), result.places[0])

@@ -8,10 +8,8 @@ import numpy as np
 from klayout import db
 
 from maskfab.drc.cells import PanelCells
-from maskfab.drc.extent import checked_extent
 from maskfab.drc.flat import flat_results, merged
-from maskfab.drc.layout_rules import drawn_polygons
-from maskfab.drc.names import checked_names
+from maskfab.drc.layout_rules import checked_extent, checked_names, drawn_polygons
 from maskfab.drc.panel_rules import panel_results
 from maskfab.drc.results import RuleResult, counted_references
 from maskfab.drc.rules import DesignRules

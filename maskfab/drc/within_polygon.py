@@ -9,8 +9,8 @@ import numpy as np
 from maskfab.drc.canvas import Canvas, Facing, together
 from maskfab.drc.cells import PanelCells
 from maskfab.drc.islands import Islands, Parts
-from maskfab.drc.klayout_checks import Check
 from maskfab.drc.results import Found, Ints, Repeated, joined
+from maskfab.drc.rules import Check
 
 Drawing = list[tuple[int, int, int]]
 

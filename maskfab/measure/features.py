@@ -6,7 +6,7 @@ import math
 from dataclasses import replace
 
 from maskfab.drc import DesignRules, narrowest
-from maskfab.drc.smallest import Tone
+from maskfab.drc.panel_rules import Tone
 from maskfab.jobfile import LimitsSection
 from maskfab.model import Die, Quantity
 from maskfab.units import NM_PER_UM

@@ -15,7 +15,7 @@ from maskfab.geometry.polygonize import Holes
 from maskfab.jobfile import DRAWING_KEYS, MASK_FORMATS, ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.model import CLEAR, Box, Die, Furniture, Plate, Polygon
-from maskfab.plate.marks.boxes import bounds
+from maskfab.plate.marks.drawing import bounding_box
 from maskfab.plate.marks.template import plate_template
 from maskfab.shops.counts import facing_dots
 from maskfab.shops.stencil import stencilled
@@ -137,7 +137,7 @@ def written_box(plate: Plate) -> Box:
     boxes = [die.box_nm for die in plate.dies]
     for mark in plate.furniture:
         if mark.layer.written:
-            boxes += [bounds([polygon]) for polygon in mark.polygons]
+            boxes += [bounding_box([polygon]) for polygon in mark.polygons]
     if not boxes:
         return 0, 0, 0, 0
     table = np.array(boxes, dtype=np.int64)

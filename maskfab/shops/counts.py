@@ -12,7 +12,7 @@ from maskfab.export.cell_polygons import Figures, Shapes
 from maskfab.geometry.plate_layout import simple_polygon
 from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import CLEAR, Box, Die, Plate, Point, Polygon
-from maskfab.plate.marks.boxes import bounds
+from maskfab.plate.marks.drawing import bounding_box
 from maskfab.shops.stencil import inner_edges
 
 
@@ -89,7 +89,7 @@ def _by_owner(figures: Figures, edges: db.Edges) -> Iterator[Shared]:
     boxes: dict[str, Box] = {f"die {die.name}": die.box_nm for die in figures.plate.dies}
     for mark in figures.plate.furniture:
         if mark.layer.written and mark.polygons:
-            boxes[f"mark {mark.name}"] = bounds(mark.polygons)
+            boxes[f"mark {mark.name}"] = bounding_box(mark.polygons)
     for owner, box in boxes.items():
         inside = edges.inside_part(db.Region(db.Box(*box).enlarged(1, 1)))
         inside.merged_semantics = False

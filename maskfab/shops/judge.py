@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from maskfab.drc import DesignRules, RuleResult, check_plate, narrowest
+from maskfab.drc.panel_rules import Tone
 from maskfab.drc.plate_rules import apart
-from maskfab.drc.smallest import Tone
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
 from maskfab.geometry.plate_layout import plate_names

@@ -8,7 +8,7 @@ from klayout import db
 
 from maskfab.errors import JobError
 from maskfab.model import Box, Die, Furniture
-from maskfab.plate.marks.boxes import bounds, box_at
+from maskfab.plate.marks.drawing import bounding_box, box_at
 from maskfab.units import NM_PER_UM
 
 
@@ -20,7 +20,9 @@ def check_clearances(dies: Sequence[Die], furniture: Sequence[Furniture], writab
     """
     boxes = [(f"die {die.name!r}", box_at(die.centre_nm, (die.slot_nm, die.slot_nm))) for die in dies]
     boxes += [
-        (f"mark {mark.name!r}", bounds(mark.polygons)) for mark in furniture if mark.layer.written and mark.polygons
+        (f"mark {mark.name!r}", bounding_box(mark.polygons))
+        for mark in furniture
+        if mark.layer.written and mark.polygons
     ]
     _check_inside(boxes, writable_nm, where)
     region = db.Region([db.Box(*box) for _, box in boxes])

@@ -1,13 +1,13 @@
-"""A small drawing of the plate itself, with the name of every die."""
+"""A small drawing of the plate with the name of every die, and thin outlines of all that has a border."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from maskfab.geometry.lettering import text_polygons
-from maskfab.model import CLEAR, Die, Furniture, Point, Polygon
-from maskfab.plate.marks.boxes import bounds, box_at, rectangle
+from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Point, Polygon
+from maskfab.plate.marks.drawing import bounding_box, box_at, rectangle
 
 _SMALLEST_LETTER_NM = 60_000
 _LARGEST_LETTER_NM = 250_000
@@ -16,6 +16,7 @@ _SHARE_OF_GAP = 0.6
 _SHARE_OF_PITCH = 0.9
 _FEET = 1.5
 """Where letters stand below a slot, in their heights."""
+_OUTLINE_NM = 20_000
 
 
 @dataclass(frozen=True)
@@ -80,7 +81,7 @@ def _lettering(words: Sequence[str], slot: int, inside: int, under: tuple[float,
 
 
 def _width(word: str) -> int:
-    x0, _, x1, _ = bounds(text_polygons(word, _SAMPLE_NM, (0, 0)))
+    x0, _, x1, _ = bounding_box(text_polygons(word, _SAMPLE_NM, (0, 0)))
     return x1 - x0
 
 
@@ -94,3 +95,18 @@ def _frame(centre: Point, side: int, line: int) -> tuple[Polygon, ...]:
     left: Polygon = (*lower, (inner, y1 - line), (outer, y1 - line), (outer, y1), (x0, y1))
     right = tuple((x0 + x1 - x, y) for x, y in reversed(left))
     return left, right
+
+
+def outlines(blank_nm: int, writable_nm: int, dies: Iterable[Die]) -> list[Furniture]:
+    """A thin square frame inside blank, writable area and slots, for orientation only; never written on the plate."""
+    named = [("BLANK", (0, 0), blank_nm), ("WRITABLE", (0, 0), writable_nm)]
+    named += [(f"SLOT_{die.name}", die.centre_nm, die.slot_nm) for die in dies]
+    return [Furniture(f"OUTLINE_{name}", "outline", OUTLINE, _square_frame(place, side)) for name, place, side in named]
+
+
+def _square_frame(centre: Point, side_nm: int) -> tuple[Polygon, ...]:
+    x0, y0, x1, y1 = box_at(centre, (side_nm, side_nm))
+    line = _OUTLINE_NM
+    bars = [(x0, y0, x1, y0 + line), (x0, y1 - line, x1, y1)]
+    bars += [(x0, y0 + line, x0 + line, y1 - line), (x1 - line, y0 + line, x1, y1 - line)]
+    return tuple(rectangle(bar) for bar in bars)

@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from maskfab.plate.marks.blank_outlines import outlines
-from maskfab.plate.marks.cd_bars import cd_bars
-from maskfab.plate.marks.fiducial import fiducial
-from maskfab.plate.marks.label import label
-from maskfab.plate.marks.letter_f import parity_mark
-from maskfab.plate.marks.mark import Drawn
-from maskfab.plate.marks.setting import Setting
-from maskfab.plate.marks.title import maker, title_block
+from maskfab.plate.marks.die_map import outlines
+from maskfab.plate.marks.drawing import DrawnMarks, Setting
+from maskfab.plate.marks.registration import fiducial, parity_mark
+from maskfab.plate.marks.resolution import cd_bars
+from maskfab.plate.marks.text import label, maker, title_block
 
 MARGIN_NM = 2_000_000
 TITLE_HEIGHT_NM = 1_500_000
@@ -24,7 +21,7 @@ _CD_MULTIPLES = (1, 2, 5)
 _CD_LENGTH_NM = 500_000
 
 
-def plain(setting: Setting) -> Drawn:
+def plain(setting: Setting) -> DrawnMarks:
     """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
     written."""
     corner = setting.writable_nm // 2 - MARGIN_NM
@@ -41,4 +38,4 @@ def plain(setting: Setting) -> Drawn:
         *bars.furniture,
         *outlines(setting.blank_nm, setting.writable_nm, setting.dies),
     )
-    return Drawn(furniture, bars.gauges)
+    return DrawnMarks(furniture, bars.gauges)

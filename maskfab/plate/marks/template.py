@@ -23,7 +23,7 @@ from maskfab.jobfile.sections import Section
 from maskfab.jobfile.toml import loads
 from maskfab.jobfile.values import DrawnText, Name, PlateLength, length_um
 from maskfab.model import Box, Point
-from maskfab.plate.marks.boxes import box_at
+from maskfab.plate.marks.drawing import box_at
 from maskfab.units import NM_PER_UM, to_nm
 
 _FOLDER = "export_templates/plates"

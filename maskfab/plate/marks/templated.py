@@ -5,21 +5,18 @@ from __future__ import annotations
 from maskfab.errors import InternalError, JobError
 from maskfab.geometry.lettering import fitted_text
 from maskfab.model import CLEAR, Furniture
-from maskfab.plate.marks.alignment_cross import alignment_cross
-from maskfab.plate.marks.blank_outlines import outlines
-from maskfab.plate.marks.boxes import bounds
-from maskfab.plate.marks.cd_bars import cd_bars
-from maskfab.plate.marks.checkerboard import checkerboards
-from maskfab.plate.marks.corners import corner_letters
 from maskfab.plate.marks.data_matrix import code_text, data_matrix
-from maskfab.plate.marks.die_map import die_map
-from maskfab.plate.marks.fiducial import fiducial
-from maskfab.plate.marks.label import label
-from maskfab.plate.marks.letter_f import HEIGHT, WIDTH, parity_mark
-from maskfab.plate.marks.line_space import line_space
-from maskfab.plate.marks.mark import Drawn
-from maskfab.plate.marks.setting import Setting
-from maskfab.plate.marks.siemens import inner_radius_nm, siemens_star
+from maskfab.plate.marks.die_map import die_map, outlines
+from maskfab.plate.marks.drawing import DrawnMarks, Setting, bounding_box
+from maskfab.plate.marks.registration import HEIGHT, WIDTH, alignment_cross, fiducial, parity_mark
+from maskfab.plate.marks.resolution import (
+    cd_bars,
+    checkerboards,
+    corner_letters,
+    inner_radius_nm,
+    line_space,
+    siemens_star,
+)
 from maskfab.plate.marks.template import (
     AlignmentSection,
     AnyMark,
@@ -36,14 +33,14 @@ from maskfab.plate.marks.template import (
     StarSection,
     TitleSection,
 )
-from maskfab.plate.marks.title import maker, title_block
+from maskfab.plate.marks.text import label, maker, title_block
 from maskfab.units import NM_PER_UM, to_nm
 
 _NM_PER_MM = 1_000_000
 _CAPTION_NM = 150_000
 
 
-def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn:
+def templated(template: PlateTemplate, setting: Setting, *, where: str) -> DrawnMarks:
     """Every mark of a template, then labels and outlines.
 
     Raises:
@@ -53,7 +50,7 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
         _in_room(mark, _captioned(mark, _draw(mark, template, setting, where), setting), where)
         for mark in template.mark
     ]
-    return Drawn(
+    return DrawnMarks(
         (
             *(figure for each in drawn for figure in each.furniture),
             *(label(die) for die in setting.dies),
@@ -63,7 +60,7 @@ def templated(template: PlateTemplate, setting: Setting, *, where: str) -> Drawn
     )
 
 
-def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> Drawn:
+def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) -> DrawnMarks:
     name, centre, feature = mark.name, mark.centre_nm, setting.feature_nm
     match mark:
         case BarsSection():
@@ -75,10 +72,10 @@ def _draw(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str) 
         case CornersSection():
             return corner_letters(name, centre, feature, mark.multiples)
         case _:
-            return Drawn((_single(mark, template, setting, where),))
+            return DrawnMarks((_single(mark, template, setting, where),))
 
 
-def _captioned(mark: AnyMark, drawn: Drawn, setting: Setting) -> Drawn:
+def _captioned(mark: AnyMark, drawn: DrawnMarks, setting: Setting) -> DrawnMarks:
     """Test figures with a line at the bottom of their room that says which they are, and multiples of what."""
     feature = f"{setting.feature_nm / NM_PER_UM:g} um"
     match mark:
@@ -90,7 +87,7 @@ def _captioned(mark: AnyMark, drawn: Drawn, setting: Setting) -> Drawn:
             return drawn
     anchor = mark.centre_nm[0], mark.room_nm[1]
     caption = fitted_text(text, _CAPTION_NM, anchor, _for_text(mark))
-    return Drawn((*drawn.furniture, Furniture(f"{mark.name}_TEXT", "label", CLEAR, caption)), drawn.gauges)
+    return DrawnMarks((*drawn.furniture, Furniture(f"{mark.name}_TEXT", "label", CLEAR, caption)), drawn.gauges)
 
 
 def _for_text(mark: MarkSection) -> int:
@@ -151,9 +148,9 @@ def _check_star(mark: StarSection, feature_nm: int, where: str) -> None:
         )
 
 
-def _in_room(mark: MarkSection, drawn: Drawn, where: str) -> Drawn:
+def _in_room(mark: MarkSection, drawn: DrawnMarks, where: str) -> DrawnMarks:
     """The mark, refused if a figure of it leaves its room."""
-    boxes = [bounds(figure.polygons) for figure in drawn.furniture if figure.polygons]
+    boxes = [bounding_box(figure.polygons) for figure in drawn.furniture if figure.polygons]
     x0, y0, x1, y1 = mark.room_nm
     over = max((max(x0 - a, y0 - b, c - x1, d - y1) for a, b, c, d in boxes), default=0)
     if over > 0:

@@ -9,8 +9,7 @@ from pathlib import Path
 from klayout import db
 
 from maskfab.drc import DesignRules
-from maskfab.drc.extent import checked_extent
-from maskfab.drc.names import checked_names
+from maskfab.drc.layout_rules import checked_extent, checked_names
 from maskfab.geometry.plate_layout import NAME_LENGTH, layer_info
 from maskfab.geometry.shape_limits import count_shapes, own_polygons
 from maskfab.model import CLEAR, Plate, Quantity

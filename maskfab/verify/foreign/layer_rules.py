@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from maskfab.drc import DesignRules, check_plate
 from maskfab.drc.canvas import facing_edges
 from maskfab.drc.flat import flat_results, merged
-from maskfab.drc.klayout_checks import distance_checks
+from maskfab.drc.rules import distance_checks
 from maskfab.geometry.plate_layout import layer_info
 from maskfab.jobfile import LimitsSection
 from maskfab.measure.features import smallest_features

@@ -10,20 +10,19 @@ from klayout import db
 
 from maskfab.geometry.plate_layout import plate_layout, simple_polygon
 from maskfab.model import CLEAR, OUTLINE, Die, Opening, Panel, Plate, Tiling
-from maskfab.plate.marks.alignment_cross import alignment_cross
-from maskfab.plate.marks.blank_outlines import outlines
-from maskfab.plate.marks.boxes import bounds, box_at
-from maskfab.plate.marks.cd_bars import cd_bars
-from maskfab.plate.marks.checkerboard import checkerboards
-from maskfab.plate.marks.corners import corner_letters
 from maskfab.plate.marks.data_matrix import code_text, data_matrix, modules
-from maskfab.plate.marks.die_map import die_map
-from maskfab.plate.marks.fiducial import fiducial
-from maskfab.plate.marks.letter_f import parity_mark
-from maskfab.plate.marks.line_space import line_space
-from maskfab.plate.marks.mark import Drawn
-from maskfab.plate.marks.siemens import inner_radius_nm, siemens_star
-from maskfab.plate.marks.title import title_block
+from maskfab.plate.marks.die_map import die_map, outlines
+from maskfab.plate.marks.drawing import DrawnMarks, bounding_box, box_at
+from maskfab.plate.marks.registration import alignment_cross, fiducial, parity_mark
+from maskfab.plate.marks.resolution import (
+    cd_bars,
+    checkerboards,
+    corner_letters,
+    inner_radius_nm,
+    line_space,
+    siemens_star,
+)
+from maskfab.plate.marks.text import title_block
 from maskfab.verify.roundtrip import clear_length_nm
 
 AT = (-3_000_001, 7_000_003)
@@ -43,7 +42,7 @@ def region_of(mark) -> db.Region:
 
 
 def about_its_middle(region: db.Region) -> db.Region:
-    x, y = bounds([[(p.x, p.y) for p in polygon.each_point_hull()] for polygon in region.each()])[:2]
+    x, y = bounding_box([[(p.x, p.y) for p in polygon.each_point_hull()] for polygon in region.each()])[:2]
     return region.moved(-(2 * x + region.bbox().width()) // 2, -(2 * y + region.bbox().height()) // 2)
 
 
@@ -54,7 +53,7 @@ def turns_into_itself(region: db.Region) -> list[bool]:
     return [(there ^ about_its_middle(there.transformed(move))).is_empty() for move in moves]
 
 
-def measured(drawn: Drawn) -> list[tuple[int, int]]:
+def measured(drawn: DrawnMarks) -> list[tuple[int, int]]:
     """Target and clear length of every gauge, on a plate with nothing but these marks."""
     layout = plate_layout(Plate("MARKS", "", 10**8, 10**8, (), drawn.furniture, drawn.gauges, ()))
     return [(gauge.target_nm, clear_length_nm(layout, gauge)) for gauge in drawn.gauges]
@@ -165,7 +164,7 @@ def test_a_corner_letter_has_eleven_squares_and_six_corners(feature):
     for letter, multiple in zip(drawn.furniture, (1, 2, 5), strict=True):
         assert region_of(letter).area() == 11 * (multiple * feature) ** 2
         assert len(letter.polygons[0]) == 6
-    assert len({bounds(letter.polygons)[1] for letter in drawn.furniture}) == 1
+    assert len({bounding_box(letter.polygons)[1] for letter in drawn.furniture}) == 1
     assert all(target == read for target, read in measured(drawn))
 
 
@@ -233,7 +232,7 @@ def test_frames_of_a_map_are_brackets_that_do_not_meet():
 @pytest.mark.parametrize("stem", ["D", "A_NAME_OF_24_CHARACTERS"])
 def test_names_stay_inside_the_frame_of_the_map_and_off_the_slots(pitch, stem):
     mark = drawn_map(2, pitch, slot=pitch // 2 if pitch < 8_400_000 else 8_400_000, stem=stem)
-    assert bounds(mark.polygons) == box_at(AT, (11_500_000, 11_500_000))
+    assert bounding_box(mark.polygons) == box_at(AT, (11_500_000, 11_500_000))
     letters = shapes_of(mark.polygons[2:]).merged(True, 1)
     assert letters.bbox().inside(db.Box(*box_at(AT, (11_400_000, 11_400_000))))
     assert shapes_of(mark.polygons).merged(False, 2).is_empty()
@@ -247,7 +246,7 @@ def test_dies_too_small_for_a_frame_are_full_squares_on_the_map():
 
 def test_a_title_never_leaves_its_room_and_lines_stand_below_it():
     block = title_block("TITLE", "A" * 80, ["b" * 80, "c"], (0, 0), 1_500_000, 400_000, 20_000_000)
-    x0, y0, x1, y1 = bounds(block.polygons)
+    x0, y0, x1, y1 = bounding_box(block.polygons)
     assert max(-x0, x1) <= 10_100_000
     assert y1 <= 1_500_000
     assert -1_700_000 <= y0 <= -1_500_000

@@ -17,10 +17,9 @@ from maskfab.export.gds import write_gdsii
 from maskfab.geometry.plate_layout import coverage, plate_layout, region
 from maskfab.job import load
 from maskfab.model import CLEAR, Plate
-from maskfab.plate.marks.boxes import bounds
 from maskfab.plate.marks.clearances import check_clearances
 from maskfab.plate.marks.data_matrix import modules
-from maskfab.plate.marks.setting import Setting
+from maskfab.plate.marks.drawing import Setting, bounding_box
 from maskfab.plate.marks.template import load_template, template_names
 from maskfab.plate.marks.templated import templated
 from maskfab.readers.layout_file import read_layout
@@ -86,7 +85,7 @@ def test_nothing_that_is_written_overlaps_or_leaves_the_writable_area(plate):
     whole = region(plate_layout(plate), CLEAR)
     half = plate.writable_nm // 2
     assert (whole - db.Region(db.Box(-half, -half, half, half))).is_empty()
-    boxes = db.Region([db.Box(*bounds(each.polygons)) for each in plate.furniture if each.layer is CLEAR])
+    boxes = db.Region([db.Box(*bounding_box(each.polygons)) for each in plate.furniture if each.layer is CLEAR])
     boxes += db.Region([db.Box(*die.box_nm) for die in plate.dies])
     assert boxes.merged(False, 2).is_empty()
 
@@ -114,7 +113,7 @@ def test_the_code_is_read_from_a_poor_photograph(plate, written, noise):
 
 def read_modules(plate: Plate, path) -> np.ndarray:
     """Light modules of the code in a file, bool [y, x], row 0 lowest."""
-    x0, y0, x1, y1 = bounds(mark(plate, "JOB_CODE").polygons)
+    x0, y0, x1, y1 = bounding_box(mark(plate, "JOB_CODE").polygons)
     count = (x1 - x0) // 200_000
     assert (x1 - x0, y1 - y0) == (count * 200_000, count * 200_000)
     edges = np.arange(count + 1) * 200_000.0

@@ -1,14 +1,18 @@
-"""The title block: what the plate is, who made it, how it is to be read."""
+"""Lines of text on the plate: the title block, and the label under a die."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 
 from maskfab.geometry.lettering import fitted_text
-from maskfab.model import CLEAR, Furniture, Point
+from maskfab.model import CLEAR, Die, Furniture, Point
 
 LINE_FEED = 2
 """From line to line below the title, in heights of their letters."""
+_HEIGHT_NM = 400_000
+_GAP_NM = 200_000
+LABEL_NM = _GAP_NM + _HEIGHT_NM
+"""Height that a label needs below a die's slot."""
 
 
 def title_block(
@@ -35,3 +39,10 @@ def title_block(
 def maker(signature: str) -> str:
     """Who made it from which job: the signature without its seeds."""
     return signature.rsplit("|", 1)[0].strip()
+
+
+def label(die: Die) -> Furniture:
+    """Name and label of a die, below its slot and not wider than it."""
+    position = (die.centre_nm[0], die.centre_nm[1] - die.slot_nm // 2 - LABEL_NM)
+    text = f"{die.name}  {die.label}"
+    return Furniture(f"LABEL_{die.name}", "label", CLEAR, fitted_text(text, _HEIGHT_NM, position, die.slot_nm))
