@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import ast
 import re
+import tomllib
 from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
 
 import typer
 
@@ -11,6 +14,8 @@ from maskfab.cli.app import app
 from maskfab.error_codes import explained, grouped
 from maskfab.jobfile.reference import tables
 from maskfab.report.glossary import QUANTITIES
+
+_ROOT = Path(__file__).parents[1]
 
 
 def _row(*cells: str) -> str:
@@ -70,11 +75,27 @@ def _quantities() -> Iterator[str]:
     )
 
 
+def _rooms() -> Iterator[str]:
+    """Every floor from the top, and each room on it by the sentence that its own file begins with."""
+    settings = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    (plan,) = settings["tool"]["importlinter"]["contracts"]
+    rows = []
+    for floor in plan["layers"]:
+        for number, room in enumerate(floor.replace("maskfab.", "").split(" | ")):
+            folder = _ROOT / "maskfab" / room
+            source = folder / "__init__.py" if folder.is_dir() else folder.with_suffix(".py")
+            text = ast.get_docstring(ast.parse(source.read_text(encoding="utf-8"))) or ""
+            inner = ", ".join(f"`{each.parent.name}`" for each in sorted(folder.glob("*/__init__.py")))
+            rows.append(("" if number else "floor", f"`{room}`", _plain(text.partition("\n\n")[0]), inner))
+    yield from _table(("", "room", "content", "inner rooms"), rows)
+
+
 _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "keys": _keys,
     "codes": _codes,
     "verbs": _verbs,
     "quantities": _quantities,
+    "rooms": _rooms,
 }
 
 
