@@ -28,7 +28,7 @@ from maskfab.readers.step import Placed
 _DEFLECTION_MM = 1e-3
 _PRECISION_MM = 1e-7
 _MOST_DEPTH = 16
-_SECONDS = 10
+_SECONDS = 8
 _BYTES_PER_SECOND = 300_000
 _LARGEST_MEMORY = 4 << 30
 _MEMORY_PER_BYTE = 1024
@@ -207,9 +207,14 @@ def _faces(solid: Any) -> Iterator[tuple[NDArray[np.float64], NDArray[np.int64]]
         explorer.Next()
 
 
+def limit(path: Path) -> None:
+    """Let the system end this process for more than a whole file takes."""
+    limit_share(path, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS, _BYTES_PER_SECOND)
+
+
 if __name__ == "__main__":
     file = Path(sys.argv[1])
-    limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS, _BYTES_PER_SECOND)
+    limit(file)
     try:
         with quiet():
             found = content(file)
