@@ -13,7 +13,7 @@ import typer
 from maskfab.cli.app import app
 from maskfab.error_codes import explained, grouped
 from maskfab.jobfile.reference import tables
-from maskfab.report.glossary import QUANTITIES
+from maskfab.quantities import QUANTITIES
 
 _ROOT = Path(__file__).parents[1]
 
@@ -70,8 +70,11 @@ def _verbs() -> Iterator[str]:
 
 def _quantities() -> Iterator[str]:
     yield from _table(
-        ("name", "title", "meaning", "if its check fails"),
-        ((f"`{name}`", term.title, _plain(term.meaning), _plain(term.cure)) for name, term in QUANTITIES.items()),
+        ("name", "title", "unit", "meaning", "if its check fails"),
+        (
+            (f"`{each.name}`", each.title, each.unit, _plain(each.meaning), _plain(each.cure))
+            for each in QUANTITIES.values()
+        ),
     )
 
 

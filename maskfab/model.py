@@ -18,6 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.cell_size import CellSize
+from maskfab.errors import InternalError
+from maskfab.quantities import registered
 
 Point = tuple[int, int]
 Polygon = tuple[Point, ...]
@@ -585,19 +587,22 @@ class Mtf:
 
 @dataclass(frozen=True)
 class Quantity:
-    """One reported number: a row of report.json.
+    """One reported number: a row of report.json, whose words are in :mod:`maskfab.quantities`.
 
     Attributes:
+        name: registered there, which also gives symbol and unit.
         uncertainty: half width of the error bar, in ``unit``; None where the value is exact.
         limit: what ``passed`` was judged against; None where nothing is required.
         level_db: light that it holds for, as the signal-to-noise ratio of white behind the published display.
         at_most: whether the value is a bound that the truth may lie far below.
+        detail: what completes a symbol or unit that differs from row to row, such as ``6 um`` in ``SE(6 um)``.
+
+    Raises:
+        InternalError: MF901 for a name that is not registered, or for a detail too many or too few.
     """
 
     name: str
-    symbol: str
     value: float | int | str | None
-    unit: str
     method: str
     uncertainty: float | None = None
     limit: float | int | str | None = None
@@ -606,6 +611,21 @@ class Quantity:
     wavelength_nm: float | None = None
     level_db: int | None = None
     at_most: bool = False
+    detail: str | None = None
+
+    def __post_init__(self) -> None:
+        if registered(self.name).takes_detail != (self.detail is not None):
+            raise InternalError("MF901", f"symbol or unit of {self.name!r} cannot be told with detail {self.detail!r}")
+
+    @property
+    def symbol(self) -> str:
+        """Symbol of the formula; empty for counts and words."""
+        return registered(self.name).symbol.replace("{detail}", self.detail or "")
+
+    @property
+    def unit(self) -> str:
+        """Unit of value, uncertainty and limit; ``1`` for a ratio, empty for counts and words."""
+        return registered(self.name).unit.replace("{detail}", self.detail or "")
 
     def __float__(self) -> float:
         if not isinstance(self.value, int | float):

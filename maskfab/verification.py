@@ -208,7 +208,7 @@ def _again(name: str, differs: str, *, judged: bool) -> Quantity:
     if differs and not judged:
         told += "; other versions wrote it, or it holds photographs, so that it is not judged"
     return Quantity(
-        "made_again", "", differs or "the same", "", told, limit="the same", passed=not differs or (None, False)[judged]
+        "made_again", differs or "the same", told, limit="the same", passed=not differs or (None, False)[judged]
     )
 
 
@@ -250,9 +250,9 @@ def _unlisted(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:
             continue
         if path.suffix.lower() in masks:
             problem = f"{name} is a mask file that the run did not write: it could go to the house by mistake"
-            yield Quantity("unlisted", "", name, "", problem, limit="", passed=False)
+            yield Quantity("unlisted", name, problem, limit="", passed=False)
         else:
-            yield Quantity("unlisted", "", name, "", f"{RESULT_MARK} does not know {name}")
+            yield Quantity("unlisted", name, f"{RESULT_MARK} does not know {name}")
 
 
 def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
@@ -277,7 +277,7 @@ def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
         return
     if earlier:
         told = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
-        yield Quantity(_SCHEMA, "", stated, "", told)
+        yield Quantity(_SCHEMA, stated, told)
     yield from differences
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
 
@@ -334,8 +334,8 @@ def _alike_photographs(what: str, now: object, then: object) -> bool:
 
 
 def _equal(name: str, value: Any, expected: Any, method: str) -> Quantity:
-    return Quantity(name, "", value, "", method, limit=expected, passed=value == expected)
+    return Quantity(name, value, method, limit=expected, passed=value == expected)
 
 
 def _failed(name: str, problem: str) -> Quantity:
-    return Quantity(name, "", "failed", "", problem, limit="ok", passed=False)
+    return Quantity(name, "failed", problem, limit="ok", passed=False)

@@ -105,11 +105,9 @@ def judge(
     (shift_x, shift_y), offset = grain.centroids(panel)
     predicted = grain.predicted_rms(offset, viewing)
     own = [
-        Quantity(
-            "pixels_per_degree", "ppd", viewing.pixels_per_degree, "1/deg", "distance x 1 degree / pitch", die=name
-        ),
-        Quantity("centroid_offset", "|c|", offset, "px", "emitters' luminance centroid, rms off its mean", die=name),
-        Quantity("grain_predicted", "", predicted, "1", "5.568 (F/ppd)^2 |c|, F = 10 cy/deg", die=name),
+        Quantity("pixels_per_degree", viewing.pixels_per_degree, "distance x 1 degree / pitch", die=name),
+        Quantity("centroid_offset", offset, "emitters' luminance centroid, rms off its mean", die=name),
+        Quantity("grain_predicted", predicted, "5.568 (F/ppd)^2 |c|, F = 10 cy/deg", die=name),
     ]
     views = {}
     for title, image in images.items():
@@ -136,27 +134,22 @@ def judge(
             for word, low, high in (("slow", 0.0, grain.SLOW_CPD), ("fine", grain.SLOW_CPD, grain.FINE_CPD)):
                 rms = grain.measured_rms(spectrum, low, high)
                 method = f"rms luminance contrast of an even field, {low:g} to {high:g} cy/deg"
-                own.append(Quantity(f"grain_{word}", "", rms, "1", method, die=name))
+                own.append(Quantity(f"grain_{word}", rms, method, die=name))
         own.extend(_numbers(name, title, view))
     return Judged(name, panel, viewing, images, views, tuple(own))
 
 
 def _numbers(name: str, title: str, view: View) -> list[Quantity]:
     found = [
-        Quantity(f"{title}_delta_e_mean", "ΔE", view.delta_e, "1", "S-CIELAB, CIE 1976, mean", die=name),
-        Quantity(f"{title}_delta_e_95", "", view.delta_e_95, "1", "the same, 95th percentile", die=name),
+        Quantity(f"{title}_delta_e_mean", view.delta_e, "S-CIELAB, CIE 1976, mean", die=name),
+        Quantity(f"{title}_delta_e_95", view.delta_e_95, "the same, 95th percentile", die=name),
         Quantity(
-            f"{title}_delta_e_aligned",
-            "",
-            view.delta_e_aligned,
-            "1",
-            "mean, the common shift of all pixels removed",
-            die=name,
+            f"{title}_delta_e_aligned", view.delta_e_aligned, "mean, the common shift of all pixels removed", die=name
         ),
     ]
     if title == EDGE:
         method = "largest S-CIELAB difference in a* and b*, the common shift removed"
-        found.append(Quantity("edge_fringe", "Δab", view.fringe, "1", method, die=name))
+        found.append(Quantity("edge_fringe", view.fringe, method, die=name))
     if view.jod is not None:
-        found.append(Quantity(f"{title}_jod", "JOD", view.jod, "1", "ColorVideoVDP, white 500 cd/m2", die=name))
+        found.append(Quantity(f"{title}_jod", view.jod, "ColorVideoVDP, white 500 cd/m2", die=name))
     return found

@@ -406,7 +406,7 @@ def _measure_seen(seen: _Seen, request: Request, progress: Progress) -> Analysis
 
     def difference(error: float, wavelength: float) -> Quantity:
         method = f"relative L2 between the polygons' PSF and that of their raster of {seen.dot_um:g} um"
-        return Quantity("readback_psf_difference", "δ", error, "1", method, uncertainty=1e-8, wavelength_nm=wavelength)
+        return Quantity("readback_psf_difference", error, method, uncertainty=1e-8, wavelength_nm=wavelength)
 
     found = measure_pupils(
         seen.pupil, None, lit, seen.outline, camera, INVARIANT_LIMIT_ROUND, difference, progress=progress

@@ -426,18 +426,14 @@ def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOpti
     found = [
         Quantity(
             f"written_open_ratio_{reading}",
-            "η_w",
             written.open_ratio,
-            "1",
             f"area of the written polygons inside the stop over the stop's: {how}",
             uncertainty=metrics.AREA_ERROR * written.open_ratio,
             die=die.name,
         ),
         Quantity(
             f"written_psf_difference_{reading}",
-            "δ_w",
             difference,
-            "1",
             f"relative L2 between the PSF of the written polygons (edges, NUFFT) and the drawing's (matrix): {how}, "
             f"arcs as polygons within {sagitta_um(process, _ARC_SIDES) * 1e3:.2g} nm and of the circle's area",
             uncertainty=_PATH_ERROR + _ARC_ERROR * difference,

@@ -30,9 +30,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     footprint, name, required = found.footprint, die.name, found.required
     yield Quantity(
         "led_footprint",
-        "a",
         found.share,
-        "1",
         "share of a pixel, gutter included, that one colour of the emitters drawn covers; areas counted in cells",
         limit=required or None,
         passed=found.share >= required - 1e-12 if required else None,
@@ -40,31 +38,25 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     )
     yield Quantity(
         "led_footprint_largest",
-        "â",
         footprint.found_share,
-        "1",
         f"the largest share that was found ({footprint.method}); the emitters drawn may be smaller and better centred",
         die=name,
     )
     why = "" if footprint.certificate is None else f": {footprint.certificate.statement}"
     yield Quantity(
-        "led_footprint_bound", "ā", footprint.bound_share, "1", f"no placement under the rules has more{why}", die=name
+        "led_footprint_bound", footprint.bound_share, f"no placement under the rules has more{why}", die=name
     )
     yield Quantity(
         "led_footprint_rectangles",
-        "a□",
         footprint.rectangles_share,
-        "1",
         "the largest share of three rectangles, exact: window table and two straight cuts",
         die=name,
     )
     room = found.room
     yield Quantity(
         "circuit_room",
-        "A",
         room.area_um2,
-        "um2",
-        f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um2; counted in cells",
+        f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um^2; counted in cells",
         die=name,
     )
     yield from _wires(die, found)
@@ -73,18 +65,14 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     for colour, own in zip(COLOURS, found.own_rooms, strict=False):
         yield Quantity(
             f"circuit_room_{colour}",
-            "A",
             own.area_um2,
-            "um2",
-            f"the same under the {colour} emitter, where a circuit of its own needs {own.need_um2:.0f} um2",
+            f"the same under the {colour} emitter, where a circuit of its own needs {own.need_um2:.0f} um^2",
             die=name,
         )
     if found.reaches:
         yield Quantity(
             "emitters_stranded",
-            "n",
             len(found.stranded),
-            "1",
             f"of {len(found.reaches)} connected emitters, those from which no chain of closed dots that share sides "
             "leads to the pixel's side, and no transparent wire does",
             die=name,
@@ -92,9 +80,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     broken = "; ".join(f"{each.rule}, {each.area_um2:g} um2" for each in found.broken[:3])
     yield Quantity(
         "emitter_rules_broken",
-        "n",
         len(found.broken),
-        "1",
         "rules of gap and width that the emitters' polygons break, measured by KLayout on a tile in which all pairs of "
         f"neighbours meet{': ' if broken else ''}{broken}",
         limit=0,
@@ -103,18 +89,14 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     )
     yield Quantity(
         "luminance_centroid",
-        "|c|",
         (found.centroid_px[0] ** 2 + found.centroid_px[1] ** 2) ** 0.5,
-        "px",
         "distance of the light's centroid from the pixel's centre, colours weighted with their share of white",
         die=name,
     )
     viewing = Viewing(die.panel.cell_size.pitch_um, _DISTANCE_UM)
     yield Quantity(
         "grain_rms",
-        "σ",
         predicted_rms(found.wander_px, viewing),
-        "1",
         f"luminance contrast of an even field up to {SLOW_CPD:g} cycles per degree at {_DISTANCE_UM / 1e3:g} mm, "
         "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
         die=name,
@@ -128,9 +110,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         if found.density_ma_per_cm2 is not None and found.life is not None:
             yield Quantity(
                 f"current_density_{colour}",
-                "J",
                 found.density_ma_per_cm2[number],
-                "mA/cm2",
                 f"luminance of white, {light.luminance_cd_per_m2:g} cd/m2, x the share {light.shares[number]:g} that "
                 f"{colour} has of it (BT.709) / (efficacy, {light.efficacy_cd_per_a[number]:g} cd/A{judged}, x share "
                 "of the pixel)",
@@ -138,9 +118,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
             )
             yield Quantity(
                 f"relative_life_{colour}",
-                "t",
                 found.life[number],
-                "1",
                 "life over that of an emitter of 9.3 % of the pixel (a vendor's claim for panels of 300 DPI) at the "
                 f"same luminance, (J / J')^-n with n = {light.ageing_exponent:g}{source}",
                 die=name,
@@ -154,13 +132,9 @@ def _wires(die: Die, found: Feasibility) -> Iterator[Quantity]:
     for axis, through, bound, proof in zip("xy", wires.through, wires.bounds, wires.proofs, strict=True):
         yield Quantity(
             f"wire_lines_{axis}",
-            "n",
             wires.in_gutter + through + wires.transparent,
-            "1",
             f"lines along {axis} drawn across every pixel, of {wires.wanted} asked for: {wires.in_gutter} in the "
             f"gutter, {through} through closed area, {wires.transparent} transparent",
             die=name,
         )
-        yield Quantity(
-            f"wire_lines_{axis}_bound", "n̄", bound, "1", f"opaque lines on one metal: {proof.statement}", die=name
-        )
+        yield Quantity(f"wire_lines_{axis}_bound", bound, f"opaque lines on one metal: {proof.statement}", die=name)

@@ -14,15 +14,15 @@ from maskfab.units import NM_PER_UM
 
 def smallest_features(die: Die) -> tuple[Quantity, Quantity]:
     """Least clear width and least opaque space of the whole panel, corner to corner included, in micrometres; exact."""
-    return _smallest(die, "min_feature", "w", "clear"), _smallest(die, "min_space", "s", "opaque")
+    return _smallest(die, "min_feature", "clear"), _smallest(die, "min_space", "opaque")
 
 
-def _smallest(die: Die, name: str, symbol: str, tone: Tone) -> Quantity:
+def _smallest(die: Die, name: str, tone: Tone) -> Quantity:
     what = "width of what is clear" if tone == "clear" else "chrome between clear edges"
     method = f"least {what} over the panel, corner to corner too; corners that kiss are counted apart; exact"
     length_nm = narrowest(die, tone).value_nm
     value = length_nm / NM_PER_UM if math.isfinite(length_nm) else None
-    return Quantity(name, symbol, value, "um", method, die=die.name)
+    return Quantity(name, value, method, die=die.name)
 
 
 def limits_as_rules(limits: LimitsSection) -> DesignRules:

@@ -67,9 +67,7 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
 
     limit = INVARIANT_LIMIT_SQUARE if stop.shape == "square" else INVARIANT_LIMIT_ROUND
     quantities = [
-        Quantity(
-            "open_ratio", "ρ", die.panel.open_ratio, "1", "clear share of one cell of the design, exact", die=die.name
-        ),
+        Quantity("open_ratio", die.panel.open_ratio, "clear share of one cell of the design, exact", die=die.name),
         metrics.stop_open_ratio(
             area, camera, die.name, "area of the read-back polygons inside the stop over the stop's"
         ),
@@ -259,9 +257,7 @@ def read_openings(die: Die, shapes: Shapes, reach_um: float) -> Aperture:
 def _difference(die: str, difference: float, wavelength: float) -> Quantity:
     return Quantity(
         "readback_psf_difference",
-        "δ",
         difference,
-        "1",
         "relative L2 between the PSF of the read-back polygons (edges, NUFFT) and the design's (matrix)",
         uncertainty=1e-8,
         limit=READBACK_LIMIT,

@@ -112,9 +112,7 @@ class Photographer:
         return [
             Quantity(
                 "restored_psnr",
-                "PSNR",
                 value,
-                "dB",
                 f"expected: {told}, for {how}; error: its largest difference from the protocol itself, run on these "
                 f"scenes {against}; assumed: {ASSUMED}",
                 uncertainty=residual[level],
@@ -172,7 +170,7 @@ def _require_cells(die: Die, room: Lattice) -> None:
 def not_judged(die: Die, why: JobError) -> Restored:
     """A note that photographs behind a die are not judged, or not taken."""
     told = "photographs behind this die are not judged, or not taken, for this reason"
-    return Restored((Quantity("photographs_refused", "", f"{why.code} {why.what}", "", told, die=die.name),))
+    return Restored((Quantity("photographs_refused", f"{why.code} {why.what}", told, die=die.name),))
 
 
 def _unit(panel: Panel, laid: Laid) -> NDArray[np.bool_]:

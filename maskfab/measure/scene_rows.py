@@ -213,18 +213,14 @@ class _Shown:
         return [
             Quantity(
                 "scene_psf_change",
-                "Δ",
                 relative_difference(here, plain),
-                "1",
                 f"relative L2 between the PSF {place} and the one on the axis, at infinity, in focus, without a gap",
                 die=self.die.name,
                 wavelength_nm=line,
             ),
             Quantity(
                 "plan_error",
-                "Σε",
                 plan.price.error,
-                "1",
                 "at most: sum of the estimated errors of all that the plan leaves out, and of its own arithmetic",
                 limit=accuracy,
                 passed=plan.price.error <= accuracy,
@@ -233,9 +229,7 @@ class _Shown:
             ),
             Quantity(
                 "plan_error_measured",
-                "ε",
                 measured,
-                "1",
                 f"relative L2 between the plan's PSF and the one that leaves nothing out, {place}{finer}",
                 uncertainty=plan.fullest_error,
                 limit=accuracy,
@@ -264,9 +258,7 @@ class _Shown:
             values, outside = window_modulation(points, *nu)
             yield Quantity(
                 f"field_mtf_{name}",
-                f"MTF {name[0].upper()}",
                 float((values * pixel_transfer(self.camera, *nu))[0]),
-                "1",
                 f"presampled MTF at 0.25 cy/pixel ({1e3 * frequency:g} cy/mm) {across} the radius, {where}; "
                 "transform of the point PSF, its error no more than the energy outside the window",
                 uncertainty=outside,
@@ -284,9 +276,7 @@ class _Shown:
         sharp = next(view for view in depth if view.object_um == self.scene.focus_um)
         yield Quantity(
             "depth_change",
-            "Δz",
             max(relative_difference(view.psf, sharp.psf) for view in depth),
-            "1",
             "relative L2 between the PSFs on pixels of an object at either end of the depth, whichever is more, and "
             f"of one in focus at {distance(self.scene.focus_um)}",
             die=self.die.name,
@@ -296,9 +286,7 @@ class _Shown:
     def _left(self, name: str, view: View, where: str) -> Quantity:
         return Quantity(
             name,
-            "R",
             view.residual,
-            "1",
             f"relative L2 between what Wiener deblurring (ε = {NOISE_TO_SIGNAL:g}) with the PSF of the axis in focus "
             f"leaves of the PSF {where} and what it leaves of its own",
             die=self.die.name,
@@ -320,9 +308,7 @@ def _nearest(plan: Plan, die: str) -> Quantity:
     near = plan.nearest_object_um
     return Quantity(
         "nearest_object",
-        "z",
         near / 1e6 if math.isfinite(near) else None,
-        "m",
         f"distance at which the PSF of an object in focus has changed by the accuracy of {plan.accuracy:g} by its "
         "scale alone, from the stretch sensitivity of the PSF at infinity",
         die=die,

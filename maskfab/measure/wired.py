@@ -35,17 +35,13 @@ def wired_quantities(die: Die, camera: Camera) -> tuple[Quantity, ...]:
     return (
         Quantity(
             "wired_transmission",
-            "τ̄",
             share,
-            "1",
             "light that the wires leave over the light through the openings, exact from their outlines",
             die=die.name,
         ),
         Quantity(
             "wired_psf_change",
-            "δ",
             relative_difference(wired, bare),
-            "1",
             "relative L2 of the point PSF with the wires against that without, each over the light it holds: mean "
             "amplitude and mean power of every dot",
             wavelength_nm=wavelength,

@@ -190,7 +190,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         listed = {str(row["path"]): str(row["sha256"]) for row in manifest["files"]}
         checks = [_hash(folder, name, digest) for name, digest in listed.items()]
         for name in sorted(set(names) - set(listed) - {MANIFEST}):
-            checks.append(Quantity("unlisted", "", name, "", f"the manifest does not know {name}", None, "", False))
+            checks.append(Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False))
         try:
             house = _packed_shop(folder, Path(package), str(manifest.get("shop"))) if shop is None else shop
             made = _packed_job(folder, Path(package)) if job is None else job
@@ -218,7 +218,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         checks += readings
         if not masks:
             listing = "mask files that the manifest lists"
-            checks.append(Quantity("mask_files", "", 0, "", listing, limit=1, passed=False))
+            checks.append(Quantity("mask_files", 0, listing, limit=1, passed=False))
         named = zip(drawn.products, PACKED, strict=True)
         kinds = {product.name: kind for product, kind in named if product.name in listed}
         sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
@@ -244,7 +244,7 @@ def _spans(name: str, box: Box, shop: Shop) -> Iterator[Quantity]:
     if asked is not None:
         found = extent(box, asked)
         method = f"everything in {name}, texts and header included"
-        yield Quantity("extent", "", found.value, found.unit, method, limit=found.limit, passed=found.passed)
+        yield Quantity("extent", found.value, method, limit=found.limit, passed=found.passed)
 
 
 def _packed_job(folder: Path, package: Path) -> Job:
@@ -281,7 +281,7 @@ def _packed_job(folder: Path, package: Path) -> Job:
 
 
 def _failed(name: str, problem: str) -> Quantity:
-    return Quantity(name, "", "failed", "", problem, limit="ok", passed=False)
+    return Quantity(name, "failed", problem, limit="ok", passed=False)
 
 
 def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
@@ -332,4 +332,4 @@ def _manifest(path: Path) -> Mapping[str, Any]:
 def _hash(folder: Path, name: str, digest: str) -> Quantity:
     path = folder / Path(name).name
     found = provenance.sha256_of_file(path) if path.is_file() and path.name == name else "missing"
-    return Quantity("sha256", "", found, "", f"SHA-256 of {name}", limit=digest, passed=found == digest)
+    return Quantity("sha256", found, f"SHA-256 of {name}", limit=digest, passed=found == digest)

@@ -114,7 +114,7 @@ def check_papers(
         if said != own:
             drawn_alike = False
             method = f"{key} of {MANIFEST}; this is {own}, and what it would write otherwise is not judged"
-            yield Quantity(key, "", _text(said), "", method)
+            yield Quantity(f"manifest_{key}", _text(said), method)
     yield from _facts_held(ordered, manifest, ours=ours)
     if not ordered.masks:
         return
@@ -124,7 +124,7 @@ def check_papers(
     for name, digest in digests.items():
         if name in _SOURCES and name not in {*listed, *present}:
             # Whoever verifies it has named them; a house reads neither.
-            yield Quantity("paper", "", "missing", "", f"it holds no {name}: without it nobody else can verify it")
+            yield Quantity("paper", "missing", f"it holds no {name}: without it nobody else can verify it")
         elif readable or name != CERTIFICATE:
             said = str(listed[name]["sha256"]) if name in listed else "missing"
             method = f"SHA-256 of {name} as its job and profile make it"
@@ -139,7 +139,7 @@ def _facts_held(ordered: Ordered, manifest: Mapping[str, Any], *, ours: bool) ->
         if key not in (*_WRITERS, "files"):
             said, fact = (_text(known[key]) if key in known else "nothing" for known in (manifest, wanted))
             method = f"{key} of {MANIFEST} against its job and profile"
-            yield _compared(key, said, fact, method, judged=ours or key in _LASTING)
+            yield _compared(f"manifest_{key}", said, fact, method, judged=ours or key in _LASTING)
 
 
 def check_profile(job: Job, shop: Shop, *, ours: bool) -> Iterator[Quantity]:
@@ -155,7 +155,7 @@ def check_profile(job: Job, shop: Shop, *, ours: bool) -> Iterator[Quantity]:
     known = load_shop(shop.name) if shop.name in shop_names() else shop_of(job.spec, job.where)
     if known is not None and known.name == shop.name and known != shop:
         method = f"{PROFILE} holds other rules than those known of {shop.name}"
-        yield Quantity("profile", "", shop.name, "", method, limit="the known rules", passed=(None, False)[ours])
+        yield Quantity("profile", shop.name, method, limit="the known rules", passed=(None, False)[ours])
 
 
 def _files_held(
@@ -177,7 +177,7 @@ def _compared(name: str, said: str, made: str, method: str, *, judged: bool) -> 
     """One row; without a verdict where another version may rightly differ, and does."""
     same = said == made
     told = method if same or judged else f"{method}; it differs, and another version wrote it, so that it is not judged"
-    return Quantity(name, "", said, "", told, limit=made, passed=same if same or judged else None)
+    return Quantity(name, said, told, limit=made, passed=same if same or judged else None)
 
 
 def _text(said: object) -> str:

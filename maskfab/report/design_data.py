@@ -64,7 +64,7 @@ def camera_notes(job: Job) -> dict[str, Quantity]:
         others = [each for each in (_camera(said.opening), _camera(said.cells or {})) if each not in (None, here)]
         if others:
             told = f"camera that this die was designed for; the job's is: {here}. What its files state holds there"
-            notes[name] = Quantity("designed_for", "", _plain(str(others[0])), "", told, die=name)
+            notes[name] = Quantity("designed_for", _plain(str(others[0])), told, die=name)
     return notes
 
 

@@ -13,7 +13,8 @@ from markupsafe import Markup
 
 from maskfab.measure.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
-from maskfab.report.glossary import QUANTITIES, WORDS, term
+from maskfab.quantities import QUANTITIES, Entry, registered
+from maskfab.report.glossary import WORDS
 from maskfab.report.plots import die_figures
 from maskfab.report.plots.number_text import number, short
 from maskfab.resources import template
@@ -103,7 +104,7 @@ _COLUMNS = (
     Column("corner_touches", "Corner touches", "worst"),
 )
 
-_UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²", "um2": "µm²"})
+_UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²"})
 
 
 def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
@@ -127,7 +128,7 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         plusminus=plusminus,
         unit=unit,
         limit=limit,
-        term=term,
+        term=registered,
         verdict=verdict,
         where=where,
     )
@@ -153,7 +154,7 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         modelled=_modelled,
         takes=_takes,
         not_shown=_not_shown,
-        quantities=QUANTITIES,
+        quantities=_glossary(document),
         words=WORDS,
     )
 
@@ -210,6 +211,15 @@ def _headlines(document: Mapping[str, Any]) -> Iterable[tuple[str, Row]]:
             # A failed row is the one to show, whichever value is the extreme.
             failed = [row for row in known if row["passed"] is False]
             yield headline.title, headline.pick(failed or known, key=_value)
+
+
+def _glossary(document: Mapping[str, Any]) -> list[Entry]:
+    """The registered quantities that the document has, families once."""
+    rows = [*document["plate"], *document["checks"]]
+    for die in document["dies"]:
+        rows += [*die["quantities"], *die.get("scene", {}).get("quantities", ())]
+    present = {registered(row["name"]).name for row in rows}
+    return [entry for name, entry in QUANTITIES.items() if name in present]
 
 
 def _by_name(checks: Iterable[Row]) -> list[tuple[str, list[Row], Row]]:

@@ -63,7 +63,7 @@ class Finding:
         """The finding as a row of a report; the shop by its name, whose pages would fill a table."""
         published = f"A rule of {shop}, whose pages `maskfab shops {shop}` names"
         method = ". ".join(text for text in (self.place and f"at {self.place}", self.cure, published) if text)
-        return Quantity(f"shop_{self.rule}", "", self.value, self.unit, method, limit=self.limit, passed=self.passed)
+        return Quantity(f"shop_{self.rule}", self.value, method, detail=self.unit, limit=self.limit, passed=self.passed)
 
     def __str__(self) -> str:
         verdict = {True: "PASS", False: "REFUSED", None: "note"}[self.passed]

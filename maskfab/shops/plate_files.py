@@ -49,7 +49,7 @@ class PlateFiles:
             "drawn_parted": (said.parted, "outlines parted where they touched themselves"),
             "drawn_split": (said.split, f"outlines cut for more than {self.figures.options.max_vertices} vertices"),
         }
-        return tuple(Quantity(name, "", count, "", method) for name, (count, method) in counts.items())
+        return tuple(Quantity(name, count, method) for name, (count, method) in counts.items())
 
 
 def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> PlateFiles:

@@ -96,12 +96,10 @@ def check_bitmap(die: Die, design: db.Layout, path: Path, dots_per_um: float) ->
     wrong, differing, why = _compared(path, clear, dots_per_um)
     found = differing / dots_per_um**2
     return (
-        Quantity("bitmap_wrong_pixels", "", wrong, "", why, limit=0, passed=wrong == 0, die=die.name),
+        Quantity("bitmap_wrong_pixels", wrong, why, limit=0, passed=wrong == 0, die=die.name),
         Quantity(
             "bitmap_xor_area",
-            "A_xor",
             found,
-            "um^2",
             f"{path.name}, each pixel clear or not, against the exact share of it that is clear; "
             + (f"{partly} pixels are partly clear" if partly else "its pixels follow the dots"),
             limit=None if partly else 0.0,

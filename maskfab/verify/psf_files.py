@@ -43,7 +43,7 @@ def check_psf_file(made: PsfFile, folder: Path) -> tuple[Quantity, Quantity]:
 
     def judged(name: str, count: int, method: str) -> Quantity:
         where = {"die": made.die.name, "wavelength_nm": made.psf.wavelength_nm}
-        return Quantity(name, "", count, "", method, limit=0, passed=count == 0, **where)  # type: ignore[arg-type]
+        return Quantity(name, count, method, limit=0, passed=count == 0, **where)  # type: ignore[arg-type]
 
     told = f": {', '.join(differing)}" if differing else ""
     return (

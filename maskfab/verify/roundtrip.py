@@ -132,18 +132,14 @@ class RoundTrip:
         where = "; ".join(map(str, self.differences))
         yield Quantity(
             "readback_xor_area",
-            "A_xor",
             self.xor_area_um2,
-            "um^2",
             f"{name}, read independently, XOR with the design" + (f": {where}" if where else ""),
             limit=0.0,
             passed=self.xor_area_um2 == 0,
         )
         yield Quantity(
             "polygons",
-            "",
             self.polygons,
-            "",
             f"counted in {name}, every reference followed",
             limit=self.drawn_polygons,
             passed=self.polygons == self.drawn_polygons,
@@ -151,9 +147,7 @@ class RoundTrip:
         for cd in self.cds:
             yield Quantity(
                 f"cd_{cd.gauge.name.removeprefix('cd_')}",
-                "CD",
                 cd.read_nm,
-                "nm",
                 f"clear length along the {cd.gauge.axis} gauge in {name}; drawn {cd.drawn_nm} nm, "
                 f"difference {cd.delta_nm:+d} nm",
                 limit=cd.gauge.target_nm,
@@ -164,9 +158,7 @@ class RoundTrip:
         for die in self.dies:
             yield Quantity(
                 "readback_xor_area",
-                "A_xor",
                 die.xor_area_um2,
-                "um^2",
                 f"{self.path.name}, read independently, XOR with the design within the die",
                 limit=0.0,
                 passed=die.xor_area_um2 == 0,
@@ -175,9 +167,7 @@ class RoundTrip:
             if die.wrong_dots is not None:
                 yield Quantity(
                     "readback_wrong_dots",
-                    "",
                     die.wrong_dots,
-                    "",
                     f"clear share of every dot in {self.path.name} against the opening and its orientations",
                     limit=0,
                     passed=die.wrong_dots == 0,
@@ -186,9 +176,7 @@ class RoundTrip:
             if die.corner_touches is not None:
                 yield Quantity(
                     "corner_touches",
-                    "",
                     die.corner_touches,
-                    "",
                     f"vertices of {self.path.name} at which two clear dots meet by a corner only",
                     die=die.name,
                 )

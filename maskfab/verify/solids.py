@@ -79,12 +79,12 @@ def check_plate_solid(plate: Plate, path: Path) -> tuple[Quantity, ...]:
     method = f"{path.name}, {OCP}"
     flaws = sum(not shape.sound for shape in read.shapes)
     counts = (
-        Quantity("solid_dies", "", named, "", f"boxes under a die's name in {method}", limit=len(dies)),
-        Quantity("solid_strangers", "", len(found) - named, "", f"boxes under no die's name in {method}", limit=0),
-        Quantity("solid_flaws", "", flaws, "", f"solids that BRepCheck refuses in {method}", limit=0),
+        Quantity("solid_dies", named, f"boxes under a die's name in {method}", limit=len(dies)),
+        Quantity("solid_strangers", len(found) - named, f"boxes under no die's name in {method}", limit=0),
+        Quantity("solid_flaws", flaws, f"solids that BRepCheck refuses in {method}", limit=0),
     )
     exact = tuple(_judged(each, each.value == each.limit) for each in counts)
-    place = Quantity("solid_position_error", "", error, "nm", f"corners of the dies in {method}", limit=_NM)
+    place = Quantity("solid_position_error", error, f"corners of the dies in {method}", limit=_NM)
     return (*exact, _judged(place, error <= _NM))
 
 
@@ -174,25 +174,25 @@ def _quantities(die: Die, path: Path, stack: Stack, read: ReadSolid, how: str) -
     reach = max(panel.size_nm) / 2 * 1e-6
     vertex_limit = max(_NM, float(np.spacing(np.float32(reach))) * 1e6) if path.suffix == ".stl" else _NM
 
-    def row_of(name: str, value: float, unit: str, method: str, limit: float, passed: bool) -> Quantity:
+    def row_of(name: str, value: float, method: str, limit: float, passed: bool) -> Quantity:
         text = f"{method} in {path.name}, {how}"
-        return Quantity(name, "", value, unit, text, limit=limit, passed=passed, die=die.name)
+        return Quantity(name, value, text, limit=limit, passed=passed, die=die.name)
 
     count = int(sum(len(kind.members) for kind in films))
     cells_of = rows * columns
-    yield row_of("solid_instances", count, "", "films placed", cells_of, count == cells_of)
-    yield row_of("solid_wrong_cells", wrong, "", "cells without exactly one film of their opening", 0, wrong == 0)
-    yield row_of("solid_position_error", place_error, "nm", "films off their cells' centres", _NM, place_error <= _NM)
+    yield row_of("solid_instances", count, "films placed", cells_of, count == cells_of)
+    yield row_of("solid_wrong_cells", wrong, "cells without exactly one film of their opening", 0, wrong == 0)
+    yield row_of("solid_position_error", place_error, "films off their cells' centres", _NM, place_error <= _NM)
     off = max(vertex_error, read.snapped_nm)
     yield row_of(
-        "solid_vertex_error", off, "nm", "vertices off the borders of dots and film", vertex_limit, off <= vertex_limit
+        "solid_vertex_error", off, "vertices off the borders of dots and film", vertex_limit, off <= vertex_limit
     )
     error = abs(volume / design - 1)
-    yield row_of("solid_volume_error", error, "", "volume of chrome against the openings", limit, error <= limit)
-    yield row_of("solid_flaws", flaws, "", f"shapes that are not {fine}", 0, flaws == 0)
+    yield row_of("solid_volume_error", error, "volume of chrome against the openings", limit, error <= limit)
+    yield row_of("solid_flaws", flaws, f"shapes that are not {fine}", 0, flaws == 0)
     if path.suffix != ".stl":
         gap = _glass_error(die, stack, read, glasses)
-        yield row_of("solid_glass_error", gap, "nm", "corners of the glass off the panel's", _NM, gap <= _NM)
+        yield row_of("solid_glass_error", gap, "corners of the glass off the panel's", _NM, gap <= _NM)
 
 
 def _chrome(die: Die, stack: Stack, kind: _Kind) -> tuple[NDArray[np.bool_], float]:

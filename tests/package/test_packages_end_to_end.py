@@ -504,15 +504,15 @@ def test_a_package_lacks_no_paper_and_has_no_other(capsys, whole, tmp_path):
     ("said", "names"),
     sweep(
         [
-            ({"tone": "digitized data = dark"}, {"tone"}),
-            ({"parity": None}, {"parity"}),
-            ({"plate": "OTHER"}, {"plate"}),
-            ({"job_hash": "0" * 64}, {"job_hash"}),
+            ({"tone": "digitized data = dark"}, {"manifest_tone"}),
+            ({"parity": None}, {"manifest_parity"}),
+            ({"plate": "OTHER"}, {"manifest_plate"}),
+            ({"job_hash": "0" * 64}, {"manifest_job_hash"}),
             ({"shop": "pog"}, {"paper", "profile"}),
-            ({"drawn": ["nothing"]}, {"drawn"}),
-            ({"drawing": float("nan")}, {"drawing"}),
-            ({"schema_version": 1}, {"schema_version"}),
-            ({"more": {"a": [1]}}, {"more"}),
+            ({"drawn": ["nothing"]}, {"manifest_drawn"}),
+            ({"drawing": float("nan")}, {"manifest_drawing"}),
+            ({"schema_version": 1}, {"manifest_schema_version"}),
+            ({"more": {"a": [1]}}, {"manifest_more"}),
         ],
         quick=2,
     ),
@@ -522,7 +522,9 @@ def test_what_a_manifest_says_is_what_its_job_and_profile_make(whole, tmp_path, 
     forged = repacked(package, tmp_path / "q.zip", stated(**said))
     assert {check.name for check in verify_package(forged) if check.passed is False} == names
     against = verify_package(forged, load(job), load_shop("ualberta_mla150"))
-    assert {check.name for check in against if check.passed is False} == ({"shop"} if "shop" in said else names)
+    assert {check.name for check in against if check.passed is False} == (
+        {"manifest_shop"} if "shop" in said else names
+    )
 
 
 def test_a_manifest_tells_format_and_length_of_every_file(whole, tmp_path):
@@ -540,22 +542,26 @@ def test_papers_of_another_version_are_notes_where_they_differ(whole, tmp_path):
     """That the version is another is told by the plate itself, whose lettering names it."""
     _, package = whole
     same = verify_package(repacked(package, tmp_path / "a.zip", stated(matplotlib_version="3.1")))
-    assert {check.name for check in same if check.passed is not True} == {"matplotlib_version"}
+    assert {check.name for check in same if check.passed is not True} == {"manifest_matplotlib_version"}
     edit = exchanged("plate.pdf", *FORGED_PAPERS["plate.pdf"])
     drawn = repacked(tmp_path / "a.zip", tmp_path / "b.zip", edit, honest=True)
     notes = [check for check in verify_package(drawn) if check.passed is not True]
-    assert [(check.name, check.passed) for check in notes] == [("matplotlib_version", None), ("paper", None)]
+    assert [(check.name, check.passed) for check in notes] == [("manifest_matplotlib_version", None), ("paper", None)]
     assert "plate.pdf" in notes[1].method
     later = repacked(package, tmp_path / "c.zip", stated(maskfab_version="9", drawn=["x"], tone="dark"))
     rows = verify_package(later)
-    assert {check.name for check in rows if check.passed is None} >= {"maskfab_version", "drawn", "paper"}
-    assert {check.name for check in rows if check.passed is False} >= {"readback_xor_area", "tone"}
+    assert {check.name for check in rows if check.passed is None} >= {
+        "manifest_maskfab_version",
+        "manifest_drawn",
+        "paper",
+    }
+    assert {check.name for check in rows if check.passed is False} >= {"readback_xor_area", "manifest_tone"}
 
 
 def test_a_package_that_its_house_would_refuse_is_told(whole, tmp_path):
     job, package = whole
     named = {check.name for check in verify_package(package, load(job), load_shop("gesim")) if check.passed is False}
-    assert named >= {"shop_blank", "shop", "paper"}
+    assert named >= {"shop_blank", "manifest_shop", "paper"}
 
 
 def test_a_package_without_a_mask_is_no_proof(whole, tmp_path):

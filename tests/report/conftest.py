@@ -55,14 +55,14 @@ def run() -> Run:
     )
     dies = tuple(item.die for item in optics)
     plate = Plate("P", f"Plate {MARKUP} $", 127_000_000, 117_000_000, dies, furniture, (), ())
-    gauge = Quantity("cd_1_x", "CD", 8.0, "um", "probe on the file", 0.0005, 8.0, True)
+    gauge = Quantity("cd_1_x", 8.0, "probe on the file", 0.0005, 8.0, True)
     own = [quantity for item in optics for quantity in item.quantities]
     report = Report(
         title=plate.title,
         job_hash="ab" * 32,
         seeds={"TURNED": 7},
         dies={item.die.name: item.quantities for item in optics},
-        plate=(gauge, Quantity("polygons", "N", 12_345, "1", "count")),
+        plate=(gauge, Quantity("polygons", 12_345, "count")),
         checks=(*(quantity for quantity in own if quantity.passed is not None), gauge),
         files=(WrittenFile("P.gds", "GDSII", 1234, "c" * 64), WrittenFile("P.dxf", "DXF R12", 99, "d" * 64)),
         seconds={"export": 0.25},
@@ -88,7 +88,7 @@ def _die(name: str, label: str, tiling: Tiling, camera: Camera) -> DieOptics:
     orientations = (np.arange(64).reshape(8, 8) % 8 if turned else np.zeros((8, 8))).astype(np.int8)
     panel = Panel(Opening("block", mask, 8000), 8000, 2000, orientations, tiling, 7 if turned else None)
     die = Die(name, label, panel, (10_000_000 if turned else -10_000_000, 0), 12_000_000)
-    psfs, mtfs, rows = [], [], [Quantity("open_ratio", "ρ", panel.open_ratio, "1", "exact", 0.0, die=name)]
+    psfs, mtfs, rows = [], [], [Quantity("open_ratio", panel.open_ratio, "exact", 0.0, die=name)]
     for line in camera.wavelengths_nm:
         axis = np.arange(-16, 17) / (line / 100)
         values = np.sinc(axis)[:, None] ** 2 * np.sinc(axis) ** 2
@@ -101,12 +101,10 @@ def _die(name: str, label: str, tiling: Tiling, camera: Camera) -> DieOptics:
         mtfs.append(Mtf(frequency, cuts, line, 1e-7, 1e-8, falls))
         difference = 3e-4 if turned else 2.5e-13
         rows += [
-            Quantity("auc_radial_min", "AUC", 0.123456789, "1", "mean", 1e-7, die=name, wavelength_nm=line),
+            Quantity("auc_radial_min", 0.123456789, "mean", 1e-7, die=name, wavelength_nm=line),
             Quantity(
                 "readback_psf_difference",
-                "δ",
                 np.float64(difference),
-                "1",
                 "relative L2",
                 limit=1e-6,
                 passed=not turned,
@@ -114,5 +112,5 @@ def _die(name: str, label: str, tiling: Tiling, camera: Camera) -> DieOptics:
                 wavelength_nm=line,
             ),
         ]
-    rows.append(Quantity("not_in_any_glossary", "?", None, "furlong", "guess", die=name))
+    rows.append(Quantity("shop_flashes", None, "guess", die=name, detail="furlong"))
     return DieOptics(die, tuple(psfs), tuple(mtfs), tuple(rows))

@@ -50,9 +50,7 @@ def restored(scene="leaves1"):
         Shot(Score("TURNED", level, scene, 0.02, level - 4.0, 0.5, level - 3.0, 0.5), ramp**power)
         for level, power in ((24, 2), (40, 3))
     ]
-    rows = [
-        Quantity("restored_psnr", "PSNR", float(level), "dB", "expected", 0.5, level_db=level) for level in (24, 32, 40)
-    ]
+    rows = [Quantity("restored_psnr", float(level), "expected", 0.5, level_db=level) for level in (24, 32, 40)]
     return Restored(tuple(rows), scene, ramp, tuple(taken))
 
 

@@ -110,7 +110,7 @@ def test_runs_that_took_different_times_have_equal_reports(run, document):
 
 
 def test_numpy_scalars_become_plain_numbers(run):
-    odd = Quantity("count", "N", np.int64(3), "1", "count", np.float32(0.5), 4, np.bool_(True))
+    odd = Quantity("polygons", np.int64(3), "count", np.float32(0.5), 4, np.bool_(True))
     row = to_document(replace(run.report, plate=(odd,)), run.plate, run.camera)["plate"][0]
     assert (row["value"], row["uncertainty"], row["passed"]) == (3, 0.5, True)
     assert [type(row[key]) for key in ("value", "uncertainty", "passed")] == [int, float, bool]
@@ -118,7 +118,7 @@ def test_numpy_scalars_become_plain_numbers(run):
 
 @pytest.mark.parametrize("bad", [float("nan"), float("inf"), np.float64("-inf")])
 def test_numbers_that_json_cannot_say_are_refused_with_their_place(run, bad):
-    broken = replace(run.report, plate=(Quantity("x", "x", bad, "1", "none"),))
+    broken = replace(run.report, plate=(Quantity("polygons", bad, "none"),))
     with pytest.raises(InternalError, match=r"report\.plate\[0\]\.value") as caught:
         to_document(broken, run.plate, run.camera)
     assert caught.value.code == "MF901"

@@ -102,7 +102,7 @@ def test_markup_in_a_label_is_inert(page):
 def test_tables_carry_full_values_and_units(page):
     assert 'title="0.123456789 ± 1e-07">0.1235</td>' in page
     assert "furlong" in page
-    assert "Not in any glossary" in page
+    assert "Shop rule: flashes" in page
 
 
 def test_page_does_not_tell_the_time(run, document, page):

@@ -128,9 +128,7 @@ def edge_colour_difference(red: EdgeSpread, green: EdgeSpread, blue: EdgeSpread,
     )
     return Quantity(
         "edge_colour_difference",
-        "ΔE*ab",
         largest,
-        "1",
         "largest CIE 1976 colour difference of a black and white edge, along x or y, in linear sRGB under D65, from "
         f"the same edge in grey; {known}",
         uncertainty=max(most - largest, largest - least),

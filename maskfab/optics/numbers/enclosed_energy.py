@@ -54,10 +54,9 @@ def encircled_energy(psf: Psf, radius_um: float, highest: float, die: str | None
     value, uncertainty = _energy_in_circle(psf, radius_um, highest)
     return Quantity(
         "encircled_energy",
-        f"EE({radius_um:g} um)",
         value,
-        "1",
         f"energy within {radius_um:g} um of the axis over all transmitted energy, window or not",
+        detail=f"{radius_um:g} um",
         uncertainty=uncertainty,
         die=die,
         wavelength_nm=psf.wavelength_nm,
@@ -73,11 +72,10 @@ def halo_energy(psf: Psf, radius_um: float, highest: float, die: str | None = No
     value, uncertainty = _energy_in_circle(psf, radius_um, highest)
     return Quantity(
         "halo_energy",
-        f"1 - EE({radius_um:g} um)",
         1 - value,
-        "1",
         f"energy farther than {radius_um:g} um from the axis over all transmitted energy; of that, "
         f"{1 - psf.energy_in_window:.3g} lies outside the window",
+        detail=f"{radius_um:g} um",
         uncertainty=uncertainty,
         die=die,
         wavelength_nm=psf.wavelength_nm,
@@ -102,10 +100,9 @@ def ensquared_energy(psf: Psf, side_um: float, highest: float, die: str | None =
     value, uncertainty = _energy_in_square(psf, side_um, highest)
     return Quantity(
         "ensquared_energy",
-        f"SE({side_um:g} um)",
         value,
-        "1",
         f"energy within a square of {side_um:g} um about the axis over all transmitted energy, window or not",
+        detail=f"{side_um:g} um",
         uncertainty=uncertainty,
         die=die,
         wavelength_nm=psf.wavelength_nm,

@@ -61,9 +61,7 @@ def model_notes(camera: Camera) -> tuple[Quantity, ...]:
     return (
         Quantity(
             "paraxial_model_error",
-            "ε_NA",
             VECTOR_ERROR / f_number**2,
-            "1",
             f"this lens is f/{f_number:.3g}, and above f/{FASTEST_PARAXIAL:g} the scalar, paraxial model that every "
             "number here rests on leaves out the vector field and the sine condition: relative L2 error of an open "
             f"stop's PSF by {VECTOR_ERROR:g} / F², an estimate that no error bar here holds",
@@ -78,7 +76,7 @@ _VOLUME_BY = ("the open ratio", "mean amplitude² over mean intensity, the film'
 def stop_open_ratio(clear_um2: float, camera: Camera, die: str | None, method: str) -> Quantity:
     """Share of the stop that is clear."""
     ratio = clear_um2 / camera.stop.area_um2
-    return Quantity("stop_open_ratio", "η", ratio, "1", method, uncertainty=AREA_ERROR * ratio, die=die)
+    return Quantity("stop_open_ratio", ratio, method, uncertainty=AREA_ERROR * ratio, die=die)
 
 
 def mtf_quantities(mtf: Mtf, pixel_um: float, die: str | None) -> list[Quantity]:
@@ -94,9 +92,7 @@ def auc_radial_min(mtf: Mtf, die: str | None) -> Quantity:
     """Area under the radial minimum, as a mean over its frequencies."""
     return Quantity(
         "auc_radial_min",
-        "AUC",
         area_under_radial_min(mtf),
-        "1",
         "mean of the radial minimum of the presampled MTF from 0 to half a cycle per pixel, from the lag table",
         uncertainty=mtf.minimum_uncertainty,
         die=die,
@@ -109,9 +105,7 @@ def falls_to(mtf: Mtf, level: float, die: str | None) -> Quantity:
     frequency, error = frequency_at(mtf, level / 100) or (None, None)
     return Quantity(
         f"mtf{level:g}",
-        f"ν{level:g}",
         frequency,
-        "cy/mm",
         f"first frequency at which the mean over directions of the presampled MTF falls to {level:g} %; none: "
         f"not before {mtf.frequency_cy_per_mm[-1]:g} cy/mm",
         uncertainty=error,
@@ -129,10 +123,8 @@ def _per_pixel(quantity: Quantity, pixel_um: float) -> Quantity:
     return replace(
         quantity,
         name=f"{quantity.name}_per_pixel",
-        symbol=f"{quantity.symbol} p",
         value=value,
         uncertainty=error,
-        unit="cy/pixel",
         method=f"{quantity.name} times the pixel of {pixel_um:g} um; 0.5 is the highest frequency that pixels hold",
     )
 
@@ -149,9 +141,7 @@ def energy_in_window(psf: Psf, camera: Camera, difference: float, die: str | Non
     width = psf.step_um * psf.values.shape[0]
     return Quantity(
         "psf_energy_in_window",
-        "E",
         psf.energy_in_window,
-        "1",
         f"sum of the pixel-integrated PSF over {width:g} um x {width:g} um; the rest lies outside",
         uncertainty=difference + pixel_sum_error(psf, cutoff(camera, psf.wavelength_nm)),
         die=die,
@@ -191,9 +181,7 @@ def strehl_quantities(
     return [
         Quantity(
             "peak_strehl",
-            "S",
             strehl,
-            "1",
             f"peak of the PSF over that of the open stop; {_FIXED_BY[leak is not None]} alone fixes it, so it ranks no "
             "design",
             uncertainty=AREA_ERROR,
@@ -202,9 +190,7 @@ def strehl_quantities(
         ),
         Quantity(
             "strehl_invariant_error",
-            "|S/η² - 1|",
             error,
-            "1",
             f"peak Strehl of the matrix path against {_FIXED_BY[leak is not None]} squared, from the polygons' area",
             uncertainty=AREA_ERROR,
             limit=limit,
@@ -226,9 +212,7 @@ def mtf_volume(table: LagTable, area_um2: float, die: str | None, limit: float, 
     error = abs(table.volume_um2 / expected - 1)
     return Quantity(
         "mtf_volume_invariant_error",
-        "|V/η - 1|",
         error,
-        "1",
         f"volume under the 2-D MTF from the lag table against {_VOLUME_BY[leak is not None]} from the polygons' area",
         uncertainty=max(AREA_ERROR, table.uncertainty),
         limit=limit,
@@ -264,9 +248,7 @@ def aliasing_quantities(
         ),
         Quantity(
             "mtf_phase_range",
-            "max A - min A",
             float((aliased.highest - aliased.lowest).max()),
-            "1",
             "aliased: largest change of the MTF of pixel samples with the sub-pixel phase, over the horizontal and "
             f"vertical frequencies up to half a cycle per pixel, {PHASES} x {PHASES} phases",
             uncertainty=2 * aliased.uncertainty,
@@ -378,9 +360,7 @@ def _streaks(points: Psf, die: str | None) -> Quantity:
     try:
         return streak_index(_middle_part(points, outer), inner, outer, die)
     except JobError as problem:  # a window of a few samples, or a dark one
-        return Quantity(
-            "streak_index", "max/mean", None, "1", problem.what, die=die, wavelength_nm=points.wavelength_nm
-        )  # fmt: skip
+        return Quantity("streak_index", None, problem.what, die=die, wavelength_nm=points.wavelength_nm)  # fmt: skip
 
 
 def _middle_part(psf: Psf, reach_um: float) -> Psf:

@@ -58,18 +58,16 @@ def order_quantities(panel: Panel, die: str | None = None) -> tuple[Quantity, ..
     five = zero + float(share[0, 1] + share[2, 1] + share[1, 0] + share[1, 2])
     rounding = 1e-12
     named = (
-        ("order_zero", "η₀₀", zero, "zero order"),
-        ("orders_lowest_five", "Ση₅", five, "orders (0,0), (±1,0) and (0,±1)"),
+        ("order_zero", zero, "zero order"),
+        ("orders_lowest_five", five, "orders (0,0), (±1,0) and (0,±1)"),
     )
     found = []
-    for name, symbol, value, what in named:
+    for name, value, what in named:
         for light, whole in (("incident", 1.0), ("transmitted", panel.open_ratio)):
             found.append(
                 Quantity(
                     f"{name}_{light}",
-                    symbol if light == "incident" else f"{symbol}/η",
                     value / whole,
-                    "1",
                     f"{what} of the periodic panel as a share of the {light} light, |M(m/T, n/T)|²/T⁴ from the cell's "
                     "transform",
                     uncertainty=rounding,

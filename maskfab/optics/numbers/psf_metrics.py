@@ -36,9 +36,7 @@ def peak_to_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
         where = f"the brightest is {best[0]:.4g} um from the axis"
     return Quantity(
         "peak_to_side_lobe",
-        "PSL",
         value,
-        "1",
         f"peak over the brightest other local maximum, refined by a parabola through 3 x 3 samples; {where}",
         uncertainty=uncertainty,
         die=die,
@@ -52,9 +50,7 @@ def first_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
     nearest = float(lobes[:, 0].min()) if lobes.size else None
     return Quantity(
         "first_side_lobe",
-        "r₁",
         nearest,
-        "um",
         "distance from the axis of the nearest other local maximum, refined by a parabola through 3 x 3 samples",
         uncertainty=None if nearest is None else psf.step_um / 2,
         die=die,
@@ -68,9 +64,7 @@ def brightest_side_lobe(psf: Psf, die: str | None = None) -> Quantity:
     place = float(lobes[np.argmax(lobes[:, 1]), 0]) if lobes.size else None
     return Quantity(
         "brightest_side_lobe",
-        "r_max",
         place,
-        "um",
         "distance from the axis of the brightest other local maximum, refined by a parabola through 3 x 3 samples",
         uncertainty=None if place is None else psf.step_um / 2,
         die=die,
@@ -123,9 +117,7 @@ def streak_index(psf: Psf, inner_um: float, outer_um: float, die: str | None = N
     value, uniform = _brightest_direction(tail, turn), _brightest_direction(rings, turn)
     return Quantity(
         "streak_index",
-        "max/mean",
         value,
-        "1",
         f"brightest direction over the mean of all, energy between {inner_um:g} um and {outer_um:g} um weighted by "
         "sin² of the radius, directions smoothed over 10 degrees; 1 is round, 19 a single line",
         uncertainty=value * (uniform - 1),
@@ -142,9 +134,7 @@ def energy_normalised_strehl(psf: Psf, camera: Camera, die: str | None = None) -
     value = _peak(psf) * scale**2 / camera.stop.area_um2
     return Quantity(
         "energy_normalised_strehl",
-        "S/η",
         value,
-        "1",
         "peak of the PSF, energies equal, over that of the open stop: the open ratio fixes it, so it ranks no design",
         uncertainty=1e-8,
         die=die,
@@ -166,9 +156,7 @@ def colour_distance(first: Psf, second: Psf, die: str | None = None) -> Quantity
     outside = [max(0.0, 1 - psf.energy_in_window) for psf in (first, second)]
     return Quantity(
         "colour_distance",
-        "½∫|a - b|",
         within + max(outside) / 2,
-        "1",
         f"half the integral of the absolute difference of the PSFs at {first.wavelength_nm:g} nm and "
         f"{second.wavelength_nm:g} nm; of their light {outside[0]:.2g} and {outside[1]:.2g} lie outside the window, "
         "which bounds what they add",

@@ -126,9 +126,7 @@ def phase_spread(aliased: AliasedMtf, presampled: Floats, die: str | None = None
     distance = abs(aliased.values - presampled).max()
     return Quantity(
         "mtf_aliasing",
-        "max|A - MTF|",
         float(distance),
-        "1",
         f"largest distance of the aliased MTF ({aliased.sampled} samples) from the presampled one over "
         f"{aliased.phases.size} x {aliased.phases.size} sub-pixel phases and the frequencies of the cut",
         uncertainty=aliased.uncertainty,

@@ -144,9 +144,7 @@ def worst_wiener(square: SensorSquare, noise_to_signal: float, die: str | None =
     ]
     return Quantity(
         "wiener_worst30",
-        "H̄₃₀",
         value,
-        "1",
         f"mean of |O|²/(|O|² + ε), ε = {noise_to_signal:g}, over the worst {WORST_SHARE:.0%} of the frequencies of the "
         "sensor's square; O is the presampled OTF from the lag table",
         uncertainty=spread + max(abs(c - value) for c in coarse),
@@ -175,9 +173,7 @@ def noise_gain(square: SensorSquare, noise_to_signal: float, die: str | None = N
     spread = max(_root_mean_square(most) - value, value - _root_mean_square(least))
     return Quantity(
         "wiener_noise_gain",
-        "g",
         value,
-        "1",
         f"rms of |O|/(|O|² + ε), ε = {noise_to_signal:g}, over the sensor's square of frequencies: standard deviation "
         "of white noise after restoration over that before",
         uncertainty=spread + max(abs(c - value) for c in coarse),

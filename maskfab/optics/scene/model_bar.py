@@ -151,9 +151,7 @@ def bar_quantities(found: Sequence[Omission], camera: Camera, die: str | None) -
     """The rows of a report: the sum of all, then each."""
     total = Quantity(
         f"{MODEL_BAR}bar",
-        "Δ",
         sum(each.size for each in found),
-        "1",
         "sum of what is not modelled, each estimated as the relative L2 change of the PSF over the window at "
         f"{middle_line_nm(camera):g} nm; numerical errors stand beside each number",
         die=die,
@@ -163,9 +161,7 @@ def bar_quantities(found: Sequence[Omission], camera: Camera, die: str | None) -
 
 def rows_of(found: Sequence[Omission], die: str | None) -> tuple[Quantity, ...]:
     """A row of a report for each."""
-    return tuple(
-        Quantity(MODEL_BAR + each.name.replace(" ", "_"), "Δ", each.size, "1", each.method, die=die) for each in found
-    )
+    return tuple(Quantity(MODEL_BAR + each.name.replace(" ", "_"), each.size, each.method, die=die) for each in found)
 
 
 def middle_line_nm(camera: Camera) -> float:

@@ -266,7 +266,7 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
     name = path.name
     # GDSII and OASIS label cells so; who sets text in a drawing may well mean it to be seen.
     is_dxf = path.suffix.lower() == ".dxf"
-    yield Quantity("rounding", "", rounding_nm(read), "nm", f"largest distance of a coordinate of {name} to the grid")
+    yield Quantity("rounding", rounding_nm(read), f"largest distance of a coordinate of {name} to the grid")
     for what, count, method, wrong in (
         ("empty_polygons", noted.empty_polygons, f"polygons of {name} without area", True),
         ("repeated_vertices", noted.repeated_vertices, f"vertices of {name} that repeat the one before", True),
@@ -274,7 +274,7 @@ def _of_file(path: Path, read: db.Layout) -> Iterator[Quantity]:
         ("texts", noted.texts, f"texts of {name} on its clear layer, of which a mask shows nothing", is_dxf),
         ("grey_pixels", noted.grey_pixels, f"pixels of {name} that are neither black nor white", True),
     ):
-        yield Quantity(what, "", count, "", method, limit=0 if wrong else None, passed=count == 0 if wrong else None)
+        yield Quantity(what, count, method, limit=0 if wrong else None, passed=count == 0 if wrong else None)
 
 
 def _lies(plate: Plate, path: Path, alignment: Alignment, how: How) -> Quantity:
@@ -290,7 +290,7 @@ def _lies(plate: Plate, path: Path, alignment: Alignment, how: How) -> Quantity:
         method += "; undone for all that follows, save for sizes, which are the file's own, and how it is drawn"
     if alignment.alike and alignment.inverted != how.dark:
         method += "; say --tone if the house is told that what is drawn is " + ("clear" if how.dark else "opaque")
-    return Quantity("lies", "", " and ".join(faults) or right, "", method, limit=right, passed=not faults)
+    return Quantity("lies", " and ".join(faults) or right, method, limit=right, passed=not faults)
 
 
 def _of_geometry(trip: RoundTrip, limits: LimitsSection, tolerance_nm: float) -> Iterator[Quantity]:
@@ -301,9 +301,7 @@ def _of_geometry(trip: RoundTrip, limits: LimitsSection, tolerance_nm: float) ->
     than = f" in parts wider than {tolerance_nm:g} nm" if tolerance_nm else ""
     yield Quantity(
         "xor_area",
-        "A_xor",
         trip.xor_area_um2,
-        "um^2",
         f"area that only one of {name} and the design makes clear{than}{where}",
         limit=0.0,
         passed=trip.xor_area_um2 == 0,
@@ -312,9 +310,7 @@ def _of_geometry(trip: RoundTrip, limits: LimitsSection, tolerance_nm: float) ->
         area = slivers.slivers.area() / NM_PER_UM**2
         widest = f", the widest of at most {slivers.widest_nm:.3g} nm" if area else ""
         method = f"area that only one of {name} and the design makes clear in {slivers.slivers.count()} slivers of up "
-        yield Quantity(
-            "sliver_area", "", area, "um^2", method + f"to {tolerance_nm:g} nm, as --tolerance allows{widest}"
-        )
+        yield Quantity("sliver_area", area, method + f"to {tolerance_nm:g} nm, as --tolerance allows{widest}")
     drawn_alike = {"readback_xor_area", "polygons"}
     for quantity in trip.quantities():
         # How many polygons draw the same area is the drawer's affair.

@@ -37,13 +37,7 @@ def named_cells(read: db.Layout) -> Iterator[Quantity]:
     ):
         listed = ", ".join(map(repr, result.names[:_TOLD])) + (" and more" if result.count > _TOLD else "")
         yield Quantity(
-            f"rule_{result.rule}",
-            "",
-            result.count,
-            "names",
-            what + (f": {listed}" if listed else ""),
-            limit=0,
-            passed=result.passed,
+            f"rule_{result.rule}", result.count, what + (f": {listed}" if listed else ""), limit=0, passed=result.passed
         )
 
 
@@ -96,10 +90,9 @@ def drawn_figures(
     told = "".join(f": {count} in cell {cell!r}" for cell, count in long[:1])
     yield Quantity(
         "rule_vertices",
-        "",
         len(long),
-        f"polygons over {most} vertices",
         f"polygons of {path.name} with more than {most} vertices, {by}{told}",
+        detail=str(most),
         limit=0 if judged else None,
         passed=not long if judged else None,
     )
@@ -117,7 +110,7 @@ def slanted(laid: db.Layout, design: db.Layout | None) -> Quantity:
     told = f", at {_listed(boxes)} um" if boxes else ""
     method = "edges as drawn that run along neither x nor y"
     method += "" if design is None else ", where no shape of the design has any"
-    return Quantity("rule_manhattan", "", len(boxes), "edges", method + told, limit=0, passed=not boxes)
+    return Quantity("rule_manhattan", len(boxes), method + told, limit=0, passed=not boxes)
 
 
 def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
@@ -134,9 +127,7 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     beyond = found.value / size / NM_PER_UM if isinstance(found.value, int | float) else 0
     return Quantity(
         "rule_extent",
-        "",
         beyond,
-        "um",
         f"how far what is drawn reaches beyond the blank of {plate.blank_nm / 1000 / NM_PER_UM:g} mm",
         limit=0,
         passed=found.passed,
@@ -151,16 +142,16 @@ def _overlaps(layout: db.Layout, path: Path, known: Known | None) -> Quantity:
     what += f" and wider than {tolerance_nm:g} nm" if tolerance_nm else ""
     clear_nm2 = None if known is None else known.clear_nm2
     if clear_nm2 is not None and _drawn_area(layout, index) == clear_nm2:
-        return Quantity("rule_overlap", "", 0, "places", what, limit=0, passed=True)
+        return Quantity("rule_overlap", 0, what, limit=0, passed=True)
     if count_shapes(layout, [index]) > MOST_FLAT:
         what += f"; not looked for among more than {MOST_FLAT} shapes"
-        return Quantity("rule_overlap", "", None, "places", what)
+        return Quantity("rule_overlap", None, what)
     # In hierarchy klayout takes two references to one cell at one place for one.
     twice = list(sift(db.Region(layout.top_cell().begin_shapes_rec(index)).merged(True, 2), tolerance_nm).faults.each())
     area = sum(polygon.area() for polygon in twice) / _NM2_PER_UM2
     boxes = sorted((polygon.bbox() for polygon in twice), key=lambda box: (box.bottom, box.left))
     told = f": {area:g} um^2, at {_listed(boxes)} um" if boxes else ""
-    return Quantity("rule_overlap", "", len(boxes), "places", what + told, limit=0, passed=not boxes)
+    return Quantity("rule_overlap", len(boxes), what + told, limit=0, passed=not boxes)
 
 
 def _drawn_area(layout: db.Layout, index: int) -> int | None:

@@ -65,20 +65,20 @@ class LayersRead:
             method = f"what is clear is read from layer {self.clear} of {name}; the job orders {self.wanted}"
             cure = "; say --layer if the house is told so"
             told = method + ("" if self.meant else cure)
-            yield Quantity("layer", "", self.clear, "", told, limit=self.wanted, passed=self.meant)
+            yield Quantity("layer", self.clear, told, limit=self.wanted, passed=self.meant)
         if self.taken_out:
             cut = f"{CUT.number}/{CUT.datatype}"
             method = f"{name} has shapes on {cut}, which are taken out of what is clear for all that follows, as "
             method += "the job's mask house does" if ordered.cut else _UNTOLD
             limit = cut if ordered.cut else "none"
-            yield Quantity("layer_taken_out", "", cut, "", method, limit=limit, passed=ordered.cut)
+            yield Quantity("layer_taken_out", cut, method, limit=limit, passed=ordered.cut)
         if self.others:
             method = f"layers of {name} with shapes that the job has not: {_listed(self.others)}; the house may write "
             method += "them: take them out, or say --ignore if it is told not to"
-            yield Quantity("other_layers", "", len(self.others), "", method, limit=0, passed=False)
+            yield Quantity("other_layers", len(self.others), method, limit=0, passed=False)
         if self.passed_over:
             method = f"layers of {name} with shapes of which nothing is looked at, for they are not written: "
-            yield Quantity("passed_over", "", len(self.passed_over), "", method + _listed(self.passed_over))
+            yield Quantity("passed_over", len(self.passed_over), method + _listed(self.passed_over))
 
 
 def clear_only(

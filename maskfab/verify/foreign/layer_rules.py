@@ -148,13 +148,13 @@ def rules_of_unlike(read: db.Layout, wanted: Asked) -> Iterator[Quantity]:
     for name, broken in _look(read, places, wanted.rules).items():
         yield _row(name, wanted, broken, 0, "of the file alone", beyond)
     clear = merged(_shapes(read, places) & places)
-    for name, symbol, tone in (("width", "w", "what is clear"), ("space", "s", "chrome between clear edges")):
+    for name, tone in (("width", "what is clear"), ("space", "chrome between clear edges")):
         value, box = _narrowest(clear, name)
         at = "" if box is None else f", at {_at(box)}"
         method = f"least width of {tone} in the file, corner to corner too{at}; corners that kiss are counted apart"
         quantity = "min_feature" if name == "width" else "min_space"
         told = None if value is None else value / NM_PER_UM
-        yield Quantity(quantity, symbol, told, "um", method + beyond)
+        yield Quantity(quantity, told, method + beyond)
 
 
 def _of_plate(plate: Plate, rules: DesignRules) -> dict[str, Broken]:
@@ -193,7 +193,7 @@ def _row(name: str, wanted: Asked, broken: Broken, allowed: int, said: str, beyo
     told = "; ".join(part for part in (method, said + beyond, where) if part)
     passed, unit = broken.count <= allowed, f"{unit}, in part" if beyond else unit
     limit = f"{allowed} in {'its marks' if name in wanted.stated else 'the design'}" if allowed else 0
-    return Quantity(f"rule_{name}", "", broken.count, unit, told, limit=limit, passed=passed)
+    return Quantity(f"rule_{name}", broken.count, told, detail=unit, limit=limit, passed=passed)
 
 
 def _listed(boxes: Ints) -> str:

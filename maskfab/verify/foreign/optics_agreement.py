@@ -51,9 +51,7 @@ def optics_of_like(
     # A layout in cells is seen through faster than one without, where both are the same.
     shapes = clear_shapes(design if equal else laid, box)
     if not sees_light(die, camera.stop, shapes):
-        yield Quantity(
-            "optics", "", "dark", "", "nothing is clear before the stop", limit="ok", passed=False, die=die.name
-        )
+        yield Quantity("optics", "dark", "nothing is clear before the stop", limit="ok", passed=False, die=die.name)
         return
     found = measure(bare, camera, shapes, blank)
     yield from (quantity for quantity in found.quantities if quantity.name in _TOLD_OF_LIKE)
@@ -83,9 +81,7 @@ def optics_of_unlike(
     found = _measured(read, axis, camera, blank, dot_nm, None)
     where = f"the middle of the file, ({middle.x / 1e3:g}, {middle.y / 1e3:g}) um, for it has nothing where dies are"
     if found is None:
-        yield Quantity(
-            "optics", "", "dark", "", f"nothing is clear before the stop at {where}", limit="ok", passed=False
-        )
+        yield Quantity("optics", "dark", f"nothing is clear before the stop at {where}", limit="ok", passed=False)
         return
     yield from (replace(each, method=f"{each.method}; at {where}") for each in found.quantities)
 
@@ -110,7 +106,7 @@ def _measured(
 
     def difference(error: float, wavelength: float) -> Quantity:
         method = f"relative L2 between the polygons' PSF and that {raster}"
-        return Quantity("raster_psf_difference", "δ", error, "1", method, die=name, wavelength_nm=wavelength)
+        return Quantity("raster_psf_difference", error, method, die=name, wavelength_nm=wavelength)
 
     outline = stop_boundary(edges, area, camera, pixel_margin(camera))
     found = measure_pupils(pupil, None, lit, outline, camera, INVARIANT_LIMIT_ROUND, difference, name)
@@ -146,9 +142,7 @@ def _mtf_differences(found: tuple[Mtf, ...], expected: tuple[Mtf, ...], name: st
         difference = max(float(np.abs(one.cuts[way] - other.cuts[way]).max()) for way in one.cuts)
         yield Quantity(
             "mtf_difference",
-            "ΔM",
             difference,
-            "1",
             f"largest difference of any cut of the MTF to the design's{alike}",
             limit=READBACK_LIMIT,
             passed=difference <= READBACK_LIMIT,
