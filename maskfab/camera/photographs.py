@@ -9,9 +9,11 @@ from __future__ import annotations
 import os
 import zlib
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 import numpy as np
+import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
@@ -36,6 +38,11 @@ class Scene:
     name: str
     number: int
     values: NDArray[np.float32]
+
+    @cached_property
+    def spectrum(self) -> NDArray[np.complex64]:
+        """``rfft2`` of the values, [3, rows, columns / 2 + 1]; kept, for every design is seen through it."""
+        return np.asarray(scipy.fft.rfft2(self.values, axes=(1, 2), workers=1))
 
 
 def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> Scene:

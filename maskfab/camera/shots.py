@@ -47,7 +47,7 @@ class Shot:
     """A photograph through a design, restored.
 
     Attributes:
-        score: of the whole frame and of the inner one.
+        score: of the whole frame and of the inner one, its SSIM NaN.
         picture: part of it, float32 [3, rows, columns] within 0 to 1, row 0 on top; code values as the scene's.
     """
 
@@ -62,7 +62,11 @@ def shots(design: Laid, scene: Scene, levels: Sequence[int], crop: Crop) -> tupl
         JobError: as :func:`maskfab.camera.protocol.evaluate` and :meth:`Crop.of`.
     """
     taken: list[Shot] = []
-    evaluate([design], [scene], [scene], levels, show=lambda score, whole: taken.append(Shot(score, crop.of(whole))))
+
+    def show(score: Score, whole: Singles) -> None:
+        taken.append(Shot(score, crop.of(whole)))
+
+    evaluate([design], [scene], [scene], levels, ssim=False, show=show)
     return tuple(taken)
 
 

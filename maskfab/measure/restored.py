@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -18,7 +16,7 @@ from maskfab.camera.protocol import ASSUMED, LEVELS
 from maskfab.camera.scenes import bundled
 from maskfab.camera.shots import Crop, Shot, shots, truth_of
 from maskfab.camera.transfer import CELLS, FEWEST_CELLS, PITCH_UM, Laid, Lattice
-from maskfab.design.model.expected_psnr import Surrogate, surrogate_behind
+from maskfab.design.model.expected_psnr import SceneStatistics, Surrogate
 from maskfab.errors import JobError
 from maskfab.model import Die, Panel, Quantity, Tiling, refined
 from maskfab.units import NM_PER_UM
@@ -148,10 +146,9 @@ def photographer(
     if not laid:
         return Photographer({}, refused, (), {}, camera) if refused else None
     known = tuple(scenes) if scenes is not None else bundled()
-    rooms = list(dict.fromkeys(each.lattice for each in laid.values()))
-    with ThreadPoolExecutor(os.cpu_count() or 1) as pool:
-        made = pool.map(lambda room: surrogate_behind(known, room), rooms)
-        return Photographer(laid, refused, known, dict(zip(rooms, made, strict=True)), camera)
+    statistics = SceneStatistics.of(known)
+    estimates = {room: statistics.behind(room) for room in dict.fromkeys(each.lattice for each in laid.values())}
+    return Photographer(laid, refused, known, estimates, camera)
 
 
 def _require_cells(die: Die, room: Lattice) -> None:

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
+import scipy.fft
 
+from maskfab.camera import protocol
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.quality import psnr
 from maskfab.camera.scenes import dead_leaves
@@ -38,7 +43,42 @@ def test_the_picture_shown_has_the_psnr_told(taken):
 
 
 def test_showing_changes_no_score(design, taken):
-    assert evaluate([design], [SCENE], [SCENE], (24, 40)).scores == tuple(shot.score for shot in taken)
+    scores = evaluate([design], [SCENE], [SCENE], (24, 40)).scores
+    assert all(0 < score.ssim < 1 and 0 < score.ssim_inner < 1 for score in scores)
+    unlike = {"ssim": math.nan, "ssim_inner": math.nan}
+    assert [vars(score) | unlike for score in scores] == [vars(shot.score) for shot in taken]
+
+
+def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, monkeypatch):
+    scene, transforms, tried = replace(SCENE, name="fresh"), [], []
+    transform, wiener = scipy.fft.rfft2, protocol.wiener
+
+    def transformed(values, *given, **more):
+        transforms.append(values is scene.values)
+        return transform(values, *given, **more)
+
+    def filtered(transfer, prior, epsilon):
+        tried.append(epsilon)
+        return wiener(transfer, prior, epsilon)
+
+    monkeypatch.setattr(scipy.fft, "rfft2", transformed)
+    monkeypatch.setattr(protocol, "wiener", filtered)
+    chosen = []
+    for level in (24, 32):
+        tried.clear()
+        chosen.append(shots(design, scene, (level,), SENSOR)[0].score.epsilon)
+        assert len(tried) == len(set(tried)) > 2
+    assert len(set(chosen)) == 2
+    assert sum(transforms) == 1
+
+
+def test_a_scene_kept_for_the_constant_changes_no_picture_of_another(design):
+    """Pictures of the scenes that ε is chosen on are at hand, those of others are made."""
+    other = dead_leaves(2, 832, 832)
+    both = evaluate([design], [other, SCENE], [SCENE], (32,), ssim=False).scores
+    alone = evaluate([design], [other], [SCENE], (32,), ssim=False).scores
+    assert vars(both[0]) == vars(alone[0])
+    assert vars(both[1]) == vars(evaluate([design], [SCENE], [SCENE], (32,), ssim=False).scores[0])
 
 
 def test_a_crop_is_the_middle_and_a_copy():

@@ -11,6 +11,7 @@ import pytest
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.protocol import LEVELS, evaluate
 from maskfab.camera.scenes import dead_leaves
+from maskfab.design.model import expected_psnr
 from maskfab.design.model.expected_psnr import surrogate
 from maskfab.job import load
 from maskfab.measure.restored import CROP, RESIDUAL_DB, SHOWN_LEVELS, photographer
@@ -55,6 +56,20 @@ def test_numbers_are_the_surrogates_of_the_repeated_and_of_the_turned_opening(ta
     gutter = replace(toled, name="GUTTER", panel=replace(toled.panel, gutter_nm=16000))
     wide = surrogate(SCENES, 23, dot_nm=8000)(np.pad(unit, 1), periodic=True)
     assert _values(take, gutter) == list(wide)
+
+
+def test_scenes_are_looked_at_once_for_cells_of_every_size(dies, monkeypatch):
+    seen, spectrum = [], expected_psnr._spectrum
+
+    def once(scenes):
+        seen.append(len(scenes))
+        return spectrum(scenes)
+
+    monkeypatch.setattr(expected_psnr, "_spectrum", once)
+    toled = dies["TOLED"]
+    wide = replace(toled, name="GUTTER", panel=replace(toled.panel, gutter_nm=16000))
+    assert len(photographer([toled, wide], SCENES).estimates) == 2
+    assert seen == [1]
 
 
 def test_a_layout_that_repeats_is_told_as_the_repeated_opening(take, dies):

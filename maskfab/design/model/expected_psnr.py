@@ -201,46 +201,73 @@ def surrogate(
 
 def surrogate_behind(scenes: Sequence[Scene], room: Lattice, *, leak_scenes: int = 2) -> Surrogate:
     """A surrogate for the units of given cells; arguments and errors as of :func:`surrogate`."""
-    kept = _of_use(scenes)
-    wavelength_nm = room.camera.middle_nm
-    per_cycle = room.per_cycle(wavelength_nm)
-    open_stop = OpenStop.of(room, wavelength_nm)
-    lags, count = _choose_lags(room.dots, int(per_cycle / 2))
-    nu = lags / per_cycle
-    distance = np.hypot(nu[0], nu[1])
-    light = float(np.mean([s.values.mean() for s in kept]))
-    kept = _equalised(kept)
-    factor, power = _spectrum(kept)
-    weight = count / count.sum()
-    edge = 0.5 / _FACTOR
-    low = (abs(nu[0]) < edge) & (abs(nu[1]) < edge)
-    density = factor * np.maximum(distance, 1e-3) ** -power
-    spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept, leak_scenes)])
-    rows = np.r_[0 : _ROWS // 2, -_ROWS // 2 : 0]
-    cut = spectra[:, rows, : _COLUMNS // 2 + 1] / _FACTOR**2
-    # The highest frequencies of an even grid stand for both signs; without them nothing is ambiguous.
-    cut[:, _ROWS // 2] = 0
-    cut[:, :, -1] = 0
-    small = scipy.fft.irfft2(cut, (_ROWS, _COLUMNS)).astype(np.float32)
-    axes = scipy.fft.fftfreq(_ROWS) / _FACTOR, scipy.fft.rfftfreq(_COLUMNS) / _FACTOR
-    # Rounding must not add a dot where that is a whole number of them.
-    reach = math.ceil(_NEAR * edge * per_cycle - 1e-9)
-    near = np.arange(-reach, reach + 1)
-    return Surrogate(
-        room,
-        lags,
-        open_stop(nu[0], nu[1]),
-        open_stop.folded(nu[0], nu[1]),
-        weight,
-        np.where(low, 0, weight * density),
-        (distance / PRIOR_CY_PER_PX) ** 2 + 1e-12,
-        open_stop.at(near[:, None], near),
-        (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
-        cut.astype(np.complex64),
-        small[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH],
-        ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
-        light,
-    )
+    return SceneStatistics.of(scenes, leak_scenes=leak_scenes).behind(room)
+
+
+@dataclass(frozen=True, eq=False)
+class SceneStatistics:
+    """What a surrogate knows of its scenes, whatever cells they are seen through.
+
+    Attributes:
+        light: mean of the scenes, white is 1.
+        factor, power: c and p of their spectrum c f^-p.
+        low: complex64 [scenes, 128, 97], low-passed scenes.
+        low_truth: their own part on the sensor, float32.
+    """
+
+    light: float
+    factor: float
+    power: float
+    low: NDArray[np.complex64]
+    low_truth: NDArray[np.float32]
+
+    @classmethod
+    def of(cls, scenes: Sequence[Scene], *, leak_scenes: int = 2) -> SceneStatistics:
+        """Of scenes as :func:`surrogate` takes them; errors likewise."""
+        kept = _of_use(scenes)
+        light = float(np.mean([s.values.mean() for s in kept]))
+        kept = _equalised(kept)
+        factor, power = _spectrum(kept)
+        spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept, leak_scenes)])
+        rows = np.r_[0 : _ROWS // 2, -_ROWS // 2 : 0]
+        cut = spectra[:, rows, : _COLUMNS // 2 + 1] / _FACTOR**2
+        # The highest frequencies of an even grid stand for both signs; without them nothing is ambiguous.
+        cut[:, _ROWS // 2] = 0
+        cut[:, :, -1] = 0
+        small = scipy.fft.irfft2(cut, (_ROWS, _COLUMNS)).astype(np.float32)
+        return cls(light, factor, power, cut.astype(np.complex64), small[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH])
+
+    def behind(self, room: Lattice) -> Surrogate:
+        """The surrogate for the units of given cells."""
+        wavelength_nm = room.camera.middle_nm
+        per_cycle = room.per_cycle(wavelength_nm)
+        open_stop = OpenStop.of(room, wavelength_nm)
+        lags, count = _choose_lags(room.dots, int(per_cycle / 2))
+        nu = lags / per_cycle
+        distance = np.hypot(nu[0], nu[1])
+        weight = count / count.sum()
+        edge = 0.5 / _FACTOR
+        low = (abs(nu[0]) < edge) & (abs(nu[1]) < edge)
+        density = self.factor * np.maximum(distance, 1e-3) ** -self.power
+        axes = scipy.fft.fftfreq(_ROWS) / _FACTOR, scipy.fft.rfftfreq(_COLUMNS) / _FACTOR
+        # Rounding must not add a dot where that is a whole number of them.
+        reach = math.ceil(_NEAR * edge * per_cycle - 1e-9)
+        near = np.arange(-reach, reach + 1)
+        return Surrogate(
+            room,
+            lags,
+            open_stop(nu[0], nu[1]),
+            open_stop.folded(nu[0], nu[1]),
+            weight,
+            np.where(low, 0, weight * density),
+            (distance / PRIOR_CY_PER_PX) ** 2 + 1e-12,
+            open_stop.at(near[:, None], near),
+            (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
+            self.low,
+            self.low_truth,
+            ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
+            self.light,
+        )
 
 
 def _of_use(scenes: Sequence[Scene]) -> list[Scene]:
