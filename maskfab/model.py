@@ -2,21 +2,24 @@
 
     Opening -> Panel -> Die -> Plate -> (files) -> Psf, Mtf -> Quantity -> Report
 
-Every type is frozen and its arrays are read-only. Arrays are indexed ``[y, x]`` with y upwards: row 0 is the
-lowest. Integer nanometres carry geometry, float micrometres carry optics; names end in the unit.
+Every type is frozen, its arrays are read-only, and it refuses nonsense when it is made, with the code of an
+:class:`maskfab.errors.InputError`. Arrays are indexed ``[y, x]`` with y upwards: row 0 is the lowest. Integer
+nanometres carry geometry, float micrometres carry optics; names end in the unit.
 """
 
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import StrEnum
-from typing import Literal, TypeVar
+from typing import Literal, TypeVar, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab import field_checks as require
 from maskfab.cell_size import CellSize
 from maskfab.errors import InternalError
 from maskfab.quantities import registered
@@ -110,9 +113,11 @@ class Opening:
     emitters: NDArray[np.int8] | None = None
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "mask", frozen(np.asarray(self.mask, dtype=np.bool_)))
+        require.instance(self, "name", str)
+        require.whole(self, "dot_nm", 1)
+        object.__setattr__(self, "mask", frozen(require.square_mask(self, "mask")))
         if self.emitters is not None:
-            object.__setattr__(self, "emitters", frozen(np.asarray(self.emitters, dtype=np.int8)))
+            object.__setattr__(self, "emitters", frozen(_emitter_labels(self, "emitters")))
 
     @property
     def dots(self) -> int:
@@ -149,13 +154,19 @@ class Emitters:
     cell_nm: int
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "labels", frozen(np.asarray(self.labels, dtype=np.int8)))
+        require.whole(self, "cell_nm", 1)
+        object.__setattr__(self, "labels", frozen(_emitter_labels(self, "labels")))
 
     @property
     def areas_um2(self) -> tuple[float, float, float]:
         """Red, green and blue area."""
         red, green, blue = (float((self.labels == k).sum()) * self.cell_nm**2 / 1e6 for k in (1, 2, 3))
         return red, green, blue
+
+
+def _emitter_labels(owner: Opening | Emitters, name: str) -> NDArray[np.int8]:
+    cure = "0 is no emitter, 1 to 3 are red, green and blue, on square cells"
+    return require.labels(owner, name, 1 + len(COLOURS), "MF119", cure)
 
 
 @dataclass(frozen=True)
@@ -175,6 +186,10 @@ class Track:
     polygons: tuple[Polygon, ...]
     turns: bool
     transmission: float = 0.0
+
+    def __post_init__(self) -> None:
+        require.choice(self, "axis", ("x", "y"))
+        require.number(self, "transmission", 0.0, 1.0, open_low=False)
 
 
 @dataclass(frozen=True, eq=False)
@@ -205,7 +220,24 @@ class Panel:
     others: tuple[Opening, ...] = ()
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "orientations", frozen(np.asarray(self.orientations, dtype=np.int8)))
+        require.instance(self, "opening", Opening)
+        require.whole(self, "dot_nm", 1)
+        require.whole(self, "gutter_nm", 0)
+        if self.gutter_nm % 2:
+            what = f"{self.gutter_nm} nm is odd, and half of it lies on each side of a cell"
+            require.refuse("MF107", self, "gutter_nm", what, f"Use {self.gutter_nm + 1} nm")
+        require.instance(self, "tiling", Tiling)
+        if self.seed is not None:
+            require.whole(self, "seed", 0, 2**63 - 1)
+        elif self.tiling.seeded:
+            what = f"the {self.tiling} tiling draws its orientations"
+            require.refuse("MF111", self, "seed", what, "Give seed = 1, or any other whole number")
+        if any(each.dots != self.opening.dots for each in self.others):
+            what = f"openings of {', '.join(str(each.dots) for each in self.openings)} dots in one panel"
+            require.refuse("MF122", self, "others", what, "Give openings of as many dots as the first")
+        entries = ORIENTATIONS * len(self.openings)
+        cure = "A cell holds 8 u + k: opening u under element k of D4"
+        object.__setattr__(self, "orientations", frozen(require.labels(self, "orientations", entries, "MF122", cure)))
 
     @property
     def openings(self) -> tuple[Opening, ...]:
@@ -260,6 +292,17 @@ class Die:
     panel: Panel
     centre_nm: Point
     slot_nm: int
+
+    def __post_init__(self) -> None:
+        require.instance(self, "name", str)
+        require.instance(self, "panel", Panel)
+        for value in self.centre_nm:
+            require.whole(self, "centre_nm", -require.MOST_NM, value=value)
+        require.whole(self, "slot_nm", 1)
+        if max(self.panel.size_nm) > self.slot_nm:
+            width, height = self.panel.size_nm
+            what = f"a panel of {width} x {height} nm is larger than its slot of {self.slot_nm} nm"
+            require.refuse("MF108", self, "slot_nm", what, "Use fewer cells or a larger slot")
 
     @property
     def origin_nm(self) -> Point:
@@ -347,6 +390,11 @@ class Gauge:
     reach_nm: int
     target_nm: int
 
+    def __post_init__(self) -> None:
+        require.choice(self, "axis", ("x", "y"))
+        require.whole(self, "reach_nm", 1)
+        require.whole(self, "target_nm", 0)
+
 
 @dataclass(frozen=True)
 class Note:
@@ -369,8 +417,18 @@ class Plate:
     gauges: tuple[Gauge, ...]
     notes: tuple[Note, ...]
 
+    def __post_init__(self) -> None:
+        require.instance(self, "name", str)
+        require.whole(self, "blank_nm", 1)
+        require.whole(self, "writable_nm", 1)
+        names = [die.name for die in self.dies]
+        if len(set(names)) < len(names):
+            what = f"two dies are called {next(each for each in names if names.count(each) > 1)!r}"
+            require.refuse("MF109", self, "dies", what, "Give each die a name of its own")
+
 
 StopShape = Literal["circle", "square", "ellipse", "rectangle", "annulus", "polygon"]
+STOP_SHAPES: tuple[StopShape, ...] = get_args(StopShape)
 
 
 @dataclass(frozen=True)
@@ -390,6 +448,19 @@ class Stop:
     size_um: tuple[float, float] | None = None
     inner_share: float = 0.0
     outline_um: tuple[tuple[float, float], ...] = ()
+
+    def __post_init__(self) -> None:
+        require.choice(self, "shape", STOP_SHAPES)
+        require.number(self, "diameter_um", high=math.inf)  # an infinite one lets everything through
+        for side in self.size_um or ():
+            require.number(self, "size_um", value=side)
+        if self.inner_share:
+            require.number(self, "inner_share", 0.0, 1.0, open_low=False)
+        if (self.shape == "polygon") != bool(self.outline_um) or (self.outline_um and not self.area_um2 > 0):
+            what = f"a {self.shape} with {len(self.outline_um)} corners holds no area that they bound"
+            require.refuse(
+                "MF132", self, "outline_um", what, "Make a polygon by Stop.polygon, of three corners or more"
+            )
 
     @classmethod
     def ellipse(cls, width_um: float, height_um: float) -> Stop:
@@ -461,6 +532,11 @@ class Glass:
     index: float
     chrome: Literal["lens", "away"]
 
+    def __post_init__(self) -> None:
+        require.number(self, "thickness_um")
+        require.number(self, "index", 1.0, open_low=False)
+        require.choice(self, "chrome", ("lens", "away"))
+
     @property
     def gap_um(self) -> float:
         """The air over which light spreads as much as from the chrome through the glass: t/n, 0 on the lens's side."""
@@ -505,6 +581,16 @@ class Camera:
     pixel_um: float
     window_um: float
 
+    def __post_init__(self) -> None:
+        for name in ("focal_um", "pixel_um", "window_um"):
+            require.number(self, name)
+        require.instance(self, "stop", Stop)
+        require.instance(self, "wavelengths_nm", tuple)
+        for line in self.wavelengths_nm:
+            require.number(self, "wavelengths_nm", value=line)
+        if not self.wavelengths_nm:
+            require.refuse("MF105", self, "wavelengths_nm", "no wavelength is given", "Give at least one")
+
 
 @dataclass(frozen=True)
 class Process:
@@ -517,6 +603,10 @@ class Process:
 
     corner_radius_um: float
     cd_bias_um: float = 0.0
+
+    def __post_init__(self) -> None:
+        require.number(self, "corner_radius_um", open_low=False)
+        require.number(self, "cd_bias_um", -sys.float_info.max, open_low=False)
 
 
 @dataclass(frozen=True, eq=False)

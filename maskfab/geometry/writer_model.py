@@ -75,17 +75,10 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
     """Refuse what cannot be written on dots as small as a panel's.
 
     Raises:
-        JobError: MF104 for a radius that is negative or a number that is not finite; MF127 where the corners of a dot
-            meet (radius + |bias| / 2 above half a dot), or where cells grow into each other across their gutter.
+        JobError: MF127 where the corners of a dot meet (radius + |bias| / 2 above half a dot), or where cells grow into
+            each other across their gutter.
     """
     radius, bias = process.corner_radius_um, process.cd_bias_um
-    if not (np.isfinite(radius) and np.isfinite(bias) and radius >= 0):
-        raise JobError(
-            "MF104",
-            f"a corner radius of {radius:g} um with a CD bias of {bias:g} um is not a valid process",
-            where=where,
-            cure='Give a radius of at least 0 and a finite bias, such as "1 um" and "0.1 um"',
-        )
     reach, dot = radius + abs(bias) / 2, panel.dot_nm / 1e3
     if 2 * reach > dot * (1 + 1e-12) or -bias >= dot:
         raise JobError(

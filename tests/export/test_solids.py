@@ -25,7 +25,7 @@ WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_
 def die_of(opening, turns, gutter_nm=0, others=(), centre_nm=(3_000_001, -5)):
     turns = np.asarray(turns)
     panel = Panel(opening, opening.dot_nm, gutter_nm, turns, Tiling.RANDOM, 1, others=others)
-    return Die("D1", "a die", panel, centre_nm, 400_000)
+    return Die("D1", "a die", panel, centre_nm, max(400_000, *panel.size_nm))
 
 
 def random_opening(dots=9, seed=1, name="noise"):
