@@ -19,7 +19,7 @@ from maskfab.opening import decode, openings, shapes
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.report.plots import die_figures
 from maskfab.report.plots.sheet import Drawing
-from maskfab.units import parse_pitch_um
+from maskfab.units import NM_PER_UM, parse_pitch_um
 
 
 class Opening(model.Opening):
@@ -76,7 +76,7 @@ class Opening(model.Opening):
     @property
     def pitch_um(self) -> float:
         """Side of the pixel at its nominal size, without a gutter."""
-        return self.dots * self.dot_nm / 1e3
+        return self.dots * self.dot_nm / NM_PER_UM
 
     def save(self, path: str | Path) -> Path:
         """Write it as a readable file (.toml); an earlier file is replaced.

@@ -30,6 +30,7 @@ from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
+from maskfab.units import NM_PER_UM, UM_PER_NM
 
 Floats = NDArray[np.float64]
 
@@ -64,7 +65,7 @@ class Workload:
     def frequencies(self, offset: float) -> Floats:
         """Frequencies of all samples along an axis, cycles per micrometre, the one at ``samples / 2`` being offset."""
         position = self.step_um * (np.arange(self.samples, dtype=np.float64) - self.samples // 2 + offset)
-        return position / (self.wavelength_nm * 1e-3 * self.focal_um)
+        return position / (self.wavelength_nm * UM_PER_NM * self.focal_um)
 
 
 @dataclass(frozen=True)
@@ -192,12 +193,12 @@ def _nothing_to_set_up(function: Callable[[], NDArray[Any]]) -> Callable[[], NDA
 
 
 def _others(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
-    dot_um = workload.panel.dot_nm / 1e3
+    dot_um = workload.panel.dot_nm / NM_PER_UM
     size = published_size(workload.wavelength_nm, workload.focal_um, dot_um, workload.step_um)
     recipe = partial(published_intensity, pupil.whole, size, workload.samples)
     yield _Contestant("published recipe, padded FFT", "double", "published", 0.0, partial(_nothing_to_set_up, recipe))
     task = Task(
-        pupil.whole, dot_um, workload.focal_um, workload.wavelength_nm * 1e-3, workload.step_um, workload.samples
+        pupil.whole, dot_um, workload.focal_um, workload.wavelength_nm * UM_PER_NM, workload.step_um, workload.samples
     )
     for peer in PEERS:
         if peer.missing() is None:
@@ -224,7 +225,7 @@ def _judged(
         return float(np.linalg.norm(unit_sum - exact) / np.linalg.norm(exact))
 
     given = error(found)
-    factor = np.sinc(workload.frequencies(0.0) * workload.panel.dot_nm / 1e3) ** 2
+    factor = np.sinc(workload.frequencies(0.0) * workload.panel.dot_nm / NM_PER_UM) ** 2
     with_dots = given if contestant.kind == "ours" else error(found * factor * factor[:, None])
     low, _, high = quantiles(warm, n=4)
     return Timing(

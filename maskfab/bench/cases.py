@@ -31,6 +31,7 @@ from maskfab.optics.numbers.wiener import noise_gain, sensor_square, wiener_resp
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.wavefront.mean_over_tilings import mean_psf
+from maskfab.units import NM_PER_UM, UM_PER_NM
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -171,7 +172,7 @@ def half_grid_ties() -> float:
     panel = build.panel(build.noise(5, 0.4, 2), dot_nm=4031, cells=3, seed=1)
     stop = Stop("square", 55.0)
     aperture = panel_aperture(panel)
-    edge_nm = 1e3 * aperture.x.edges_um()
+    edge_nm = NM_PER_UM * aperture.x.edges_um()
     lower = float(np.floor(edge_nm[0]))
     corners = [round(edge - edge_nm[0]) for edge in edge_nm]
     shape = db.Region()
@@ -245,7 +246,7 @@ def million_polygons() -> float:
     edges, area = edges_in_stop(boxes, Stop("square", 4000.0), (0.0, 0.0))
     step, u = 1e-4, 1e-4 * np.arange(-32, 33, dtype=np.float64)
     found = boundary(edges, area, float(u[-1]) * np.sqrt(2)).field(step, 65)
-    centres = (low + 1000) * 1e-3
+    centres = (low + 1000) * UM_PER_NM
     axis = 2.0 * np.sinc(2.0 * u) * np.exp(-2j * np.pi * u[:, None] * centres).sum(axis=1)
     return relative(found, axis * axis[:, None])
 

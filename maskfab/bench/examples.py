@@ -12,6 +12,7 @@ from maskfab.model import Camera, Opening, Panel, Stop, Tiling
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.plate.tiling import orientations
+from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
 
@@ -48,7 +49,7 @@ def camera(
 def clear_region(laid_out: Panel) -> db.Region:
     """The panel's clear dots as merged polygons about its middle, in nanometres, straight from the aperture's grid."""
     aperture = panel_aperture(laid_out)
-    x, y = (np.rint(1e3 * lattice.edges_um()).astype(int).tolist() for lattice in (aperture.x, aperture.y))
+    x, y = (np.rint(NM_PER_UM * lattice.edges_um()).astype(int).tolist() for lattice in (aperture.x, aperture.y))
     found = db.Region()
     for j, i in zip(*np.nonzero(aperture.transmission), strict=True):
         found.insert(db.Box(x[i], y[j], x[i + 1], y[j + 1]))

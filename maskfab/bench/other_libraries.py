@@ -16,6 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.units import UM_PER_MM
+
 Floats = NDArray[np.float64]
 
 
@@ -72,7 +74,7 @@ def _prysm(engine: str, bits: int) -> Callable[[Any, Task], Callable[[], Any]]:
         # An engine of its own: the library's shared one keeps its matrices in the precision it met first.
         transform = getattr(importlib.import_module("prysm.fttools"), engine)()
         apply = getattr(transform, "dft2" if engine == "MatrixDFTExecutor" else "czt2")
-        side_mm, focal_mm = task.dots.shape[0] * task.dot_um / 1e3, task.focal_um / 1e3
+        side_mm, focal_mm = task.dots.shape[0] * task.dot_um / UM_PER_MM, task.focal_um / UM_PER_MM
         padding = module.Q_for_sampling(side_mm, focal_mm, task.wavelength_um, task.step_um)
         wave = task.dots.astype(np.complex64 if bits == 32 else np.complex128)
 

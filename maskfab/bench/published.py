@@ -13,10 +13,12 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.units import UM_PER_NM
+
 
 def published_size(wavelength_nm: float, focal_um: float, dot_um: float, step_um: float) -> int:
     """Samples of the padded array: λf / (dot x step) rounded down to an even number."""
-    exact = wavelength_nm * 1e-3 * focal_um / (dot_um * step_um)
+    exact = wavelength_nm * UM_PER_NM * focal_um / (dot_um * step_um)
     return int(exact + 1e-9) // 2 * 2
 
 

@@ -11,6 +11,7 @@ from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.transfer import MOST_DOTS, Laid, Lattice, lattice, lay
 from maskfab.errors import JobError
 from maskfab.model import Panel, Tiling, refined
+from maskfab.units import NM_PER_UM
 
 
 @dataclass(frozen=True)
@@ -87,9 +88,9 @@ def _finer(name: str, panel: Panel, camera: PhotoCamera, *, odd: bool) -> _Finer
             raise
         raise JobError(
             "MF115",
-            f"half a gutter of {half / 1e3:g} um and dots of {panel.dot_nm / 1e3:g} um are whole only on dots of "
-            f"{dot_nm / 1e3:g} um, too many behind a stop of {camera.stop.diameter_um:g} um; the limit is {MOST_DOTS} "
-            "along a side",
+            f"half a gutter of {half / NM_PER_UM:g} um and dots of {panel.dot_nm / NM_PER_UM:g} um are whole only on "
+            f"dots of {dot_nm / NM_PER_UM:g} um, too many behind a stop of {camera.stop.diameter_um:g} um; the limit "
+            f"is {MOST_DOTS} along a side",
             where=name,
             cure="Make the gutter an even number of dots wide",
         ) from error

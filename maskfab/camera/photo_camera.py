@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Stop
+from maskfab.units import NM_PER_UM
 
 COLOURS = 3
 _SHAPES = ("circle", "square", "annulus")
@@ -100,7 +101,7 @@ class PhotoCamera:
 
     def cycle_um(self, wavelength_nm: float) -> float:
         """The lag in the stop's plane of one cycle per pixel, λf / pixel."""
-        return wavelength_nm / 1e3 * self.focal_um / self.pixel_um
+        return wavelength_nm / NM_PER_UM * self.focal_um / self.pixel_um
 
     def reach(self, wavelength_nm: float) -> float:
         """The highest frequency that the stop passes along an axis, cycles per pixel."""

@@ -35,6 +35,7 @@ from maskfab.errors import InputError, JobError
 from maskfab.jobfile import ParetoSection, SearchSection
 from maskfab.model import ORIENTATIONS, Opening, Tiling
 from maskfab.progress import Progress, silent
+from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
 Floats = NDArray[np.float64]
@@ -225,8 +226,8 @@ def rules_of(
         if (opening.dots, opening.dot_nm) != (rules.dots, rules.dot_nm):
             raise JobError(
                 "MF105",
-                f"the opening {opening.name!r} has {opening.dots} dots of {opening.dot_nm / 1e3:g} um a side, "
-                f"[design] {rules.dots} of {rules.dot_nm / 1e3:g} um",
+                f"the opening {opening.name!r} has {opening.dots} dots of {opening.dot_nm / NM_PER_UM:g} um a side, "
+                f"[design] {rules.dots} of {rules.dot_nm / NM_PER_UM:g} um",
                 where="pareto.compare",
                 cure="Compare openings on the grid of [design]",
             )

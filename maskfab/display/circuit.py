@@ -16,6 +16,7 @@ from maskfab.display.emitters.emitter_rules import MOST_CELLS, finest_cell
 from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.errors import JobError
 from maskfab.model import COLOURS, Emitters, Opening, refined
+from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
 
@@ -84,10 +85,10 @@ def pixel_room(opening: Opening, dot_nm: int, rules: CircuitRules) -> Room:
     if opening.dots * dot_nm // cell > MOST_CELLS:
         raise JobError(
             "MF118",
-            f"dots of {dot_nm / 1e3:g} um and a width of {rules.min_width_nm / 1e3:g} um are whole numbers only on a "
-            f"grid of {cell / 1e3:g} um; the limit is {MOST_CELLS} cells a side",
+            f"dots of {dot_nm / NM_PER_UM:g} um and a width of {rules.min_width_nm / NM_PER_UM:g} um are whole numbers "
+            f"only on a grid of {cell / NM_PER_UM:g} um; the limit is {MOST_CELLS} cells a side",
             where="circuit.min_width",
-            cure=f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / 1e3:g} um",
+            cure=f"Round the width to a multiple of {finest_cell(opening.dots, dot_nm) / NM_PER_UM:g} um",
         )
     per_dot = dot_nm // cell
     closed = refined(~opening.mask, per_dot)
@@ -103,8 +104,8 @@ def emitter_rooms(emitters: Emitters, rules: CircuitRules) -> tuple[Room, Room, 
     if rules.min_width_nm % emitters.cell_nm:
         raise JobError(
             "MF118",
-            f"a width of {rules.min_width_nm / 1e3:g} um is not a multiple of the emitters' "
-            f"{emitters.cell_nm / 1e3:g} um",
+            f"a width of {rules.min_width_nm / NM_PER_UM:g} um is not a multiple of the emitters' "
+            f"{emitters.cell_nm / NM_PER_UM:g} um",
             where="circuit.min_width",
             cure="Round min_width to a multiple of that",
         )
@@ -124,7 +125,7 @@ def _room(name: str, cells: Mask, cell_nm: int, width: int, need_um2: float) -> 
     if area >= need_um2 * (1 - 1e-12):
         return Room(area, closed, need_um2, None)
     statement = (
-        f"{name} holds {area:.0f} um2 at least {width * cell_nm / 1e3:g} um wide ({closed:.0f} um2 in all); "
+        f"{name} holds {area:.0f} um2 at least {width * cell_nm / NM_PER_UM:g} um wide ({closed:.0f} um2 in all); "
         f"the circuits need {need_um2:.0f} um2"
     )
     numbers = {"area_um2": area, "closed_um2": closed, "need_um2": need_um2}

@@ -25,7 +25,7 @@ from maskfab.export.polygon_text import Gap, written
 from maskfab.export.size import check_size
 from maskfab.files.atomic import partial
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
-from maskfab.units import NM_PER_UM
+from maskfab.units import NM_PER_MM, NM_PER_UM
 
 Version: TypeAlias = Literal["R12", "R2010"]
 
@@ -44,7 +44,7 @@ _REFERENCE = {
 _OUTLINE_BYTES = {"R12": (80, 46), "R2010": (90, 28)}
 _LAYER_NAME = re.compile(r"[A-Za-z0-9_$-]{1,31}")
 _RESERVED_LAYERS = frozenset({"0", "DEFPOINTS"})
-_UNITS = {"um": (NM_PER_UM, "MICROMETRE", 13), "mm": (1000 * NM_PER_UM, "MILLIMETRE", 4)}
+_UNITS = {"um": (NM_PER_UM, "MICROMETRE", 13), "mm": (NM_PER_MM, "MILLIMETRE", 4)}
 """Nanometres, name and $INSUNITS of a drawing's unit."""
 
 

@@ -16,6 +16,7 @@ from maskfab import __version__
 from maskfab.export.exr import Fact, Facts, write_channels
 from maskfab.job import Job
 from maskfab.model import Camera, Die, DieOptics, Plate, Psf, Stop
+from maskfab.units import NM_PER_UM
 
 AXES = (
     "x to the right and y upwards, as the plate's files draw them; the first row of pixels is the uppermost; "
@@ -127,8 +128,8 @@ def _of_die(job: Job, die: Die) -> Iterator[tuple[str, Fact]]:
     named = (section.opening, *(section.others or ()))
     yield "die", die.name
     yield "pitch_um", panel.cell_size.pitch_um
-    yield "dot_um", panel.dot_nm / 1e3
-    yield "gutter_um", panel.gutter_nm / 1e3
+    yield "dot_um", panel.dot_nm / NM_PER_UM
+    yield "gutter_um", panel.gutter_nm / NM_PER_UM
     yield "tiling", panel.tiling.value
     yield "seed", "none" if panel.seed is None else str(panel.seed)
     yield "opening", ", ".join(named)

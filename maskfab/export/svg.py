@@ -16,10 +16,10 @@ from maskfab.export.size import check_size
 from maskfab.files.atomic import partial
 from maskfab.geometry.polygonize import points
 from maskfab.model import CLEAR, Box, Layer, Plate, Polygon
+from maskfab.units import NM_PER_MM
 
 LARGEST_BYTES = 500_000_000
 
-_NM_PER_MM = 1_000_000
 _HEAD_BYTES = 4_000
 _USE_BYTES = 80
 _VERTEX_BYTES = 14
@@ -159,7 +159,7 @@ def _path(polygon: Polygon) -> str:
 
 def _mm(nm: int) -> str:
     """The length in millimetres, exact."""
-    whole, rest = divmod(abs(nm), _NM_PER_MM)
+    whole, rest = divmod(abs(nm), NM_PER_MM)
     sign = "-" if nm < 0 else ""
     return f"{sign}{whole}.{rest:06d}".rstrip("0").rstrip(".")
 

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 from maskfab.errors import JobError
+from maskfab.units import UM_PER_MM
 
 _NEAREST_UM, _FARTHEST_UM = 1e4, 1e8
 
@@ -31,8 +32,8 @@ class Viewing:
         if not _NEAREST_UM <= self.distance_um <= _FARTHEST_UM:
             raise JobError(
                 "MF121",
-                f"a viewing distance of {self.distance_um / 1e3:g} mm is outside {_NEAREST_UM / 1e3:g} mm to "
-                f"{_FARTHEST_UM / 1e6:g} m",
+                f"a viewing distance of {self.distance_um / UM_PER_MM:g} mm is outside {_NEAREST_UM / UM_PER_MM:g} mm "
+                f"to {_FARTHEST_UM / 1e6:g} m",
                 where="distance",
                 cure="A telephone is held at about 300 mm",
             )

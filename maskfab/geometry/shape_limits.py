@@ -13,6 +13,7 @@ from pathlib import Path
 from klayout import db
 
 from maskfab.errors import SourceError
+from maskfab.units import NM_PER_UM
 
 MOST_SHAPES = 1_000_000_000
 MOST_LEVELS = 500
@@ -202,8 +203,8 @@ def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:
     box = next(crossing.each()).bbox()
     raise SourceError(
         "MF312",
-        f"{path.name}: a polygon of cell {cell.name!r} crosses or covers itself at ({box.left / 1e3:g}, "
-        f"{box.bottom / 1e3:g}) um of the cell; {crossing.count()} such places",
+        f"{path.name}: a polygon of cell {cell.name!r} crosses or covers itself at ({box.left / NM_PER_UM:g}, "
+        f"{box.bottom / NM_PER_UM:g}) um of the cell; {crossing.count()} such places",
         where=str(path),
         cure="Draw it as polygons that do not cross themselves",
     )

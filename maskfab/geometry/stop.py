@@ -7,6 +7,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.model import Box, Stop
+from maskfab.units import NM_PER_UM, UM_PER_NM
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -36,14 +37,14 @@ def edges_in_stop(shapes: db.Region | Ints, stop: Stop, centre_nm: tuple[float, 
     if isinstance(shapes, db.Region):
         return _polygon_edges(shapes if shapes.is_merged() else shapes.merged(True, 1), stop, centre_nm)
     corners = shapes - np.tile(centre_nm, 2)
-    inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *corners.T)
+    inside, outside = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *corners.T)
     cut = db.Region()
     low_x, low_y, high_x, high_y = stop_box(stop, centre_nm)
     near = np.clip(shapes[~inside & ~outside], (low_x, low_y, low_x, low_y), (high_x, high_y, high_x, high_y))
     for box in near.tolist():
         cut.insert(db.Box(*box))
     rim, rim_area = _cut_edges(cut, stop, centre_nm)
-    x0, y0, x1, y1 = corners[inside].T * 1e-3
+    x0, y0, x1, y1 = corners[inside].T * UM_PER_NM
     sides = [(x0, y0, x1, y0), (x1, y0, x1, y1), (x1, y1, x0, y1), (x0, y1, x0, y0)]
     whole = np.concatenate([np.stack(side, axis=1) for side in sides])
     return np.concatenate([whole, rim]), rim_area + float(((x1 - x0) * (y1 - y0)).sum())
@@ -53,7 +54,7 @@ def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]
     """Of polygons that are disjoint only those that the stop may cut are cut; a boolean of all takes far longer."""
     boxes = (polygon.bbox() for polygon in merged.each())
     ends = np.fromiter((end for box in boxes for end in (box.left, box.bottom, box.right, box.top)), dtype=np.int64)
-    inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *(ends.reshape(-1, 4) - np.tile(centre_nm, 2)).T)
+    inside, outside = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *(ends.reshape(-1, 4) - np.tile(centre_nm, 2)).T)
     whole, near = db.Region(), db.Region()
     for polygon, held, away in zip(merged.each(), inside.tolist(), outside.tolist(), strict=True):
         if not away:
@@ -61,7 +62,7 @@ def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]
     whole.merged_semantics = False
     # KLayout has the clear side on the right of an edge, the field formula on the left.
     corners = (c for e in whole.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
-    edges = (np.fromiter(corners, dtype=np.float64).reshape(-1, 4) - np.tile(centre_nm, 2)) * 1e-3
+    edges = (np.fromiter(corners, dtype=np.float64).reshape(-1, 4) - np.tile(centre_nm, 2)) * UM_PER_NM
     rim, rim_area = _cut_edges(near & db.Region(db.Box(*stop_box(stop, centre_nm))), stop, centre_nm)
     # A region's area is told in whole square nanometres of every polygon, of which slanted ones have halves.
     area = sum(polygon.area2() for polygon in whole.each()) / 2e6
@@ -70,14 +71,14 @@ def _polygon_edges(merged: db.Region, stop: Stop, centre_nm: tuple[float, float]
 
 def _cut_edges(region: db.Region, stop: Stop, centre_nm: tuple[float, float]) -> tuple[Floats, float]:
     # As fine as booleans bear: corners of a small stop lie nanometres apart, and their rounding shows in its area.
-    scale = 2 * max(1, int(_LARGEST_COORDINATE / (1.1 * stop.diameter_um * 1e3)))
+    scale = 2 * max(1, int(_LARGEST_COORDINATE / (1.1 * stop.diameter_um * NM_PER_UM)))
     whole = [int(np.floor(c)) for c in centre_nm]
     local = region.moved(-whole[0], -whole[1])
     local.transform(db.ICplxTrans(float(scale)))
     local.move(*(round((w - c) * scale) for w, c in zip(whole, centre_nm, strict=True)))
-    cut = local & stop_region(stop, 1e3 * scale)
+    cut = local & stop_region(stop, NM_PER_UM * scale)
     cut.merge()
-    per_um = 1e-3 / scale
+    per_um = UM_PER_NM / scale
     # KLayout has the clear side on the right of an edge, the field formula on the left.
     corners = (c for e in cut.edges().each() for c in (e.x2, e.y2, e.x1, e.y1))
     return np.fromiter(corners, dtype=np.float64).reshape(-1, 4) * per_um, cut.area() * per_um**2

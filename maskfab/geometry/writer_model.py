@@ -24,6 +24,7 @@ from numpy.typing import NDArray
 from maskfab.errors import JobError
 from maskfab.geometry.raster import coverage
 from maskfab.model import Panel, Process, frozen
+from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
 
@@ -79,7 +80,7 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
             each other across their gutter.
     """
     radius, bias = process.corner_radius_um, process.cd_bias_um
-    reach, dot = radius + abs(bias) / 2, panel.dot_nm / 1e3
+    reach, dot = radius + abs(bias) / 2, panel.dot_nm / NM_PER_UM
     if 2 * reach > dot * (1 + 1e-12) or -bias >= dot:
         raise JobError(
             "MF127",
@@ -88,7 +89,7 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
             where=where,
             cure=f"Use larger dots, or {_bearable(process, panel)}",
         )
-    gutter = panel.gutter_nm / 1e3
+    gutter = panel.gutter_nm / NM_PER_UM
     if 0 < gutter <= bias:
         raise JobError(
             "MF127",
@@ -100,7 +101,7 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
 
 def _bearable(process: Process, panel: Panel) -> str:
     """The largest process that a panel's dots and gutters allow, in words."""
-    dot, gutter, bias = panel.dot_nm / 1e3, panel.gutter_nm / 1e3, process.cd_bias_um
+    dot, gutter, bias = panel.dot_nm / NM_PER_UM, panel.gutter_nm / NM_PER_UM, process.cd_bias_um
     if abs(bias) < dot:
         return f"a corner radius of at most {(dot - abs(bias)) / 2:g} um"
     most = min(dot, gutter) if gutter else dot

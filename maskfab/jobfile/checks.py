@@ -10,6 +10,7 @@ from maskfab.errors import JobError
 from maskfab.jobfile.design_values import METHODS
 from maskfab.jobfile.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
 from maskfab.model import Camera, Tiling
+from maskfab.units import NM_PER_UM, UM_PER_NM
 
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
@@ -247,7 +248,7 @@ def even_nm(value_um: float, *, where: str, name: str) -> int:
             "MF107",
             f"{name} {value_um:g} um is an odd number of nanometres, half of which is off the 1 nm grid",
             where=where,
-            cure=f"Use {value_um + 1e-3:g} um",
+            cure=f"Use {value_um + UM_PER_NM:g} um",
         )
     return value_nm
 
@@ -287,7 +288,7 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             cure="List each wavelength once",
         )
     shortest = min(camera.wavelengths_nm)
-    limit = shortest * 1e-3 * camera.focal_um / dot_um
+    limit = shortest * UM_PER_NM * camera.focal_um / dot_um
     if camera.window_um > limit:
         raise JobError(
             "MF113",
@@ -312,7 +313,7 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             where=where,
             cure="Use a smaller stop or a coarser dot",
         )
-    finest = min(camera.pixel_um, shortest * 1e-3 * camera.focal_um / camera.stop.diameter_um) / 2
+    finest = min(camera.pixel_um, shortest * UM_PER_NM * camera.focal_um / camera.stop.diameter_um) / 2
     samples = camera.window_um / finest
     if samples > _MOST_SAMPLES:
         raise JobError(
@@ -336,7 +337,7 @@ def check_film(spec: JobSpec, where: str) -> None:
     (least, most), film = _FILM_UM, section.chrome * section.exaggeration
     if least * (1 - 1e-9) <= film <= most * (1 + 1e-9):
         return
-    key, cure = "chrome", f'Use chrome = "{least * 1e3:g} nm" or more, or leave solids out of export.formats'
+    key, cure = "chrome", f'Use chrome = "{least * NM_PER_UM:g} nm" or more, or leave solids out of export.formats'
     if section.chrome > most:
         cure = f'Use chrome = "{most / 1e6:g} m" or less'
     elif film > most:
@@ -344,7 +345,7 @@ def check_film(spec: JobSpec, where: str) -> None:
     raise JobError(
         "MF104",
         f"chrome of {section.chrome:g} um, drawn {section.exaggeration:g} times as thick, is a film of {film:g} um; "
-        f"solids show films of {least * 1e3:g} nm to {most / 1e6:g} m",
+        f"solids show films of {least * NM_PER_UM:g} nm to {most / 1e6:g} m",
         where=f"{where}: export.{key}",
         cure=cure,
     )

@@ -65,7 +65,7 @@ from maskfab.readers.layout_file import find_cell, find_layer, read_layout
 from maskfab.readers.sandbox.bounded import bounded
 from maskfab.readers.sandbox.limits import allow
 from maskfab.threads import one_thread
-from maskfab.units import to_nm
+from maskfab.units import NM_PER_UM, to_nm
 
 LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"})
 
@@ -181,13 +181,13 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
             cure="Give a whole number of 0 or more, such as --seed 1",
         )
     camera, scene = request.camera, None if request.scene is None else request.scene.through(request.blank)
-    check_optics(camera, dot_nm / 1e3, where="the request")
+    check_optics(camera, dot_nm / NM_PER_UM, where="the request")
     reach = camera.stop.diameter_um / 2
     if scene is not None:
-        check_optics(sampling_camera(camera, scene), dot_nm / 1e3, where="the request: the ends of the spectrum")
+        check_optics(sampling_camera(camera, scene), dot_nm / NM_PER_UM, where="the request: the ends of the spectrum")
         reach = reach_um(camera, scene)
     pitch_nm = CellSize(opening.dots, dot_nm, gutter_nm).pitch_nm
-    cells = 2 * math.ceil(reach * 1e3 / pitch_nm)
+    cells = 2 * math.ceil(reach * NM_PER_UM / pitch_nm)
     check_size(cells, opening.dots, "the panel over the stop", where="the request")
     tiling = request.tiling or Tiling.PERIODIC
     panel = Panel(
@@ -459,10 +459,10 @@ def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> L
         cells = 2 * math.ceil(diameter / request.pitch_um / 2)
         start = -cells * request.pitch_um / 2 + (request.pitch_um - dots * request.dot_um) / 2
         lattice = Lattice(start, cells, dots, request.dot_um, request.pitch_um)
-        if set(coordinates_nm) <= set(np.rint(1e3 * lattice.edges_um()).astype(int).tolist()):
+        if set(coordinates_nm) <= set(np.rint(NM_PER_UM * lattice.edges_um()).astype(int).tolist()):
             return lattice
     step_nm = math.gcd(*coordinates_nm)
-    finest_nm = math.ceil(diameter * 1e3 / _FINEST_GRID)
+    finest_nm = math.ceil(diameter * NM_PER_UM / _FINEST_GRID)
     dot_nm = None if request.dot_um is None else to_nm(request.dot_um, where="--dot", name="dot")
     if dot_nm is not None and (step_nm < finest_nm or step_nm % dot_nm == 0):
         step_nm = dot_nm
@@ -471,8 +471,8 @@ def _lattice(coordinates_nm: list[int], request: Request, dots: int | None) -> L
     else:
         # A coarse grid would leave the phase across a dot large and the window short.
         step_nm = _divided(step_nm, _LARGEST_DOT_NM)
-    count = 2 * math.ceil(diameter * 1e3 / step_nm / 2)
-    dot_um = step_nm / 1e3
+    count = 2 * math.ceil(diameter * NM_PER_UM / step_nm / 2)
+    dot_um = step_nm / NM_PER_UM
     return Lattice(-count * dot_um / 2, count, 1, dot_um, dot_um)
 
 

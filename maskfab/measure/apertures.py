@@ -15,6 +15,7 @@ from maskfab.geometry.raster import coverage, outline_coverage
 from maskfab.geometry.stop import edges_in_stop, stop_box, whole_or_away
 from maskfab.model import Box, Die, Stop
 from maskfab.optics.pupil.aperture import Aperture, Lattice, covered_aperture, zeros
+from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -41,7 +42,7 @@ def sees_light(die: Die, stop: Stop, shapes: Shapes) -> bool:
     """Whether any of these shapes, in nanometres of the plate, is clear before the stop of a die."""
     axis = axis_nm(die)
     if not isinstance(shapes, db.Region):
-        inside, outside = whole_or_away(stop.scaled(1e3, 1e3), *(shapes - np.tile(axis, 2)).T)
+        inside, outside = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *(shapes - np.tile(axis, 2)).T)
         if inside.any():
             return True
         shapes = shapes[~outside]
@@ -86,7 +87,7 @@ def aperture_in_stop(
 
 def lines_nm(x: Lattice, y: Lattice, axis: tuple[float, float]) -> tuple[Floats, Floats]:
     """The lines of lattices in nanometres of the plate; whole numbers but for rounding are made so."""
-    along_x, along_y = (centre + 1e3 * lattice.edges_um() for centre, lattice in zip(axis, (x, y), strict=True))
+    along_x, along_y = (centre + NM_PER_UM * lattice.edges_um() for centre, lattice in zip(axis, (x, y), strict=True))
     return _on_grid(along_x), _on_grid(along_y)
 
 
@@ -104,10 +105,10 @@ def edge_distances(shapes: db.Region, stop: Stop, axis: tuple[float, float]) -> 
     along = np.clip(-(start * span).sum(axis=1) / np.maximum((span**2).sum(axis=1), 1.0), 0.0, 1.0)
     nearest = start + along[:, None] * span
     if stop.round:
-        seen = edges[np.hypot(*nearest.T) < 1e3 * stop.diameter_um - 1]
+        seen = edges[np.hypot(*nearest.T) < NM_PER_UM * stop.diameter_um - 1]
     else:
         low, high = np.minimum(edges[:, :2], edges[:, 2:]), np.maximum(edges[:, :2], edges[:, 2:])
-        seen = edges[((low < 1e3 * stop.diameter_um - 1) & (high > 1 - 1e3 * stop.diameter_um)).all(axis=1)]
+        seen = edges[((low < NM_PER_UM * stop.diameter_um - 1) & (high > 1 - NM_PER_UM * stop.diameter_um)).all(axis=1)]
     upright, level = seen[:, 0] == seen[:, 2], seen[:, 1] == seen[:, 3]
     distances = {*map(abs, seen[upright, 0].tolist()), *map(abs, seen[level, 1].tolist())}
     return distances, not bool((upright | level).all())
@@ -124,7 +125,7 @@ def _grey_beyond(covered: Floats, stop: Stop, x_um: Floats, y_um: Floats) -> tup
         row, column = np.nonzero((some > 0) & (some < 1))
         row += start
         sides = (x_um[column], y_um[row], x_um[column + 1], y_um[row + 1])
-        inside, _ = whole_or_away(stop.scaled(1e3, 1e3), *(1e3 * side for side in sides))
+        inside, _ = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *(NM_PER_UM * side for side in sides))
         found.append((row[~inside], column[~inside]))
     row, column = (np.concatenate(each) for each in zip(*found, strict=True))
     return row, column

@@ -43,6 +43,7 @@ from maskfab.optics.numbers import metrics
 from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
+from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
 Vertices = NDArray[np.uint8]
@@ -174,7 +175,7 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
     """
     check_process(process, die.panel, where)
     bare = replace(die.panel, tracks=())
-    designed = panel_aperture(bare, camera.stop.diameter_um / 2 + 2 * bare.dot_nm / 1e3)
+    designed = panel_aperture(bare, camera.stop.diameter_um / 2 + 2 * bare.dot_nm / NM_PER_UM)
     vertices = _vertices(designed)
     parts = _parts(vertices, die, process, where)
     pupil = cut(designed, camera.stop)
@@ -276,7 +277,7 @@ def _close_up(designed: Aperture, corner: tuple[float, float]) -> NDArray[np.int
     row, column = np.nonzero(designed.transmission[np.ix_(rows, columns)])
     x, y = columns[column], rows[row]
     boxes = np.stack([lines[0][x], lines[1][y], lines[0][x + 1], lines[1][y + 1]], axis=1)
-    return np.rint(boxes * 1e3).astype(np.int64)
+    return np.rint(boxes * NM_PER_UM).astype(np.int64)
 
 
 def _edges_in_stop(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop: Stop) -> tuple[Floats, float]:
@@ -287,8 +288,8 @@ def _edges_in_stop(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop
     """
     half = vertices.dot_um / 2
     x, y = vertices.x_um[None, None], vertices.y_um[..., None, None]
-    ends = [1e3 * (at + side) for side in (-half, half) for at in (x, y)]
-    whole_tile, outside = whole_or_away(stop.scaled(1e3, 1e3), *ends)
+    ends = [NM_PER_UM * (at + side) for side in (-half, half) for at in (x, y)]
+    whole_tile, outside = whole_or_away(stop.scaled(NM_PER_UM, NM_PER_UM), *ends)
     held = vertices.held
     facing = _facing(whole_tile)
     rim = db.Region()
@@ -309,7 +310,7 @@ def _edges_in_stop(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop
             for piece in pieces:
                 rim.insert(piece.moved(dx, dy))
     # The rim keeps the corners' finer grid: a thousand of its units stand for a micrometre there.
-    finer = UNITS_PER_UM / 1000
+    finer = UNITS_PER_UM / NM_PER_UM
     cut_edges, cut_area = edges_in_stop(rim, stop.scaled(finer, finer), (0.0, 0.0))
     return np.concatenate([*parts, cut_edges / finer]), area + cut_area / finer**2
 
@@ -345,10 +346,10 @@ def _parts(vertices: _Vertices, die: Die, process: Process, where: str) -> int:
             "MF115",
             f"the MTF of the written die needs {2 * side} parts along the stop, more than {_LARGEST_SIDE}",
             where=where,
-            cure=f"Use larger dots than {die.panel.dot_nm / 1e3:g} um, or leave the process out",
+            cure=f"Use larger dots than {die.panel.dot_nm / NM_PER_UM:g} um, or leave the process out",
         )
     parts = min(_MOST_PARTS, max(2, 2 * (_FINE_SIDE // side // 2)))
-    gutter = die.panel.gutter_nm / 1e3
+    gutter = die.panel.gutter_nm / NM_PER_UM
     if not 0 < process.cd_bias_um < gutter:
         return parts
     while parts < _MOST_PARTS and 2 * vertices.dot_um / parts > gutter:
@@ -435,7 +436,7 @@ def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOpti
             f"written_psf_difference_{reading}",
             difference,
             f"relative L2 between the PSF of the written polygons (edges, NUFFT) and the drawing's (matrix): {how}, "
-            f"arcs as polygons within {sagitta_um(process, _ARC_SIDES) * 1e3:.2g} nm and of the circle's area",
+            f"arcs as polygons within {sagitta_um(process, _ARC_SIDES) * NM_PER_UM:.2g} nm and of the circle's area",
             uncertainty=_PATH_ERROR + _ARC_ERROR * difference,
             die=die.name,
             wavelength_nm=written.psf.wavelength_nm,

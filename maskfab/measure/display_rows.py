@@ -10,6 +10,7 @@ from maskfab.eye.grain import SLOW_CPD, predicted_rms
 from maskfab.eye.viewing import Viewing
 from maskfab.measure.wired import wired_quantities
 from maskfab.model import COLOURS, Camera, Die, Quantity
+from maskfab.units import UM_PER_MM
 
 _DISTANCE_UM = 3e5
 
@@ -97,7 +98,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     yield Quantity(
         "grain_rms",
         predicted_rms(found.wander_px, viewing),
-        f"luminance contrast of an even field up to {SLOW_CPD:g} cycles per degree at {_DISTANCE_UM / 1e3:g} mm, "
+        f"luminance contrast of an even field up to {SLOW_CPD:g} cycles per degree at {_DISTANCE_UM / UM_PER_MM:g} mm, "
         "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
         die=name,
     )

@@ -27,6 +27,7 @@ from maskfab.optics.numbers.psf_metrics import peak_to_side_lobe
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.progress import Progress, silent
+from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
 
@@ -234,7 +235,7 @@ def polygon_psf(outline: Boundary, camera: Camera, like: Psf, leak: Leak | None 
 def reach_box(die: Die, reach_um: float) -> Box:
     """The part of a die's panel within a distance from the axis along x and y, as a box of whole nanometres."""
     x, y = axis_nm(die)
-    reach = 1e3 * reach_um
+    reach = NM_PER_UM * reach_um
     x0, y0, x1, y1 = die.box_nm
     return (
         max(x0, math.floor(x - reach)), max(y0, math.floor(y - reach)),

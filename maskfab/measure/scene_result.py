@@ -12,6 +12,7 @@ from maskfab.model import Die, Psf, Quantity, frozen
 from maskfab.optics.scene.plan import Plan
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.panel_gap import Place
+from maskfab.units import UM_PER_MM
 
 Floats = NDArray[np.float64]
 
@@ -67,4 +68,4 @@ def distance(length_um: float) -> str:
     """A distance in the unit that a reader would choose."""
     if math.isinf(length_um):
         return "infinity"
-    return f"{length_um / 1e6:.4g} m" if length_um >= 1e5 else f"{length_um / 1e3:.4g} mm"
+    return f"{length_um / 1e6:.4g} m" if length_um >= 1e5 else f"{length_um / UM_PER_MM:.4g} mm"

@@ -33,6 +33,7 @@ from maskfab.optics.scene.plan import plan as plan_scene
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.scene.scene_psf import full_plan, scene_psf, spectrum_psf
 from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_guard_um, moved_aperture
+from maskfab.units import NM_PER_UM, UM_PER_MM
 
 Floats = NDArray[np.float64]
 
@@ -61,7 +62,7 @@ def peak_bytes(die: Die, camera: Camera, scene: Scene, plan: Plan) -> float:
     full = plan.fullest
     if not full.diffraction:
         return plan.price.memory
-    sample = die.panel.dot_nm / 1e3 / full.samples_per_dot
+    sample = die.panel.dot_nm / NM_PER_UM / full.samples_per_dot
     guard = gap_guard_um(scene.gap_um, max(sampling_camera(camera, scene).wavelengths_nm), sample)
     return float(_BYTES_PER_SAMPLE * ((camera.stop.diameter_um + 2 * guard) / sample) ** 2)
 
@@ -259,7 +260,7 @@ class _Shown:
             yield Quantity(
                 f"field_mtf_{name}",
                 float((values * pixel_transfer(self.camera, *nu))[0]),
-                f"presampled MTF at 0.25 cy/pixel ({1e3 * frequency:g} cy/mm) {across} the radius, {where}; "
+                f"presampled MTF at 0.25 cy/pixel ({UM_PER_MM * frequency:g} cy/mm) {across} the radius, {where}; "
                 "transform of the point PSF, its error no more than the energy outside the window",
                 uncertainty=outside,
                 die=self.die.name,
@@ -295,7 +296,7 @@ class _Shown:
 
     def _place(self) -> str:
         x, y = self.corner
-        where = f"at ({x / 1e3:.3g}, {y / 1e3:.3g}) mm on the sensor" if x else "on the axis"
+        where = f"at ({x / UM_PER_MM:.3g}, {y / UM_PER_MM:.3g}) mm on the sensor" if x else "on the axis"
         off = self.farthest_off
         return f"{where} of an object {'in focus' if off is None else f'at {distance(off)}'}"
 

@@ -95,7 +95,8 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: maps.
     if cells < 1:
         raise JobError(
             "MF108",
-            f"die {die.name!r}: one cell of {pitch_nm / 1e3:g} um does not fit a die of {side_nm / 1e3:g} um",
+            f"die {die.name!r}: one cell of {pitch_nm / NM_PER_UM:g} um does not fit a die of "
+            f"{side_nm / NM_PER_UM:g} um",
             where=where,
             cure="Use a larger plate.die_size or a finer dot",
         )

@@ -109,15 +109,16 @@ def _check_rooms(
     rows = -(-count // columns)
     marks_nm = 2 * (2 * MARGIN_NM + TITLE_HEIGHT_NM) if template is None else 0
     left = "the writable area less title and marks" if template is None else "the writable area"
-    across, room_um = max(columns, rows), (writable_nm - marks_nm) / 1e3
+    across, room_um = max(columns, rows), (writable_nm - marks_nm) / NM_PER_UM
     grid = f"{left}, for {rows} x {columns} dies,"
     smaller = "Use smaller or fewer dies"
     rooms = (
-        ("writable", writable_nm / 1e3, blank_nm / 1e3, "the blank", "Use a smaller writable, or a larger blank"),
+        ("writable", writable_nm / NM_PER_UM, blank_nm / NM_PER_UM, "the blank",
+         "Use a smaller writable, or a larger blank"),
         # As close as their labels let them lie: if that is too much, no die_pitch helps.
-        ("die_size", (across - 1) * (section.die_size + LABEL_NM / 1e3) + section.die_size, room_um, grid,
+        ("die_size", (across - 1) * (section.die_size + LABEL_NM / NM_PER_UM) + section.die_size, room_um, grid,
          f"{smaller}, other columns, or a larger plate"),
-        ("die_size", section.die_size, section.die_pitch - LABEL_NM / 1e3, "its slot less the label",
+        ("die_size", section.die_size, section.die_pitch - LABEL_NM / NM_PER_UM, "its slot less the label",
          "Use smaller dies, or a wider die_pitch"),
         ("die_pitch", (across - 1) * section.die_pitch + section.die_size, room_um, grid,
          f"{smaller}, a closer die_pitch, or a larger plate"),

@@ -18,6 +18,7 @@ from maskfab.geometry.plate_layout import DBU_UM, layer_info
 from maskfab.geometry.shape_limits import ROUNDING_KEY, LeftOut, note_left_out
 from maskfab.model import CLEAR
 from maskfab.readers.tiff_tone import shown_alike
+from maskfab.units import NM_PER_UM
 
 MOST_PIXELS = 400_000_000
 MOST_RUNS = 20_000_000
@@ -46,7 +47,7 @@ def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:
             MF318 it does not say what is white.
     """
     values, stated = read_levels(path)
-    pixel_nm = 1e3 / (dots_per_um or stated or _unknown(path))
+    pixel_nm = NM_PER_UM / (dots_per_um or stated or _unknown(path))
     white = values >= _HALF
     rows, columns = white.shape
     x, x_off = _edges_nm(columns, pixel_nm)

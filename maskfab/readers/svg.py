@@ -14,10 +14,10 @@ from klayout import db
 from maskfab.errors import SourceError
 from maskfab.geometry.plate_layout import DBU_UM, layer_info
 from maskfab.model import LAYERS
+from maskfab.units import NM_PER_MM
 
 _SVG = "{http://www.w3.org/2000/svg}"
 _LINK = "{http://www.w3.org/1999/xlink}href"
-_NM_PER_MM = 1_000_000
 _FARTHEST_NM = 2**31 - 1
 _FLIPPED = [Decimal(value) for value in (1, 0, 0, -1)]
 
@@ -116,7 +116,7 @@ def _outlines(data: str) -> Iterator[list[tuple[Decimal, Decimal]]]:
 
 
 def _nm(value: Decimal | str | None, path: Path) -> int:
-    exact = Decimal(value if value is not None else 0) * _NM_PER_MM
+    exact = Decimal(value if value is not None else 0) * NM_PER_MM
     if exact % 1:
         raise SourceError(
             "MF303",

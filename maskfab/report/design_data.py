@@ -17,6 +17,7 @@ from maskfab.job import Job
 from maskfab.measure.restored import Restored
 from maskfab.model import Opening, Quantity
 from maskfab.plate import maps
+from maskfab.units import NM_PER_UM
 
 Document = dict[str, Any]
 Facts = Mapping[str, object]
@@ -52,7 +53,7 @@ def stated(job: Job) -> dict[str, Stated]:
         cells = None if die.map is None else maps.parse(job.spec.maps[die.map])
         facts = None if cells is None else cells.provenance
         if _designed(opening.provenance) or (facts is not None and _designed(facts)):
-            found[die.name] = Stated(opening.provenance, opening.dot_nm / 1e3, facts, die.map)
+            found[die.name] = Stated(opening.provenance, opening.dot_nm / NM_PER_UM, facts, die.map)
     return found
 
 

@@ -7,6 +7,7 @@ from typing import Any
 from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.model import COLOURS
+from maskfab.units import NM_PER_UM
 
 Document = dict[str, Any]
 
@@ -26,7 +27,7 @@ def display_document(found: Feasibility) -> Document:
         "emitters": None
         if emitters is None
         else {
-            "cell_um": emitters.cell_nm / 1e3,
+            "cell_um": emitters.cell_nm / NM_PER_UM,
             "areas_um2": dict(zip(COLOURS, emitters.areas_um2, strict=True)),
             "centroid_px": found.centroid_px,
             "wander_px": found.wander_px,
@@ -43,7 +44,7 @@ def display_document(found: Feasibility) -> Document:
             "diagonal_pairs": borders.diagonal_pairs,
             "diagonal_violations": borders.diagonal_violations,
             "worst_pair": None if borders.worst is None else borders.worst.pair,
-            "sufficient_margin_um": borders.margin_nm / 1e3,
+            "sufficient_margin_um": borders.margin_nm / NM_PER_UM,
         },
         "wires": None
         if found.wiring is None

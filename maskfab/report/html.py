@@ -18,6 +18,7 @@ from maskfab.report.glossary import WORDS
 from maskfab.report.plots import die_figures
 from maskfab.report.plots.number_text import number, short
 from maskfab.resources import template
+from maskfab.units import UM_PER_MM
 
 Row = Mapping[str, Any]
 
@@ -303,9 +304,9 @@ def _asked(asked: Row) -> list[tuple[str, str]]:
     elif near != "infinity":
         said.append(("Depth", f"{near}, in focus"))
     if asked["field_um"]:
-        said.append(("Field", f"up to {short(asked['field_um'] / 1e3)} mm from the axis on the sensor"))
+        said.append(("Field", f"up to {short(asked['field_um'] / UM_PER_MM)} mm from the axis on the sensor"))
     if asked["gap_um"]:
-        said.append(("Gap", f"{short(asked['gap_um'] / 1e3)} mm between panel and stop"))
+        said.append(("Gap", f"{short(asked['gap_um'] / UM_PER_MM)} mm between panel and stop"))
     if asked["aberrations"]:
         waves = ", ".join(f"Z{term:g} {short(size)}" for term, size in asked["aberrations"])
         said.append(("Aberrations", f"{waves} (waves at the first wavelength, Noll's numbers)"))

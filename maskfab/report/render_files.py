@@ -17,7 +17,7 @@ from maskfab.files.staging import check_target, staged
 from maskfab.progress import Progress, silent
 from maskfab.report.data import quantity_document
 from maskfab.report.plots.render_figure import comparison
-from maskfab.units import dpi
+from maskfab.units import UM_PER_MM, dpi
 
 SCHEMA_VERSION = 1
 DOCUMENT, FIGURE = "render.json", "render.png"
@@ -30,7 +30,7 @@ def document(panels: Sequence[Judged], samples: int, job_hash: str) -> dict[str,
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": job_hash,
-        "viewing": {"distance_mm": viewing.distance_um / 1e3, "samples_per_pixel": samples},
+        "viewing": {"distance_mm": viewing.distance_um / UM_PER_MM, "samples_per_pixel": samples},
         "dies": [
             {
                 "name": each.name,
@@ -70,7 +70,7 @@ def write(
                     "picture": title,
                     "pitch_um": each.viewing.pitch_um,
                     "dpi": dpi(each.viewing.pitch_um),
-                    "distance_mm": each.viewing.distance_um / 1e3,
+                    "distance_mm": each.viewing.distance_um / UM_PER_MM,
                     "samples_per_pixel": float(samples),
                     "job": job_hash,
                     "software": f"maskfab {__version__}",

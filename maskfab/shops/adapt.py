@@ -19,9 +19,8 @@ from maskfab.plate.marks.drawing import bounding_box
 from maskfab.plate.marks.template import plate_template
 from maskfab.shops.counts import facing_dots
 from maskfab.shops.stencil import stencilled
-from maskfab.units import NM_PER_UM, to_nm
+from maskfab.units import NM_PER_MM, NM_PER_UM, to_nm
 
-_NM_PER_MM = 1000 * NM_PER_UM
 _WITH_TEXT: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
 """Formats whose notes are text that a reader can see as such."""
 
@@ -113,8 +112,8 @@ def drawing_style(plate: Plate, shop: Shop | None) -> DrawingStyle:
     frame: Box | None = None
     if extent is not None:
         frame = _centred(*extent)
-    elif area is not None and min(area) * _NM_PER_MM < plate.blank_nm:
-        frame = _centred(*(min(round(side * _NM_PER_MM), plate.blank_nm) for side in area))
+    elif area is not None and min(area) * NM_PER_MM < plate.blank_nm:
+        frame = _centred(*(min(round(side * NM_PER_MM), plate.blank_nm) for side in area))
     texted: list[Literal["R12", "R2010"]] = ["R12"] if taken is None or "dxf_r12" in taken else []
     if extent is None and (taken is None or "dxf_r2010" in taken):
         texted.append("R2010")
@@ -129,7 +128,7 @@ def _centred(width: int, height: int) -> Box:
 def extent_nm(shop: Shop) -> tuple[int, int] | None:
     """Width and height that a drawing for the shop spans exactly, in nanometres; None if it may span what it likes."""
     asked = shop.plate.extent_mm
-    return None if asked is None else (round(asked[0] * _NM_PER_MM), round(asked[1] * _NM_PER_MM))
+    return None if asked is None else (round(asked[0] * NM_PER_MM), round(asked[1] * NM_PER_MM))
 
 
 def written_box(plate: Plate) -> Box:

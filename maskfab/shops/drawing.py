@@ -16,8 +16,8 @@ from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path
 
 from maskfab.model import Plate, Polygon
+from maskfab.units import NM_PER_MM
 
-_NM_PER_MM = 1e6
 _INK, _QUIET, _CHROME, _CLEAR = "#1f2328", "#7a828c", "#d9dde2", "#ffffff"
 _MOST_ROWS = 36
 _LINE = 84
@@ -56,13 +56,13 @@ def plate_drawing(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str
 
 
 def _draw_plate(axes: Axes, plate: Plate) -> None:
-    half, room = plate.blank_nm / 2 / _NM_PER_MM, plate.writable_nm / 2 / _NM_PER_MM
+    half, room = plate.blank_nm / 2 / NM_PER_MM, plate.writable_nm / 2 / NM_PER_MM
     axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=_INK, linewidth=1))
     axes.add_patch(
         Rectangle((-room, -room), 2 * room, 2 * room, facecolor="none", edgecolor=_QUIET, linestyle=(0, (6, 4)))
     )
     for number, die in enumerate(plate.dies, 1):
-        x0, y0, x1, y1 = (edge / _NM_PER_MM for edge in die.box_nm)
+        x0, y0, x1, y1 = (edge / NM_PER_MM for edge in die.box_nm)
         axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_CLEAR, edgecolor=_INK, linewidth=0.5))
         axes.text((x0 + x1) / 2, (y0 + y1) / 2, str(number), ha="center", va="center", fontsize=11)
     marks = [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
@@ -71,8 +71,8 @@ def _draw_plate(axes: Axes, plate: Plate) -> None:
     axes.plot([-0.03 * half, 0.03 * half], [0, 0], [0, 0], [-0.03 * half, 0.03 * half], color=_INK, linewidth=0.5)
     _dimension(axes, -half, half, -1.06 * half, f"blank {2 * half:.6g} mm", upright=False)
     _dimension(axes, -room, room, -1.13 * half, f"writable {2 * room:.6g} mm", upright=False)
-    xs = sorted({die.centre_nm[0] / _NM_PER_MM for die in plate.dies})
-    ys = sorted({die.centre_nm[1] / _NM_PER_MM for die in plate.dies})
+    xs = sorted({die.centre_nm[0] / NM_PER_MM for die in plate.dies})
+    ys = sorted({die.centre_nm[1] / NM_PER_MM for die in plate.dies})
     if len(xs) > 1:
         _dimension(axes, xs[0], xs[1], 1.06 * half, f"step {xs[1] - xs[0]:.6g} mm", upright=False)
     if len(ys) > 1:
@@ -108,7 +108,7 @@ def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
         axes.text(x, y, heading, va="top", fontsize=7.5, weight="bold")
     for number, die in enumerate(plate.dies[:_MOST_ROWS], 1):
         y -= step
-        (cx, cy), (width, height) = (tuple(v / _NM_PER_MM for v in pair) for pair in (die.centre_nm, die.panel.size_nm))
+        (cx, cy), (width, height) = (tuple(v / NM_PER_MM for v in pair) for pair in (die.centre_nm, die.panel.size_nm))
         cells = (
             str(number),
             die.name,
@@ -133,4 +133,4 @@ def _path_mm(polygons: Sequence[Polygon]) -> Path:
     codes = [
         code for polygon in polygons for code in (Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY)
     ]
-    return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / _NM_PER_MM, codes)
+    return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / NM_PER_MM, codes)

@@ -22,9 +22,8 @@ from maskfab.model import CLEAR, NOTE, Box, Die, Layer, Plate, Quantity
 from maskfab.plate.marks.template import PlateTemplate, plate_template, template_names
 from maskfab.shops import counts
 from maskfab.shops.adapt import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
-from maskfab.units import NM_PER_UM
+from maskfab.units import NM_PER_MM, NM_PER_UM
 
-_NM_PER_MM = 1000 * NM_PER_UM
 _BLANK_TOLERANCE_NM = 500_000
 _FINE_ON_PURPOSE = ("resolution", "code")
 _LEVELS = 3
@@ -233,7 +232,7 @@ def _reach(plate: Plate) -> Box:
 
 def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[Finding]:
     """``spanned`` is the box of everything in the files; what is written by default."""
-    sizes, blank_mm = shop.plate, plate.blank_nm / _NM_PER_MM
+    sizes, blank_mm = shop.plate, plate.blank_nm / NM_PER_MM
     if sizes.blanks_in is not None:
         sides_nm = [inches * 25_400_000 for inches in sizes.blanks_in]
         fits = any(abs(plate.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm)
@@ -244,15 +243,15 @@ def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[
     if sizes.largest_mm is not None:
         largest = min(sizes.largest_mm)
         fits = blank_mm <= largest
-        named = _templates(lambda each: each.blank_nm <= largest * _NM_PER_MM)
+        named = _templates(lambda each: each.blank_nm <= largest * NM_PER_MM)
         cure = "" if fits else f'{named}set plate.blank to at most "{largest:g} mm" where the plate has no template'
         yield Finding("blank", fits, blank_mm, _by(sizes.largest_mm), "mm", cure=cure and cure[0].upper() + cure[1:])
     x0, y0, x1, y1 = written_box(plate)
     if sizes.plot_area_mm is not None:
         area = sizes.plot_area_mm
-        reach = 2 * max(-x0, x1) / _NM_PER_MM, 2 * max(-y0, y1) / _NM_PER_MM
+        reach = 2 * max(-x0, x1) / NM_PER_MM, 2 * max(-y0, y1) / NM_PER_MM
         fits = reach[0] <= area[0] and reach[1] <= area[1]
-        named = _templates(lambda each: each.writable_nm <= min(area) * _NM_PER_MM)
+        named = _templates(lambda each: each.writable_nm <= min(area) * NM_PER_MM)
         cure = f'{named}set plate.writable to at most "{min(area):g} mm" without one, or use fewer dies'
         place = "" if fits else _corner(plate)
         cure = "" if fits else cure[0].upper() + cure[1:]
@@ -261,7 +260,7 @@ def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[
     if asked is not None:
         yield extent(spanned or (x0, y0, x1, y1), asked)
     if shop.limits.max_coordinate_mm is not None:
-        farthest = max(abs(x0), abs(y0), abs(x1), abs(y1)) / _NM_PER_MM
+        farthest = max(abs(x0), abs(y0), abs(x1), abs(y1)) / NM_PER_MM
         fits = farthest <= shop.limits.max_coordinate_mm
         cure = "" if fits else "Use a smaller plate"
         yield Finding("coordinates", fits, farthest, shop.limits.max_coordinate_mm, "mm", cure=cure)
@@ -272,8 +271,8 @@ def extent(box_nm: Box, asked_nm: tuple[int, int]) -> Finding:
     x0, y0, x1, y1 = box_nm
     fits = (x1 - x0, y1 - y0) == asked_nm and (x0, y0) == (-asked_nm[0] // 2, -asked_nm[1] // 2)
     cure = "" if fits else "Use smaller or fewer dies: marks for the corners are added by the package"
-    width, height = (x1 - x0) / _NM_PER_MM, (y1 - y0) / _NM_PER_MM
-    limit = _by((asked_nm[0] / _NM_PER_MM, asked_nm[1] / _NM_PER_MM))
+    width, height = (x1 - x0) / NM_PER_MM, (y1 - y0) / NM_PER_MM
+    limit = _by((asked_nm[0] / NM_PER_MM, asked_nm[1] / NM_PER_MM))
     return Finding("extent", fits, _by((width, height)), limit, "mm", "" if fits else _spanned(box_nm), cure)
 
 
@@ -290,7 +289,7 @@ def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
         cure = f'Set export.chrome to between "{chrome[0]:g} nm" and "{chrome[1]:g} nm"'
         yield _within("chrome", blank.chrome_nm, chrome, "nm", cure)
     if glass is not None:
-        thickness = None if blank.glass_nm is None else blank.glass_nm / _NM_PER_MM
+        thickness = None if blank.glass_nm is None else blank.glass_nm / NM_PER_MM
         named = _templates(lambda each: glass[0] <= each.thickness / 1000 <= glass[1])
         cure = (
             f"{named[0].upper()}{named[1:]}ask the house" if named else "No plate template is so thick: ask the house"
@@ -558,7 +557,7 @@ def _corner(plate: Plate) -> str:
 
 
 def _spanned(box_nm: Box) -> str:
-    x0, y0, x1, y1 = (value / _NM_PER_MM for value in box_nm)
+    x0, y0, x1, y1 = (value / NM_PER_MM for value in box_nm)
     return f"({x0:.6g}, {y0:.6g}) to ({x1:.6g}, {y1:.6g}) mm"
 
 

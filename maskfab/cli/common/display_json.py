@@ -12,6 +12,7 @@ from maskfab.measure.display_rows import display_quantities
 from maskfab.model import COLOURS, Die
 from maskfab.report.data import quantity_document, schema
 from maskfab.report.display_data import display_document, display_schema
+from maskfab.units import NM_PER_UM
 
 Document = dict[str, Any]
 
@@ -33,7 +34,7 @@ def _die(die: Die, found: Feasibility | None, gap: LargestGap | None) -> Documen
         "display": display_document(found),
         "quantities": [quantity_document(each) for each in display_quantities(die, found)],
         "broken": [
-            {"rule": each.rule, "area_um2": each.area_um2, "place_um": [along / 1e3 for along in each.place_nm]}
+            {"rule": each.rule, "area_um2": each.area_um2, "place_um": [along / NM_PER_UM for along in each.place_nm]}
             for each in found.broken
         ],
         "circuits": {
@@ -45,8 +46,8 @@ def _die(die: Die, found: Feasibility | None, gap: LargestGap | None) -> Documen
         "largest_gap": None
         if gap is None
         else {
-            "found_um": None if gap.found_nm is None else gap.found_nm / 1e3,
-            "excluded_um": None if gap.excluded_nm is None else gap.excluded_nm / 1e3,
+            "found_um": None if gap.found_nm is None else gap.found_nm / NM_PER_UM,
+            "excluded_um": None if gap.excluded_nm is None else gap.excluded_nm / NM_PER_UM,
         },
     }
 

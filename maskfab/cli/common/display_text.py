@@ -6,6 +6,7 @@ from collections.abc import Iterable, Iterator
 
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.feasibility import Feasibility
+from maskfab.units import NM_PER_UM
 
 Line = tuple[str, str]
 
@@ -44,13 +45,13 @@ def _placement(found: Feasibility) -> Iterator[Line]:
         yield (
             "borders",
             f"{borders.side_violations} of {borders.side_pairs} pairs at sides and {borders.diagonal_violations} of "
-            f"{borders.diagonal_pairs} at corners are too close; {borders.margin_nm / 1e3:g} um of clearance along all "
-            "sides would suit any neighbour",
+            f"{borders.diagonal_pairs} at corners are too close; {borders.margin_nm / NM_PER_UM:g} um of clearance "
+            "along all sides would suit any neighbour",
         )
     if not found.broken:
         yield "rules broken", "none, measured from the polygons"
     for each in found.broken:
-        x, y = (along / 1e3 for along in each.place_nm)
+        x, y = (along / NM_PER_UM for along in each.place_nm)
         yield "rules broken", f"{each.rule}: {each.area_um2:g} um2 near ({x:g}, {y:g}) um"
 
 
@@ -92,10 +93,10 @@ def _proofs(found: Feasibility) -> Iterator[Line]:
 
 
 def _gap(gap: LargestGap) -> str:
-    fits = "no placement was found at any gap" if gap.found_nm is None else f"{gap.found_nm / 1e3:g} um fits"
+    fits = "no placement was found at any gap" if gap.found_nm is None else f"{gap.found_nm / NM_PER_UM:g} um fits"
     if gap.excluded_nm is None:
         return f"{fits}; no gap within the pixel is proven impossible"
-    return f"{fits}; {gap.excluded_nm / 1e3:g} um is proven impossible"
+    return f"{fits}; {gap.excluded_nm / NM_PER_UM:g} um is proven impossible"
 
 
 def _percent(share: float) -> str:

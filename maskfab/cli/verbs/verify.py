@@ -75,11 +75,11 @@ def verify(
     if os.path.isdir(subject):
         _check_meant((*(() if against is None else ("--against",)), *said), (), f"{subject.name}, which is a directory")
     if against is not None:
-        from maskfab.units import parse_length_um
+        from maskfab.units import NM_PER_UM, parse_length_um
         from maskfab.verify.foreign.comparison import How
 
         _check_meant(said, _meant(subject), subject.name)
-        wide = 0.0 if tolerance is None else 1e3 * parse_length_um(tolerance, where="--tolerance")
+        wide = 0.0 if tolerance is None else NM_PER_UM * parse_length_um(tolerance, where="--tolerance")
         how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), _is_dark(tone), wide)
         _foreign(subject, against, die, how, as_json, quiet)
         return

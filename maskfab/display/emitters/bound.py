@@ -32,6 +32,7 @@ from maskfab.display.emitters.emitter_rules import Grid
 from maskfab.display.emitters.min_cut import shortest_cuts
 from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.display.emitters.squares import Squares
+from maskfab.units import NM_PER_UM
 
 _SUBSETS = tuple(subset for size in (1, 2, 3) for subset in combinations(range(3), size))
 
@@ -182,11 +183,11 @@ def _certificate(
     pieces: Sequence[_Piece], grid: Grid, ratio: Sequence[float], bound: float, proof: Proof
 ) -> Certificate:
     """The sentence is about areas of one cell more for the emitter that is largest relative to its ratio."""
-    unit = (grid.cell_nm / 1e3) ** 2
+    unit = (grid.cell_nm / NM_PER_UM) ** 2
     share = bound * grid.cell_nm**2 / grid.pitch_nm**2
     numbers = {"bound_cells": bound, "bound_share": share, "pieces": float(len(pieces))}
     if not pieces:
-        text = f"nowhere in the region does a square of {grid.min_width * grid.cell_nm / 1e3:g} um fit"
+        text = f"nowhere in the region does a square of {grid.min_width * grid.cell_nm / NM_PER_UM:g} um fit"
         return Certificate(proof, text, numbers, np.zeros((grid.cells, grid.cells), np.bool_), grid.cell_nm)
     needs = _needs(bound + 1e-6, grid, ratio)
     piece = pieces[0]

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
 from maskfab.model import Opening
+from maskfab.units import NM_PER_UM
 
 MOST_CELLS = 128
 """Cells along a pixel's side; more would take the window table beyond a gigabyte."""
@@ -88,7 +89,7 @@ def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, 
     Raises:
         JobError: MF117 if a rule is wider than the pixel, MF118 if the grid would have more than 128 cells on a side.
     """
-    side = opening.dots * dot_nm
+    side = CellSize(opening.dots, dot_nm, gutter_nm).dots_nm
     for name, value in (
         ("gap_to_opening", rules.gap_to_opening_nm),
         ("colour_gap", rules.colour_gap_nm),
@@ -97,9 +98,10 @@ def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, 
         if value > side or value < 0 or (name == "min_width" and value == 0):
             raise JobError(
                 "MF117",
-                f"{name} = {value / 1e3:g} um is not within the {side / 1e3:g} um of a pixel less its gutter",
+                f"{name} = {value / NM_PER_UM:g} um is not within the {side / NM_PER_UM:g} um of a pixel less its "
+                "gutter",
                 where=f"{where}.{name}",
-                cure=f"Give a length up to {side / 1e3:g} um",
+                cure=f"Give a length up to {side / NM_PER_UM:g} um",
             )
     cell = math.gcd(dot_nm, gutter_nm, rules.gap_to_opening_nm, rules.colour_gap_nm, rules.min_width_nm)
     cells = side // cell
@@ -107,10 +109,10 @@ def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, 
         coarse = finest_cell(opening.dots, dot_nm)
         raise JobError(
             "MF118",
-            f"dots of {dot_nm / 1e3:g} um and these rules are whole numbers only on a grid of {cell / 1e3:g} um, "
-            f"{cells} cells a side; the limit is {MOST_CELLS}",
+            f"dots of {dot_nm / NM_PER_UM:g} um and these rules are whole numbers only on a grid of "
+            f"{cell / NM_PER_UM:g} um, {cells} cells a side; the limit is {MOST_CELLS}",
             where=where,
-            cure=f"Round the gaps, the width and the gutter to multiples of {coarse / 1e3:g} um",
+            cure=f"Round the gaps, the width and the gutter to multiples of {coarse / NM_PER_UM:g} um",
         )
     return Grid(
         cells,

@@ -18,6 +18,7 @@ from maskfab.display.emitters.placement import Certificate, Footprint, Proof, Ve
 from maskfab.display.emitters.rectangles import three_rectangles
 from maskfab.display.emitters.squares import Squares
 from maskfab.model import Emitters, Opening
+from maskfab.units import NM_PER_UM
 
 _ROUNDING = 1e-9
 _MOVES = 4_000
@@ -162,7 +163,7 @@ def three_squares(region: NDArray[np.bool_], grid: Grid) -> Certificate | None:
         return None
     squares = Squares.of(region, grid.min_width, grid.colour_gap)
     placed = _two_squares(squares)
-    w, gap, cell = (grid.min_width * grid.cell_nm / 1e3, grid.colour_gap * grid.cell_nm / 1e3, grid.cell_nm / 1e3)
+    w, gap, cell = (cells * grid.cell_nm / NM_PER_UM for cells in (grid.min_width, grid.colour_gap, 1))
     free = int(region.sum()) * cell**2
     count = placed.bit_count()
     most_fit = ("none fits", "one fits", "two fit")[count]
@@ -189,7 +190,8 @@ def _across_borders(
         for k, square in enumerate(placed):
             labels[squares.picture(square)] = k + 1
         return None, labels
-    w, gap, gutter = grid.min_width * grid.cell_nm / 1e3, grid.colour_gap * grid.cell_nm / 1e3, grid.gutter_nm / 1e3
+    w, gap = (cells * grid.cell_nm / NM_PER_UM for cells in (grid.min_width, grid.colour_gap))
+    gutter = grid.gutter_nm / NM_PER_UM
     return (
         Certificate(
             Proof.BORDER_PAIR,

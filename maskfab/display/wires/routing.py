@@ -22,6 +22,7 @@ from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.display.wires.flow import Direction
 from maskfab.display.wires.gutter import WireRules
 from maskfab.model import Opening
+from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
 
@@ -110,9 +111,10 @@ def most_lines(
     witness[rows[kept], columns[kept]] = True
     ways = ("top to bottom", "left and right") if direction == "vertical" else ("left to right", "bottom and top")
     statement = (
-        f"from {ways[0]} no more than {total} lines of {rules.line_nm / 1e3:g} um pass, {rules.space_nm / 1e3:g} um "
-        f"apart and {rules.clearance_nm / 1e3:g} um from openings, for a chain of {len(kept)} clear dots between "
-        f"{ways[1]} leaves no more room"
+        f"from {ways[0]} no more than {total} lines of {rules.line_nm / NM_PER_UM:g} um pass, "
+        f"{rules.space_nm / NM_PER_UM:g} um apart and {rules.clearance_nm / NM_PER_UM:g} um from openings, "
+        f"for a chain of {len(kept)} clear dots "
+        f"between {ways[1]} leaves no more room"
     )
     picture = witness if direction == "vertical" else witness.T
     return total, Certificate(Proof.FLOW, statement, {"lines": total, "dots": len(kept)}, picture, dot_nm)

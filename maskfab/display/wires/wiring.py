@@ -15,6 +15,7 @@ from maskfab.display.wires.routing import RoutingGrid, most_lines, routing_grids
 from maskfab.display.wires.tracks import gutter_tracks, routed_track, transparent_tracks
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Opening, Panel, Track
+from maskfab.units import NM_PER_UM
 
 
 @dataclass(frozen=True)
@@ -85,7 +86,7 @@ def check_wires(panel: Panel, demand: WireDemand) -> None:
         if width_nm > panel.pitch_nm:
             raise JobError(
                 "MF120",
-                f"{name} = {width_nm / 1e3:g} um is wider than the {panel.cell_size.pitch_um:g} um of a pixel",
+                f"{name} = {width_nm / NM_PER_UM:g} um is wider than the {panel.cell_size.pitch_um:g} um of a pixel",
                 where=f"wires.{name}",
                 cure=f"Give a width up to {panel.cell_size.pitch_um:g} um",
             )

@@ -32,6 +32,7 @@ from maskfab.export.solid.tiles import (
 )
 from maskfab.files.atomic import partial
 from maskfab.model import Die
+from maskfab.units import UM_PER_NM
 
 _MOST_VERTICES = 1_000_000
 _MOST_CELLS = 1_000_000
@@ -247,7 +248,7 @@ def _metres(point_nm: Sequence[float] | NDArray[np.float64]) -> list[float]:
 
 def _um(value_nm: float) -> str:
     """Micrometres to 1e-4 nm, without trailing zeros."""
-    return f"{value_nm * 1e-3:.7f}".rstrip("0").rstrip(".")
+    return f"{value_nm * UM_PER_NM:.7f}".rstrip("0").rstrip(".")
 
 
 def _item(number: int, x: float, y: float, z: float, *, name: str) -> str:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from maskfab.model import Camera, Mtf, RadialMean, frozen
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import image_scale_um2
+from maskfab.units import UM_PER_MM
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -55,9 +56,8 @@ def presampled_mtf(table: LagTable, camera: Camera, wavelength_nm: float, levels
         "radial_max": rings.high,
     }
     uncertainty = max(float(slanted_errors.max()), float(rings.error.max()))
-    return Mtf(
-        axis * 1e3, cuts, wavelength_nm, uncertainty, float(rings.low_error.mean()), _falls(view, rings, step, levels)
-    )
+    least = float(rings.low_error.mean())
+    return Mtf(axis * UM_PER_MM, cuts, wavelength_nm, uncertainty, least, _falls(view, rings, step, levels))
 
 
 def longest_lag_um(camera: Camera) -> float:
@@ -238,7 +238,7 @@ def _falls(view: _View, rings: _Rings, step: float, levels: Sequence[float]) -> 
     if not found:
         found.append(_directional_mean(view, step, np.zeros(1, dtype=np.intp)))
     frequency, mean, error = np.concatenate(found, axis=1)
-    return RadialMean(1e3 * frequency, mean, error)
+    return RadialMean(UM_PER_MM * frequency, mean, error)
 
 
 def _directional_mean(view: _View, step: float, rings: Indices) -> Floats:

@@ -22,6 +22,7 @@ from maskfab.optics.field.parity import ParityField
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.pupil.pupil import Pupil
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 
@@ -32,7 +33,7 @@ FILTER_TOLERANCE = 1e-10
 
 def image_scale_um2(camera: Camera, wavelength_nm: float) -> float:
     """λf in square micrometres: sensor position divided by it is spatial frequency in cycles per micrometre."""
-    return wavelength_nm * 1e-3 * camera.focal_um
+    return wavelength_nm * UM_PER_NM * camera.focal_um
 
 
 def cutoff(camera: Camera, wavelength_nm: float) -> float:

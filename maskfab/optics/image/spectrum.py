@@ -27,6 +27,7 @@ from maskfab.model import Camera, frozen
 from maskfab.optics.functions.gauss import gauss_rules
 from maskfab.optics.image.lag_table import LagTable, neighbours
 from maskfab.optics.pupil.aperture import Lattice
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 
@@ -259,7 +260,7 @@ def quadrature(band: Band, table: LagTable, camera: Camera, tolerance: float, nu
 
 def reach_um(camera: Camera, wavelengths_nm: Floats, highest: float) -> float:
     """The largest lag that a transfer function up to a frequency, in cycles per micrometre of sensor, asks for."""
-    return float(np.max(wavelengths_nm)) * 1e-3 * camera.focal_um * highest
+    return float(np.max(wavelengths_nm)) * UM_PER_NM * camera.focal_um * highest
 
 
 def polychromatic_otf(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x: Floats, nu_y: Floats) -> Floats:
@@ -270,7 +271,7 @@ def polychromatic_otf(table: LagTable, camera: Camera, spectrum: Spectrum, nu_x:
     nu_x, nu_y = np.asarray(nu_x, dtype=np.float64), np.asarray(nu_y, dtype=np.float64)
     total = np.zeros(np.broadcast(nu_x, nu_y).shape)
     for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
-        scale = wavelength * 1e-3 * camera.focal_um
+        scale = wavelength * UM_PER_NM * camera.focal_um
         total += weight * table.coarse_otf(scale * nu_x, scale * nu_y)
     return total
 
@@ -285,7 +286,7 @@ def polychromatic_otf_grid(table: LagTable, camera: Camera, spectrum: Spectrum, 
     values = table.values.reshape(cells_y * dots_y, cells_x * dots_x)
     total = np.zeros((nu_y.size, nu_x.size))
     for wavelength, weight in zip(spectrum.wavelengths_nm, spectrum.weights, strict=True):
-        scale = wavelength * 1e-3 * camera.focal_um
+        scale = wavelength * UM_PER_NM * camera.focal_um
         # The table itself refuses lags that it does not hold.
         table.coarse_otf(scale * np.array([abs(nu_x).max()]), scale * np.array([abs(nu_y).max()]))
         along_x = _interpolation(table.x, scale * nu_x, (cells_x, dots_x))

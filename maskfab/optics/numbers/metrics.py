@@ -23,6 +23,7 @@ from maskfab.optics.numbers.enclosed_energy import ensquared_energy, halo_energy
 from maskfab.optics.numbers.psf_metrics import colour_distance, energy_normalised_strehl, first_side_lobe, streak_index
 from maskfab.optics.numbers.sampling import PHASES, AliasedMtf, cy_per_pixel, phase_spread
 from maskfab.optics.numbers.wiener import noise_gain, sensor_square, worst_wiener
+from maskfab.units import UM_PER_MM
 
 Floats = NDArray[np.float64]
 
@@ -276,7 +277,7 @@ def aliased_cuts(lags: tuple[AxisLags, AxisLags], table: LagTable, mtf: Mtf, cam
     along_x, along_y = (abs(turn @ (axis.at(scale * alias) / table.energy_um2 * pixel)) for axis in lags)
     values = _over_phases(along_x, along_y)
     none = np.zeros_like(nu)
-    frequency = 1e3 * np.stack([np.concatenate([nu, none]), np.concatenate([none, nu])])
+    frequency = UM_PER_MM * np.stack([np.concatenate([nu, none]), np.concatenate([none, nu])])
     return AliasedMtf(frequency, values, phase, "pixel", 2 * orders.size * table.coarse_uncertainty)
 
 

@@ -27,6 +27,7 @@ from maskfab.model import Camera, Quantity, frozen
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import cutoff
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf
+from maskfab.units import UM_PER_MM
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +112,7 @@ def aliased_mtf(
             cure="Average over pixels, or sample finer",
         )
     uncertainty = 2 * aliases * table.coarse_uncertainty / float(total.min())
-    frequency = 1e3 * np.stack([np.asarray(nu_x), np.asarray(nu_y)])
+    frequency = UM_PER_MM * np.stack([np.asarray(nu_x), np.asarray(nu_y)])
     return AliasedMtf(frequency, sums[..., :-1] / total, phase, sampled, uncertainty)
 
 
@@ -141,7 +142,7 @@ def cy_per_pixel(frequency_cy_per_mm: Floats, pixel_um: float) -> Floats:
 
 def cy_per_mm(frequency_cy_per_pixel: Floats, pixel_um: float) -> Floats:
     """Cycles per millimetre of a frequency given per pixel."""
-    return np.asarray(frequency_cy_per_pixel * 1e3 / pixel_um)
+    return np.asarray(frequency_cy_per_pixel * UM_PER_MM / pixel_um)
 
 
 def _orders(camera: Camera, spectrum: Spectrum, nu: Floats) -> Floats:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from maskfab.model import ORIENTATIONS, Panel, frozen
 from maskfab.optics.pupil.wire_transmission import veil
+from maskfab.units import NM_PER_UM
 
 
 @dataclass(frozen=True)
@@ -93,7 +94,7 @@ def covered_aperture(x: Lattice, y: Lattice, coverage: NDArray[np.float64]) -> A
 
 def panel_lattices(panel: Panel) -> tuple[Lattice, Lattice]:
     """The x and y lattices of a panel whose middle lies on the optical axis."""
-    dot, pitch, gutter = panel.dot_nm / 1e3, panel.cell_size.pitch_um, panel.gutter_nm / 1e3
+    dot, pitch, gutter = panel.dot_nm / NM_PER_UM, panel.cell_size.pitch_um, panel.gutter_nm / NM_PER_UM
     rows, columns = panel.orientations.shape
 
     def lattice(cells: int) -> Lattice:

@@ -25,6 +25,7 @@ from maskfab.optics.pupil.stop_shape import perimeter_um
 from maskfab.optics.scene.omission_error import GAP_SAFETY, Estimate, Estimates
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.panel_gap import MOST_GAP_SAMPLES, MOST_WAVES_PER_SAMPLE, gap_guard_um
+from maskfab.units import UM_PER_NM
 
 RATES: Mapping[Precision, float] = MappingProxyType({"double": 43e9, "single": 92e9})
 """Flops a second of one thread's matrix products, measured on the machine of the reference numbers."""
@@ -284,7 +285,7 @@ class Prices:
 
     def _gap_fits(self, choice: Choice) -> bool:
         """Whether the samples are fine enough for the phase, coarse enough for waves that travel, and not too many."""
-        sample, most = self._sample_um(choice), self.estimates.range_nm[1] * 1e-3
+        sample, most = self._sample_um(choice), self.estimates.range_nm[1] * UM_PER_NM
         phase = choice.defocus or choice.aberrations
         # The corner of the grid of places is the farthest off the axis.
         corner = math.sqrt(2) * self.scene.field_um

@@ -36,6 +36,7 @@ from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture, zer
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
 from maskfab.optics.wavefront.panel_gap import gap_change
+from maskfab.units import NM_PER_UM, UM_PER_MM
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -365,8 +366,9 @@ def _glass(known: _Known, blank: MaskBlank) -> Iterator[Omission]:
     yield Omission(
         "glass",
         size,
-        f"{glass.thickness_um / 1e3:.4g} mm of index {glass.index:g}, chrome away from the lens ({told}): a gap of "
-        f"{glass.gap_um / 1e3:.3g} mm by the angular spectrum, over the window's middle half, within a factor of two",
+        f"{glass.thickness_um / UM_PER_MM:.4g} mm of index {glass.index:g}, chrome away from the lens ({told}): a gap "
+        f"of {glass.gap_um / UM_PER_MM:.3g} mm by the angular spectrum, over the window's middle half, within a factor "
+        "of two",
     )
 
 
@@ -423,4 +425,4 @@ def _bias(known: _Known) -> Omission:
     more = 2 * (known.field.conj() * change).real / known.pupil.energy_um2
     gained = wider.field_integral_um2 / known.pupil.energy_um2
     size = known.relative(more - gained * known.intensity)
-    return Omission("cd bias", size, f"clear widths {ASSUMED_BIAS_UM * 1e3:g} nm off everywhere (assumed)")
+    return Omission("cd bias", size, f"clear widths {ASSUMED_BIAS_UM * NM_PER_UM:g} nm off everywhere (assumed)")

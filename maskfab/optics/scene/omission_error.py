@@ -44,6 +44,7 @@ from maskfab.optics.wavefront.depth import clear_stop_strehl, defocus_error, edg
 from maskfab.optics.wavefront.gap_estimates import gap_error, rim_crowding, share_across_gap, shift_error
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, layout_psf, mean_psf
 from maskfab.optics.wavefront.panel_gap import shift_um
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 
@@ -162,7 +163,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     def openings() -> Aperture:
         return panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.cell_size.pitch_um)
 
-    blur = math.sqrt(1e-3 * max(ends) * scene.gap_um)
+    blur = math.sqrt(UM_PER_NM * max(ends) * scene.gap_um)
     crowding = rim_crowding(openings(), pupil, blur) if blur else 1.0
     uneven = panel.cell_size.pitch_um / camera.stop.diameter_um if not panel.tiling.independent else 0.0
     return Estimates(

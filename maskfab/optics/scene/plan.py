@@ -25,6 +25,7 @@ from maskfab.optics.scene.omission_error import check_accuracy, estimate, wavele
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um, nearest_object_um
 from maskfab.optics.wavefront.panel_gap import moved_pupil, shift_um
+from maskfab.units import UM_PER_NM
 
 AT_MOST = "at most"
 """Qualifier of a plan's errors in its document: with their safety they may be far above the truth, and not below it."""
@@ -83,7 +84,7 @@ def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Price
     tasks = {}
     for scale in (False, True):
         distance = image_distance_um(camera.focal_um, scene.focus_um if scale else math.inf)
-        frequency = reach / (estimates.range_nm[0] * 1e-3 * distance)
+        frequency = reach / (estimates.range_nm[0] * UM_PER_NM * distance)
         exact = Task.of(pupil, frequency, frequency)
         tasks[False, scale], tasks[True, scale] = exact, replace(exact, rim=0)
     lines, steepest = len(camera.wavelengths_nm), _steepest(camera, scene, estimates.range_nm[0])

@@ -26,6 +26,7 @@ from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um
 from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_pupil
 from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 
@@ -176,7 +177,7 @@ def _psfs(
     if choice.path == PHASED:
         pupil = moved_pupil(openings, camera.stop, moved)
         for line in wavelengths_nm:
-            highest = float(reach[-1]) / (line * 1e-3 * distance)
+            highest = float(reach[-1]) / (line * UM_PER_NM * distance)
             highest = max(highest, window_frequency(sampled, line, distance))
             source = phased(
                 pupil, _waves(choice, camera, scene, line, object_um) or _flat, highest, plan.phase_tolerance
@@ -185,10 +186,10 @@ def _psfs(
         return
     exact = shifted_pupil(openings, camera.stop, moved)
     pupil = grey(exact) if choice.grey_rim else exact
-    widest = float(reach[-1]) / (min(wavelengths_nm) * 1e-3 * distance)
+    widest = float(reach[-1]) / (min(wavelengths_nm) * UM_PER_NM * distance)
     ready: dict[str, Prepared] = {}
     for line in wavelengths_nm:
-        scale = line * 1e-3 * distance
+        scale = line * UM_PER_NM * distance
         frequency = reach / scale
         path = _path(choice, Task.of(pupil, frequency, frequency))
         if path.name not in ready:

@@ -30,6 +30,7 @@ from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.pupil.stop_shape import stop_strehl
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, phase_error
 from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def focused_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, object_um: f
         JobError: MF104 for an object within the focal length.
     """
     step = point_step_um(camera)
-    scale = wavelength_nm * 1e-3 * image_distance_um(camera.focal_um, object_um)
+    scale = wavelength_nm * UM_PER_NM * image_distance_um(camera.focal_um, object_um)
     reach = odd_samples(camera.window_um, step) // 2 + margin
     frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
     intensity = parity_field(pupil, frequency, frequency).intensity()
@@ -73,7 +74,7 @@ def defocus_waves(camera: Camera, wavelength_nm: float, object_um: float, focus_
         JobError: MF104 for a distance within the focal length.
     """
     curvature = 1 / image_distance_um(camera.focal_um, focus_um) - 1 / image_distance_um(camera.focal_um, object_um)
-    factor = curvature / (2 * wavelength_nm * 1e-3)
+    factor = curvature / (2 * wavelength_nm * UM_PER_NM)
 
     def path(x_um: Floats, y_um: Floats) -> Floats:
         return np.asarray(factor * (x_um**2 + y_um**2))
@@ -114,7 +115,7 @@ def defocused_psf(
     distance = image_distance_um(camera.focal_um, focus_um)
     waves = defocus_waves(camera, wavelength_nm, object_um, focus_um)
     highest = window_frequency(camera, wavelength_nm, distance) + margin * point_step_um(camera) / (
-        wavelength_nm * 1e-3 * distance
+        wavelength_nm * UM_PER_NM * distance
     )
     source = phased(pupil, waves, highest, tolerance)
     return phased_psf(source, camera, wavelength_nm, distance_um=distance, margin=margin)

@@ -14,6 +14,7 @@ from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.pupil.stop_shape import edge_points, perimeter_um, widest_um
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, decorrelation_error
 from maskfab.optics.wavefront.panel_gap import Place, shift_um
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 
@@ -24,7 +25,7 @@ _DIRECTIONS = 24
 
 def fresnel_number(width_um: float, gap_um: float, wavelength_nm: float) -> float:
     """(width/2)² / (λ g); far above 1 such an opening casts a sharp shadow over the gap, far below 1 a spread one."""
-    return math.inf if gap_um == 0 else (width_um / 2) ** 2 / (wavelength_nm * 1e-3 * gap_um)
+    return math.inf if gap_um == 0 else (width_um / 2) ** 2 / (wavelength_nm * UM_PER_NM * gap_um)
 
 
 def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, wavelength_nm: float = 0.0) -> Floats:
@@ -39,7 +40,7 @@ def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, w
     for a square that is the one of the same D.
     """
     moved = np.asarray(distance_um, dtype=np.float64)
-    span = wavelength_nm * 1e-3 * gap_um
+    span = wavelength_nm * UM_PER_NM * gap_um
     if span > 0:
         eta = np.pi * moved**2 / (2 * span)
         rice = np.exp(1j * eta) * ((1 - 2j * eta) * scipy.special.j0(eta) - 2 * eta * scipy.special.j1(eta))

@@ -38,6 +38,7 @@ from maskfab.optics.image.psf import odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil.aperture import Aperture, Lattice
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.wavefront.phase_field import Waves
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -184,7 +185,7 @@ def gap_psf(
     place = sample * (np.arange(middle, dtype=np.float64) - middle // 2)
     if waves is not None:
         after *= _turned(waves, place, stop > 0)
-    step, scale = point_step_um(camera), wavelength_nm * 1e-3 * distance
+    step, scale = point_step_um(camera), wavelength_nm * UM_PER_NM * distance
     reach = odd_samples(camera.window_um, step) // 2 + margin
     u = step * np.arange(-reach, reach + 1, dtype=np.float64) / scale
     kernel = sample * np.exp(-2j * np.pi * u[:, None] * place)
@@ -226,7 +227,7 @@ def _cut_fields(
     distance: float,
 ) -> tuple[float, Floats, Complexes, Complexes]:
     """Distance of samples, the stop on them, and the amplitude behind it without the gap's diffraction and with it."""
-    wavelength, radius = wavelength_nm * 1e-3, camera.stop.diameter_um / 2
+    wavelength, radius = wavelength_nm * UM_PER_NM, camera.stop.diameter_um / 2
     sample = openings.x.dot_um / samples_per_dot
     top = 0.5 / sample
     carrier = _carrier(wavelength, distance, image_um)
@@ -249,7 +250,7 @@ def _cut_fields(
 
 def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float:
     """Sideways reach over a gap of the finest waves that samples hold; infinite if evanescent."""
-    slope = wavelength_nm * 1e-3 / (2 * sample_um)
+    slope = wavelength_nm * UM_PER_NM / (2 * sample_um)
     return gap_um * slope / math.sqrt(1 - slope**2) if slope < 1 else math.inf
 
 

@@ -36,6 +36,7 @@ from maskfab.optics.functions.bessel import spherical_bessel, spherical_bessel_b
 from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.pupil.aperture import Aperture, Lattice
 from maskfab.optics.pupil.pupil import RIM_ORDERS, Pupil, cut
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
@@ -187,7 +188,8 @@ def phased(pupil: Pupil, waves: Waves, highest: float, tolerance: float = 1e-6) 
 
 def window_frequency(camera: Camera, wavelength_nm: float, distance_um: float | None = None) -> float:
     """Highest frequency along an axis that the camera's window shows, in cycles per micrometre."""
-    return camera.window_um / 2 / (wavelength_nm * 1e-3 * (camera.focal_um if distance_um is None else distance_um))
+    distance = camera.focal_um if distance_um is None else distance_um
+    return camera.window_um / 2 / (wavelength_nm * UM_PER_NM * distance)
 
 
 def halved(pupil: Pupil) -> Pupil:
@@ -219,7 +221,7 @@ def phased_psf(
         margin: points beyond the window.
     """
     step = point_step_um(camera)
-    scale = wavelength_nm * 1e-3 * (camera.focal_um if distance_um is None else distance_um)
+    scale = wavelength_nm * UM_PER_NM * (camera.focal_um if distance_um is None else distance_um)
     reach = odd_samples(camera.window_um, step) // 2 + margin
     frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
     field = source.field(frequency, frequency)

@@ -34,9 +34,8 @@ from maskfab.plate.marks.template import (
     TitleSection,
 )
 from maskfab.plate.marks.text import label, maker, title_block
-from maskfab.units import NM_PER_UM, to_nm
+from maskfab.units import NM_PER_MM, NM_PER_UM, to_nm
 
-_NM_PER_MM = 1_000_000
 _CAPTION_NM = 150_000
 
 
@@ -132,7 +131,7 @@ def _single(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str
 
 def _reading(template: PlateTemplate) -> str:
     """Tone and parity in the words of mask houses, and the blank."""
-    side, thickness = template.blank * NM_PER_UM / _NM_PER_MM, template.thickness * NM_PER_UM / _NM_PER_MM
+    side, thickness = template.blank * NM_PER_UM / NM_PER_MM, template.thickness * NM_PER_UM / NM_PER_MM
     return f"digitized data = clear | right reading, chrome up | {side:g} x {side:g} x {thickness:g} mm"
 
 

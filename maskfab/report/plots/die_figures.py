@@ -25,13 +25,13 @@ from maskfab.report.plots import png
 from maskfab.report.plots.number_text import number
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, draw_psf, img, place, styled
 from maskfab.report.plots.workers import Task, drawn
+from maskfab.units import NM_PER_MM, NM_PER_UM
 
 Item = TypeVar("Item", Psf, Mtf)
 
 PLATE = "<plate>"
 """Key of the whole plate's figures; no die can have this name."""
 
-_NM_PER_MM = 1e6
 _CHROME, _CLEAR = "#2f343c", "#ffffff"
 _GREYS = np.linspace((0x2F, 0x34, 0x3C), (255, 255, 255), 64).round().astype(np.uint8)
 # Okabe and Ito's set, told apart by all common kinds of colour vision; line styles tell the curves apart in grey.
@@ -247,7 +247,7 @@ def _draw_opening(axes: Axes, opening: Opening, dot_nm: int) -> None:
 
 def _draw_panel(axes: Axes, panel: Panel, cells: int) -> None:
     side_nm = min(cells, *panel.orientations.shape) * panel.pitch_nm
-    _show_chrome(axes, png.panel_coverage(panel, side_nm, 360), side_nm / 1000)
+    _show_chrome(axes, png.panel_coverage(panel, side_nm, 360), side_nm / NM_PER_UM)
 
 
 def _show_chrome(axes: Axes, clear: NDArray[np.float64], side_um: float) -> None:
@@ -306,12 +306,12 @@ def _dress_mtf(axes: Axes, mtf: Mtf) -> None:
 
 
 def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
-    half, room = plate.blank_nm / 2 / _NM_PER_MM, plate.writable_nm / 2 / _NM_PER_MM
+    half, room = plate.blank_nm / 2 / NM_PER_MM, plate.writable_nm / 2 / NM_PER_MM
     axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=INK, linewidth=1))
     axes.add_patch(_outline((-room, -room, room, room), "#9aa3ad", (0, (6, 4))))
     for die in plate.dies:
         axes.add_patch(_outline(_slot_mm(die), "#6b737e", (0, (2, 2))))
-        x0, y0, x1, y1 = (edge / _NM_PER_MM for edge in die.box_nm)
+        x0, y0, x1, y1 = (edge / NM_PER_MM for edge in die.box_nm)
         tone = 0.25 + 0.75 * die.panel.open_ratio  # a panel seen from afar is grey; lifted so that it shows on chrome
         axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_mix(tone), linewidth=0))
         _write_name(axes, die, die.name in failed, 2 * half)
@@ -336,12 +336,12 @@ def _path_mm(polygons: Sequence[Polygon]) -> Path:
     codes = [
         code for polygon in polygons for code in (Path.MOVETO, *[Path.LINETO] * (len(polygon) - 1), Path.CLOSEPOLY)
     ]
-    return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / _NM_PER_MM, codes)
+    return Path(np.array(vertices, dtype=np.float64).reshape(-1, 2) / NM_PER_MM, codes)
 
 
 def _write_name(axes: Axes, die: Die, failed: bool, span: float) -> None:
-    x, y = (coordinate / _NM_PER_MM for coordinate in die.centre_nm)
-    width_pt = die.panel.size_nm[0] / _NM_PER_MM / span * 530
+    x, y = (coordinate / NM_PER_MM for coordinate in die.centre_nm)
+    width_pt = die.panel.size_nm[0] / NM_PER_MM / span * 530
     size = min(9.0, 1.45 * width_pt / max(len(die.name), 4))
     box = {"facecolor": _CHROME, "edgecolor": "none", "boxstyle": "round,pad=0.25"}
     text = f"{die.name}\nFAIL" if failed else die.name
@@ -349,7 +349,7 @@ def _write_name(axes: Axes, die: Die, failed: bool, span: float) -> None:
 
 
 def _write_fiducial(axes: Axes, polygons: Sequence[Polygon], pad: float) -> None:
-    corners = np.concatenate([np.array(polygon) for polygon in polygons]) / _NM_PER_MM
+    corners = np.concatenate([np.array(polygon) for polygon in polygons]) / NM_PER_MM
     low, high = corners.min(axis=0), corners.max(axis=0)
     x, y = (low + high) / 2
     # Outwards of the mark: other marks stand beside it and further in.
@@ -367,12 +367,12 @@ def _dimension_dies(axes: Axes, plate: Plate, half: float) -> None:
     x0, _, x1, y1 = _slot_mm(row[0])
     _dimension(axes, (x0, y1), (x1, y1), half - y1 + 0.05 * half, f"slot {x1 - x0:.5g} mm")
     if len(row) > 1:
-        a, b = (die.centre_nm[0] / _NM_PER_MM for die in row[:2])
+        a, b = (die.centre_nm[0] / NM_PER_MM for die in row[:2])
         _dimension(axes, (a, y1), (b, y1), half - y1 + 0.125 * half, f"step {b - a:.5g} mm")
     last = row[-1].centre_nm[0]
     column = sorted((die.centre_nm[1] for die in plate.dies if die.centre_nm[0] == last), reverse=True)
     if len(column) > 1:
-        a, b = (coordinate / _NM_PER_MM for coordinate in column[:2])
+        a, b = (coordinate / NM_PER_MM for coordinate in column[:2])
         right = _slot_mm(row[-1])[2]
         _dimension(axes, (right, a), (right, b), half - right + 0.06 * half, f"step {a - b:.5g} mm")
 
@@ -391,8 +391,8 @@ def _dimension(axes: Axes, start: tuple[float, float], end: tuple[float, float],
 
 
 def _slot_mm(die: Die) -> tuple[float, float, float, float]:
-    x, y = (coordinate / _NM_PER_MM for coordinate in die.centre_nm)
-    reach = die.slot_nm / 2 / _NM_PER_MM
+    x, y = (coordinate / NM_PER_MM for coordinate in die.centre_nm)
+    reach = die.slot_nm / 2 / NM_PER_MM
     return x - reach, y - reach, x + reach, y + reach
 
 

@@ -26,6 +26,7 @@ from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Polygon, orient
 from maskfab.report.plots import png
 from maskfab.report.plots.sheet import INK, QUIET, image, img, place, styled
+from maskfab.units import UM_PER_NM
 
 _FILL: dict[Layer, str] = {
     BLACK: "#2f343c",
@@ -39,7 +40,6 @@ _FILL: dict[Layer, str] = {
     VEIL: "#f0e442",
 }
 _WITNESS = "#f0e442"
-_UM = 1e-3
 _SIDE = 2.7
 _LIT_PIXELS, _LIT_SAMPLES = 24, 21
 
@@ -109,7 +109,9 @@ def wiring(panel: Panel, certificates: Iterable[Certificate] = (), reaches: Iter
             _outline(single, panel, certificate.witness, certificate.cell_nm)
     for reach in reaches:
         if reach.path is not None:
-            y, x = ((along + 0.5) * panel.dot_nm * _UM + panel.gutter_nm / 2 * _UM for along in reach.path.T)
+            y, x = (
+                (along + 0.5) * panel.dot_nm * UM_PER_NM + panel.gutter_nm / 2 * UM_PER_NM for along in reach.path.T
+            )
             single.plot(x, y, color="white", linewidth=0.8, marker=".", markersize=3, markevery=[0])
     single.set_title("wires of one pixel" if panel.tracks else "where wires cannot pass")
     _draw(several, panel, _middle(panel, 3), shown, faint=frozenset(EMITTERS))
@@ -156,7 +158,7 @@ def _draw(
         axes.add_artist(
             PathPatch(_path(polygons), facecolor=_FILL[layer], edgecolor=_FILL[layer], linewidth=0.1, alpha=alpha)
         )
-    _frame(axes, pitch * columns * _UM, pitch * rows * _UM)
+    _frame(axes, pitch * columns * UM_PER_NM, pitch * rows * UM_PER_NM)
 
 
 def _frame(axes: Axes, wide_um: float, high_um: float) -> None:
@@ -170,7 +172,7 @@ def _frame(axes: Axes, wide_um: float, high_um: float) -> None:
 
 
 def _moved(polygon: Polygon, x: int, y: int) -> list[tuple[float, float]]:
-    return [((a + x) * _UM, (b + y) * _UM) for a, b in polygon]
+    return [((a + x) * UM_PER_NM, (b + y) * UM_PER_NM) for a, b in polygon]
 
 
 def _letters(axes: Axes, panel: Panel) -> None:
@@ -186,7 +188,14 @@ def _letters(axes: Axes, panel: Panel) -> None:
             row, column = place_of[abs(place_of - middle).max(axis=1).argmin()]
             x, y = ((index + 0.5) * panel.emitters.cell_nm + half for index in (column, row))
             axes.text(
-                x * _UM, y * _UM, colour[0].upper(), color="white", ha="center", va="center", fontsize=9, weight="bold"
+                x * UM_PER_NM,
+                y * UM_PER_NM,
+                colour[0].upper(),
+                color="white",
+                ha="center",
+                va="center",
+                fontsize=9,
+                weight="bold",
             )
 
 

@@ -16,7 +16,7 @@ from maskfab.eye.display_light import ideal, show
 from maskfab.eye.drawn_scenes import flat
 from maskfab.eye.side_by_side import FLAT, Judged, View
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
-from maskfab.units import dpi
+from maskfab.units import UM_PER_MM, dpi
 
 Floats = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def _side_um(judged: Judged) -> float:
 
 
 def _heading(judged: Judged, *, perfect: bool) -> str:
-    density, distance = dpi(judged.viewing.pitch_um), judged.viewing.distance_um / 1e3
+    density, distance = dpi(judged.viewing.pitch_um), judged.viewing.distance_um / UM_PER_MM
     if perfect:
         return f"even pixels\n{density:.0f} DPI at {distance:.0f} mm"
     offset = _value(judged, "centroid_offset")
@@ -153,7 +153,7 @@ def _scale_bar(axes: Axes, side_um: float) -> None:
     """A bar of a round length under a picture."""
     decade = 10.0 ** np.floor(np.log10(side_um / 3))
     length = decade * max(step for step in (1, 2, 5) if step * decade <= side_um / 3)
-    words = f"{length / 1000:g} mm" if length >= 1000 else f"{length:g} µm"
+    words = f"{length / UM_PER_MM:g} mm" if length >= UM_PER_MM else f"{length:g} µm"
     y = -0.055
     share = length / side_um
     axes.plot(

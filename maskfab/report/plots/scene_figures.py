@@ -19,6 +19,7 @@ from maskfab.model import Psf
 from maskfab.report.plots import png
 from maskfab.report.plots.number_text import number
 from maskfab.report.plots.sheet import INK, bitmap, image, place, styled
+from maskfab.units import UM_PER_MM
 
 Floats = NDArray[np.float64]
 
@@ -91,8 +92,8 @@ def _figures(scene: SceneOptics) -> dict[str, tuple[Figure, str]]:
 
 
 def _over_field(field: Sequence[Sequence[View]]) -> Figure:
-    columns = [f"{view.image_um[0] / 1e3:.3g}" for view in field[0]]
-    rows = [f"{row[0].image_um[1] / 1e3:.3g}" for row in field]
+    columns = [f"{view.image_um[0] / UM_PER_MM:.3g}" for view in field[0]]
+    rows = [f"{row[0].image_um[1] / UM_PER_MM:.3g}" for row in field]
     centre = field[len(field) // 2][len(field) // 2]
     both = _pair(field, centre, columns, rows, _FIELD_PIXELS, "the PSF of the centre")
     return _side_by_side(both, (0.75, 5.95), 4.2, "place on the sensor, x (mm)", "y (mm)")

@@ -19,6 +19,7 @@ from maskfab.measure.as_written import Written
 from maskfab.model import Mtf
 from maskfab.report.plots.die_figures import draw_decades
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, draw_psf, image, place, styled
+from maskfab.units import NM_PER_UM
 
 _CHROME, _CLEAR, _DRAWN = "#2f343c", "#ffffff", "#E69F00"
 _STYLE: dict[Reading, tuple[str, Any]] = {Reading.FUSED: ("#0072B2", "-"), Reading.OPEN: ("#D55E00", (0, (5, 1.5)))}
@@ -65,7 +66,7 @@ def _corner(written: Written) -> tuple[Figure, str]:
         drawn.insert(db.Box(*box))
     shapes = {
         "drawn": drawn.merged(True, 1),
-        **{_NAMES[reading]: written_region(drawn, process, reading, 1000 * _FINER) for reading in Reading},
+        **{_NAMES[reading]: written_region(drawn, process, reading, NM_PER_UM * _FINER) for reading in Reading},
     }
     reach = _reach_um(written)
     for index, (title, region) in enumerate(shapes.items()):
@@ -84,7 +85,7 @@ def _corner(written: Written) -> tuple[Figure, str]:
 
 
 def _reach_um(written: Written) -> float:
-    process, dot = written.process, written.die.panel.dot_nm / 1e3
+    process, dot = written.process, written.die.panel.dot_nm / NM_PER_UM
     wanted = _RADII * (process.corner_radius_um + abs(process.cd_bias_um))
     return float(min(max(wanted, dot / 4), 1.25 * dot))
 
@@ -103,7 +104,7 @@ def _path_um(region: db.Region) -> Path:
     for polygon in region.each():
         rings = [polygon.each_point_hull(), *(polygon.each_point_hole(k) for k in range(polygon.holes()))]
         for ring in rings:
-            points = [(point.x / 1e3 / _FINER, point.y / 1e3 / _FINER) for point in ring]
+            points = [(point.x / NM_PER_UM / _FINER, point.y / NM_PER_UM / _FINER) for point in ring]
             vertices += [*points, points[0]]
             codes += [Path.MOVETO, *[Path.LINETO] * (len(points) - 1), Path.CLOSEPOLY]
     return Path(np.array(vertices).reshape(-1, 2), codes)

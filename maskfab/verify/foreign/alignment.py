@@ -14,6 +14,7 @@ from klayout import db
 
 from maskfab.geometry.plate_layout import clear_box, layer_info
 from maskfab.model import CLEAR, Plate
+from maskfab.units import NM_PER_UM
 
 UNLIKE = 0.5
 """Share of the windows' clear area that differs, from which on a file is not the design in any position."""
@@ -101,7 +102,7 @@ class Alignment:
             said.append(f"of the other tone, drawn where the design is {where}")
         if positioned and self.shift_nm != (0, 0):
             placed = self.trans.inverted().disp
-            x, y = (round(value, 3) / 1e3 for value in (placed.x, placed.y))
+            x, y = (round(value, 3) / NM_PER_UM for value in (placed.x, placed.y))
             said.append(f"shifted by ({x:g}, {y:g}) um" + (" after that" if said else ""))
         return tuple(said)
 

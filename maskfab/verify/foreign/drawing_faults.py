@@ -13,7 +13,7 @@ from maskfab.drc.layout_rules import checked_extent, checked_names
 from maskfab.geometry.plate_layout import NAME_LENGTH, layer_info
 from maskfab.geometry.shape_limits import count_shapes, own_polygons
 from maskfab.model import CLEAR, Plate, Quantity
-from maskfab.units import NM_PER_UM
+from maskfab.units import NM_PER_MM, NM_PER_UM
 from maskfab.verify.slivers import sift
 
 GDSII_VERTICES = 8190
@@ -128,7 +128,7 @@ def reach(plate: Plate, box: db.Box, size: float) -> Quantity:
     return Quantity(
         "rule_extent",
         beyond,
-        f"how far what is drawn reaches beyond the blank of {plate.blank_nm / 1000 / NM_PER_UM:g} mm",
+        f"how far what is drawn reaches beyond the blank of {plate.blank_nm / NM_PER_MM:g} mm",
         limit=0,
         passed=found.passed,
     )

@@ -27,6 +27,7 @@ from maskfab.optics.image.psf import pixel_margin
 from maskfab.optics.numbers import metrics
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import cut
+from maskfab.units import NM_PER_UM
 
 _FINEST_GRID = 1000
 _TOLD_OF_LIKE = frozenset({"stop_open_ratio", "readback_psf_difference"})
@@ -79,7 +80,8 @@ def optics_of_unlike(
     axis = float(middle.x), float(middle.y)
     dot_nm = min(die.panel.dot_nm for die in plate.dies)
     found = _measured(read, axis, camera, blank, dot_nm, None)
-    where = f"the middle of the file, ({middle.x / 1e3:g}, {middle.y / 1e3:g}) um, for it has nothing where dies are"
+    x, y = middle.x / NM_PER_UM, middle.y / NM_PER_UM
+    where = f"the middle of the file, ({x:g}, {y:g}) um, for it has nothing where dies are"
     if found is None:
         yield Quantity("optics", "dark", f"nothing is clear before the stop at {where}", limit="ok", passed=False)
         return
@@ -125,7 +127,7 @@ def _lattice(shapes: db.Region, axis: tuple[float, float], camera: Camera, large
     # Half nanometres, for the middle of a die may lie between two.
     distances, slanted = edge_distances(shapes, camera.stop, axis)
     step = math.gcd(*distances)
-    diameter_nm = 1e3 * camera.stop.diameter_um
+    diameter_nm = NM_PER_UM * camera.stop.diameter_um
     finest = math.ceil(2 * diameter_nm / _FINEST_GRID)
     exact = not slanted and (step == 0 or step >= min(finest, 2 * largest_nm))
     if not exact:
@@ -133,7 +135,7 @@ def _lattice(shapes: db.Region, axis: tuple[float, float], camera: Camera, large
     elif step == 0:
         step = 2 * largest_nm
     dot_um = step / max(1, math.ceil(step / (2 * largest_nm))) / 2e3
-    count = 2 * math.ceil(diameter_nm / 1e3 / dot_um / 2)
+    count = 2 * math.ceil(diameter_nm / NM_PER_UM / dot_um / 2)
     return Lattice(-count * dot_um / 2, count, 1, dot_um, dot_um), exact
 
 
