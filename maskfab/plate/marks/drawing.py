@@ -1,4 +1,4 @@
-"""What marks are drawn from: the plate before them, rectangles, crosses of equal arms, and names of sizes."""
+"""Parts of marks: the plate before them, rectangles, crosses of equal arms, and names of sizes."""
 
 from __future__ import annotations
 
