@@ -40,7 +40,6 @@ from maskfab.measure.scene_result import SceneOptics
 from maskfab.measure.scene_rows import measure_scene, peak_bytes, reach_um, scene_plan
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.image.mtf import area_under_radial_min
-from maskfab.optics.numbers.metrics import model_notes
 from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.optics.scene.plan import Plan
 from maskfab.progress import Progress, silent
@@ -462,7 +461,7 @@ def assemble(
 ) -> Report:
     """Gather what was measured; every judged quantity is also a check."""
     of_dies = {item.die.name: die_quantities(item, read, job) for item in optics}
-    of_plate = (*model_notes(job.camera), *(quantity for quantity in read if quantity.die is None))
+    of_plate = tuple(quantity for quantity in read if quantity.die is None)
     for die in built.plate.dies:
         if die.name in built.found and die.name in of_dies:
             of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)

@@ -99,7 +99,6 @@ _RANDOM = "Choose a random tiling, which spreads orders out."
 _REPORT = "Do not trust the report; run the job again."
 _DIRECTION = "Raise the open ratio, or choose an opening without a preferred direction."
 _CIRCUITS = "Lower the open ratio, or ask for smaller circuits."
-_SLOWER = "Use a slower lens, or read the results as trends only."
 
 
 _ENTRIES = (
@@ -399,12 +398,13 @@ _ENTRIES = (
         "Measure the plate.",
     ),
     Entry(
-        "paraxial_model_error",
-        "ε_NA",
-        "1",
-        "Error of the paraxial model",
-        "Difference between a scalar, paraxial PSF and that of a real lens this fast; not in the error bars.",
-        _SLOWER,
+        "fast_lens",
+        "",
+        "",
+        "Fast lens",
+        "Focal ratio of a lens that is too fast for the scalar, paraxial model; the model bar holds the "
+        "size of its error.",
+        "Use a slower lens, or read the results as trends only.",
     ),
     # Photographs
     Entry(

@@ -20,7 +20,7 @@ from maskfab.geometry.plate_layout import clear_shapes
 from maskfab.job import Job, load
 from maskfab.measure.apertures import light_box, sees_light
 from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
-from maskfab.optics.numbers.metrics import model_notes
+from maskfab.optics.numbers.metrics import fast_lens
 from maskfab.pipeline import (
     JOB_COPY,
     OVERVIEW,
@@ -85,7 +85,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         of_shop = shop_quantities(job, made)
     except InputError as error:
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
-    checks += model_notes(job.camera)
+    checks += fast_lens(job.camera)
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
     refused: list[tuple[str, InputError]] = []
     back = read_back(made, folder, progress, refused)

@@ -210,7 +210,7 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     result = measure(die, camera, read, request.blank)
     progress("optics", 1, 1)
     bar = bar_of_panel(panel, camera, request.blank, None)
-    standard = (*metrics.model_notes(camera), *result.quantities, *bar)
+    standard = (*result.quantities, *bar)
     if scene is None or plan is None:
         return Analysis(opening.name, result.psfs, result.mtfs, standard)
     progress("scene", 0, 1)
@@ -397,7 +397,6 @@ def _polygons(path: Path, request: Request) -> tuple[str, db.LayerInfo, db.Regio
 def _measure_seen(seen: _Seen, request: Request, progress: Progress) -> Analysis:
     camera, lit = request.camera, seen.lit
     header = (
-        *metrics.model_notes(camera),
         metrics.stop_open_ratio(
             seen.area_um2, camera, None, "area of the file's polygons inside the stop over the stop's"
         ),

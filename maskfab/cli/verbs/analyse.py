@@ -55,7 +55,7 @@ def analyse(
     from maskfab.measure.analysis import Request, described_scene
     from maskfab.measure.analysis import analyse as analyse_file
     from maskfab.model import Tiling
-    from maskfab.optics.numbers.metrics import model_notes
+    from maskfab.optics.numbers.metrics import fast_lens
     from maskfab.optics.scene.model_bar import MODEL_BAR
 
     described = {
@@ -125,7 +125,7 @@ def analyse(
         print_table([q for q in analysis.quantities if not q.name.startswith(MODEL_BAR)])
         left_out = [q for q in analysis.quantities if q.name.startswith(MODEL_BAR)]
         print_methods("not modelled, by size", sorted(left_out, key=lambda q: -float(q.value or 0)))
-        tell_notes(model_notes(request.camera))
+        tell_notes(fast_lens(request.camera))
         for path in paths if out is not None else ():
             typer.echo(path)
     leave(analysis.passed)

@@ -22,7 +22,7 @@ def run(
 ) -> None:
     """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report."""
     from maskfab.job import load
-    from maskfab.optics.numbers.metrics import model_notes
+    from maskfab.optics.numbers.metrics import fast_lens
     from maskfab.pipeline import REPORT
     from maskfab.pipeline import run as run_job
 
@@ -37,7 +37,7 @@ def run(
     else:
         for path in sorted(result.directory.iterdir()):
             typer.echo(path)
-        summarise([*model_notes(loaded.camera), *report.checks])
+        summarise([*fast_lens(loaded.camera), *report.checks])
     leave(report.passed)
 
 

@@ -40,32 +40,28 @@ _LARGEST_BAR, _LEAST_DISTANCE = 0.15, 0.01
 _NEAR_ORDERS = 8
 
 FASTEST_PARAXIAL = 1.4
-"""The f-number below which a report tells that its model is paraxial."""
+"""The f-number below which a user is told that the model is paraxial: there the PSF of an open stop is off by 3 %.
 
-VECTOR_ERROR = 0.055
-"""Relative L2 error of a scalar PSF times F²; see :func:`model_notes`."""
+That of an aplanatic lens in unpolarised light (B. Richards and E. Wolf, Proc. R. Soc. A 253, 358, 1959) is off Airy's,
+energies equal, by 0.052 to 0.056 / F² from f/2.5 to f/0.8.
+"""
 
 AREA_ERROR = 1e-8
 """Relative error of an area inside the stop; the polygon that stands for a round stop has 4096 sides."""
 
 
-def model_notes(camera: Camera) -> tuple[Quantity, ...]:
-    """Notes on the model itself, each a quantity without a verdict; none for a lens slower than f/1.4.
-
-    The size is that of an open stop: the PSF of an aplanatic lens in unpolarised light (B. Richards and E. Wolf, Proc.
-    R. Soc. A 253, 358, 1959) against Airy's, energies equal, is off by 0.052 to 0.056 / F² from f/2.5 to f/0.8, by
-    0.074 / F² at f/0.51.
-    """
+def fast_lens(camera: Camera) -> tuple[Quantity, ...]:
+    """A note beside a model bar, without a verdict, on a lens that is faster than f/1.4; none for a slower one."""
     f_number = camera.focal_um / camera.stop.diameter_um
     if f_number >= FASTEST_PARAXIAL:
         return ()
     return (
         Quantity(
-            "paraxial_model_error",
-            VECTOR_ERROR / f_number**2,
-            f"this lens is f/{f_number:.3g}, and above f/{FASTEST_PARAXIAL:g} the scalar, paraxial model that every "
-            "number here rests on leaves out the vector field and the sine condition: relative L2 error of an open "
-            f"stop's PSF by {VECTOR_ERROR:g} / F², an estimate that no error bar here holds",
+            "fast_lens",
+            f"f/{f_number:.3g}",
+            f"above f/{FASTEST_PARAXIAL:g} the scalar, paraxial model that every number here rests on leaves out the "
+            "vector field and the sine condition; model_vector_field and model_tangent_for_sine in the model bar say "
+            "how much",
         ),
     )
 
