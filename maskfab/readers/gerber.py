@@ -16,11 +16,10 @@ from maskfab.geometry.shape_limits import ROUNDING_KEY, LeftOut, is_empty, note_
 from maskfab.model import CLEAR
 from maskfab.readers.gerber_process import Run
 from maskfab.readers.sandbox.bounded import library_errors
-from maskfab.readers.sandbox.child_process import read_apart
+from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
 
 _ON_GRID_NM = 1e-5
 _FIRST_BYTES = 256
-_SECONDS_TO_START = 60.0
 _BYTES_PER_SECOND = 1e5
 _START = re.compile(rb"(?:\xef\xbb\xbf)?\s*(?:%|G0?[0-9])")
 
@@ -37,7 +36,7 @@ def read_gerber(path: Path) -> db.Layout:
             raise SourceError(
                 "MF304", f"{path.name} is not a Gerber file", where=str(path), cure="Give it its true suffix"
             )
-    seconds = _SECONDS_TO_START + path.stat().st_size / _BYTES_PER_SECOND
+    seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
     runs, curves = read_apart(path, Path(__file__).with_name("gerber_process.py"), seconds=seconds)
     with library_errors(path):
         return _Drawing(curves).layout(runs)

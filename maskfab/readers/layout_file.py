@@ -37,15 +37,12 @@ from maskfab.readers.dxf.dxf import POLYLINE_MODE, close_lines, look_through
 from maskfab.readers.gerber import read_gerber
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.record_counts import refuse_many_blocks, refuse_many_in_gdsii
-from maskfab.readers.sandbox.child_process import read_apart
+from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
 
 _LARGEST_NM = 2**31 - 1
 _MOST_COPIES = 10_000_000
 _MANY_COPIES = 64
 _AT_ONCE = 10_000
-_SECONDS_TO_READ = 60.0
-"""Of the clock, on a busy machine; the processor's are limited by the process that reads."""
-
 _BYTES_PER_SECOND = 3e4
 _ON_GRID_NM = 1e-6
 _CYCLE = "topological_sort"
@@ -231,7 +228,7 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
         except SourceError as error:
             if _CYCLE not in error.what:
                 raise
-    seconds = _SECONDS_TO_READ + path.stat().st_size / _BYTES_PER_SECOND
+    seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
     content = read_apart(path, Path(__file__).with_name("gdstk_process.py"), function, seconds=seconds)
     try:
         second = _Conversion(path).layout(content)

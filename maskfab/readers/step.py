@@ -9,9 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maskfab.readers.mesh import Floats, ReadSolid, check_reach
-from maskfab.readers.sandbox.child_process import read_apart
+from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
 
-_SECONDS_TO_START = 60.0
 _BYTES_PER_SECOND = 1e5
 
 
@@ -37,7 +36,7 @@ def read_step(path: Path) -> tuple[ReadSolid, tuple[Placed, ...]]:
         SourceError: MF303 if the file cannot be read, has no solids or no root, or is not in millimetres; MF316 if it
             takes far longer than whole files do.
     """
-    seconds = _SECONDS_TO_START + path.stat().st_size / _BYTES_PER_SECOND
+    seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
     read, placed = read_apart(path, Path(__file__).with_name("step_process.py"), seconds=seconds)
     for shape in read.shapes:
         check_reach(path, shape.vertices_nm)

@@ -206,7 +206,7 @@ def surrogate_behind(scenes: Sequence[Scene], room: Lattice, *, leak_scenes: int
 
 @dataclass(frozen=True, eq=False)
 class SceneStatistics:
-    """What a surrogate knows of its scenes, whatever cells they are seen through.
+    """Knowledge of a surrogate about its scenes, whatever cells they are seen through.
 
     Attributes:
         light: mean of the scenes, white is 1.

@@ -12,6 +12,10 @@ from typing import Any
 from maskfab.errors import MaskfabError, SourceError
 from maskfab.readers.sandbox.limits import allow, children_seconds
 
+PATIENCE_S = 600.0
+"""Of the clock, for a process that waits for ever; its processor time, which a busy machine does not stretch, has a
+limit of its own."""
+
 _TOOK_TOO_LONG = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
 """Signals with which the system ends a process at its limit."""
 
