@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from types import MappingProxyType
 from typing import Any, Literal
 
-from jinja2 import Environment, StrictUndefined
+from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 from maskfab.measure.scene_result import distance
@@ -108,16 +109,9 @@ _COLUMNS = (
 _UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²"})
 
 
-def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
-    """The report as one HTML page.
-
-    Args:
-        document: report.json, as :func:`maskfab.report.data.to_document` makes it.
-        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.plots.die_figures.pictures` makes them;
-            a figure that is missing is left out.
-
-    Equal documents and pictures give equal pages.
-    """
+@cache
+def _page() -> Template:
+    """The template of the page, compiled once for all reports of a process."""
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
@@ -134,9 +128,22 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
         where=where,
     )
     environment.tests["folded"] = _is_folded
+    return environment.from_string(template("report.html.j2"))
+
+
+def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
+    """The report as one HTML page.
+
+    Args:
+        document: report.json, as :func:`maskfab.report.data.to_document` makes it.
+        pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.plots.die_figures.pictures` makes them;
+            a figure that is missing is left out.
+
+    Equal documents and pictures give equal pages.
+    """
     drawn = {place: {name: Markup(image) for name, image in images.items()} for place, images in pictures.items()}
     checks: Sequence[Row] = document["checks"]
-    return environment.from_string(template("report.html.j2")).render(
+    return _page().render(
         document=document,
         whole=drawn.get(die_figures.PLATE, {}),
         drawn=drawn,
