@@ -11,6 +11,8 @@ plate: $(VENV)/run.stamp
 # What a file's tests share is made once, by the worker that runs the file. Slow sweeps, marked so, are left to test-all, and most examples that are drawn.
 test: CHOSEN := -m "not slow"
 test-all: export HYPOTHESIS_PROFILE := full
+# Test modules and the package are compiled once, also for the processes that tests start.
+test test-all: export PYTHONDONTWRITEBYTECODE :=
 test test-all: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check maskfab tests docs
 	$(BIN)/ruff check maskfab tests docs
