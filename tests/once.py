@@ -12,17 +12,21 @@ import io
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from types import MappingProxyType
 from typing import Any
 
 import pytest
 
+from maskfab.camera.scenes import dead_leaves
 from maskfab.report.plots.workers import read_only
 
 FIGURES = ("maskfab.report.plots.die_figures.pictures", "maskfab.report.plots.die_figures.overview")
 BOUNDS = ("maskfab.design.result.bounds",)
+
+leaves = cache(dead_leaves)
+"""The scene of a seed and a size, drawn once by each process. Nobody writes into it."""
 
 _KNOWN: dict[tuple[str, bytes], Any] = {}
 

@@ -13,11 +13,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from once import leaves
 from small_job import JOB, LOOK, MASK, OPENING, command, listing, write_job
 
 import maskfab
 from maskfab import resources
-from maskfab.camera.scenes import dead_leaves
 from maskfab.errors import CATALOGUE
 from maskfab.job import load as load_job
 from maskfab.opening.openings import load, parse
@@ -229,7 +229,7 @@ def test_verify_prints_its_checks_as_json(capsys, out):
 
 @pytest.fixture
 def few_scenes(monkeypatch):
-    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (dead_leaves(1),))
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
 
 
 def design_job(folder: Path, section: str = RELAX) -> Path:

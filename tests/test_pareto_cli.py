@@ -7,9 +7,9 @@ import json
 from pathlib import Path
 
 import pytest
+from once import leaves
 
 from maskfab.camera import scenes
-from maskfab.camera.scenes import dead_leaves
 from maskfab.cli import run_command_line
 from maskfab.opening.openings import load
 
@@ -41,7 +41,7 @@ GIVEN = 'name = "given"\npitch = "168 um"\ndots = 8\ngrid = """\n' + "\n".join(R
 
 @pytest.fixture(autouse=True)
 def one_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenes, "bundled", lambda: (dead_leaves(1),))
+    monkeypatch.setattr(scenes, "bundled", lambda: (leaves(1),))
 
 
 @pytest.fixture

@@ -520,6 +520,7 @@ def test_a_process_that_the_dots_do_not_bear_is_refused_before_anything_is_drawn
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("drawn_once")
 def test_what_a_shop_refuses_fails_the_run_and_its_files_are_there(capsys, tmp_path):
     section = '[export]\nformats = ["gdsii"]\nshop = "gesim"\n\n[plate]'
@@ -555,6 +556,7 @@ def written_values(result: Result, name: str) -> list[float]:
     return [row_of(result, f"written_{name}_{reading}").value for reading in ("fused", "open")]
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("drawn_once")
 def test_a_process_that_does_nothing_changes_nothing(tmp_path):
     """At zero radius and bias the written mask is the drawn one; the MTF, of greyed rims, to within its own error."""

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from once import leaves
 
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.protocol import ASSUMED
-from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import lay
 from maskfab.cli import run_command_line
 from maskfab.export.pictures import write_png
@@ -23,7 +23,7 @@ JOB = ROOT / "layouts" / "upc12.toml"
 @pytest.fixture(scope="module")
 def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("photographs")
-    write_png(dead_leaves(3, 832, 832).values, folder / "leaves.png", white=1.0)
+    write_png(leaves(3, 832, 832).values, folder / "leaves.png", white=1.0)
     return folder
 
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from once import leaves
 
-from maskfab.camera.scenes import dead_leaves
 from maskfab.cli import run_command_line
 from maskfab.export.pictures import write_png
 
@@ -16,7 +16,7 @@ JOB = Path(__file__).parents[1] / "layouts" / "toled_against_ours.toml"
 def test_a_sheet_is_written_once_and_replaced_only_if_asked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     scenes, sheet = tmp_path / "scenes", tmp_path / "sheet.png"
     scenes.mkdir()
-    write_png(dead_leaves(3, 832, 832).values, scenes / "leaves.png", white=1.0)
+    write_png(leaves(3, 832, 832).values, scenes / "leaves.png", white=1.0)
     arguments = ["simulate", str(JOB), "--die", "OURS", "--images", str(scenes), "--picture", str(sheet), "--quiet"]
     assert run_command_line(arguments) == 0
     first = sheet.read_bytes()

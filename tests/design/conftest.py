@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import pytest
+from once import leaves
 
-from maskfab.camera.scenes import dead_leaves
 from maskfab.design.model.expected_psnr import Surrogate, surrogate
 from maskfab.design.model.layout_error import PupilError, pupil_error
 
 
 @pytest.fixture(scope="session")
 def estimate() -> Surrogate:
-    return surrogate([dead_leaves(1)], 7)
+    return surrogate([leaves(1)], 7)
 
 
 @pytest.fixture(scope="session")
 def error(estimate: Surrogate) -> PupilError:
     return pupil_error(estimate, (24, 40))
+
+
+@pytest.fixture(scope="session")
+def coarse() -> PupilError:
+    """At one level, of 12 x 12 cells of 336 um: a map of them is designed in a fraction of the time."""
+    return pupil_error(surrogate([leaves(1)], 7, dot_nm=48_000), (32,))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import torch
+from sweeps import sweep
 
 from maskfab.camera.transfer import CELLS, autocorrelation, lattice, lay
 from maskfab.design.bounds.auc_bound import auc_bound, rings
@@ -47,7 +48,7 @@ def turns(seed):
     return np.random.default_rng(seed).integers(ORIENTATIONS, size=(CELLS, CELLS)).astype(np.int8)
 
 
-@pytest.mark.parametrize("clear", [100, 88])
+@pytest.mark.parametrize("clear", sweep([100, 88], 1))
 def test_a_repeated_unit_comes_within_a_seventh_of_the_bound(clear):
     around = rings(DOTS)
     unit = best_for_auc(DOTS, clear, periodic=True, steps=500)
@@ -62,6 +63,7 @@ def test_a_repeated_unit_comes_within_a_seventh_of_the_bound(clear):
     assert np.rint(unit_modulation(noise(1, clear), periodic=True)[0] * clear).min() < 0.6 * mean
 
 
+@pytest.mark.slow
 def test_a_turned_unit_comes_within_a_thirtieth_of_the_bound():
     around = rings(DOTS)
     unit = best_for_auc(DOTS, CLEAR, steps=80)
@@ -191,6 +193,7 @@ def test_variance_of_laid_panels(unit):
         assert seen == pytest.approx(expected, rel=0.4)
 
 
+@pytest.mark.slow
 def test_units_found_with_scatter_show_more():
     plain, wary = (best_for_auc(11, 27, scatter=scatter, steps=50) for scatter in (0.0, 1.6))
     around = rings(11)

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from once import leaves
 from scipy.ndimage import gaussian_filter
 from sweeps import examples
 
-from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import autocorrelation, lay
 from maskfab.design.bounds.auc_bound import auc_bound, rings
 from maskfab.design.bounds.bounds import bounds, optimality_gap
@@ -31,7 +31,7 @@ RATIO = CLEAR / DOTS**2
 
 @pytest.fixture(scope="module")
 def estimate():
-    return surrogate([dead_leaves(1)])
+    return surrogate([leaves(1)])
 
 
 @pytest.fixture(scope="module")
@@ -317,7 +317,7 @@ def test_more_light_in_the_cut_cells_allows_more(inner):
 
 
 def test_cells_of_another_size_have_a_stop_of_four_millimetres(inner):
-    other = surrogate([dead_leaves(1)], 10, dot_nm=16_000)
+    other = surrogate([leaves(1)], 10, dot_nm=16_000)
     assert (other.lattice.cells, other.lattice.side) == (26, 260)
     found = interior(other)
     assert found.stop_dots * 16**2 == pytest.approx(np.pi * 2000**2, rel=5e-3)

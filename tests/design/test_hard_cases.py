@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from once import leaves
 
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import evaluate
-from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import MOST_DOTS, autocorrelation, lattice, lay, transfer_grid
 from maskfab.design.model.expected_psnr import Surrogate, surrogate
 from maskfab.design.relax.descent import Descent, Outcome, descend
@@ -62,7 +62,7 @@ def refused(code: str, work: Callable[[], object]) -> str:
 
 @pytest.fixture(scope="module")
 def scenes() -> tuple[Scene, ...]:
-    return (dead_leaves(1),)
+    return (leaves(1),)
 
 
 @pytest.fixture(scope="module")
@@ -214,7 +214,7 @@ def test_gutters_are_closed_dots_halved_where_they_must_be() -> None:
 
 def test_panels_of_two_pitches_are_compared_on_photographs() -> None:
     """The same opening made half as large repeats twice as often: it cannot be better, and full light is the same."""
-    leaves = (dead_leaves(1, 832, 832),)
+    shown = (leaves(1, 832, 832),)
     whole = np.ones((6, 6), dtype=np.bool_)
     designs = [
         lay("open 168", whole, dot_nm=28000),
@@ -222,7 +222,7 @@ def test_panels_of_two_pitches_are_compared_on_photographs() -> None:
         lay("bar 168", corner(6, 3, 3), dot_nm=28000),
         lay("bar 84", corner(6, 3, 3), dot_nm=14000),
     ]
-    found = {score.design: score.psnr for score in evaluate(designs, leaves, leaves, (32,)).scores}
+    found = {score.design: score.psnr for score in evaluate(designs, shown, shown, (32,)).scores}
     assert found["open 168"] == pytest.approx(found["open 84"], abs=0.05)
     assert found["bar 84"] < found["bar 168"] < found["open 168"]
 

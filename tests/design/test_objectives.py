@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from once import leaves
 
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import EPSILONS
-from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.transfer import lay, transfer_grid
 from maskfab.design.model.expected_psnr import Surrogate, surrogate
 from maskfab.design.relax.autocorrelation import Autocorrelation
@@ -42,7 +42,7 @@ def unit_of(seed: int, dots: int = DOTS) -> torch.Tensor:
 
 @pytest.fixture(scope="module")
 def scenes() -> tuple[Scene, ...]:
-    return dead_leaves(1), dead_leaves(2)
+    return leaves(1), leaves(2)
 
 
 @pytest.fixture(scope="module")

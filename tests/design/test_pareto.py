@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from once import leaves
 from sweeps import examples
 
 from maskfab.camera.photographs import Scene
-from maskfab.camera.scenes import dead_leaves
 from maskfab.design.model.expected_psnr import surrogate
 from maskfab.design.pareto import Footprints, Judged, Pareto, non_dominated, openings, rules_of, sweep
 from maskfab.design.rules.constraints import Constraints
@@ -28,7 +28,7 @@ PLAIN = {"name": "found", "dots": DOTS, "pitch": "168 um", "clear_dots": 12}
 
 @pytest.fixture(scope="module")
 def scenes() -> tuple[Scene, ...]:
-    return (dead_leaves(1),)
+    return (leaves(1),)
 
 
 def section(**changed: object) -> SearchSection:

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from once import leaves
 
 from maskfab.camera.photographs import Scene
-from maskfab.camera.scenes import dead_leaves
 from maskfab.design.relax.invertibility import Invertibility
 from maskfab.design.relax.objective import Weighted
 from maskfab.design.relax.recipes import PAPER_CAMERA, Recipe, paper
@@ -18,17 +18,29 @@ from maskfab.design.relax.top_residual import TopResidual
 from maskfab.errors import InputError
 from maskfab.model import Stop, Tiling
 
-SCENES = (dead_leaves(1, 512, 512),)
 SMALL = replace(PAPER_CAMERA, focal_um=1000.0, stop=Stop("circle", 400.0))
 
 
-def small(scenes: tuple[Scene, ...] = SCENES, **change: object) -> Recipe:
-    options = {"camera": SMALL, "dots": 7, "clear_dots": 10, "crops": 2, "batch": 1, "epochs": 2, **change}
-    return paper(scenes, **options)  # type: ignore[arg-type]
+def scenes() -> tuple[Scene, ...]:
+    return (leaves(1, 512, 512),)
+
+
+def small(**change: object) -> Recipe:
+    options = {
+        "scenes": scenes(),
+        "camera": SMALL,
+        "dots": 7,
+        "clear_dots": 10,
+        "crops": 2,
+        "batch": 1,
+        "epochs": 2,
+        **change,
+    }
+    return paper(**options)  # type: ignore[arg-type]
 
 
 def test_the_constants_are_the_published_ones() -> None:
-    recipe = paper(SCENES, losses="l2+inv")
+    recipe = paper(scenes(), losses="l2+inv")
     how = recipe.descent
     assert (how.optimiser, how.rate, how.momentum) == ("adam", 1.0, 0.5)
     assert (how.start_logit, how.start_noise, how.final_gain) == (1.0, 0.0, 1.0)
@@ -75,7 +87,7 @@ def test_repeats_and_resumes_bit_for_bit(tmp_path: Path) -> None:
 def test_constant_pictures_are_refused() -> None:
     grey = Scene("grey", 1, np.full((3, 512, 512), 0.5, dtype=np.float32))
     with pytest.raises(InputError, match="MF121"):
-        small((grey,))
+        small(scenes=(grey,))
 
 
 @pytest.mark.parametrize(

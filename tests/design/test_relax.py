@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from once import leaves
 from sweeps import sweep
 
 from maskfab.camera.photographs import Scene
-from maskfab.camera.scenes import dead_leaves
 from maskfab.design.model.expected_psnr import Surrogate, surrogate
 from maskfab.design.relax.relax import relax, schedule
 from maskfab.design.result import Designed, constraints_of
@@ -42,7 +42,7 @@ JUDGED = (
 
 @pytest.fixture(scope="module")
 def scenes() -> tuple[Scene, ...]:
-    return (dead_leaves(1),)
+    return (leaves(1),)
 
 
 @pytest.fixture(scope="module")
@@ -63,7 +63,7 @@ def judged(wanted: RelaxSection, scenes: tuple[Scene, ...], estimate: Surrogate,
     return float(plan.objective.at(-1, plan.descent.iterations)(torch.from_numpy(mask.astype(np.float32))))
 
 
-@pytest.mark.parametrize("tiling", [{"tiling": "periodic"}, {"tiling": "random", "tiling_seed": 2}])
+@pytest.mark.parametrize("tiling", sweep([{"tiling": "periodic"}, {"tiling": "random", "tiling_seed": 2}], 1))
 def test_beats_every_random_mask_of_its_count(scenes: tuple[Scene, ...], estimate: Surrogate, tiling: dict) -> None:  # type: ignore[type-arg]
     wanted = section(**tiling, iterations=60, anneal=200)
     opening = relax(wanted, LENS, scenes, "maskfab design x.toml").opening

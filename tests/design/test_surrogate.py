@@ -4,15 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from once import leaves
 
-from maskfab.camera.scenes import dead_leaves
 from maskfab.design.model.expected_psnr import surrogate
 from maskfab.errors import JobError
 
 
 @pytest.fixture(scope="module")
 def estimate():
-    return surrogate([dead_leaves(1)])
+    return surrogate([leaves(1)])
 
 
 def bar():
@@ -46,4 +46,4 @@ def test_the_weights_make_up_the_square_of_frequencies(estimate):
 
 def test_scenes_of_another_size_do_not_serve():
     with pytest.raises(JobError, match="MF121"):
-        surrogate([dead_leaves(1, 832, 832)])
+        surrogate([leaves(1, 832, 832)])

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from optics.published_recipe import Recipe, published_autograd, published_psf, worst_response
 from optics_cases import noise, panel, pupil
-from sweeps import examples
+from sweeps import examples, sweep
 
 from maskfab.errors import InternalError
 from maskfab.model import Panel, Stop, orient
@@ -284,7 +284,7 @@ def test_few_nodes_give_the_loss_of_all_samples(wavelength_nm: float) -> None:
         assert difference(found, expected.numpy()) < tolerance
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("dtype", sweep([torch.float32, torch.float64], 1))
 def test_loss_and_gradient_are_much_faster_than_the_published_recipe(dtype: torch.dtype) -> None:
     """Ratio of medians of processor time, interleaved in one run; 20 to 40 is usual."""
     recipe = Recipe()
@@ -304,7 +304,7 @@ def test_loss_and_gradient_are_much_faster_than_the_published_recipe(dtype: torc
     assert statistics.median(times["published"]) > 10 * statistics.median(times["ours"])
 
 
-@pytest.mark.parametrize("dtype", [torch.float32, torch.float64])
+@pytest.mark.parametrize("dtype", sweep([torch.float32, torch.float64], 1))
 def test_the_first_gradient_of_a_panel_costs_less_than_one_of_the_published_recipe(dtype: torch.dtype) -> None:
     """Set-up and all; a quarter to a sixth is usual, so that a search over panels pays from the first step."""
     recipe = Recipe()
