@@ -21,20 +21,31 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from inspect import Signature
 
+    from maskfab.api.analysing import analyse as analyse
+    from maskfab.api.benchmarking import bench as bench
     from maskfab.api.camera import Camera as Camera
     from maskfab.api.curves import Mtf as Mtf
     from maskfab.api.curves import Psf as Psf
     from maskfab.api.designing import Design as Design
     from maskfab.api.designing import design as design
+    from maskfab.api.displays import check as check
+    from maskfab.api.displays import render as render
+    from maskfab.api.explaining import explain as explain
     from maskfab.api.opening import Opening as Opening
     from maskfab.api.opening import read_opening as read_opening
     from maskfab.api.panel import Panel as Panel
+    from maskfab.api.photographs import simulate as simulate
+    from maskfab.api.planning import plan as plan
     from maskfab.api.plate import Plate as Plate
     from maskfab.api.plates import run as run
     from maskfab.api.plates import verify as verify
+    from maskfab.api.shapes import shape as shape
+    from maskfab.api.shapes import shapes as shapes
+    from maskfab.api.shops import package as package
+    from maskfab.api.shops import shops as shops
+    from maskfab.api.sweeping import pareto as pareto
     from maskfab.errors import MaskfabError as MaskfabError
     from maskfab.job import load as load_job
-    from maskfab.measure.analysis import analyse as analyse
     from maskfab.plate.maps import load as read_map
     from maskfab.report.quantities import Quantities as Quantities
 
@@ -50,12 +61,23 @@ _WHERE = {
     "Plate": "maskfab.api.plate",
     "Psf": "maskfab.api.curves",
     "Quantities": "maskfab.report.quantities",
-    "analyse": "maskfab.measure.analysis",
+    "analyse": "maskfab.api.analysing",
+    "bench": "maskfab.api.benchmarking",
+    "check": "maskfab.api.displays",
     "design": "maskfab.api.designing",
+    "explain": "maskfab.api.explaining",
     "load_job": "maskfab.job:load",
+    "package": "maskfab.api.shops",
+    "pareto": "maskfab.api.sweeping",
+    "plan": "maskfab.api.planning",
     "read_map": "maskfab.plate.maps:load",
     "read_opening": "maskfab.api.opening",
+    "render": "maskfab.api.displays",
     "run": "maskfab.api.plates",
+    "shape": "maskfab.api.shapes",
+    "shapes": "maskfab.api.shapes",
+    "shops": "maskfab.api.shops",
+    "simulate": "maskfab.api.photographs",
     "verify": "maskfab.api.plates",
 }
 """Module of every public name, and its name there where that differs."""
@@ -72,11 +94,22 @@ __all__ = [
     "Quantities",
     "__version__",
     "analyse",
+    "bench",
+    "check",
     "design",
+    "explain",
     "load_job",
+    "package",
+    "pareto",
+    "plan",
     "read_map",
     "read_opening",
+    "render",
     "run",
+    "shape",
+    "shapes",
+    "shops",
+    "simulate",
     "verify",
 ]
 

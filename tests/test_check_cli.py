@@ -11,9 +11,9 @@ from typing import Any
 import pytest
 from small_job import Answer, command, finished, listing, write_job
 
-from maskfab.cli.common.display_json import document_schema
 from maskfab.display import place
 from maskfab.display.emitters.placement import Verdict
+from maskfab.report.check_data import document_schema
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
 

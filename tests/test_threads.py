@@ -48,10 +48,9 @@ def test_every_verb_starts_libraries_with_one_thread(plain: list[int]) -> None:
 def test_a_program_that_calls_us_keeps_its_own_threads_and_lends_us_one(plain: list[int]) -> None:
     code = (
         f"{LOADED}import maskfab\n"
-        "from maskfab.measure.analysis import Request\nfrom maskfab.model import Camera, Stop\n"
-        "camera = Camera(10_000.0, Stop('circle', 400.0), (530.0,), 4.0, 64.0)\n"
+        "camera = maskfab.Camera('10 mm', stop='400 um', wavelengths='530 nm', pixel='4 um', window='64 um')\n"
         f"told = lambda *_: print({COUNTS})\ntold()\n"
-        "maskfab.analyse('layouts/openings/toled.toml', Request(camera), told)\ntold()"
+        "maskfab.analyse('layouts/openings/toled.toml', camera, progress=told)\ntold()"
     )
     before, *within, after = counts(code)
     assert max(before) > 1

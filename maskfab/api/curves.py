@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,8 +13,9 @@ from maskfab.errors import JobError
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.mtf import LEVELS, presampled_mtf
 from maskfab.optics.numbers.metrics import auc_radial_min, falls_to
-from maskfab.report.plots import die_figures
-from maskfab.report.plots.sheet import Drawing
+
+if TYPE_CHECKING:
+    from maskfab.report.plots.sheet import Drawing
 
 
 class Psf(model.Psf):
@@ -41,6 +43,8 @@ class Psf(model.Psf):
 
     def plot(self) -> Drawing:
         """log10 over six decades below the peak."""
+        from maskfab.report.plots import die_figures
+
         return die_figures.psf((self,))
 
     def _repr_svg_(self) -> str:
@@ -88,6 +92,8 @@ class Mtf(model.Mtf):
 
     def plot(self) -> Drawing:
         """The band from radial minimum to maximum, the radial mean, and straight cuts."""
+        from maskfab.report.plots import die_figures
+
         return die_figures.mtf((self,))
 
     def _repr_svg_(self) -> str:

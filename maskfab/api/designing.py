@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text
@@ -20,9 +20,11 @@ from maskfab.opening import openings
 from maskfab.plate import maps
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent
-from maskfab.report.plots.sheet import Drawing
 from maskfab.threads import one_thread
 from maskfab.units import parse_time_s
+
+if TYPE_CHECKING:
+    from maskfab.report.plots.sheet import Drawing
 
 
 @dataclass(frozen=True, eq=False, repr=False)

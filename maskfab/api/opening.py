@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -17,9 +17,10 @@ from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import write_text
 from maskfab.opening import decode, openings, shapes
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
-from maskfab.report.plots import die_figures
-from maskfab.report.plots.sheet import Drawing
 from maskfab.units import NM_PER_UM, parse_pitch_um
+
+if TYPE_CHECKING:
+    from maskfab.report.plots.sheet import Drawing
 
 
 class Opening(model.Opening):
@@ -93,6 +94,8 @@ class Opening(model.Opening):
 
     def plot(self) -> Drawing:
         """The unit cell: clear is white, chrome dark."""
+        from maskfab.report.plots import die_figures
+
         return die_figures.opening(self)
 
     def _repr_svg_(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
-from typing import Self
+from typing import TYPE_CHECKING, Self
 
 from maskfab import model
 from maskfab.api.lengths import Length, length_text
@@ -16,9 +16,10 @@ from maskfab.jobfile.values import um_text
 from maskfab.model import Tiling
 from maskfab.plate.maps import CellMap, panel_shape, shifted_openings
 from maskfab.plate.panels import tiled
-from maskfab.report.plots import die_figures
-from maskfab.report.plots.sheet import Drawing
 from maskfab.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
+
+if TYPE_CHECKING:
+    from maskfab.report.plots.sheet import Drawing
 
 _WHERE = "Panel.tile"
 
@@ -115,6 +116,8 @@ class Panel(model.Panel):
 
     def plot(self, cells: int = 6) -> Drawing:
         """Some pixels in the middle, with the gutters between them."""
+        from maskfab.report.plots import die_figures
+
         return die_figures.panel_close_up(self, cells)
 
     def _repr_svg_(self) -> str:

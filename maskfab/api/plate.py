@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from maskfab import model
 from maskfab.api.camera import F1, Camera
@@ -21,9 +21,10 @@ from maskfab.jobfile.values import um_text
 from maskfab.opening import openings
 from maskfab.pipeline import draw_files
 from maskfab.plate import maps
-from maskfab.report.plots import die_figures
-from maskfab.report.plots.sheet import Drawing
 from maskfab.units import NM_PER_UM
+
+if TYPE_CHECKING:
+    from maskfab.report.plots.sheet import Drawing
 
 _WHERE = "Plate"
 _OWN = frozenset({"job", "camera", "plate", "die", "openings", "maps", "design", "pareto"})
@@ -200,6 +201,8 @@ class Plate:
 
     def plot(self) -> Drawing:
         """The plate in millimetres: blank, writable area, dies by name, marks."""
+        from maskfab.report.plots import die_figures
+
         return die_figures.plate_drawing(self.layout())
 
     def __getitem__(self, die: str) -> Panel:

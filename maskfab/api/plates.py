@@ -9,10 +9,11 @@ from typing import overload
 
 from maskfab import pipeline, verification
 from maskfab.api.camera import Camera
+from maskfab.api.jobs import AnyJob, job_of
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.plate import Plate
 from maskfab.errors import JobError
-from maskfab.job import Job, load
+from maskfab.job import Job
 from maskfab.package.archive import is_package
 from maskfab.package.pack import verify_package
 from maskfab.pipeline import Result
@@ -21,27 +22,6 @@ from maskfab.report.quantities import Quantities
 from maskfab.shops.profiles import load_shop
 from maskfab.units import NM_PER_UM, parse_length_um
 from maskfab.verify.foreign.comparison import How
-
-AnyJob = Plate | Job | str | Path
-"""A plate of Python, a loaded job, or the path of a job file."""
-
-
-def job_of(job: AnyJob, camera: Camera | None = None) -> Job:
-    """The validated job of whatever states one.
-
-    Raises:
-        JobError: MF105 for a second camera beside that of a job.
-    """
-    if isinstance(job, Plate):
-        return job.job(camera)
-    if camera is not None:
-        raise JobError(
-            "MF105",
-            "the job has a camera of its own",
-            where="camera",
-            cure="Leave the camera out, or change it in the job",
-        )
-    return job if isinstance(job, Job) else load(job)
 
 
 @overload

@@ -121,6 +121,13 @@ class Feasibility:
     light: Light
 
     @property
+    def passed(self) -> bool:
+        """Whether it fits; not knowing is enough as long as nothing is required and no rule is broken."""
+        return self.verdict is Verdict.FITS or (
+            self.verdict is Verdict.UNKNOWN and not self.required and not self.broken
+        )
+
+    @property
     def verdict(self) -> Verdict:
         """FITS if emitters and wires are there, keep every rule and leave room for circuits; a proof against any says
         no."""

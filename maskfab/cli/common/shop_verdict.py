@@ -8,26 +8,9 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 from maskfab.cli.common.printing import plain
-from maskfab.errors import JobError
 
 if TYPE_CHECKING:
-    from maskfab.jobfile.shop_profile import Format
     from maskfab.shops.judge import Finding
-
-
-def chosen_formats(wanted: Sequence[str]) -> tuple[Format, ...]:
-    """The formats of the command line.
-
-    Raises:
-        JobError: MF105 for one that there is not.
-    """
-    from maskfab.jobfile.shop_profile import FORMATS
-
-    for each in wanted:
-        if each not in FORMATS:
-            cure = f"Choose among {', '.join(FORMATS)}"
-            raise JobError("MF105", f"there is no format {each!r}", where="--format", cure=cure)
-    return tuple(each for each in FORMATS if each in wanted)
 
 
 def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> None:

@@ -50,11 +50,9 @@ def analyse(
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Compute PSF, MTF and invariants of an opening or a mask file."""
-    from maskfab import units
-    from maskfab.jobfile import BlankSection, CameraSection, SceneSection, parse_section
-    from maskfab.measure.analysis import Request, described_scene
-    from maskfab.measure.analysis import analyse as analyse_file
-    from maskfab.model import Tiling
+    from maskfab.api.analysing import analyse as analyse_file
+    from maskfab.api.camera import Camera
+    from maskfab.jobfile import CameraSection, parse_section
     from maskfab.optics.numbers.metrics import fast_lens
     from maskfab.optics.scene.model_bar import MODEL_BAR
 
@@ -65,9 +63,8 @@ def analyse(
         "pixel": pixel,
         "window": window,
     }
-    if tiling is not None and tiling not in set(Tiling):
-        raise JobError("MF105", f"there is no tiling {tiling!r}", where="--tiling", cure=f"Use {', '.join(Tiling)}")
-    asked = {
+    camera = Camera.of_section(parse_section(CameraSection, described, where="the command line"))
+    scene = {
         "gap": gap,
         "field": field,
         "depth": None if depth is None else [end.strip() for end in depth.split(",")],
@@ -77,30 +74,26 @@ def analyse(
         "illuminant": illuminant,
         "accuracy": None if accuracy is None else _ratio(accuracy),
     }
-    stated = {key: value for key, value in asked.items() if value is not None}
-    section = parse_section(SceneSection, stated, where="the command line")
-    request = Request(
-        camera=parse_section(CameraSection, described, where="the command line").camera(),
-        pitch_um=None if pitch is None else units.parse_pitch_um(pitch, where="--pitch"),
-        dot_um=None if dot is None else units.parse_length_um(dot, where="--dot"),
-        gutter_um=units.parse_length_um(gutter, where="--gutter", zero_allowed=True),
-        tiling=None if tiling is None else Tiling(tiling),
-        seed=seed,
-        layer=layer,
-        cell=cell,
-        unit_um=unit_um(unit),
-        scene=described_scene(section, "the command line") if stated else None,
-        accuracy=section.accuracy,
-        blank=parse_section(
-            BlankSection, {} if plate is None else _table(plate, "--plate"), where="--plate"
-        ).mask_blank(),
-    )
     if out is not None:
         from maskfab.files.staging import check_target
 
         check_target(out, force=False)
     with watched(quiet) as progress:
-        analysis = analyse_file(file, request, progress)
+        analysis = analyse_file(
+            file,
+            camera,
+            pitch=pitch,
+            dot=dot,
+            gutter=gutter,
+            tiling=tiling,
+            seed=seed,
+            layer=layer,
+            cell=cell,
+            unit_um=unit_um(unit),
+            scene={key: value for key, value in scene.items() if value is not None},
+            plate=None if plate is None else _table(plate, "--plate"),
+            progress=progress,
+        )
     if out is not None:
         from maskfab import __version__
         from maskfab.export.psf_exr import camera_facts
@@ -110,7 +103,7 @@ def analyse(
         laid_out = {"pitch": pitch, "dot": dot, "gutter": gutter, "tiling": tiling, "layer": layer, "cell": cell}
         laid_out["seed"] = None if seed is None else str(seed)
         facts: dict[str, str | float] = {
-            **camera_facts(request.camera),
+            **camera_facts(camera.model),
             "source": file.name,
             "source_sha256": sha256_of_file(file),
             "maskfab_version": __version__,
@@ -118,14 +111,12 @@ def analyse(
         }
         paths = write(analysis, out, facts)
     if as_json:
-        from maskfab.report.data import quantity_document
-
-        print_json({"name": analysis.name, "quantities": [quantity_document(q) for q in analysis.quantities]})
+        print_json(analysis.to_dict())
     else:
         print_table([q for q in analysis.quantities if not q.name.startswith(MODEL_BAR)])
         left_out = [q for q in analysis.quantities if q.name.startswith(MODEL_BAR)]
         print_methods("not modelled, by size", sorted(left_out, key=lambda q: -float(q.value or 0)))
-        tell_notes(fast_lens(request.camera))
+        tell_notes(fast_lens(camera.model))
         for path in paths if out is not None else ():
             typer.echo(path)
     leave(analysis.passed)

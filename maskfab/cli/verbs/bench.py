@@ -3,17 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-from maskfab.cli.common.dies import check_dies
 from maskfab.cli.common.options import Json, Quiet
 from maskfab.cli.common.printing import leave, print_json
 from maskfab.cli.common.watch import watched
-
-if TYPE_CHECKING:
-    from maskfab.bench.accuracy import Workload
 
 
 def bench(
@@ -28,7 +24,8 @@ def bench(
     quiet: Quiet = False,
 ) -> None:
     """Time every PSF method and compare each with the exact one, or run the hard cases."""
-    from maskfab.bench import accuracy, accuracy_page
+    from maskfab.api.benchmarking import bench as race
+    from maskfab.bench import accuracy_page
     from maskfab.bench.cases import CASES
     from maskfab.bench.cases import run as run_cases
 
@@ -41,30 +38,15 @@ def bench(
             print_json(accuracy_page.case_document(outcomes))
         leave(all(outcome.passed for outcome in outcomes))
         return
-    workload = accuracy.standard_workload() if job is None else _workload(job, die)
     if out is not None:
         from maskfab.files.staging import check_target
 
         check_target(out, force=False)
     with watched(quiet) as progress:
-        timings = accuracy.race(workload, rounds, progress)
-    bound, absent = accuracy.gemm_bound_ms(workload), accuracy.absent()
-    document = accuracy_page.race_document(timings, bound, absent)
+        found = race(job, die=die, rounds=rounds, progress=progress)
     if as_json:
-        print_json(document)
+        print_json(found.to_dict())
     else:
-        for line in accuracy_page.race_table(timings, bound, absent):
-            typer.echo(line)
-    if out is not None:
-        for path in accuracy_page.write(out, document, accuracy_page.race_figure(timings)):
-            typer.echo(path, err=as_json)
-
-
-def _workload(path: Path, die: str | None) -> Workload:
-    from maskfab.bench.accuracy import workload_of
-    from maskfab.job import load
-
-    job = load(path)
-    panels = {each.name: each.panel for each in job.plate().dies}
-    check_dies([] if die is None else [die], panels)
-    return workload_of(panels[die or next(iter(panels))], job.camera)
+        typer.echo(found)
+    for path in [] if out is None else found.save(out):
+        typer.echo(path, err=as_json)

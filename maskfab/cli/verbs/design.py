@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from maskfab.cli.common.design_text import document, lines
 from maskfab.cli.common.options import Budget, JobFile, Json, Quiet
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
 from maskfab.errors import JobError, OutputError
+from maskfab.report.design_text import document, lines
 
 if TYPE_CHECKING:
     from maskfab.jobfile import JobSpec

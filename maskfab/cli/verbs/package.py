@@ -9,7 +9,7 @@ import typer
 
 from maskfab.cli.common.options import JobFile, Json, Quiet
 from maskfab.cli.common.printing import leave, print_json, summarise
-from maskfab.cli.common.shop_verdict import chosen_formats, findings_document, print_findings
+from maskfab.cli.common.shop_verdict import findings_document, print_findings
 from maskfab.cli.common.watch import watched
 
 
@@ -25,13 +25,12 @@ def package(
     quiet: Quiet = False,
 ) -> None:
     """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
-    from maskfab.job import load
-    from maskfab.package.pack import pack
+    from maskfab.api.shops import package as pack_job
     from maskfab.shops.profiles import load_shop
 
-    profile, formats = load_shop(shop), chosen_formats(format_ or ())
+    profile = load_shop(shop)
     with watched(quiet) as progress:
-        made = pack(load(job), profile, out, formats, force=force, progress=progress)
+        made = pack_job(job, shop, out, formats=format_ or (), force=force, progress=progress)
     if as_json:
         from maskfab.report.data import quantity_document
 

@@ -7,9 +7,8 @@ from typing import Annotated
 
 import typer
 
-from maskfab.cli.common.dies import check_dies
 from maskfab.cli.common.options import JobFile, Json, Quiet
-from maskfab.cli.common.printing import print_json, print_table
+from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
 
 
@@ -31,43 +30,28 @@ def render(
     quiet: Quiet = False,
 ) -> None:
     """Render pictures on the panels as the eye sees them, with S-CIELAB difference, grain and colour fringes."""
-    from maskfab import units
-    from maskfab.eye.display_light import emitters_of, has_emitters
-    from maskfab.eye.picture import read
-    from maskfab.eye.side_by_side import judge, pictures
-    from maskfab.eye.viewing import Viewing
-    from maskfab.job import load
-    from maskfab.report import render_files as report
+    from maskfab.api.displays import render as render_job
 
     if out is not None:
         from maskfab.files.staging import check_target
 
         check_target(out, force=False)
-    distance_um = units.parse_length_um(distance, where="--distance", zero_allowed=True)
-    pitch_um = None if dpi is None else units.parse_pitch_um(f"{dpi!r} dpi", where="--dpi")
-    loaded = load(job)
-    panels = {each.name: each.panel for each in loaded.displays().plate.dies}
-    check_dies(die or (), panels)
-    photograph = None if image is None else read(image)
-    lit = [name for name, panel in panels.items() if has_emitters(panel)]
-    shown = list(dict.fromkeys(die or lit or panels))
-    for name in shown:
-        emitters_of(panels[name])
-    judged = []
     with watched(quiet) as progress:
-        for done, name in enumerate(shown):
-            progress("panels", done, len(shown))
-            panel = panels[name]
-            viewing = Viewing(pitch_um or panel.cell_size.pitch_um, distance_um)
-            side = min(100, *panel.orientations.shape) if pixels is None else pixels
-            judged.append(judge(name, panel, pictures(side, photograph), samples, viewing, with_jod=with_jod))
-        progress("panels", len(shown), len(shown))
-        paths = [] if out is None else report.write(out, judged, samples, loaded.digest, progress)
+        found = render_job(
+            job,
+            image,
+            die=die,
+            dpi=dpi,
+            distance=distance,
+            pixels=pixels,
+            samples=samples,
+            with_jod=with_jod,
+            progress=progress,
+        )
+        paths = [] if out is None else found.save(out, progress)
     if as_json:
-        print_json(report.document(judged, samples, loaded.digest))
+        print_json(found.to_dict())
         return
-    for each in judged:
-        typer.echo(each.name)
-        print_table(each.quantities)
+    typer.echo(found)
     for path in paths:
         typer.echo(path)

@@ -8,10 +8,8 @@ from typing import Annotated
 
 import typer
 
-from maskfab import __version__
 from maskfab.cli.common.options import Json
 from maskfab.cli.common.printing import tell_opening
-from maskfab.errors import JobError
 
 SHAPES = "stripe, blobs or diamond-discs; with emitters: rgb-stripe, pentile-diamond, delta, circular or window"
 _OWN = "21; a display: its own"
@@ -40,46 +38,24 @@ def shape(
     as_json: Json = False,
 ) -> None:
     """Draw a parametric opening, or the opening of a display with its emitters."""
+    from maskfab.api.shapes import shape as drawn
     from maskfab.files.staging import check_file, write_text
-    from maskfab.jobfile import check_name
-    from maskfab.model import Opening
-    from maskfab.opening import display_layouts, shapes
-    from maskfab.opening.openings import dot_of_pitch, dumps
-    from maskfab.units import parse_pitch_um
+    from maskfab.opening import display_layouts
+    from maskfab.opening.openings import dumps
 
     check_file(out, force=force)
-    check_name(name or out.stem, where="--name")
-    display = display_layouts.DISPLAYS.get(kind)
-    changed = dots is not None or pitch is not None or bool(lengths)
-    own_dots, own_pitch = (display.dots, display.pitch) if display else (21, "168 um")
-    dots = own_dots if dots is None else dots
-    dot_nm = dot_of_pitch(parse_pitch_um(own_pitch if pitch is None else pitch, where="--pitch"), dots, where="--pitch")
-    facts: dict[str, str | int | float] = {}
-    emitters = None
-    if display is not None:
-        mask, emitters = display.draw(dots, display_layouts.read_lengths(lengths or ()))
-        facts.update(display_layouts.facts(display, changed=changed))
-    elif lengths:
-        raise JobError(
-            "MF102",
-            f"{kind} has no lengths",
-            where="--length",
-            cure=f"Draw one of {', '.join(display_layouts.DISPLAYS)}",
-        )
-    elif kind == "stripe":
-        mask = shapes.stripe(dots, width_dots, clear_dots)
-    elif clear_dots is None:
-        raise JobError(
-            "MF105", f"{kind} needs a number of clear dots", where="--clear-dots", cure="Add --clear-dots 90"
-        )
-    elif kind == "blobs":
-        mask = shapes.blobs(dots, clear_dots, size_ratio=size_ratio, aspect=aspect, exponent=exponent)
-    elif kind == "diamond-discs":
-        mask = shapes.diamond_discs(dots, clear_dots)
-    else:
-        raise JobError("MF105", f"there is no shape {kind!r}", where="KIND", cure=f"Use {SHAPES}")
-    command = shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})])
-    provenance = {"author": "maskfab", "command": command, "version": __version__, **facts}
-    opening = Opening(name or out.stem, mask, dot_nm, provenance, emitters)
+    opening = drawn(
+        kind,
+        dots=dots,
+        pitch=pitch,
+        clear_dots=clear_dots,
+        width_dots=width_dots,
+        size_ratio=size_ratio,
+        aspect=aspect,
+        exponent=exponent,
+        lengths=display_layouts.read_lengths(lengths or ()),
+        name=name or out.stem,
+        command=shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})]),
+    )
     write_text(out, dumps(opening), replace=force)
     tell_opening(opening, out, as_json)

@@ -23,16 +23,16 @@ def shops(
     as_json: Json = False,
 ) -> None:
     """List the mask shops with published rules, or show the rules of one with their sources."""
-    from maskfab.shops.profiles import load_shop, shop_names
+    from maskfab.api.shops import shops as known
 
     if name is not None:
-        shop = load_shop(name)
+        shop = known(name)
         if as_json:
             print_json(_document(shop))
         else:
             _show(shop)
         return
-    every = [load_shop(each) for each in shop_names()]
+    every = known()
     if as_json:
         print_json({"shops": [_document(shop) for shop in every]})
         return

@@ -15,7 +15,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from maskfab.design.pareto import Judged, Pareto
-from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
+from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, place, styled
 
 _MARKS = "osD^vphX"
 _WIDTH, _HEIGHT = 7.2, 4.2
@@ -28,6 +28,12 @@ _MOST_IN_LEGEND = 22
 def png(found: Pareto) -> bytes:
     """The figure as a PNG file."""
     return bitmap(_drawn(found))
+
+
+@styled
+def drawing(found: Pareto) -> Drawing:
+    """The figure, to be looked at or saved."""
+    return Drawing(_drawn(found), f"Restored PSNR against footprint of emitters, {len(found.curves)} curves")
 
 
 @styled

@@ -1,0 +1,106 @@
+"""Every way to a PSF, timed and compared with an exact one."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.bench import accuracy, accuracy_page
+from maskfab.bench.accuracy import Timing
+from maskfab.bench.cases import CASES, Outcome
+from maskfab.bench.cases import run as run_cases
+from maskfab.files.staging import check_target
+from maskfab.progress import Progress, silent
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Benchmark:
+    """Time and error of every method.
+
+    Attributes:
+        timings: by contestant.
+        bound_ms: processor time of the matrix products alone, by precision.
+        absent: libraries that are not installed, and why.
+    """
+
+    timings: Sequence[Timing]
+    bound_ms: Mapping[str, float]
+    absent: Mapping[str, str]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that was measured."""
+        return accuracy_page.race_document(self.timings, self.bound_ms, self.absent)
+
+    def picture(self) -> bytes:
+        """A PNG of error against time."""
+        return accuracy_page.race_figure(self.timings)
+
+    def save(self, out: str | Path) -> list[Path]:
+        """Write figure and results into a new directory.
+
+        Raises:
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        check_target(Path(out), force=False)
+        return accuracy_page.write(Path(out), self.to_dict(), self.picture())
+
+    def __str__(self) -> str:
+        return "\n".join(accuracy_page.race_table(self.timings, self.bound_ms, self.absent))
+
+    def _repr_png_(self) -> bytes:
+        return self.picture()
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class HardCases:
+    """Outcomes of the cases that break transforms."""
+
+    outcomes: Sequence[Outcome]
+
+    @property
+    def passed(self) -> bool:
+        """Whether every error keeps its limit."""
+        return all(outcome.passed for outcome in self.outcomes)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Each case with its error and limit."""
+        return accuracy_page.case_document(self.outcomes)
+
+    def __str__(self) -> str:
+        return "\n".join(accuracy_page.case_table(self.outcomes))
+
+
+def bench(
+    job: AnyJob | None = None, *, die: str | None = None, rounds: int = 9, progress: Progress = silent
+) -> Benchmark:
+    """Time every PSF method and compare each with the exact one.
+
+    Args:
+        job: a plate, a loaded job, or the path of a job file; a standard panel if None.
+        die: of the job; by default the first.
+        rounds: how often each is timed.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for a die that the job does not have.
+    """
+    if job is None:
+        workload = accuracy.standard_workload()
+    else:
+        loaded = job_of(job)
+        panels = {each.name: each.panel for each in loaded.plate().dies}
+        workload = accuracy.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
+    timings = accuracy.race(workload, rounds, progress)
+    return Benchmark(timings, accuracy.gemm_bound_ms(workload), accuracy.absent())
+
+
+def hard_cases(names: Sequence[str] | None = None) -> HardCases:
+    """Run the cases that break transforms: nulls, far origins, tiny stops, kissing corners, symmetries.
+
+    Args:
+        names: of the cases; all if None.
+    """
+    return HardCases([*run_cases(case for case in CASES if names is None or case.name in names)])

@@ -1,0 +1,78 @@
+"""Error codes and keys of a job in words."""
+
+from __future__ import annotations
+
+import re
+import textwrap
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from maskfab import error_codes
+from maskfab.errors import CATALOGUE
+
+_WIDTH = 100
+_CODE = re.compile(r"(?i)\s*(mf.?\d|\d)")
+_INDENT = " " * len("Usual cause: ")
+
+
+@dataclass(frozen=True, repr=False)
+class Answer:
+    """An explanation, as text for people and as plain data."""
+
+    text: str
+    document: Mapping[str, Any]
+
+    def __str__(self) -> str:
+        return self.text
+
+    def __repr__(self) -> str:
+        return self.text
+
+    def to_dict(self) -> dict[str, Any]:
+        """The parts by their names."""
+        return dict(self.document)
+
+
+def explain(code: str | None = None) -> Answer:
+    """Explain an error code (meaning, example, usual cause, cure) or a key of a job (form, default, meaning).
+
+    >>> import maskfab as mf
+    >>> print(mf.explain("MF111").text.splitlines()[0])
+    MF111  A random tiling needs a seed.
+
+    Args:
+        code: such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``; None for the list of codes.
+
+    Raises:
+        JobError: MF105 for what is neither.
+    """
+    if code is None:
+        groups = error_codes.grouped()
+        lists = ("\n".join([heading, *(f"  {e}  {CATALOGUE[e]}" for e in codes)]) for heading, codes in groups.items())
+        return Answer("\n\n".join(lists), {h: {e: CATALOGUE[e] for e in codes} for h, codes in groups.items()})
+    if not _CODE.match(code):
+        return _of_keys(code)
+    found = error_codes.explained(code)
+    parts = _parts(("Example", found.example), ("Usual cause", found.cause), ("Cure", found.cure))
+    return Answer(f"{found.code}  {found.meaning}\n\n{parts}", asdict(found))
+
+
+def _of_keys(path: str) -> Answer:
+    from maskfab.jobfile.reference import described
+
+    keys = described(path)
+    told = []
+    for key in keys:
+        default = "required" if key.default is None else key.default or "none"
+        parts = _parts(("Meaning", key.meaning), ("Form", key.form), ("Default", default))
+        told.append(key.path + key.section.partition(" ")[1] + key.section.partition(" ")[2] + "\n" + parts)
+    return Answer("\n\n".join(told), {"keys": [asdict(key) for key in keys]})
+
+
+def _parts(*parts: tuple[str, str]) -> str:
+    told = []
+    for title, text in parts:
+        lines = (line for each in text.splitlines() for line in textwrap.wrap(each, _WIDTH - len(_INDENT)))
+        told.append(f"{title + ':':<{len(_INDENT)}}" + f"\n{_INDENT}".join(lines))
+    return "\n".join(told)

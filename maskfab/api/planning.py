@@ -1,0 +1,80 @@
+"""Models that a scene needs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.jobfile import SceneSection
+from maskfab.model import UNSTATED
+from maskfab.optics.scene import plan as plans
+from maskfab.optics.scene.model_bar import Omission, bar_of_scene, weighed, weighed_table
+from maskfab.optics.scene.plan import Plan
+from maskfab.optics.scene.scene import Scene
+
+if TYPE_CHECKING:
+    from maskfab.api.camera import Camera
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Plans:
+    """The model of every die, and what is left out whatever is asked for.
+
+    Attributes:
+        accuracy: admissible relative L2 error of the PSF.
+        plans: by die.
+        omissions: by die; none where neither scene nor blank is stated.
+    """
+
+    accuracy: float
+    plans: Mapping[str, Plan]
+    omissions: Mapping[str, Sequence[Omission]]
+
+    def __getitem__(self, die: str) -> Plan:
+        return self.plans[die]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data; lengths in micrometres, times in seconds."""
+        dies = [
+            {**plans.document(name, found), "not_modelled": weighed(self.omissions[name], self.accuracy)}
+            for name, found in self.plans.items()
+        ]
+        return {"accuracy": self.accuracy, "dies": dies}
+
+    def __str__(self) -> str:
+        return "\n".join(
+            line
+            for name, found in self.plans.items()
+            for line in [*plans.table(name, found), *weighed_table(self.omissions[name], self.accuracy)]
+        )
+
+
+def plan(job: AnyJob, camera: Camera | None = None, *, die: str | Sequence[str] | None = None) -> Plans:
+    """Plan the model of the job's [scene]: effects to include, error of those omitted, time and memory.
+
+    Args:
+        job: a plate, a loaded job, or the path of a job file.
+        camera: of a plate; by default its own.
+        die: one or several; by default all.
+
+    Raises:
+        JobError: MF105 for a die that the job does not have; MF114 or MF115 if a scene cannot be modelled.
+    """
+    loaded = job_of(job, camera)
+    section = loaded.spec.scene or SceneSection()
+    panels = loaded.panels()
+    panels = {name: panels[name] for name in dies_of(die, panels)}
+    found = {
+        name: plans.plan(panel, loaded.camera, loaded.scene or Scene(), section.accuracy)
+        for name, panel in panels.items()
+    }
+    # A job that asks for no scene and says nothing of its plate has its bars in the report.
+    asked = loaded.scene is not None or loaded.blank != UNSTATED
+    field_um = 0.0 if loaded.scene is None else loaded.scene.field_um
+    bars = {
+        name: bar_of_scene(panel, loaded.camera, loaded.blank, field_um) if asked else ()
+        for name, panel in panels.items()
+    }
+    return Plans(section.accuracy, found, bars)
