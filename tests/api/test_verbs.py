@@ -1,0 +1,167 @@
+"""Every verb of the command line is a function of the same name that does the same."""
+
+from __future__ import annotations
+
+import inspect
+import json
+
+import numpy as np
+import pytest
+from small_job import OPENING, command, write_job
+
+import maskfab as mf
+from maskfab.camera.scenes import dead_leaves
+from maskfab.cli.app import app
+from maskfab.errors import JobError, OutputError
+from maskfab.export.pictures import write_png
+
+EMITTERS = """
+[emitters]
+colour_gap = "8 um"
+min_width = "8 um"
+"""
+LOOK = {"stop": "400 um", "pixel": "2 um", "window": "64 um"}
+
+
+@pytest.fixture(scope="module")
+def ring(tmp_path_factory) -> mf.Opening:
+    file = tmp_path_factory.mktemp("opening") / "ring.toml"
+    file.write_text(OPENING)
+    return mf.read_opening(file)
+
+
+@pytest.fixture(scope="module")
+def plate(ring) -> mf.Plate:
+    panels = {
+        "PLAIN": mf.Panel.tile(ring, size="560 um"),
+        "TURNED": mf.Panel.tile(ring, "random", seed=3, size="560 um"),
+    }
+    return mf.Plate.of(
+        panels,
+        blank="27 mm",
+        writable="22 mm",
+        camera=mf.Camera("5 mm", wavelengths=["530 nm"], **LOOK),
+        sections={
+            "emitters": {"colour_gap": "8 um", "min_width": "8 um"},
+            "scene": {"gap": "0.1 mm", "accuracy": "draft"},
+        },
+    )
+
+
+def test_every_verb_of_the_command_line_is_a_function():
+    verbs = {each.callback.__name__ for each in app.registered_commands}
+    assert verbs <= set(mf.__all__)
+    for verb in verbs:
+        assert inspect.signature(getattr(mf, verb)).parameters
+
+
+def test_public_names_are_few_and_documented():
+    assert len(mf.__all__) <= 30
+    for name in mf.__all__:
+        if name != "__version__":
+            assert inspect.getdoc(mf._found(name)), name
+
+
+@pytest.mark.parametrize("verb", ["plan", "check"])
+def test_a_verb_of_a_plate_says_what_the_command_says_of_its_job(plate, tmp_path, capsys, verb):
+    """The plate's job, written out, goes through the command."""
+    job = tmp_path / "job.json"
+    job.write_text(json.dumps(plate.job().spec.dump()))
+    found = getattr(mf, verb)(plate, die="TURNED")
+    assert command(capsys, verb, job, "--die", "TURNED", "--json").document == json.loads(json.dumps(found.to_dict()))
+    assert command(capsys, verb, job, "--die", "TURNED").stdout.rstrip("\n") == str(found)
+    assert found["TURNED"] is not None
+
+
+def test_a_rendering_has_numbers_by_die_and_a_picture(plate):
+    found = mf.render(plate, die="PLAIN", pixels=8, samples=3)
+    assert list(found.panels) == ["PLAIN"]
+    assert found["PLAIN"].names == tuple(dict.fromkeys(row["name"] for row in found.to_dict()["dies"][0]["quantities"]))
+    assert found.picture().startswith(b"\x89PNG")
+    assert str(found).startswith("PLAIN\nquantity")
+
+
+def test_a_simulation_prints_gains_and_keeps_pictures_if_asked(tmp_path):
+    dots = np.zeros((21, 21), dtype=bool)
+    dots[5:16, 5:16] = True
+    small, large = (
+        mf.Opening.of(mask, pitch="168 um", name=name) for mask, name in ((dots, "small"), (~dots, "large"))
+    )
+    panels = {each.name.upper(): mf.Panel.tile(each, "random", seed=1, size="4.2 mm") for each in (small, large)}
+    write_png(dead_leaves(3, 832, 832).values, tmp_path / "leaves.png", white=1.0)
+    found = mf.simulate(mf.Plate.of(panels), images=tmp_path, reference="SMALL")
+    gains = {gain.level_db: gain.psnr for gain in found.table.gains("SMALL")}
+    assert set(gains) == {24, 32, 40}
+    assert "gain over SMALL" in str(found)
+    assert len(found.to_dict()["scores"]) == 6
+    with pytest.raises(JobError, match="MF105 no pictures were kept"):
+        found.picture()
+
+
+def test_an_analysis_of_an_opening_is_that_of_its_file(ring, tmp_path, capsys):
+    camera = mf.Camera("5 mm", wavelengths=530, **LOOK)
+    found = mf.analyse(ring, camera, tiling="random", seed=3)
+    file = ring.save(tmp_path / "ring.toml")
+    look = ("--stop", "400 um", "--focal", "5 mm", "--wavelengths", "530 nm", "--window", "64 um", "--quiet", "--json")
+    said = command(capsys, "analyse", file, "--tiling", "random", "--seed", 3, *look)
+    assert said.document == json.loads(json.dumps(found.to_dict()))
+    assert found["auc_radial_min", 530].value == found.numbers["auc_radial_min"].value
+    assert found.passed
+
+
+def test_shapes_have_the_names_that_the_command_knows(tmp_path, capsys):
+    own = mf.shape("rgb-stripe", name="drawn")
+    assert own.emitters is not None
+    assert command(capsys, "shape", "rgb-stripe", "--out", tmp_path / "drawn.toml").code == 0
+    assert np.array_equal(mf.read_opening(tmp_path / "drawn.toml").mask, own.mask)
+    assert {"stripe", "blobs", "diamond-discs", "rgb-stripe"} <= set(mf.shapes())
+
+
+def test_shops_judge_a_plate_and_a_package_is_sent_only_if_they_take_it(plate, tmp_path):
+    assert {shop.name for shop in mf.shops()} >= {"generic-chrome", "gesim"}
+    for shop, taken in (("generic-chrome", True), ("gesim", False)):
+        judged = mf.check(plate, shop=shop)
+        assert judged.passed == taken
+        assert taken == all(rule["passed"] is not False for rule in judged.to_dict()["rules"])
+    sent = mf.package(plate, "gesim", tmp_path / "plate.zip")
+    assert sent.path is None
+    assert [rule.rule for rule in sent.findings if rule.passed is False] == ["blank"]
+    assert not (tmp_path / "plate.zip").exists()
+
+
+def test_explanations_are_those_of_the_command(capsys):
+    for word in ("MF106", "camera.stop"):
+        assert str(mf.explain(word)) == command(capsys, "explain", word).stdout.rstrip("\n")
+    assert mf.explain("MF106").to_dict()["code"] == "MF106"
+    assert "MF901" in str(mf.explain())
+
+
+@pytest.mark.parametrize(
+    ("error", "code", "call"),
+    [
+        (JobError, "MF105", lambda plate: mf.plan(plate, die="NONE")),
+        (JobError, "MF105", lambda plate: mf.check(mf.Plate.of(plate.panels), die="PLAIN")),
+        (JobError, "MF105", lambda plate: mf.check(plate, shop="gesim", formats=["psd"])),
+        (OutputError, "MF420", lambda plate: mf.check(plate, shop="nobody")),
+        (JobError, "MF105", lambda plate: mf.simulate(plate, protocol="f2")),
+        (JobError, "MF134", mf.simulate),
+        (JobError, "MF103", lambda plate: mf.render(plate, distance="300")),
+        (JobError, "MF105", lambda plate: mf.analyse(plate["PLAIN"].opening, tiling="spiral")),
+        (JobError, "MF102", lambda plate: mf.analyse(plate["PLAIN"].opening, scene={"gape": "1 mm"})),
+        (JobError, "MF111", lambda plate: mf.analyse(plate["PLAIN"].opening, plate["PLAIN"] and None, tiling="random")),
+        (JobError, "MF105", lambda plate: mf.shape("hexagon")),
+        (JobError, "MF105", lambda plate: mf.shape("blobs")),
+        (JobError, "MF102", lambda plate: mf.shape("stripe", lengths={"a": 1})),
+        (JobError, "MF105", lambda plate: mf.explain("nonsense")),
+        (JobError, "MF105", lambda plate: mf.bench(plate, die="NONE")),
+    ],
+)
+def test_bad_input_of_a_verb_is_refused(plate, error, code, call):
+    with pytest.raises(error) as refusal:
+        call(plate)
+    assert refusal.value.code == code
+
+
+def test_a_pareto_front_needs_its_section(tmp_path):
+    with pytest.raises(JobError, match=r"MF105 the job has no \[pareto\] section"):
+        mf.pareto(write_job(tmp_path))
