@@ -14,15 +14,15 @@ test-all: export HYPOTHESIS_PROFILE := full
 # Test modules and the package are compiled once, also for the processes that tests start.
 test test-all: export PYTHONDONTWRITEBYTECODE :=
 test test-all: $(VENV)/dev.stamp
-	$(BIN)/ruff format --check maskfab tests docs
-	$(BIN)/ruff check maskfab tests docs
+	$(BIN)/ruff format --check maskfab tests examples docs
+	$(BIN)/ruff check maskfab tests examples docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile $(CHOSEN)
 
 lint: $(VENV)/dev.stamp
-	$(BIN)/ruff format maskfab tests docs
-	$(BIN)/ruff check --fix maskfab tests docs
+	$(BIN)/ruff format maskfab tests examples docs
+	$(BIN)/ruff check --fix maskfab tests examples docs
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 
 from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.camera import scenes as scene_sets
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.photo_camera import F1, PhotoCamera, described
 from maskfab.camera.photographs import Scene, folder
 from maskfab.camera.protocol import ASSUMED, Score, Table, evaluate
-from maskfab.camera.scenes import bundled
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
 from maskfab.progress import Progress, silent
@@ -139,7 +139,7 @@ def simulate(
         )
     names = [each.name for each in laid]
     base = names[0] if reference is None else dies_of(reference, names)[0]
-    scenes = bundled() if images is None else folder(Path(images))
+    scenes = scene_sets.bundled() if images is None else folder(Path(images))
     shown: dict[str, list[Shot]] = {name: [] for name in names} if pictures else {}
 
     def show(score: Score, whole: NDArray[np.float32]) -> None:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab import provenance
+from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import folder
-from maskfab.camera.scenes import bundled
 from maskfab.camera.transfer import lattice
 from maskfab.design.pareto import Judged, Pareto, openings, rules_of, sweep
 from maskfab.display.feasibility import DisplayRules
@@ -120,7 +120,7 @@ def pareto(
     found = sweep(
         spec.pareto,
         section,
-        bundled() if images is None else folder(Path(images)),
+        scene_sets.bundled() if images is None else folder(Path(images)),
         compared=compared,
         emitters=rules,
         camera=camera,

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Scene, folder
-from maskfab.camera.scenes import bundled
 from maskfab.camera.transfer import lattice
 from maskfab.design.result import Designed, constraints_of
 from maskfab.errors import JobError
@@ -86,4 +86,4 @@ def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Scene]:
     """Maps fit the very pictures they are designed on, so they get more of them."""
     if images is not None:
         return folder(images)
-    return bundled(_SCENES_OF_MAPS) if for_map else bundled()
+    return scene_sets.bundled(_SCENES_OF_MAPS) if for_map else scene_sets.bundled()

@@ -1,0 +1,51 @@
+"""The examples end in a picture each, and those in docstrings give what they say."""
+
+from __future__ import annotations
+
+import doctest
+import runpy
+from importlib import import_module
+from pathlib import Path
+
+import pytest
+
+import maskfab as mf
+
+EXAMPLES = sorted((Path(mf.__file__).parents[1] / "examples").glob("*.py"))
+STARTS = {".png": b"\x89PNG\r\n\x1a\n", ".svg": b"<svg"}
+
+
+def test_there_are_examples_and_each_is_short():
+    assert len(EXAMPLES) >= 6
+    assert all(len(path.read_text().splitlines()) <= 30 for path in EXAMPLES)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def test_an_example_runs_in_an_empty_folder_and_ends_in_a_picture(path, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(path), run_name="__main__")
+    drawn = [file for file in tmp_path.iterdir() if file.suffix in STARTS]
+    assert drawn
+    for file in drawn:
+        assert file.read_bytes().startswith(STARTS[file.suffix])
+
+
+def documented() -> list[doctest.DocTest]:
+    """Examples of every public name, each with the module that it stands in."""
+    finder, found = doctest.DocTestFinder(), []
+    modules = {mf._WHERE[name].partition(":")[0] for name in mf._WHERE} | {"maskfab"}
+    for name in sorted(modules):
+        found += [test for test in finder.find(import_module(name)) if test.examples]
+    return found
+
+
+def test_examples_in_docstrings_give_what_they_say():
+    tests = documented()
+    assert {"maskfab.api.opening.Opening", "maskfab.api.panel.Panel", "maskfab.api.plate.Plate"} <= {
+        test.name for test in tests
+    }
+    runner = doctest.DocTestRunner()
+    for test in tests:
+        runner.run(test)
+    assert runner.summarize(verbose=False).failed == 0
+    assert runner.tries >= 12
