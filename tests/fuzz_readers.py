@@ -361,6 +361,8 @@ def _apart(reader: str, path: Path) -> str:
     if not copy:
         os.close(back)
         resource.setrlimit(resource.RLIMIT_CPU, (2 * int(SECONDS), 2 * int(SECONDS)))
+        if reader in MAY_END:
+            step_process.limit(path)
         os.write(to, outcome(reader, path).encode()[:4000])
         os._exit(0)
     os.close(to)
@@ -393,8 +395,7 @@ def _gerber(path: Path, *_script: object, **_limits: object) -> object:
 
 
 def _step(path: Path, *_script: object, **_limits: object) -> object:
-    """The same for STEP, which an endless file may end at the limits that its process sets itself."""
-    step_process.limit(path)
+    """The same for STEP."""
     try:
         with quiet():
             return step_process.content(path)
