@@ -19,6 +19,10 @@ from maskfab.plate.panels import tiled
 from maskfab.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
 
 if TYPE_CHECKING:
+    import cadquery
+    import trimesh
+
+    from maskfab.export.solid.tiles import Stack
     from maskfab.report.plots.sheet import Drawing
 
 _WHERE = "Panel.tile"
@@ -120,6 +124,31 @@ class Panel(model.Panel):
 
         return die_figures.panel_close_up(self, cells)
 
+    def to_cadquery(self, chrome: Length = "100 nm", glass: Length = "2.3 mm") -> cadquery.Assembly:
+        """Glass and the chrome of every pixel as an assembly in millimetres, the panel's middle at the origin.
+
+        Args:
+            chrome: thickness of the film; more than there is makes it visible.
+            glass: thickness of the substrate.
+
+        Raises:
+            JobError: MF103 or MF104 for a thickness.
+            OutputError: MF410 for pixels without chrome, MF412 for a panel of too many vertices or pixels.
+        """
+        from maskfab.export.solid.objects import cadquery_assembly
+
+        return cadquery_assembly(self._die(), _stack(chrome, glass))
+
+    def to_trimesh(self, chrome: Length = "100 nm", glass: Length = "2.3 mm") -> trimesh.Scene:
+        """The same as a scene of closed meshes, one for each orientation; arguments and errors as there."""
+        from maskfab.export.solid.objects import trimesh_scene
+
+        return trimesh_scene(self._die(), _stack(chrome, glass))
+
+    def _die(self) -> model.Die:
+        """The panel alone, about the origin."""
+        return model.Die("PANEL", self.held[0].name, self, (0, 0), self.side_nm)
+
     def _repr_svg_(self) -> str:
         return self.plot().svg()
 
@@ -130,3 +159,13 @@ class Panel(model.Panel):
             f"<Panel of {self.held[0].name}: {self.tiling}, {columns} x {rows} pixels of "
             f"{self.pitch_nm / NM_PER_UM:g} um, {width:g} x {height:g} mm, {self.open_ratio:.1%} clear>"
         )
+
+
+def _stack(chrome: Length, glass: Length) -> Stack:
+    from maskfab.export.solid.tiles import Stack
+
+    film_um, glass_um = (
+        parse_length_um(length_text(value), where=f"Panel: {name}")
+        for name, value in (("chrome", chrome), ("glass", glass))
+    )
+    return Stack(film_um * NM_PER_UM, glass_um * NM_PER_UM)

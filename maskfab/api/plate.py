@@ -24,6 +24,8 @@ from maskfab.plate import maps
 from maskfab.units import NM_PER_UM
 
 if TYPE_CHECKING:
+    from klayout import db
+
     from maskfab.report.plots.sheet import Drawing
 
 _WHERE = "Plate"
@@ -198,6 +200,12 @@ class Plate:
         with partial(target) as aside:
             write(aside)
         return target
+
+    def to_klayout(self) -> db.Layout:
+        """The plate as a layout of klayout, in nanometres, with the cells and layers of its files."""
+        from maskfab.geometry.plate_layout import plate_layout
+
+        return plate_layout(self.layout())
 
     def plot(self) -> Drawing:
         """The plate in millimetres: blank, writable area, dies by name, marks."""
