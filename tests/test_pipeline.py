@@ -164,7 +164,7 @@ def test_limits_make_a_check_fail_and_the_files_are_there(capsys, tmp_path):
 # --- a failure in the middle -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("step", ["write_files", "read_back", "measure_dies", "figures.pictures"])
+@pytest.mark.parametrize("step", ["write_files", "read_back", "measure_dies", "die_figures.pictures"])
 def test_a_crash_in_the_middle_leaves_nothing(tmp_path, monkeypatch, step):
     def crash(*_: object) -> None:
         raise RuntimeError(step)

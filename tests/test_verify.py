@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from small_job import command, listing
 
 import maskfab
-from maskfab.errors import OutputError
+from maskfab.errors import JobError, OutputError
 from maskfab.model import Quantity
 from maskfab.provenance import sha256_of_file
 from maskfab.report.plots.sheet import bitmap
@@ -336,9 +336,10 @@ def test_what_is_no_result_is_refused(capsys, tmp_path, manifest):
 
 
 def test_a_directory_that_is_not_there_is_no_result(tmp_path):
-    for path in (tmp_path / "none", Path(__file__)):
-        with pytest.raises(OutputError, match="MF403"):
-            maskfab.verify(path)
+    with pytest.raises(OutputError, match="MF403"):
+        maskfab.verify(tmp_path / "none")
+    with pytest.raises(JobError, match=r"MF105.*test_verify"):
+        maskfab.verify(__file__)
 
 
 def test_a_manifest_may_not_point_out_of_its_directory(out, tmp_path):

@@ -34,11 +34,11 @@ def dies() -> dict[str, Die]:
 def take(dies):
     toled, small = dies["TOLED"], dies["TOLED"].panel.orientations[:23, :23]
     others = [
-        replace(toled, name="RANDOM", panel=replace(toled.panel, tiling=Tiling.RANDOM)),
-        replace(toled, name="FOURS", panel=replace(toled.panel, tiling=Tiling.PAPER4)),
-        replace(toled, name="HEXAGONAL", panel=replace(toled.panel, tiling=Tiling.HEXAGONAL)),
-        replace(toled, name="SMALL", panel=replace(toled.panel, orientations=small, tiling=Tiling.RANDOM)),
-        replace(toled, name="GUTTER", panel=replace(toled.panel, gutter_nm=16000)),
+        replace(toled, name="RANDOM", panel=replace(toled.panel, tiling=Tiling.RANDOM, seed=1)),
+        replace(toled, name="FOURS", panel=replace(toled.panel, tiling=Tiling.PAPER4, seed=1)),
+        replace(toled, name="HEXAGONAL", panel=replace(toled.panel, tiling=Tiling.HEXAGONAL, seed=1)),
+        replace(toled, name="SMALL", panel=replace(toled.panel, orientations=small, tiling=Tiling.RANDOM, seed=1)),
+        replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000)),
     ]
     return photographer([*dies.values(), *others], SCENES)
 
@@ -50,10 +50,10 @@ def test_a_die_is_judged_if_it_covers_the_stop_in_square_cells(take):
 def test_numbers_are_the_surrogates_of_the_repeated_and_of_the_turned_opening(take, dies):
     unit, toled = dies["TOLED"].panel.opening.mask, dies["TOLED"]
     estimate = surrogate(SCENES)
-    turned = replace(toled, name="RANDOM", panel=replace(toled.panel, tiling=Tiling.RANDOM))
+    turned = replace(toled, name="RANDOM", panel=replace(toled.panel, tiling=Tiling.RANDOM, seed=1))
     assert _values(take, toled) == list(estimate(unit, periodic=True))
     assert _values(take, turned) == list(estimate(unit))
-    gutter = replace(toled, name="GUTTER", panel=replace(toled.panel, gutter_nm=16000))
+    gutter = replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000))
     wide = surrogate(SCENES, 23, dot_nm=8000)(np.pad(unit, 1), periodic=True)
     assert _values(take, gutter) == list(wide)
 
@@ -67,7 +67,7 @@ def test_scenes_are_looked_at_once_for_cells_of_every_size(dies, monkeypatch):
 
     monkeypatch.setattr(expected_psnr, "_spectrum", once)
     toled = dies["TOLED"]
-    wide = replace(toled, name="GUTTER", panel=replace(toled.panel, gutter_nm=16000))
+    wide = replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000))
     assert len(photographer([toled, wide], SCENES).estimates) == 2
     assert seen == [1]
 
@@ -75,7 +75,7 @@ def test_scenes_are_looked_at_once_for_cells_of_every_size(dies, monkeypatch):
 def test_a_layout_that_repeats_is_told_as_the_repeated_opening(take, dies):
     """The layout's own error, cut cells and all, against the closed form without them."""
     toled = dies["TOLED"]
-    alike = replace(toled, name="FOURS", panel=replace(toled.panel, tiling=Tiling.PAPER4))
+    alike = replace(toled, name="FOURS", panel=replace(toled.panel, tiling=Tiling.PAPER4, seed=1))
     assert _values(take, alike) == pytest.approx(_values(take, toled), abs=0.3)
 
 

@@ -284,7 +284,7 @@ def test_folders_above_a_package_are_made_with_it_and_not_for_a_refusal(capsys, 
 
 
 def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
-    from maskfab.package import pack
+    from maskfab.export import outputs
 
     def full(figures, kind, comments, style):
         def write(path: Path) -> None:
@@ -295,7 +295,7 @@ def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
         return write
 
     job = load(write_job(tmp_path))
-    monkeypatch.setattr(pack, "mask_writer", full)
+    monkeypatch.setattr(outputs, "mask_writer", full)
     with pytest.raises(OutputError, match="temporary folder") as refusal:
         pack(job, load_shop("pog"), tmp_path / "p.zip")
     assert "TMPDIR" in refusal.value.cure
@@ -303,12 +303,12 @@ def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
 
 
 def test_a_target_that_cannot_be_written_is_told_as_such_even_beside_the_temporary_folder(monkeypatch, tmp_path):
-    from maskfab.package import pack
+    from maskfab.package import pack as packing
 
     def full(target, *_, **__):
         raise OutputError("MF401", f"{target} cannot be written: No space left on device", cure="Choose another --out")
 
-    monkeypatch.setattr(pack, "write_package", full)
+    monkeypatch.setattr(packing, "write_package", full)
     with pytest.raises(OutputError, match=r"p\.zip cannot be written") as refusal:
         pack(load(write_job(tmp_path)), load_shop("pog"), tmp_path / "p.zip")
     assert "--out" in refusal.value.cure

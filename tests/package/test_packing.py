@@ -148,7 +148,7 @@ def test_verify_takes_a_package_by_its_bytes_alone_or_with_its_job_and_shop(caps
     job, path = packed
     answer = command(capsys, "verify", path, "--json", "--quiet")
     assert (answer.code, answer.document["verdict"]) == (0, "pass")
-    assert names_of(answer) >= {"sha256", "job_hash", "readback_xor_area", "readback_wrong_dots"}
+    assert names_of(answer) >= {"sha256", "manifest_job_hash", "readback_xor_area", "readback_wrong_dots"}
     assert (answer.document["package"], answer.document["against"], answer.document["shop"]) == (str(path), None, None)
     answer = command(capsys, "verify", path, "--against", job, "--shop", "generic-chrome", "--json", "--quiet")
     assert (answer.code, answer.document["shop"]) == (0, "generic-chrome")

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from maskfab.errors import JobError
+from maskfab.errors import JobError, MaskfabError
 
 _UM_PER_UNIT = {"nm": 1e-3, "um": 1.0, "mm": 1e3, "mil": 25.4, "in": 25400.0}
 
@@ -32,3 +34,16 @@ def unit_um(unit: str | None) -> float | None:
         known = ", ".join(_UM_PER_UNIT)
         raise JobError("MF105", f"there is no unit {unit!r}", where="--unit", cure=f"Use one of {known}")
     return None if unit is None else _UM_PER_UNIT[unit]
+
+
+@contextmanager
+def named_as_options(context: typer.Context) -> Iterator[None]:
+    """Errors that name an argument of a function name the option that states it instead."""
+    try:
+        yield
+    except MaskfabError as error:
+        stated = context.command.params
+        options = {each.name: each.opts[0] for each in stated if each.param_type_name == "option"}
+        if error.where not in options:
+            raise
+        raise type(error)(error.code, error.what, where=options[error.where], cure=error.cure) from error

@@ -7,13 +7,14 @@ from typing import Annotated, Any
 
 import typer
 
-from maskfab.cli.common.options import Json, Quiet, Unit, unit_um
+from maskfab.cli.common.options import Json, Quiet, Unit, named_as_options, unit_um
 from maskfab.cli.common.printing import leave, print_json, print_methods, print_table, tell_notes
 from maskfab.cli.common.watch import watched
 from maskfab.errors import JobError
 
 
 def analyse(
+    context: typer.Context,
     file: Annotated[Path, typer.Argument(metavar="FILE", help="An opening (.toml .txt .png .tif .exr .npy) or a mask "
                                          "(.gds .oas .dxf).")],
     pitch: Annotated[str | None, typer.Option(help="Side of a cell, such as '168 um' or '150 dpi'.")] = None,
@@ -78,7 +79,7 @@ def analyse(
         from maskfab.files.staging import check_target
 
         check_target(out, force=False)
-    with watched(quiet) as progress:
+    with named_as_options(context), watched(quiet) as progress:
         analysis = analyse_file(
             file,
             camera,

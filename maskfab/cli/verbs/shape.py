@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from maskfab.cli.common.options import Json
+from maskfab.cli.common.options import Json, named_as_options
 from maskfab.cli.common.printing import tell_opening
 
 SHAPES = "stripe, blobs or diamond-discs; with emitters: rgb-stripe, pentile-diamond, delta, circular or window"
@@ -44,18 +44,19 @@ def shape(
     from maskfab.opening.openings import dumps
 
     check_file(out, force=force)
-    opening = drawn(
-        kind,
-        dots=dots,
-        pitch=pitch,
-        clear_dots=clear_dots,
-        width_dots=width_dots,
-        size_ratio=size_ratio,
-        aspect=aspect,
-        exponent=exponent,
-        lengths=display_layouts.read_lengths(lengths or ()),
-        name=name or out.stem,
-        command=shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})]),
-    )
+    with named_as_options(context):
+        opening = drawn(
+            kind,
+            dots=dots,
+            pitch=pitch,
+            clear_dots=clear_dots,
+            width_dots=width_dots,
+            size_ratio=size_ratio,
+            aspect=aspect,
+            exponent=exponent,
+            lengths=display_layouts.read_lengths(lengths or ()),
+            name=name or out.stem,
+            command=shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})]),
+        )
     write_text(out, dumps(opening), replace=force)
     tell_opening(opening, out, as_json)
