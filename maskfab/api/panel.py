@@ -140,7 +140,7 @@ class Panel(model.Panel):
         return cadquery_assembly(self._die(), _stack(chrome, glass))
 
     def to_trimesh(self, chrome: Length = "100 nm", glass: Length = "2.3 mm") -> trimesh.Scene:
-        """The same as a scene of closed meshes, one for each orientation; arguments and errors as there."""
+        """A scene of closed meshes, one for each orientation; arguments and errors as :meth:`to_cadquery`."""
         from maskfab.export.solid.objects import trimesh_scene
 
         return trimesh_scene(self._die(), _stack(chrome, glass))
