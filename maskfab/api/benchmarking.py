@@ -10,8 +10,6 @@ from typing import Any
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.bench import accuracy, accuracy_page
 from maskfab.bench.accuracy import Timing
-from maskfab.bench.cases import CASES, Outcome
-from maskfab.bench.cases import run as run_cases
 from maskfab.files.staging import check_target
 from maskfab.progress import Progress, silent
 
@@ -54,25 +52,6 @@ class Benchmark:
         return self.picture()
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class HardCases:
-    """Outcomes of the cases that break transforms."""
-
-    outcomes: Sequence[Outcome]
-
-    @property
-    def passed(self) -> bool:
-        """Whether every error keeps its limit."""
-        return all(outcome.passed for outcome in self.outcomes)
-
-    def to_dict(self) -> dict[str, Any]:
-        """Each case with its error and limit."""
-        return accuracy_page.case_document(self.outcomes)
-
-    def __str__(self) -> str:
-        return "\n".join(accuracy_page.case_table(self.outcomes))
-
-
 def bench(
     job: AnyJob | None = None, *, die: str | None = None, rounds: int = 9, progress: Progress = silent
 ) -> Benchmark:
@@ -95,12 +74,3 @@ def bench(
         workload = accuracy.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
     timings = accuracy.race(workload, rounds, progress)
     return Benchmark(timings, accuracy.gemm_bound_ms(workload), accuracy.absent())
-
-
-def hard_cases(names: Sequence[str] | None = None) -> HardCases:
-    """Run the cases that break transforms: nulls, far origins, tiny stops, kissing corners, symmetries.
-
-    Args:
-        names: of the cases; all if None.
-    """
-    return HardCases([*run_cases(case for case in CASES if names is None or case.name in names)])

@@ -136,6 +136,11 @@ def check(
         JobError: MF105 for a job without [emitters], or a die or a format that there is not.
         OutputError: MF420 or MF421 for the shop.
     """
+    said = {"die": die, "largest": largest, "largest_gap": largest_gap} if shop is not None else {"formats": formats}
+    for name, value in said.items():
+        if value:
+            beside = "a shop's rules" if shop is not None else "a display; it is for a shop"
+            raise JobError("MF105", f"{name} does not apply to {beside}", where=name, cure="Leave it out")
     if shop is not None:
         return _check_for_shop(job, shop, formats, progress)
     loaded = job_of(job)

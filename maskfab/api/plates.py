@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import overload
 
@@ -18,6 +18,8 @@ from maskfab.package.archive import is_package
 from maskfab.package.pack import verify_package
 from maskfab.pipeline import Result
 from maskfab.progress import Progress, silent
+from maskfab.readers.image_mask import IMAGE_SUFFIXES
+from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.report.quantities import Quantities
 from maskfab.shops.profiles import load_shop
 from maskfab.units import NM_PER_UM, parse_length_um
@@ -96,20 +98,92 @@ def verify(
         JobError: MF105 for a file without a job to compare it with, and for arguments that do not apply.
     """
     path = Path(subject)
+    check_applies(
+        {
+            "against": against, "shop": shop, "die": die, "layer": layer, "cell": cell, "dots_per_um": dots_per_um,
+            "unit_um": unit_um, "tone": tone, "ignore": tuple(ignore) or None, "tolerance": tolerance,
+        },
+        path,
+    )  # fmt: skip
     if is_package(path):
         job = None if against is None else job_of(against)
         return Quantities(verify_package(path, job, None if shop is None else load_shop(shop)))
     if against is None:
-        if os.path.isfile(path):
+        return Quantities(verification.verify(path, progress))
+    slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="verify: tolerance")
+    how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), is_dark(tone), slivers * NM_PER_UM)
+    return Quantities(verification.verify_file(path, job_of(against), die, how, progress).quantities)
+
+
+def is_dark(tone: str | None, where: str = "verify: tone") -> bool:
+    """Whether polygons are said to draw the chrome; they draw what is clear unless stated.
+
+    Raises:
+        JobError: MF105 for another tone.
+    """
+    if tone not in {None, "clear", "dark"}:
+        raise JobError("MF105", f"there is no tone {tone!r}", where=where, cure="Use clear or dark")
+    return tone == "dark"
+
+
+def check_applies(stated: Mapping[str, object], subject: Path, spelt: Callable[[str], str] = str) -> None:
+    """Refuse what cannot be said of the folder, package or file that is verified.
+
+    Args:
+        stated: arguments of :func:`verify` by name, None where left out.
+        subject: what is verified.
+        spelt: how the caller's user writes an argument.
+
+    Raises:
+        JobError: MF105 for all that do not apply, at the first; for what is missing.
+    """
+    said = [name for name, value in stated.items() if value is not None]
+    if is_package(subject):
+        _refuse_strangers([name for name in said if name not in {"against", "shop"}], "a package", spelt)
+        if "shop" in said and "against" not in said:
+            against, shop = spelt("against"), spelt("shop")
             raise JobError(
                 "MF105",
-                f"no plate or job is given to compare {path.name} with",
-                where="verify: against",
-                cure="Add against=plate, or name the directory of a finished run",
+                f"{against} is missing: with {shop} the package is rebuilt from its job",
+                where=against,
+                cure=f"Add {against} with the job, or leave {shop} out: the package holds its job and its shop",
             )
-        return Quantities(verification.verify(path, progress))
-    if tone not in (None, "clear", "dark"):
-        raise JobError("MF105", f"there is no tone {tone!r}", where="verify: tone", cure="Use clear or dark")
-    slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="verify: tolerance")
-    how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), tone == "dark", slivers * NM_PER_UM)
-    return Quantities(verification.verify_file(path, job_of(against), die, how, progress).quantities)
+    elif "shop" in said:
+        raise JobError(
+            "MF105",
+            f"{spelt('shop')} {stated['shop']} applies to packages only, and {subject.name} is not one",
+            where=spelt("shop"),
+            cure=f"Name a .zip that maskfab package wrote, or leave {spelt('shop')} out",
+        )
+    elif os.path.isdir(subject):
+        _refuse_strangers(said, f"{subject.name}, which is a directory", spelt)
+    elif "against" in said:
+        meant = {"against", *_meant(subject)}
+        _refuse_strangers([name for name in said if name not in meant], subject.name, spelt)
+    elif os.path.isfile(subject):
+        raise JobError(
+            "MF105",
+            f"no job is given to compare {subject.name} with",
+            where=spelt("against"),
+            cure=f"Add {spelt('against')} with a job, or name the directory of a finished run",
+        )
+
+
+def _refuse_strangers(strangers: Sequence[str], subject: str, spelt: Callable[[str], str]) -> None:
+    cure = "Leave it out"
+    if "against" in strangers:
+        cure += ": a finished directory is held against the job in it. Or name one of its mask files"
+    if strangers:
+        told = " ".join(map(spelt, strangers))
+        raise JobError("MF105", f"{told} does not apply to {subject}", where=spelt(strangers[0]), cure=cure)
+
+
+def _meant(file: Path) -> tuple[str, ...]:
+    """Arguments with a meaning for a file of its kind; all of them where no such kind is read, which is told elsewhere.
+
+    Only the unit of a DXF can be stated, which the reader of the others says.
+    """
+    kind, every = file.suffix.lower(), ("die", "unit_um", "tone", "tolerance")
+    if kind in IMAGE_SUFFIXES:
+        return (*every, "dots_per_um")
+    return (*every, "layer", "cell", "ignore", *(() if kind in LAYOUT_SUFFIXES else ("dots_per_um",)))

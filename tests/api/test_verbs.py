@@ -143,6 +143,8 @@ def test_explanations_are_those_of_the_command(capsys):
         (JobError, "MF105", lambda plate: mf.check(mf.Plate.of(plate.panels), die="PLAIN")),
         (JobError, "MF105", lambda plate: mf.check(plate, shop="gesim", formats=["psd"])),
         (OutputError, "MF420", lambda plate: mf.check(plate, shop="nobody")),
+        (JobError, "MF105", lambda plate: mf.check(plate, formats=["gdsii"])),
+        (JobError, "MF105", lambda plate: mf.check(plate, shop="gesim", die="PLAIN")),
         (JobError, "MF105", lambda plate: mf.simulate(plate, protocol="f2")),
         (JobError, "MF134", mf.simulate),
         (JobError, "MF103", lambda plate: mf.render(plate, distance="300")),
@@ -160,6 +162,26 @@ def test_bad_input_of_a_verb_is_refused(plate, error, code, call):
     with pytest.raises(error) as refusal:
         call(plate)
     assert refusal.value.code == code
+
+
+@pytest.mark.parametrize(
+    ("name", "arguments", "said"),
+    [
+        ("folder", {"layer": "1/0"}, "layer does not apply to folder, which is a directory"),
+        ("folder", {"against": "job.toml"}, "against does not apply"),
+        ("plate.gds", {"against": "job.toml", "dots_per_um": 2.0}, "dots_per_um does not apply to plate.gds"),
+        ("plate.png", {"against": "job.toml", "layer": "1/0"}, "layer does not apply to plate.png"),
+        ("plate.gds", {"shop": "gesim", "against": "job.toml"}, "applies to packages only"),
+    ],
+)
+def test_what_cannot_be_said_of_a_subject_is_refused_and_not_ignored(tmp_path, name, arguments, said):
+    place = tmp_path / name
+    if place.suffix:
+        place.write_bytes(b"no mask")
+    else:
+        place.mkdir()
+    with pytest.raises(JobError, match=f"MF105.*{said}"):
+        mf.verify(place, **arguments)
 
 
 def test_a_pareto_front_needs_its_section(tmp_path):

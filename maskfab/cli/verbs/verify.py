@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,7 +11,6 @@ import typer
 from maskfab.cli.common.options import Json, Quiet, Unit, unit_um
 from maskfab.cli.common.printing import leave, plain, print_json, print_table, summarise
 from maskfab.cli.common.watch import watched
-from maskfab.errors import JobError
 
 if TYPE_CHECKING:
     from maskfab.model import Quantity
@@ -43,44 +41,27 @@ def verify(
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Repeat every check on a finished run or package, or compare a mask file with a job."""
+    from maskfab.api.plates import check_applies, is_dark
     from maskfab.package.archive import is_package
 
-    reading: dict[str, object] = {
-        "--die": die,
-        "--layer": layer,
-        "--cell": cell,
-        "--dots-per-um": dots_per_um,
-        "--unit": unit,
-    }
-    reading |= {"--tone": tone, "--ignore": ignore or None, "--tolerance": tolerance}
-    said = [name for name, value in reading.items() if value is not None]
+    check_applies(
+        {
+            "against": against, "shop": shop, "die": die, "layer": layer, "cell": cell, "dots_per_um": dots_per_um,
+            "unit_um": unit, "tone": tone, "ignore": ignore or None, "tolerance": tolerance,
+        },
+        subject,
+        _option,
+    )  # fmt: skip
     if is_package(subject):
-        _check_meant(said, (), "a package")
         _package(subject, against, shop, as_json, quiet)
         return
-    if shop is not None:
-        raise JobError(
-            "MF105",
-            f"--shop {shop} applies to packages only, and {subject.name} is not one",
-            where="--shop",
-            cure="Name a .zip that maskfab package wrote, or leave --shop out",
-        )
-    if against is None and os.path.isfile(subject):
-        raise JobError(
-            "MF105",
-            f"no job is given to compare {subject.name} with",
-            where="--against",
-            cure="Add --against JOB.toml, or name the --out of a finished run",
-        )
-    if os.path.isdir(subject):
-        _check_meant((*(() if against is None else ("--against",)), *said), (), f"{subject.name}, which is a directory")
     if against is not None:
         from maskfab.units import NM_PER_UM, parse_length_um
         from maskfab.verify.foreign.comparison import How
 
-        _check_meant(said, _meant(subject), subject.name)
         wide = 0.0 if tolerance is None else NM_PER_UM * parse_length_um(tolerance, where="--tolerance")
-        how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), _is_dark(tone), wide)
+        dark = is_dark(tone, "--tone")
+        how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), dark, wide)
         _foreign(subject, against, die, how, as_json, quiet)
         return
     from maskfab.verification import verify as verify_directory
@@ -90,48 +71,12 @@ def verify(
     _tell(checks, {}, as_json)
 
 
-def _is_dark(tone: str | None) -> bool:
-    if tone not in {None, "clear", "dark"}:
-        raise JobError("MF105", f"there is no tone {tone!r}", where="--tone", cure="Use clear or dark")
-    return tone == "dark"
-
-
-def _meant(file: Path) -> Sequence[str]:
-    """Options with a meaning for a file of its kind; all of them where no such kind is read, which is told elsewhere.
-
-    Only the unit of a DXF can be stated, which the reader of the others says.
-    """
-    from maskfab.readers.image_mask import IMAGE_SUFFIXES
-    from maskfab.readers.layout_file import LAYOUT_SUFFIXES
-
-    kind, every = file.suffix.lower(), ("--die", "--unit", "--tone", "--tolerance")
-    if kind in IMAGE_SUFFIXES:
-        return (*every, "--dots-per-um")
-    return (*every, "--layer", "--cell", "--ignore", *(() if kind in LAYOUT_SUFFIXES else ("--dots-per-um",)))
-
-
-def _check_meant(said: Sequence[str], meant: Sequence[str], subject: str) -> None:
-    """Refuse options that cannot be said of what is verified.
-
-    Raises:
-        JobError: MF105 for all of them, at the first.
-    """
-    strangers = [name for name in said if name not in meant]
-    cure = "Leave it out"
-    if "--against" in strangers:
-        cure += ": a finished directory is held against the job in it. Or name one of its mask files"
-    if strangers:
-        raise JobError("MF105", f"{' '.join(strangers)} does not apply to {subject}", where=strangers[0], cure=cure)
+def _option(argument: str) -> str:
+    """The option for an argument of the function."""
+    return "--unit" if argument == "unit_um" else f"--{argument.replace('_', '-')}"
 
 
 def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, quiet: bool) -> None:
-    if against is None and shop is not None:
-        raise JobError(
-            "MF105",
-            "--against is missing: with --shop the package is rebuilt from its job",
-            where="--against",
-            cure="Add --against JOB.toml, or leave --shop out: the package holds its job and its shop",
-        )
     from maskfab.job import load
     from maskfab.package.pack import verify_package
     from maskfab.shops.profiles import load_shop
