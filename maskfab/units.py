@@ -19,6 +19,8 @@ UM_PER_NM = 1e-3
 """To multiply by, which differs from a division by 1000 in the last bit."""
 UM_PER_MM = 1000
 NM_PER_MM = NM_PER_UM * UM_PER_MM
+MM_PER_NM = 1e-6
+"""To multiply by."""
 DBU_NM = 1
 
 _UM_PER_UNIT: Mapping[str, float] = MappingProxyType(

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab.api.camera import F1, Camera
-from maskfab.api.lengths import Length, length_text
+from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.errors import JobError
 from maskfab.jobfile import BlankSection, SceneSection, parse_section
 from maskfab.measure import analysis
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _LENGTHS = frozenset({"gap", "field", "focus"})
+"""Keys of [scene] that are one length."""
 
 
 class Analysis(analysis.Analysis):
@@ -95,8 +96,7 @@ def analyse(
     """
     if tiling is not None and tiling not in set(Tiling):
         raise JobError("MF105", f"there is no tiling {tiling!r}", where="tiling", cure=f"Use {', '.join(Tiling)}")
-    stated = {key: length_text(value) if key in _LENGTHS else value for key, value in (scene or {}).items()}
-    section = parse_section(SceneSection, stated, where="scene")
+    section = parse_section(SceneSection, lengths_as_text(scene or {}, _LENGTHS), where="scene")
     request = Request(
         camera=(camera or F1).model,
         pitch_um=None if pitch is None else parse_pitch_um(length_text(pitch), where="pitch"),

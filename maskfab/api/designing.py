@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from maskfab.api.camera import F1, Camera
-from maskfab.api.lengths import Length, length_text
+from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
 from maskfab.camera.protocol import LEVELS
 from maskfab.design.design import design as design_spec
 from maskfab.design.result import Designed
-from maskfab.errors import OutputError
+from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, write_text
 from maskfab.jobfile import read, validate
 from maskfab.opening import openings
@@ -61,16 +61,13 @@ class Design:
         """Proven bound in dB of what any other opening with as many clear dots could gain, by the light."""
         return None if self.found.head_room is None else dict(zip(LEVELS, self.found.head_room, strict=True))
 
-    def texts(self, target: Path) -> dict[str, tuple[Path, str]]:
-        """Files of the opening, and of outer opening and map where there are any, beside each other: path and text."""
-        written = {"opening": (target, openings.dumps(self.found.opening))}
+    def texts(self) -> dict[str, str]:
+        """Contents of the files of the opening, and of the outer opening and the map where there are any."""
+        written = {"opening": openings.dumps(self.found.opening)}
         if self.found.outer is not None:
-            written["outer"] = (
-                target.with_name(f"{target.stem}_outer{target.suffix}"),
-                openings.dumps(self.found.outer),
-            )
+            written["outer"] = openings.dumps(self.found.outer)
         if self.found.cells is not None:
-            written["map"] = (target.with_name(f"{target.stem}_map.toml"), maps.dumps(self.found.cells))
+            written["map"] = maps.dumps(self.found.cells)
         return written
 
     def save(self, path: str | Path, *, force: bool = False) -> list[Path]:
@@ -83,12 +80,12 @@ class Design:
         if target.suffix.lower() != ".toml":
             problem = f"no opening is written with the suffix {target.suffix!r}"
             raise OutputError("MF430", problem, where=str(target), cure="Use .toml")
-        files = list(self.texts(target).values())
-        for file, _ in files:
-            check_file(file, force=force)
-        for file, text in files:
-            write_text(file, text, replace=force)
-        return [file for file, _ in files]
+        paths, texts = beside(target), self.texts()
+        for part in texts:
+            check_file(paths[part], force=force)
+        for part, text in texts.items():
+            write_text(paths[part], text, replace=force)
+        return [paths[part] for part in texts]
 
     def plot(self) -> Drawing:
         """The opening."""
@@ -102,6 +99,15 @@ class Design:
         return f"<Design {self.found.opening.name}: {self.found.shape}; restored {told}>"
 
 
+def beside(target: Path) -> dict[str, Path]:
+    """Where the parts of a design go whose opening goes to ``target``."""
+    return {
+        "opening": target,
+        "outer": target.with_name(f"{target.stem}_outer{target.suffix}"),
+        "map": target.with_name(f"{target.stem}_map.toml"),
+    }
+
+
 @one_thread
 def design(
     job: str | Path | None = None,
@@ -110,10 +116,10 @@ def design(
     pitch: Length | None = None,
     clear_dots: int | None = None,
     camera: Camera | None = None,
-    name: str = "found",
-    method: Literal["search", "relax"] = "search",
-    tiling: str = "random",
-    map: Literal["equal_light", "edge_packing"] | None = "equal_light",
+    name: str | None = None,
+    method: Literal["search", "relax"] | None = None,
+    tiling: str | None = None,
+    map: Literal["equal_light", "edge_packing", "none"] | None = None,
     rules: Mapping[str, Any] | None = None,
     images: str | Path | None = None,
     budget: str | None = None,
@@ -124,15 +130,16 @@ def design(
     """Find the opening through which photographs restore best, and the map that suits it.
 
     Args:
-        job: a job file with [design]; then no other key of a design is given.
+        job: a job file with [design], which then says all but images, budget and checkpoint.
         dots: along the side of a pixel.
         pitch: side of the pixel.
         clear_dots: met exactly.
         camera: designed for; by default that of protocol F1.
-        name: of the opening.
-        method: search among compact shapes, or gradient descent.
-        tiling: how pixels are turned.
-        map: which orientations of the pixels before the stop are designed too; not for "relax" or without chance.
+        name: of the opening; "found" by default.
+        method: search among compact shapes, which is the default, or gradient descent.
+        tiling: how pixels are turned; "random" by default.
+        map: which orientations of the pixels before the stop are designed too; "equal_light" by default where a search
+            is for a random tiling, where alone there can be one.
         rules: hard constraints, as design.rules of a job file has them.
         images: folder of photographs to design for; synthetic scenes if None.
         budget: ``"60 s"``: take the best that was found by then.
@@ -141,31 +148,34 @@ def design(
         keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
 
     Raises:
-        JobError: as for a job file with such a [design]; MF123 for rules that contradict each other.
+        JobError: as for a job file with such a [design]; MF105 for what is stated beside a job; MF123 for rules that
+            contradict each other.
+        OutputError: MF401 for a checkpoint in a directory that does not exist.
     """
-    limit_s = None if budget is None else parse_time_s(budget, where="design: budget")
+    limit_s = None if budget is None else parse_time_s(budget, where="budget")
+    stated: dict[str, Any] = {
+        "name": name,
+        "method": method,
+        "dots": dots,
+        "pitch": length_text(pitch),
+        "clear_dots": clear_dots,
+        "tiling": tiling,
+        "map": map,
+        "rules": None if rules is None else lengths_as_text(rules, _LENGTHS),
+        **keys,
+    }
+    given = {key: value for key, value in stated.items() if value is not None}
     if job is not None:
+        _refuse_beside_job([*given, *(() if camera is None else ("camera",))])
         spec, where = read(Path(job)), str(job)
         command = f"maskfab design {Path(job).as_posix()}"
+        command += "" if images is None else f" --images {Path(images).as_posix()}"
     else:
-        stated: dict[str, Any] = {
-            "name": name,
-            "method": method,
-            "dots": dots,
-            "pitch": length_text(pitch),
-            "clear_dots": clear_dots,
-            "tiling": tiling,
-            **keys,
-        }
-        if method == "search" and tiling == "random":
-            stated["map"] = map
-        if rules is not None:
-            stated["rules"] = {key: length_text(value) if key in _LENGTHS else value for key, value in rules.items()}
-        section = {key: value for key, value in stated.items() if value is not None}
         where = "design()"
-        document = {"camera": (camera or F1).section.model_dump(mode="json", exclude_none=True), "design": section}
-        spec = validate(document, where=where)
-        command = f"maskfab.design({', '.join(f'{key}={value!r}' for key, value in section.items())})"
+        lens = (camera or F1).section.model_dump(mode="json", exclude_none=True)
+        section = _with_defaults(given)
+        spec = validate({"camera": lens, "design": section}, where=where)
+        command = _call("maskfab.design", section, camera=None if camera is None else lens, images=images)
     found = design_spec(
         spec,
         command,
@@ -179,3 +189,36 @@ def design(
 
 
 _LENGTHS = frozenset({"gap_to_opening", "colour_gap", "min_width"})
+"""Keys of design.rules that are lengths."""
+
+
+def _refuse_beside_job(given: Sequence[str]) -> None:
+    if given:
+        raise JobError(
+            "MF105",
+            f"{', '.join(given)} cannot be stated beside a job, which says what is designed",
+            where=given[0],
+            cure="State it in the job's [design] or [camera], or leave the job out",
+        )
+
+
+def _with_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
+    """[design] as a job file has it; a map is designed unless there can be none, or none is wanted."""
+    section = {"name": "found", "method": "search", "tiling": "random", **given}
+    if section["method"] == "search" and section["tiling"] == "random":
+        section.setdefault("map", "equal_light")
+    if section.get("map") == "none":
+        del section["map"]
+    return section
+
+
+def _call(function: str, section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:
+    """The call that repeats a design, for its provenance."""
+    arguments = [f"{key}={value!r}" for key, value in section.items()]
+    if "map" not in section:
+        arguments.append("map='none'")
+    if camera is not None:
+        arguments.append(f"camera=maskfab.Camera({', '.join(f'{key}={value!r}' for key, value in camera.items())})")
+    if images is not None:
+        arguments.append(f"images={str(images)!r}")
+    return f"{function}({', '.join(arguments)})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Mapping
 from numbers import Real
 
 from maskfab.jobfile.values import um_text
@@ -15,6 +16,11 @@ Wavelength = str | float
 def length_text(value: object) -> object:
     """A length as a job file has it; anything but a number is left to the job file's own checks."""
     return um_text(float(value)) if _is_number(value) else value  # type: ignore[arg-type]
+
+
+def lengths_as_text(stated: Mapping[str, object], lengths: Collection[str]) -> dict[str, object]:
+    """Keys of a job file's section, with those named in ``lengths`` as a job file has them."""
+    return {key: length_text(value) if key in lengths else value for key, value in stated.items()}
 
 
 def wavelength_text(value: object) -> object:

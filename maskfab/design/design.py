@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Scene, folder
 from maskfab.camera.transfer import lattice
 from maskfab.design.result import Designed, constraints_of
-from maskfab.errors import JobError
+from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
 from maskfab.jobfile.sections import DesignSection
 from maskfab.progress import Progress, silent
@@ -24,7 +25,7 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
     Raises:
         JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF136 for the camera.
     """
-    section = _section(spec, where)
+    section = section_of(spec, where)
     rules = constraints_of(section, where=f"{where}: design")
     rules.require_possible()
     if not isinstance(section, RelaxSection):
@@ -55,10 +56,17 @@ def design(
 
     Raises:
         JobError: as :func:`check_possible`.
+        OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
     check_possible(spec, where=where)
-    section, camera = _section(spec, where), spec.camera.camera()
+    if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
+        raise OutputError(
+            "MF401",
+            f"there is no directory for the checkpoint {checkpoint}",
+            cure="Create that directory, or give a path in one that exists",
+        )
+    section, camera = section_of(spec, where), spec.camera.camera()
     scenes = _scenes(images, for_map=getattr(section, "map", None) is not None)
     if isinstance(section, RelaxSection):
         from maskfab.design.relax.relax import relax
@@ -71,7 +79,12 @@ def design(
     return search(section, scenes, command, progress, camera=seen, budget_s=budget_s, checkpoint=checkpoint)
 
 
-def _section(spec: JobSpec, where: str) -> DesignSection:
+def section_of(spec: JobSpec, where: str) -> DesignSection:
+    """The [design] of a job.
+
+    Raises:
+        JobError: MF105 without one.
+    """
     if spec.design is None:
         raise JobError(
             "MF105",

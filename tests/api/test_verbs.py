@@ -10,6 +10,7 @@ import pytest
 from small_job import OPENING, command, write_job
 
 import maskfab as mf
+from maskfab.api.camera import F1
 from maskfab.camera.scenes import dead_leaves
 from maskfab.cli.app import app
 from maskfab.errors import JobError, OutputError
@@ -182,6 +183,33 @@ def test_what_cannot_be_said_of_a_subject_is_refused_and_not_ignored(tmp_path, n
         place.mkdir()
     with pytest.raises(JobError, match=f"MF105.*{said}"):
         mf.verify(place, **arguments)
+
+
+@pytest.mark.parametrize(
+    ("stated", "named"),
+    [({"dots": 7}, "dots"), ({"method": "search"}, "method"), ({"camera": F1}, "camera"), ({"anneal": 5}, "anneal")],
+)
+def test_a_design_of_a_job_takes_nothing_that_the_job_says(tmp_path, stated, named):
+    with pytest.raises(JobError, match=rf"MF105 {named} cannot be stated beside a job"):
+        mf.design(write_job(tmp_path), **stated)
+
+
+@pytest.mark.slow
+def test_a_design_says_the_call_that_repeats_it(tmp_path):
+    """The call in the provenance, run again, gives the same file."""
+    write_png(dead_leaves(3, 1024, 1536).values, tmp_path / "leaves.png", white=1.0)
+    camera = mf.Camera("9 mm", stop="3.6 mm", pixel="2 um", wavelengths=[610, 530, 470])
+    found = mf.design(dots=4, pitch="168 um", clear_dots=5, camera=camera, map="none", images=tmp_path, anneal=0)
+    assert found.map is None
+    call = str(found.found.opening.provenance["command"])
+    again = eval(call, {"maskfab": mf})
+    assert again.texts() == found.texts()
+    assert again.found.psnr == found.found.psnr
+
+
+def test_a_checkpoint_without_its_directory_is_refused_before_any_work(tmp_path):
+    with pytest.raises(OutputError, match="MF401 there is no directory for the checkpoint"):
+        mf.design(dots=4, pitch="168 um", clear_dots=5, checkpoint=tmp_path / "nowhere" / "state.npz")
 
 
 def test_a_pareto_front_needs_its_section(tmp_path):

@@ -21,10 +21,12 @@ from numpy.typing import NDArray
 from maskfab import __version__
 from maskfab.errors import OutputError
 from maskfab.export.solid.tiles import (
+    MOST_MESH_CELLS,
+    MOST_MESH_VERTICES,
     Mesh,
     Stack,
     box_mesh,
-    centres_nm,
+    cells,
     check_size,
     films,
     glass,
@@ -32,10 +34,8 @@ from maskfab.export.solid.tiles import (
 )
 from maskfab.files.atomic import partial
 from maskfab.model import Die
-from maskfab.units import UM_PER_NM
+from maskfab.units import MM_PER_NM, UM_PER_NM
 
-_MOST_VERTICES = 1_000_000
-_MOST_CELLS = 1_000_000
 _STL_LIMIT = 100_000_000
 _STL_HEAD = 84
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -73,7 +73,7 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
             :func:`maskfab.export.solid.tiles.check_size`.
     """
     stack = stack or Stack()
-    check_size(die, "glb", _MOST_VERTICES, _MOST_CELLS)
+    check_size(die, "glb", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     names, chrome = unit_names(die.panel), films(die.panel, stack)
     low, high = glass(die, stack)
     # A unit box and a scale are exact where corners in float32 metres would not be.
@@ -99,7 +99,7 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
     nodes: list[dict[str, Any]] = [
         {"name": die.name, "matrix": _Y_UP, "children": list(range(1, die.panel.orientations.size + 2))},
         {"name": "GLASS", "mesh": 0, "translation": _metres(low), "scale": _metres(high - low)},
-        *({"name": name, "mesh": index[cell], "translation": _metres((x, y, 0.0))} for name, cell, x, y in _cells(die)),
+        *({"name": name, "mesh": index[cell], "translation": _metres(centre)} for name, cell, centre in cells(die)),
     ]
     document = {
         "asset": {
@@ -138,7 +138,7 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
             :func:`maskfab.export.solid.tiles.check_size`.
     """
     stack = stack or Stack()
-    check_size(die, "3mf", _MOST_VERTICES, _MOST_CELLS)
+    check_size(die, "3mf", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     names, chrome = unit_names(die.panel), films(die.panel, stack)
     low, high = glass(die, stack)
     objects = [(f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))]
@@ -159,7 +159,7 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
             parts += _mesh_xml(n, name, mesh)
         parts.append("</resources>\n<build>\n")
         parts.append(_item(1, *low, name="GLASS"))
-        parts += (_item(index[cell], x, y, 0.0, name=name) for name, cell, x, y in _cells(die))
+        parts += (_item(index[cell], *centre.tolist(), name=name) for name, cell, centre in cells(die))
         parts.append("</build>\n</model>\n")
         _store(package, _MODEL, "".join(parts))
 
@@ -197,7 +197,7 @@ def write_stl(
             MF412 as :func:`maskfab.export.solid.tiles.check_size`.
     """
     stack = stack or Stack()
-    check_size(die, "stl", _MOST_VERTICES, _MOST_CELLS)
+    check_size(die, "stl", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     chrome = films(die.panel, stack)
     triangles = _triangles(die, chrome)
     size = _STL_HEAD + _STL_TRIANGLE.itemsize * triangles
@@ -214,18 +214,10 @@ def write_stl(
     head = said.encode("ascii", "replace")[:80].ljust(80)
     with partial(path) as place, place.open("wb") as file:
         file.write(head + struct.pack("<I", triangles))
-        for centres, cells in zip(centres_nm(die), die.panel.orientations.tolist(), strict=True):
-            for (x, y), cell in zip(centres, cells, strict=True):
-                table, corners = records[cell]
-                table["corners"] = (corners + np.array([x, y, 0.0])) * 1e-6
-                file.write(table.tobytes())
-
-
-def _cells(die: Die) -> Iterator[tuple[str, int, float, float]]:
-    """Name, unit and centre (nm) of every cell."""
-    for row, (centres, cells) in enumerate(zip(centres_nm(die).tolist(), die.panel.orientations.tolist(), strict=True)):
-        for column, ((x, y), cell) in enumerate(zip(centres, cells, strict=True)):
-            yield f"R{row}C{column}", cell, x, y
+        for _, cell, centre in cells(die):
+            table, corners = records[cell]
+            table["corners"] = (corners + centre) * MM_PER_NM
+            file.write(table.tobytes())
 
 
 def _triangles(die: Die, chrome: Mapping[int, Mesh]) -> int:

@@ -10,11 +10,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from maskfab.export.solid.tiles import (
+    CHROME_RGB,
+    GLASS_ALPHA,
+    GLASS_RGB,
+    MOST_CAD_CELLS,
+    MOST_CAD_VERTICES,
+    MOST_MESH_CELLS,
+    MOST_MESH_VERTICES,
     Floats,
     Mesh,
     Stack,
     box_mesh,
-    centres_nm,
+    cells,
     check_size,
     films,
     glass,
@@ -24,15 +31,13 @@ from maskfab.export.solid.tiles import (
     unit_names,
 )
 from maskfab.model import ORIENTATIONS, Die, Panel
+from maskfab.units import MM_PER_NM
 
 if TYPE_CHECKING:
     import cadquery
     import trimesh
 
-_MM_PER_NM = 1e-6
-_CHROME, _GLASS = (0.55, 0.56, 0.60, 1.0), (0.70, 0.85, 0.90, 0.3)
-_MOST_VERTICES, _MOST_CELLS = 4_000, 40_000
-_MOST_TRIANGLE_VERTICES, _MOST_NODES = 1_000_000, 1_000_000
+_CHROME, _GLASS = (*CHROME_RGB, 1.0), (*GLASS_RGB, GLASS_ALPHA)
 
 
 def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly:
@@ -46,16 +51,16 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
         OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_size`.
     """
     stack = stack or Stack()
-    check_size(die, "cadquery assembly", _MOST_VERTICES, _MOST_CELLS)
+    check_size(die, "cadquery assembly", MOST_CAD_VERTICES, MOST_CAD_CELLS)
     import cadquery
 
     low, high = glass(die, stack)
-    size = (high - low) * _MM_PER_NM
+    size = (high - low) * MM_PER_NM
     substrate = cadquery.Workplane(obj=cadquery.Solid.makeBox(*size.tolist()))
     whole = cadquery.Assembly(name=die.name)
     whole.add(substrate, name="GLASS", loc=_location(low), color=cadquery.Color(*_GLASS))
     tiles = {opening: _film(die.panel, opening, stack) for opening in openings_in_use(die.panel)}
-    for name, cell, centre in _placed(die):
+    for name, cell, centre in cells(die):
         opening, turn = divmod(cell, ORIENTATIONS)
         whole.add(tiles[opening], name=name, loc=_location(centre, turn), color=cadquery.Color(*_CHROME))
     return whole
@@ -72,7 +77,7 @@ def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
         OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_size`.
     """
     stack = stack or Stack()
-    check_size(die, "trimesh scene", _MOST_TRIANGLE_VERTICES, _MOST_NODES)
+    check_size(die, "trimesh scene", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     import trimesh
 
     names = unit_names(die.panel)
@@ -80,32 +85,22 @@ def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
     scene.units = "millimeters"
     scene.add_geometry(_trimesh(box_mesh(*glass(die, stack)), _GLASS), node_name="GLASS", geom_name="GLASS")
     chrome = {cell: _trimesh(mesh, _CHROME) for cell, mesh in films(die.panel, stack).items()}
-    for name, cell, centre in _placed(die):
+    for name, cell, centre in cells(die):
         place = np.eye(4)
-        place[:3, 3] = centre * _MM_PER_NM
+        place[:3, 3] = centre * MM_PER_NM
         scene.add_geometry(chrome[cell], node_name=name, geom_name=names[cell], transform=place)
     return scene
-
-
-def _placed(die: Die) -> list[tuple[str, int, Floats]]:
-    """Name, unit and centre, nanometres, of every cell."""
-    rows = zip(centres_nm(die), die.panel.orientations.tolist(), strict=True)
-    return [
-        (f"R{row}C{column}", cell, np.append(centre, 0.0))
-        for row, (centres, cells) in enumerate(rows)
-        for column, (centre, cell) in enumerate(zip(centres, cells, strict=True))
-    ]
 
 
 def _film(panel: Panel, opening: int, stack: Stack) -> cadquery.Workplane:
     """The chrome of one cell, not turned: a box less a prism for each outline."""
     import cadquery
 
-    side, thick = panel.pitch_nm * _MM_PER_NM, stack.film_nm * _MM_PER_NM
+    side, thick = panel.pitch_nm * MM_PER_NM, stack.film_nm * MM_PER_NM
     box = cadquery.Solid.makeBox(side, side, thick, cadquery.Vector(-side / 2, -side / 2, -thick / 2))
     prisms = []
     for hole in holes_nm(panel, opening):
-        corners = [cadquery.Vector(x, y, -thick) for x, y in (hole * _MM_PER_NM).tolist()]
+        corners = [cadquery.Vector(x, y, -thick) for x, y in (hole * MM_PER_NM).tolist()]
         outline = cadquery.Wire.makePolygon(corners, close=True)
         prisms.append(cadquery.Solid.extrudeLinear(outline, [], cadquery.Vector(0, 0, 2 * thick)))
     return cadquery.Workplane(obj=box.cut(*prisms) if prisms else box)
@@ -116,13 +111,13 @@ def _location(place_nm: Floats, orientation: int = 0) -> cadquery.Location:
     from OCP.gp import gp_Trsf
 
     to = gp_Trsf()
-    to.SetValues(*np.column_stack([rotation(orientation), place_nm * _MM_PER_NM]).ravel().tolist())
+    to.SetValues(*np.column_stack([rotation(orientation), place_nm * MM_PER_NM]).ravel().tolist())
     return cadquery.Location(to)
 
 
 def _trimesh(mesh: Mesh, colour: tuple[float, float, float, float]) -> trimesh.Trimesh:
     import trimesh
 
-    made = trimesh.Trimesh(mesh.vertices_nm * _MM_PER_NM, mesh.triangles, process=False)
+    made = trimesh.Trimesh(mesh.vertices_nm * MM_PER_NM, mesh.triangles, process=False)
     made.visual.face_colors = [round(255 * part) for part in colour]
     return made

@@ -19,8 +19,13 @@ from maskfab import __version__
 from maskfab.errors import OutputError
 from maskfab.export.solid.step_colours import Shade, add_colours
 from maskfab.export.solid.tiles import (
+    CHROME_RGB,
+    GLASS_ALPHA,
+    GLASS_RGB,
+    MOST_CAD_CELLS,
+    MOST_CAD_VERTICES,
     Stack,
-    centres_nm,
+    cells,
     check_size,
     glass,
     holes_nm,
@@ -31,12 +36,10 @@ from maskfab.export.solid.tiles import (
 from maskfab.files.atomic import partial
 from maskfab.files.silence_stdout import quiet
 from maskfab.model import ORIENTATIONS, Die, Panel, Plate
+from maskfab.units import MM_PER_NM
 
-_MM_PER_NM = 1e-6
-_CHROME = Shade((0.55, 0.56, 0.60))
-_GLASS = Shade((0.70, 0.85, 0.90), transparency=0.7)
-_MOST_VERTICES = 4_000
-_MOST_CELLS = 40_000
+_CHROME = Shade(CHROME_RGB)
+_GLASS = Shade(GLASS_RGB, transparency=1 - GLASS_ALPHA)
 
 
 def write_step(
@@ -45,8 +48,8 @@ def write_step(
     comments: Sequence[str] = (),
     stack: Stack | None = None,
     *,
-    most_vertices: int = _MOST_VERTICES,
-    most_cells: int = _MOST_CELLS,
+    most_vertices: int = MOST_CAD_VERTICES,
+    most_cells: int = MOST_CAD_CELLS,
 ) -> None:
     """Write a die: glass and chrome film, the centre of the die's slot the origin, one instance for each cell.
 
@@ -78,9 +81,8 @@ def write_step(
             units[cell] = assembly.group(f"{die.name}_{name}")
             turn = rotation(cell % ORIENTATIONS)
             assembly.place(units[cell], tiles[cell // ORIENTATIONS], "FILM", np.zeros(3), turn)
-        for row, (centres, cells) in enumerate(zip(centres_nm(die), panel.orientations.tolist(), strict=True)):
-            for column, (centre, cell) in enumerate(zip(centres, cells, strict=True)):
-                assembly.place(assembly.root, units[cell], f"R{row}C{column}", np.append(centre, 0.0))
+        for name, cell, centre in cells(die):
+            assembly.place(assembly.root, units[cell], name, centre)
         assembly.write(path, (*comments, *stack.remarks()))
 
 
@@ -144,7 +146,7 @@ class _Assembly:
         from OCP.TopLoc import TopLoc_Location
 
         to = gp_Trsf()
-        position = (position_nm * _MM_PER_NM).tolist()
+        position = (position_nm * MM_PER_NM).tolist()
         if turn is None:
             to.SetTranslation(gp_Vec(*position))
         else:
@@ -222,8 +224,8 @@ def _box(size_nm: NDArray[np.float64], low_nm: NDArray[np.float64] | None = None
     from OCP.BRepPrimAPI import BRepPrimAPI_MakeBox
     from OCP.gp import gp_Pnt
 
-    low = np.zeros(3) if low_nm is None else low_nm * _MM_PER_NM
-    return BRepPrimAPI_MakeBox(gp_Pnt(*low.tolist()), gp_Pnt(*(low + size_nm * _MM_PER_NM).tolist())).Shape()
+    low = np.zeros(3) if low_nm is None else low_nm * MM_PER_NM
+    return BRepPrimAPI_MakeBox(gp_Pnt(*low.tolist()), gp_Pnt(*(low + size_nm * MM_PER_NM).tolist())).Shape()
 
 
 def _film(panel: Panel, opening: int, stack: Stack) -> Any:
@@ -240,11 +242,11 @@ def _film(panel: Panel, opening: int, stack: Stack) -> Any:
     pitch, thick = float(panel.pitch_nm), stack.film_nm
     size = np.array([pitch, pitch, thick])
     whole = _box(size, -size / 2)
-    below, height = -thick * _MM_PER_NM, 2 * thick * _MM_PER_NM
+    below, height = -thick * MM_PER_NM, 2 * thick * MM_PER_NM
     prisms = TopTools_ListOfShape()
     for hole in holes_nm(panel, opening):
         wire = BRepBuilderAPI_MakePolygon()
-        for x, y in (hole * _MM_PER_NM).tolist():
+        for x, y in (hole * MM_PER_NM).tolist():
             wire.Add(gp_Pnt(x, y, below))
         wire.Close()
         face = BRepBuilderAPI_MakeFace(wire.Wire()).Face()

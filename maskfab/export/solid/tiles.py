@@ -24,6 +24,13 @@ from maskfab.model import ORIENTATIONS, Die, Panel, Point, Polygon
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
+CHROME_RGB = (0.55, 0.56, 0.60)
+GLASS_RGB = (0.70, 0.85, 0.90)
+GLASS_ALPHA = 0.3
+MOST_CAD_VERTICES, MOST_CAD_CELLS = 4_000, 40_000
+"""Of exact solids: the cut of an outline takes 0.5 s for 230 vertices, 8 s for 2200; a thousand cells take 0.6 s."""
+MOST_MESH_VERTICES, MOST_MESH_CELLS = 1_000_000, 1_000_000
+
 
 @dataclass(frozen=True)
 class Stack:
@@ -101,6 +108,14 @@ def centres_nm(die: Die) -> Floats:
     x0, y0 = (origin - centre for origin, centre in zip(die.origin_nm, die.centre_nm, strict=True))
     x, y = ((np.arange(n) + 0.5) * die.panel.pitch_nm + low for n, low in ((columns, x0), (rows, y0)))
     return np.stack(np.meshgrid(x, y), axis=-1)
+
+
+def cells(die: Die) -> Iterator[tuple[str, int, Floats]]:
+    """Name, unit and centre (nm, z = 0) of every cell, row by row from below."""
+    rows = zip(centres_nm(die), die.panel.orientations.tolist(), strict=True)
+    for row, (centres, units) in enumerate(rows):
+        for column, (centre, unit) in enumerate(zip(centres, units, strict=True)):
+            yield f"R{row}C{column}", unit, np.append(centre, 0.0)
 
 
 def holes_nm(panel: Panel, opening: int) -> list[Floats]:
