@@ -23,7 +23,7 @@ MM_PER_NM = 1e-6
 """To multiply by."""
 DBU_NM = 1
 
-_UM_PER_UNIT: Mapping[str, float] = MappingProxyType(
+UM_PER_UNIT: Mapping[str, float] = MappingProxyType(
     {"nm": 1e-3, "um": 1.0, "µm": 1.0, "μm": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6, "in": UM_PER_INCH, "mil": 25.4}
 )
 _LONGEST_NM = 2.0**53
@@ -43,11 +43,11 @@ def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False
             finite and positive (or zero where that is allowed).
     """
     number, unit = _split(text, where)
-    if unit not in _UM_PER_UNIT:
-        known = ", ".join(dict.fromkeys(u for u in _UM_PER_UNIT if u.isascii()))
+    if unit not in UM_PER_UNIT:
+        known = ", ".join(dict.fromkeys(u for u in UM_PER_UNIT if u.isascii()))
         problem = f"{text!r} has no unit" if not unit else f"{text!r} has the unit {unit!r}, which is no unit of length"
         raise JobError("MF103", problem, where=where, cure=f'Write it as "168 um"; units: {known}')
-    value = _decimal_scale(number, _UM_PER_UNIT[unit])
+    value = _decimal_scale(number, UM_PER_UNIT[unit])
     if not math.isfinite(value) or value < 0 or (value == 0 and not zero_allowed):
         limit = "at least 0" if zero_allowed else "positive"
         raise JobError(

@@ -18,7 +18,7 @@ from maskfab.geometry.plate_layout import DBU_UM, layer_info
 from maskfab.geometry.shape_limits import ROUNDING_KEY, LeftOut, note_left_out
 from maskfab.model import CLEAR
 from maskfab.readers.tiff_tone import shown_alike
-from maskfab.units import NM_PER_UM
+from maskfab.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 
 MOST_PIXELS = 400_000_000
 MOST_RUNS = 20_000_000
@@ -31,7 +31,7 @@ _MAGIC = {
     **dict.fromkeys(TIFF_SUFFIXES, (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")),
 }
 _PNG_AROUND = 12
-_UM_PER_UNIT = {"in": 25400.0, "inch": 25400.0, "cm": 1e4, "m": 1e6, "mm": 1e3}
+_UM_PER_UNIT = {**{unit: UM_PER_UNIT[unit] for unit in ("in", "cm", "m", "mm")}, "inch": UM_PER_INCH}
 
 
 def read_picture(path: Path, dots_per_um: float | None = None) -> db.Layout:

@@ -38,6 +38,7 @@ from maskfab.readers.gerber import read_gerber
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.record_counts import refuse_many_blocks, refuse_many_in_gdsii
 from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
+from maskfab.units import UM_PER_INCH, UM_PER_UNIT
 
 _LARGEST_NM = 2**31 - 1
 _MOST_COPIES = 10_000_000
@@ -49,7 +50,16 @@ _CYCLE = "topological_sort"
 _UNIT_KEY = "maskfab_unit_um"
 
 # $INSUNITS to micrometres (DXF reference, HEADER section); 0 stands for no unit.
-_UM_PER_DXF_UNIT = {1: 25400.0, 2: 304800.0, 4: 1e3, 5: 1e4, 6: 1e6, 8: 0.0254, 9: 25.4, 12: 1e-3, 13: 1.0, 14: 1e5}
+_UM_PER_DXF_UNIT = {
+    2: 12 * UM_PER_INCH,
+    8: 0.0254,
+    14: 1e5,
+    **{
+        code: UM_PER_UNIT[unit]
+        for code, unit in {1: "in", 4: "mm", 5: "cm", 6: "m", 9: "mil", 12: "nm", 13: "um"}.items()
+    },
+}
+"""Micrometres of $INSUNITS: feet, microinches and decimetres besides units that have a name here."""
 
 _GDSII_MAGIC = b"\x00\x06\x00\x02"
 _OASIS_MAGIC = b"%SEMI-OASIS\r\n"

@@ -22,7 +22,7 @@ from maskfab.model import CLEAR, NOTE, Box, Die, Layer, Plate, Quantity
 from maskfab.plate.marks.template import PlateTemplate, plate_template, template_names
 from maskfab.shops import counts
 from maskfab.shops.adapt import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
-from maskfab.units import NM_PER_MM, NM_PER_UM
+from maskfab.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 
 _BLANK_TOLERANCE_NM = 500_000
 _FINE_ON_PURPOSE = ("resolution", "code")
@@ -236,7 +236,7 @@ def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[
     if sizes.blanks_in is not None:
         sides_nm = [inches * 25_400_000 for inches in sizes.blanks_in]
         fits = any(abs(plate.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm)
-        offered = " ".join(f"{inches * 25.4:g}" for inches in sizes.blanks_in)
+        offered = " ".join(f"{inches * UM_PER_INCH / UM_PER_MM:g}" for inches in sizes.blanks_in)
         named = _templates(lambda each: any(abs(each.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm))
         cure = "" if fits else f'{named}set plate.blank to "{sizes.blanks_in[0]:g} in" where the plate has no template'
         yield Finding("blank", fits, blank_mm, offered, "mm", cure=cure and cure[0].upper() + cure[1:])

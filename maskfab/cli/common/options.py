@@ -10,8 +10,9 @@ from typing import Annotated
 import typer
 
 from maskfab.errors import JobError, MaskfabError
+from maskfab.units import UM_PER_UNIT
 
-_UM_PER_UNIT = {"nm": 1e-3, "um": 1.0, "mm": 1e3, "mil": 25.4, "in": 25400.0}
+_DRAWING_UNITS = ("nm", "um", "mm", "mil", "in")
 
 JobFile = Annotated[Path, typer.Argument(metavar="JOB", help="A job file (.toml).")]
 Json = Annotated[bool, typer.Option("--json", help="Print a single JSON document on stdout.")]
@@ -30,10 +31,10 @@ def unit_um(unit: str | None) -> float | None:
     Raises:
         JobError: MF105 if it is none of them.
     """
-    if unit is not None and unit not in _UM_PER_UNIT:
-        known = ", ".join(_UM_PER_UNIT)
+    if unit is not None and unit not in _DRAWING_UNITS:
+        known = ", ".join(_DRAWING_UNITS)
         raise JobError("MF105", f"there is no unit {unit!r}", where="--unit", cure=f"Use one of {known}")
-    return None if unit is None else _UM_PER_UNIT[unit]
+    return None if unit is None else UM_PER_UNIT[unit]
 
 
 @contextmanager

@@ -13,9 +13,10 @@ from klayout import db
 
 from maskfab.model import Plate
 from maskfab.readers.layout_file import drawn_unit_um
+from maskfab.units import UM_PER_UNIT
 from maskfab.verify.foreign.alignment import Alignment, align, likely_unit_scale
 
-_NAMES = {1e-3: "nm", 1.0: "um", 25.4: "mil", 1e3: "mm", 1e4: "cm", 25400.0: "in", 1e6: "m"}
+_NAMES = {um: unit for unit, um in UM_PER_UNIT.items() if unit.isascii()}
 
 
 def in_drawn_unit(
