@@ -13,14 +13,10 @@ error whose code ``explain`` knows. The types and functions are in :mod:`maskfab
 
 from __future__ import annotations
 
-import sys
 from importlib import import_module
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from inspect import Signature
-
     from maskfab.api.analysing import analyse as analyse
     from maskfab.api.benchmarking import bench as bench
     from maskfab.api.camera import Camera as Camera
@@ -118,44 +114,9 @@ def __getattr__(name: str) -> Any:
     """Import a room only when one of its names is asked for."""
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    found = _found(name)
-    # A room of that name has come along with its function.
-    return globals().get(name, found)
-
-
-def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
-
-
-def _found(name: str) -> Any:
     module, _, attribute = _WHERE[name].partition(":")
     return getattr(import_module(module), attribute or name)
 
 
-class _Room(ModuleType):
-    """A room with the name of a verb, such as ``maskfab.design``: it is also the verb's function."""
-
-    @property
-    def _function(self) -> Any:
-        return _found(self.__name__.rpartition(".")[2])
-
-    @property
-    def __signature__(self) -> Signature:
-        from inspect import signature
-
-        return signature(self._function)
-
-    def __call__(self, *args: Any, **options: Any) -> Any:
-        return self._function(*args, **options)
-
-
-class _Doorway(ModuleType):
-    """This module, to which Python binds every room that it imports."""
-
-    def __setattr__(self, name: str, value: Any) -> None:
-        if name in _WHERE and isinstance(value, ModuleType):
-            value.__class__ = _Room
-        super().__setattr__(name, value)
-
-
-sys.modules[__name__].__class__ = _Doorway
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

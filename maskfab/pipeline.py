@@ -17,6 +17,9 @@ from klayout import db
 
 from maskfab import __version__, provenance, resources
 from maskfab.camera.photo_camera import PhotoCamera
+from maskfab.comparison.bitmaps import check_pixels
+from maskfab.comparison.files import read_back
+from maskfab.comparison.psf_files import check_psf_file
 from maskfab.display.place import Populated
 from maskfab.drc import RuleResult, check_plate
 from maskfab.errors import JobError, UnknownNameError
@@ -30,14 +33,18 @@ from maskfab.geometry.plate_layout import clear_shapes, plate_names
 from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load
 from maskfab.jobfile.shop_profile import Shop
-from maskfab.measure.apertures import light_box
-from maskfab.measure.as_written import Written, measure_written
-from maskfab.measure.display_rows import display_quantities
-from maskfab.measure.features import judged, limits_as_rules, smallest_features
-from maskfab.measure.optics import measure, reach_box, read_openings
-from maskfab.measure.restored import Restored, not_judged, photographer
-from maskfab.measure.scene_result import SceneOptics
-from maskfab.measure.scene_rows import measure_scene, peak_bytes, reach_um, scene_plan
+from maskfab.mask_shops.adapt import blank_of
+from maskfab.mask_shops.judge import check_written
+from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
+from maskfab.mask_shops.profiles import shop_of
+from maskfab.measurement.apertures import light_box
+from maskfab.measurement.as_written import Written, measure_written
+from maskfab.measurement.display_rows import display_quantities
+from maskfab.measurement.features import judged, limits_as_rules, smallest_features
+from maskfab.measurement.optics import measure, reach_box, read_openings
+from maskfab.measurement.restored import Restored, not_judged, photographer
+from maskfab.measurement.scene_result import SceneOptics
+from maskfab.measurement.scene_rows import measure_scene, peak_bytes, reach_um, scene_plan
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.image.mtf import area_under_radial_min
 from maskfab.optics.scene.model_bar import bar_of_panel
@@ -47,14 +54,7 @@ from maskfab.report import data, design_data, html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.plots.workers import Task
 from maskfab.report.quantities import Quantities
-from maskfab.shops.adapt import blank_of
-from maskfab.shops.judge import check_written
-from maskfab.shops.plate_files import PlateFiles, files_of_job
-from maskfab.shops.profiles import shop_of
 from maskfab.threads import one_thread
-from maskfab.verify.bitmaps import check_pixels
-from maskfab.verify.files import read_back
-from maskfab.verify.psf_files import check_psf_file
 
 if TYPE_CHECKING:
     from pandas import DataFrame

@@ -13,12 +13,18 @@ from typing import Any
 from jinja2 import TemplateError
 
 from maskfab import __version__, provenance
+from maskfab.comparison.files import read_back
+from maskfab.comparison.foreign.foreign_mask import Foreign, How, check_foreign, only_die
+from maskfab.comparison.foreign.layer_choice import Ordered
+from maskfab.comparison.psf_files import check_psf_file
+from maskfab.comparison.roundtrip import RoundTrip
 from maskfab.errors import InputError, OutputError
 from maskfab.files.finished import RESULT_MARK, TIMES
 from maskfab.files.staging import put_back
 from maskfab.geometry.plate_layout import clear_shapes
 from maskfab.job import Job, load
-from maskfab.measure.apertures import light_box, sees_light
+from maskfab.mask_shops.profiles import shop_of
+from maskfab.measurement.apertures import light_box, sees_light
 from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
 from maskfab.optics.numbers.metrics import fast_lens
 from maskfab.pipeline import (
@@ -46,13 +52,7 @@ from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.readers.sandbox.bounded import bounded
 from maskfab.report import again, data, design_data, html
-from maskfab.shops.profiles import shop_of
 from maskfab.threads import one_thread
-from maskfab.verify.files import read_back
-from maskfab.verify.foreign.comparison import Foreign, How, check_foreign, only_die
-from maskfab.verify.foreign.layer_choice import Ordered
-from maskfab.verify.psf_files import check_psf_file
-from maskfab.verify.roundtrip import RoundTrip
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
 _SCHEMA = "report_schema"
@@ -147,7 +147,7 @@ def verify_file(
     """Any mask file held against a job, or against one of its dies, within limits of time and memory.
 
     Raises:
-        SourceError, JobError: see :func:`maskfab.verify.foreign.comparison.check_foreign`; MF322 beyond the limits.
+        SourceError, JobError: as :func:`maskfab.comparison.foreign.foreign_mask.check_foreign`; MF322 beyond limits.
     """
     house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export

@@ -19,6 +19,8 @@ from typing import TypeVar
 
 import numpy as np
 
+from maskfab.comparison.roundtrip import compare
+from maskfab.comparison.solids import check_solid
 from maskfab.drc import DesignRules, check_plate
 from maskfab.export.cell_polygons import draw
 from maskfab.export.dxf import write_dxf
@@ -30,8 +32,6 @@ from maskfab.model import Die, Opening, Panel, Plate, Quantity, Tiling
 from maskfab.pipeline import REPORT
 from maskfab.readers.layout_file import read_layout
 from maskfab.resources import path
-from maskfab.verify.roundtrip import compare
-from maskfab.verify.solids import check_solid
 
 Row = tuple[str, float, float, str]
 """What, measured, most, unit."""

@@ -13,16 +13,16 @@ from klayout import db
 from small_job import DRAWING, OPENING, write_job
 
 from maskfab import resources
+from maskfab.delivery.pack import pack
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import Job
 from maskfab.job import load as load_job
 from maskfab.jobfile import ExportSection
+from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
+from maskfab.mask_shops.profiles import load_shop
 from maskfab.model import Plate
-from maskfab.package.pack import pack
-from maskfab.shops.plate_files import PlateFiles, files_of_job
-from maskfab.shops.profiles import load_shop
 
 SUFFIXES = {
     "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif", "exr": ".exr",

@@ -39,14 +39,19 @@ from fuzz_originals import SUFFIXES, WRITTEN, clear_alone, design, file_name, jo
 from klayout import db
 from small_job import OPENING
 
+from maskfab.comparison.files import read_back
+from maskfab.comparison.foreign.foreign_mask import check_foreign
+from maskfab.comparison.roundtrip import compare
+from maskfab.delivery import papers
+from maskfab.delivery.pack import verify_package
 from maskfab.errors import InputError, SourceError
 from maskfab.eye import picture
 from maskfab.eye.picture import on_pixels
 from maskfab.files.silence_stdout import quiet
 from maskfab.job import load as load_job
+from maskfab.mask_shops.drawing import plate_drawing
+from maskfab.mask_shops.profiles import load_shop
 from maskfab.opening import openings
-from maskfab.package import papers
-from maskfab.package.pack import verify_package
 from maskfab.plate import maps
 from maskfab.plate.marks.template import load_template
 from maskfab.progress import silent
@@ -54,11 +59,6 @@ from maskfab.readers import gdstk_process, gerber, gerber_process, layout_file, 
 from maskfab.readers.image_mask import read_picture
 from maskfab.readers.layout_file import find_cell, read_layout
 from maskfab.readers.sandbox.bounded import bounded
-from maskfab.shops.drawing import plate_drawing
-from maskfab.shops.profiles import load_shop
-from maskfab.verify.files import read_back
-from maskfab.verify.foreign.comparison import check_foreign
-from maskfab.verify.roundtrip import compare
 
 try:
     import resource

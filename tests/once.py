@@ -23,7 +23,7 @@ from maskfab.camera.scenes import dead_leaves
 from maskfab.report.plots.workers import read_only
 
 FIGURES = ("maskfab.report.plots.die_figures.pictures", "maskfab.report.plots.die_figures.overview")
-BOUNDS = ("maskfab.design.result.bounds",)
+BOUNDS = ("maskfab.optimiser.result.bounds",)
 
 leaves = cache(dead_leaves)
 """The scene of a seed and a size, drawn once by each process. Nobody writes into it."""

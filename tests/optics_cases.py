@@ -2,6 +2,6 @@
 
 from __future__ import annotations
 
-from maskfab.bench.examples import camera, clear_region, noise, panel, pupil
+from maskfab.benchmark.examples import camera, clear_region, noise, panel, pupil
 
 __all__ = ["camera", "clear_region", "noise", "panel", "pupil"]

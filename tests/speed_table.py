@@ -12,16 +12,15 @@ from typing import Any
 
 import numpy as np
 import torch
-from bench.published_step import WAVELENGTHS_NM, published_step
+from benchmark.published_step import WAVELENGTHS_NM, published_step
 from numpy.typing import NDArray
 from optics.published_recipe import Recipe, published_autograd
 from optics.test_torch_field import full_size, published_loss
 from threadpoolctl import threadpool_limits
 
-from maskfab.bench.accuracy import absent, gemm_bound_ms, race, standard_workload
-from maskfab.bench.other_libraries import PEERS, Task
-from maskfab.bench.published import published_intensity, published_size
-from maskfab.design.relax.tiled_stop import invertibility_of, tiled_stop
+from maskfab.benchmark.accuracy import absent, gemm_bound_ms, race, standard_workload
+from maskfab.benchmark.other_libraries import PEERS, Task
+from maskfab.benchmark.published import published_intensity, published_size
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
 from maskfab.optics.field.methods import STRUCTURE
@@ -33,6 +32,7 @@ from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, p
 from maskfab.optics.image.spectrum import lines, polychromatic_otf, reach_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
+from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.plate.tiling import orientations
 
 CAMERA = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)

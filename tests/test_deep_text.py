@@ -10,10 +10,10 @@ from small_job import write_job
 
 from maskfab.errors import InputError, OutputError
 from maskfab.job import load
+from maskfab.mask_shops.profiles import load_shop
 from maskfab.opening import openings
 from maskfab.plate import maps
 from maskfab.plate.marks.template import load_template
-from maskfab.shops.profiles import load_shop
 from maskfab.verification import verify
 
 DEPTH = 100_000

@@ -15,7 +15,7 @@ from maskfab.cli.verbs.design import _targets
 from maskfab.export.pictures import write_png
 from maskfab.job import load
 from maskfab.jobfile import read
-from maskfab.measure.restored import OTHER_RESIDUAL_DB, photographer
+from maskfab.measurement.restored import OTHER_RESIDUAL_DB, photographer
 from maskfab.model import Tiling
 from maskfab.opening import openings
 from maskfab.plate import maps

@@ -10,8 +10,8 @@ from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.errors import JobError
 from maskfab.jobfile import BlankSection, SceneSection, parse_section
-from maskfab.measure import analysis
-from maskfab.measure.analysis import Request, described_scene
+from maskfab.measurement import analysis
+from maskfab.measurement.analysis import Request, described_scene
 from maskfab.model import Opening, Quantity, Tiling
 from maskfab.progress import Progress, silent
 from maskfab.report.quantities import Quantities

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
-from maskfab.bench import accuracy, accuracy_page
-from maskfab.bench.accuracy import Timing
+from maskfab.benchmark import accuracy, accuracy_page
+from maskfab.benchmark.accuracy import Timing
 from maskfab.files.staging import check_target
 from maskfab.progress import Progress, silent
 

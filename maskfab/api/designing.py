@@ -11,12 +11,12 @@ from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
 from maskfab.camera.protocol import LEVELS
-from maskfab.design.design import design as design_spec
-from maskfab.design.result import Designed
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, write_text
 from maskfab.jobfile import read, validate
 from maskfab.opening import openings
+from maskfab.optimiser.design import design as design_spec
+from maskfab.optimiser.result import Designed
 from maskfab.plate import maps
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent

@@ -19,12 +19,12 @@ from maskfab.eye.picture import read
 from maskfab.eye.side_by_side import Judged, judge, pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
+from maskfab.mask_shops.adapt import blank_of
+from maskfab.mask_shops.judge import Finding, accepted, check_shop
+from maskfab.mask_shops.profiles import load_shop
 from maskfab.progress import Progress, silent
 from maskfab.report import check_data, display_text, render_files
 from maskfab.report.quantities import Quantities, html_table, table_lines
-from maskfab.shops.adapt import blank_of
-from maskfab.shops.judge import Finding, accepted, check_shop
-from maskfab.shops.profiles import load_shop
 from maskfab.threads import one_thread
 
 _RULES = """State the rules of the display maker, such as

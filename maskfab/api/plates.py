@@ -12,18 +12,18 @@ from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, job_of
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.plate import Plate
+from maskfab.comparison.foreign.foreign_mask import How
+from maskfab.delivery.archive import is_package
+from maskfab.delivery.pack import verify_package
 from maskfab.errors import JobError
 from maskfab.job import Job
-from maskfab.package.archive import is_package
-from maskfab.package.pack import verify_package
+from maskfab.mask_shops.profiles import load_shop
 from maskfab.pipeline import Result
 from maskfab.progress import Progress, silent
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.report.quantities import Quantities
-from maskfab.shops.profiles import load_shop
 from maskfab.units import NM_PER_UM, parse_length_um
-from maskfab.verify.foreign.comparison import How
 
 
 @overload

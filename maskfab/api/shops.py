@@ -7,11 +7,11 @@ from pathlib import Path
 from typing import overload
 
 from maskfab.api.jobs import AnyJob, job_of
+from maskfab.delivery.pack import Package, pack
 from maskfab.errors import JobError
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
-from maskfab.package.pack import Package, pack
+from maskfab.mask_shops.profiles import load_shop, shop_names
 from maskfab.progress import Progress, silent
-from maskfab.shops.profiles import load_shop, shop_names
 from maskfab.threads import one_thread
 
 

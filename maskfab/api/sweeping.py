@@ -11,12 +11,12 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import folder
 from maskfab.camera.transfer import lattice
-from maskfab.design.pareto import Judged, Pareto, openings, rules_of, sweep
 from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.jobfile import SearchSection, read
 from maskfab.opening.openings import dumps, load
+from maskfab.optimiser.pareto import Judged, Pareto, openings, rules_of, sweep
 from maskfab.progress import Progress, silent
 from maskfab.report import pareto_files
 from maskfab.report.pareto_files import Named

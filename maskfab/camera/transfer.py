@@ -243,7 +243,7 @@ def autocorrelation(pupil: NDArray[np.float64]) -> Floats:
     """Of a real pupil of whole dots [n, n]: [2n - 1, 2n - 1], lag 0 in the middle, not normalised.
 
     Reports take :mod:`maskfab.optics.image.lag_table`, which knows gutters and dots that the stop cuts; descents
-    :mod:`maskfab.design.relax.autocorrelation`, which has a slope.
+    :mod:`maskfab.optimiser.relax.autocorrelation`, which has a slope.
     """
     size = 2 * len(pupil) - 1
     fast = int(scipy.fft.next_fast_len(size, real=True))

@@ -222,7 +222,7 @@ class DieSection(Section):
 
 
 class RulesSection(Section):
-    """design.rules: rules of the opening; see :class:`maskfab.design.rules.constraints.Constraints` for each."""
+    """design.rules: rules of the opening; see :class:`maskfab.optimiser.rules.constraints.Constraints` for each."""
 
     min_feature_dots: int = Field(default=1, ge=1)
     """Narrowest clear shape, dots."""
@@ -318,7 +318,7 @@ class SearchSection(DesignSection):
 
 class RelaxSection(DesignSection):
     """[design] with method "relax": gradient descent on relaxed dots, see
-    :class:`maskfab.design.relax.descent.Descent`.
+    :class:`maskfab.optimiser.relax.descent.Descent`.
 
     The weighted sum of ``objectives`` is minimised, ``area`` being the pull on the open ratio; or a published
     ``recipe`` is followed, which has its own objectives and schedule. Then ``anneal`` exchanges of dots are tried.

@@ -8,7 +8,7 @@ from maskfab import __version__
 from maskfab.export.exr import Facts
 from maskfab.export.psf_exr import psf_facts, write_psf
 from maskfab.files.staging import check_target, staged
-from maskfab.measure.analysis import Analysis
+from maskfab.measurement.analysis import Analysis
 from maskfab.report.plots import die_figures, scene_figures
 
 

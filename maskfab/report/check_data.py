@@ -8,7 +8,7 @@ from typing import Any
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.place import Populated
-from maskfab.measure.display_rows import display_quantities
+from maskfab.measurement.display_rows import display_quantities
 from maskfab.model import COLOURS, Die
 from maskfab.report.data import quantity_document, schema
 from maskfab.report.display_data import display_document, display_schema

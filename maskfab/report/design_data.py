@@ -14,7 +14,7 @@ from typing import Any
 from maskfab.camera.photo_camera import F1, described
 from maskfab.camera.protocol import LEVELS
 from maskfab.job import Job
-from maskfab.measure.restored import Restored
+from maskfab.measurement.restored import Restored
 from maskfab.model import Opening, Quantity
 from maskfab.plate import maps
 from maskfab.units import NM_PER_UM

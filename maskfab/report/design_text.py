@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from maskfab.design.bounds.bounds import Gap
-    from maskfab.design.maps.orientation_map import DesignedMap
-    from maskfab.design.result import Designed
-    from maskfab.design.rules.discrete import Prices
+    from maskfab.optimiser.bounds.bounds import Gap
+    from maskfab.optimiser.maps.orientation_map import DesignedMap
+    from maskfab.optimiser.result import Designed
+    from maskfab.optimiser.rules.discrete import Prices
 
 
 def lines(found: Designed, notes: Sequence[str]) -> list[str]:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
-from maskfab.measure.scene_result import distance
+from maskfab.measurement.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.quantities import QUANTITIES, Entry, registered
 from maskfab.report.glossary import WORDS

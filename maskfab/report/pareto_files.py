@@ -11,11 +11,11 @@ from typing import Any
 
 from maskfab import __version__, provenance
 from maskfab.camera.protocol import LEVELS
-from maskfab.design.pareto import Judged, Pareto
 from maskfab.files.finished import RESULT_MARK
 from maskfab.files.staging import Place, staged
 from maskfab.model import Opening
 from maskfab.opening.openings import dumps
+from maskfab.optimiser.pareto import Judged, Pareto
 from maskfab.report.plots.pareto_figure import png, svg
 
 SCHEMA_VERSION = 1

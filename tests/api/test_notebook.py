@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import inspect
+import pkgutil
 import re
 import sys
 from dataclasses import replace
@@ -19,7 +20,7 @@ from small_job import write_job
 import maskfab as mf
 from maskfab import resources
 from maskfab.errors import JobError, OpeningError, OutputError, UnknownNameError
-from maskfab.measure.analysis import Request, analyse_opening
+from maskfab.measurement.analysis import Request, analyse_opening
 from maskfab.model import Tiling
 from maskfab.opening.openings import load
 
@@ -48,10 +49,10 @@ def typed(tmp_path_factory) -> dict[str, Any]:
     for old, new in SMALL.items():
         assert old in lines, old
         lines = lines.replace(old, new)
-    asked = {}
+    asked, known = {}, inspect.signature(mf.design)
 
     def designed(**keys):
-        asked.update(inspect.signature(mf._found("design")).bind(**keys).arguments)
+        asked.update(known.bind(**keys).arguments)
         return SimpleNamespace(opening=found)
 
     names: dict[str, Any] = {"asked": asked}
@@ -364,10 +365,11 @@ def test_sections_of_a_job_file_reach_the_job(panel, camera):
         mf.Plate.of(A=panel, sections={"scene": {"gape": "0.5 mm"}}).job(camera)
 
 
-def test_names_shared_with_rooms_are_functions_and_stay_importable():
-    from maskfab.design import pareto  # noqa: F401 - the room
-    from maskfab.verify import files  # noqa: F401
+def test_public_names_are_no_rooms_and_stay_functions_after_any_import():
+    from maskfab.comparison import files  # noqa: F401
+    from maskfab.optimiser import pareto  # noqa: F401
 
+    assert not {each.name for each in pkgutil.iter_modules(mf.__path__)} & set(mf.__all__)
     for name in mf.__all__:
         assert getattr(mf, name) is not None
     assert "clear_dots" in inspect.signature(mf.design).parameters

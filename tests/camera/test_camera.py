@@ -13,17 +13,17 @@ from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Scene
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.transfer import OpenStop, lattice, lay, transfer_grid
-from maskfab.design.bounds.auc_bound import rings
-from maskfab.design.bounds.bounds import bounds
-from maskfab.design.model.expected_psnr import surrogate
-from maskfab.design.model.interior import interior
-from maskfab.design.model.layout_error import pupil_error
-from maskfab.design.relax.expected_error import expected_error
 from maskfab.errors import JobError
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
+from maskfab.optimiser.bounds.auc_bound import rings
+from maskfab.optimiser.bounds.bounds import bounds
+from maskfab.optimiser.model.expected_psnr import surrogate
+from maskfab.optimiser.model.interior import interior
+from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.optimiser.relax.expected_error import expected_error
 
 RGB = (610.0, 530.0, 470.0)
 PHONE = Camera(5560.0, Stop("circle", 1000.0), RGB, 1.0, 64.0)

@@ -16,7 +16,7 @@ from maskfab.display.feasibility import Feasibility
 from maskfab.display.wires.tracks import transparent_tracks
 from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.job import load
-from maskfab.measure.wired import wired_quantities
+from maskfab.measurement.wired import wired_quantities
 from maskfab.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
 from maskfab.optics.pupil.wire_transmission import veil
 from maskfab.readers.layout_file import read_layout

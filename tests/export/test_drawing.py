@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree
 
-from maskfab.shops.drawing import plate_drawing
+from maskfab.mask_shops.drawing import plate_drawing
 
 LONGEST = 90
 """Letters of the title block's type that fit beside the plate."""

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from klayout import db
 
+from maskfab.comparison.roundtrip import roundtrip
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import CUT, PolygonOptions, draw
 from maskfab.export.dxf import DrawingStyle, write_dxf
@@ -13,7 +14,6 @@ from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR, NOTE, OUTLINE, Die, Furniture, Note, Opening, Panel, Plate, Tiling
 from maskfab.readers.layout_file import read_layout
-from maskfab.verify.roundtrip import roundtrip
 
 EVERY = [
     PolygonOptions(hierarchy=hierarchy, holes=holes, corners=corners, max_vertices=most)

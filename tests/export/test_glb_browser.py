@@ -25,8 +25,8 @@ import matplotlib.image
 import numpy as np
 import pytest
 
+from maskfab.comparison.roundtrip import die_edges_nm, die_raster
 from maskfab.export.solid.mesh import write_glb
-from maskfab.verify.roundtrip import die_edges_nm, die_raster
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 FLAGS = (

@@ -22,6 +22,7 @@ import OpenImageIO as oiio  # noqa: N813
 import pytest
 from small_job import command, listing, write_job
 
+from maskfab.delivery.archive import write_package
 from maskfab.errors import OutputError
 from maskfab.export.bitmap import write_bilevel, write_preview
 from maskfab.export.cell_polygons import draw
@@ -34,7 +35,6 @@ from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.svg import write_svg
 from maskfab.files.staging import write_bytes
 from maskfab.job import load
-from maskfab.package.archive import write_package
 
 
 def light():

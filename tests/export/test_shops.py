@@ -11,7 +11,7 @@ from small_job import command
 
 from maskfab import resources
 from maskfab.errors import OutputError
-from maskfab.shops.profiles import load_shop, parse_shop, shop_names
+from maskfab.mask_shops.profiles import load_shop, parse_shop, shop_names
 
 LEAST = 'title = "A house"\nsources = []\n[order]\nfields = ["tone"]\n'
 

@@ -12,11 +12,11 @@ from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import simple_polygon
 from maskfab.geometry.polygonize import outline
 from maskfab.jobfile.shop_profile import parse_shop
+from maskfab.mask_shops.adapt import fitted, suited
+from maskfab.mask_shops.counts import shared_edges
+from maskfab.mask_shops.stencil import inner_edges, stencilled
 from maskfab.model import CLEAR, Furniture
 from maskfab.plate.marks.data_matrix import data_matrix
-from maskfab.shops.adapt import fitted, suited
-from maskfab.shops.counts import shared_edges
-from maskfab.shops.stencil import inner_edges, stencilled
 
 RING = np.array([[row in (0, 4) or column in (0, 4) for column in range(5)] for row in range(5)])
 STEP_NM = 20_000

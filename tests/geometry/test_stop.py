@@ -8,7 +8,7 @@ from klayout import db
 from optics_cases import camera, clear_region, noise, panel, pupil
 
 from maskfab.geometry.stop import _cut_edges, edges_in_stop, stop_box
-from maskfab.measure.optics import polygon_psf, stop_boundary
+from maskfab.measurement.optics import polygon_psf, stop_boundary
 from maskfab.model import Stop
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import AREA_ERROR, relative_difference

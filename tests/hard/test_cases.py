@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.bench.cases import CASES, Case, run
+from maskfab.benchmark.cases import CASES, Case, run
 
 
 @pytest.mark.parametrize(

@@ -12,7 +12,7 @@ from small_job import JOB, command, listing, write_job
 from maskfab.errors import OutputError
 from maskfab.job import load
 from maskfab.jobfile.shop_profile import dump_shop, parse_shop, read_shop
-from maskfab.shops.profiles import load_shop, shop_names, shop_of
+from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
 

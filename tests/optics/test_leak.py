@@ -13,7 +13,7 @@ from optics_cases import clear_region, noise, panel
 from sweeps import in_turns, sweep
 
 from maskfab.cli import run_command_line
-from maskfab.measure.optics import lit_pupils, measure
+from maskfab.measurement.optics import lit_pupils, measure
 from maskfab.model import UNSTATED, Camera, Die, MaskBlank, Stop
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.leak import Leak

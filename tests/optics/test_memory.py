@@ -31,7 +31,7 @@ WIDE = """
 import resource
 import numpy as np
 from maskfab.model import Camera, Die, Opening, Panel, Stop, Tiling
-from maskfab.measure.optics import measure
+from maskfab.measurement.optics import measure
 
 mask = np.zeros((21, 21), dtype=bool)
 mask[1:19, 8:13] = True

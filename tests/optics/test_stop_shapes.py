@@ -17,7 +17,6 @@ from small_job import write_job
 from sweeps import examples
 
 from maskfab.cli import run_command_line
-from maskfab.design.relax.tiled_stop import tiled_stop
 from maskfab.errors import JobError
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.jobfile import CameraSection, parse_section
@@ -30,6 +29,7 @@ from maskfab.optics.pupil.polygon_stop import polygon_cover, polygon_moments
 from maskfab.optics.pupil.pupil import cut
 from maskfab.optics.pupil.stop_shape import inside, perimeter_um, stop_dots, stop_nodes, stop_strehl, widest_um
 from maskfab.optics.wavefront.aberration import Wavefront
+from maskfab.optimiser.relax.tiled_stop import tiled_stop
 
 HEXAGON = [(110 * np.cos(a), 95 * np.sin(a)) for a in np.pi * (np.arange(6) / 3 + 0.11)]
 ARROW = [(-90.0, -70.5), (10.25, -20.0), (95.0, -88.0), (3.0, 101.0)]

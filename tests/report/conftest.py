@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from maskfab.measure.scene_result import SceneOptics
-from maskfab.measure.scene_rows import measure_scene, scene_plan
+from maskfab.measurement.scene_result import SceneOptics
+from maskfab.measurement.scene_rows import measure_scene, scene_plan
 from maskfab.model import (
     CLEAR,
     OUTLINE,

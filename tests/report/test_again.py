@@ -9,7 +9,7 @@ import pytest
 
 from maskfab.camera.protocol import Score
 from maskfab.camera.shots import Shot
-from maskfab.measure.restored import Restored
+from maskfab.measurement.restored import Restored
 from maskfab.report import again
 from maskfab.report.plots import design_figures
 from maskfab.verification import _reported

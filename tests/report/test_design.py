@@ -19,7 +19,7 @@ from sweeps import examples
 from maskfab.camera.protocol import Score
 from maskfab.camera.shots import Shot
 from maskfab.job import load
-from maskfab.measure.restored import Restored
+from maskfab.measurement.restored import Restored
 from maskfab.model import Quantity
 from maskfab.report import html
 from maskfab.report.data import dumps, schema, to_document

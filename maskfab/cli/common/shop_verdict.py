@@ -10,7 +10,7 @@ import typer
 from maskfab.cli.common.printing import plain
 
 if TYPE_CHECKING:
-    from maskfab.shops.judge import Finding
+    from maskfab.mask_shops.judge import Finding
 
 
 def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> None:

@@ -25,9 +25,9 @@ def bench(
 ) -> None:
     """Time every PSF method and compare each with the exact one, or run the hard cases."""
     from maskfab.api.benchmarking import bench as race
-    from maskfab.bench import accuracy_page
-    from maskfab.bench.cases import CASES
-    from maskfab.bench.cases import run as run_cases
+    from maskfab.benchmark import accuracy_page
+    from maskfab.benchmark.cases import CASES
+    from maskfab.benchmark.cases import run as run_cases
 
     if hard:
         outcomes = []

@@ -64,8 +64,8 @@ def design(
 def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
     """Where the opening goes, and the outer one and the map where there will be any."""
     from maskfab.api.designing import beside
-    from maskfab.design.design import section_of
     from maskfab.jobfile import SearchSection
+    from maskfab.optimiser.design import section_of
 
     section = section_of(spec, str(job))
     target = out or (None if section.output is None else job.parent / section.output)

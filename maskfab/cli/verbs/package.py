@@ -26,7 +26,7 @@ def package(
 ) -> None:
     """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
     from maskfab.api.shops import package as pack_job
-    from maskfab.shops.profiles import load_shop
+    from maskfab.mask_shops.profiles import load_shop
 
     profile = load_shop(shop)
     with watched(quiet) as progress:

@@ -13,8 +13,8 @@ from maskfab.cli.common.printing import leave, plain, print_json, print_table, s
 from maskfab.cli.common.watch import watched
 
 if TYPE_CHECKING:
+    from maskfab.comparison.foreign.foreign_mask import Foreign, How
     from maskfab.model import Quantity
-    from maskfab.verify.foreign.comparison import Foreign, How
 
 
 def verify(
@@ -42,7 +42,7 @@ def verify(
 ) -> None:  # fmt: skip
     """Repeat every check on a finished run or package, or compare a mask file with a job."""
     from maskfab.api.plates import check_applies, is_dark
-    from maskfab.package.archive import is_package
+    from maskfab.delivery.archive import is_package
 
     check_applies(
         {
@@ -56,8 +56,8 @@ def verify(
         _package(subject, against, shop, as_json, quiet)
         return
     if against is not None:
+        from maskfab.comparison.foreign.foreign_mask import How
         from maskfab.units import NM_PER_UM, parse_length_um
-        from maskfab.verify.foreign.comparison import How
 
         wide = 0.0 if tolerance is None else NM_PER_UM * parse_length_um(tolerance, where="--tolerance")
         dark = is_dark(tone, "--tone")
@@ -77,9 +77,9 @@ def _option(argument: str) -> str:
 
 
 def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, quiet: bool) -> None:
+    from maskfab.delivery.pack import verify_package
     from maskfab.job import load
-    from maskfab.package.pack import verify_package
-    from maskfab.shops.profiles import load_shop
+    from maskfab.mask_shops.profiles import load_shop
 
     profile, job = None if shop is None else load_shop(shop), None if against is None else load(against)
     with watched(quiet) as progress:

@@ -85,7 +85,7 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
 def wiener_filter(transfer: NDArray[Real], noise_to_signal: NDArray[Real] | Real) -> NDArray[Real]:
     """H / (H² + R) for a real H, any shapes that broadcast; 0 where there is neither signal nor noise.
 
-    Designs descend along its slope by :func:`maskfab.design.model.layout_error.wiener_tensor`, the same on tensors.
+    Designs descend along its slope by :func:`maskfab.optimiser.model.layout_error.wiener_tensor`, the same on tensors.
     """
     below = transfer**2 + noise_to_signal
     filtered: NDArray[Real] = np.divide(transfer, below, out=np.zeros_like(below), where=below > 0)

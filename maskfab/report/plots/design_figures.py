@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from maskfab.camera.shots import Shot
-from maskfab.measure.restored import Restored
+from maskfab.measurement.restored import Restored
 from maskfab.report.plots import png
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, img, place, styled
 

@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from maskfab.design.pareto import Judged, Pareto
+from maskfab.optimiser.pareto import Judged, Pareto
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, place, styled
 
 _MARKS = "osD^vphX"

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from maskfab.measure.scene_result import SceneOptics, View, distance
+from maskfab.measurement.scene_result import SceneOptics, View, distance
 from maskfab.model import Psf
 from maskfab.report.plots import png
 from maskfab.report.plots.number_text import number

@@ -15,7 +15,7 @@ from matplotlib.patches import PathPatch
 from matplotlib.path import Path
 
 from maskfab.geometry.writer_model import Reading, written_region
-from maskfab.measure.as_written import Written
+from maskfab.measurement.as_written import Written
 from maskfab.model import Mtf
 from maskfab.report.plots.die_figures import draw_decades
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, draw_psf, image, place, styled

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from klayout import db
 
+from maskfab.comparison.roundtrip import clear_length_nm
 from maskfab.geometry.plate_layout import plate_layout, simple_polygon
 from maskfab.model import CLEAR, OUTLINE, Die, Opening, Panel, Plate, Tiling
 from maskfab.plate.marks.data_matrix import code_text, data_matrix, modules
@@ -23,7 +24,6 @@ from maskfab.plate.marks.resolution import (
     siemens_star,
 )
 from maskfab.plate.marks.text import title_block
-from maskfab.verify.roundtrip import clear_length_nm
 
 AT = (-3_000_001, 7_000_003)
 FEATURES = (2_000, 4_033, 50_000)

@@ -12,6 +12,7 @@ from klayout import db
 from small_job import write_job
 
 from maskfab import resources
+from maskfab.comparison.roundtrip import roundtrip
 from maskfab.errors import JobError
 from maskfab.export.gds import write_gdsii
 from maskfab.geometry.plate_layout import coverage, plate_layout, region
@@ -23,7 +24,6 @@ from maskfab.plate.marks.drawing import Setting, bounding_box
 from maskfab.plate.marks.template import load_template, template_names
 from maskfab.plate.marks.templated import templated
 from maskfab.readers.layout_file import read_layout
-from maskfab.verify.roundtrip import roundtrip
 
 SIDES = 'blank = "27 mm"\nwritable = "22 mm"\n'
 

@@ -1,0 +1,234 @@
+"""Written files read back and compared with their plate: layouts by polygons, solids by volume, pictures by pixels.
+
+plate -> :class:`maskfab.mask_shops.plate_files.PlateFiles` -> written -> :func:`read_mask` -> :func:`compare_mask`
+"""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections import deque
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from itertools import chain
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from klayout import db
+
+from maskfab.comparison.bitmaps import check_bitmap
+from maskfab.comparison.roundtrip import RoundTrip, compare
+from maskfab.comparison.slivers import Sifted
+from maskfab.comparison.solids import check_plate_solid, check_solid
+from maskfab.errors import InputError, SourceError
+from maskfab.export.outputs import Product
+from maskfab.files.release_memory import give_back
+from maskfab.geometry.plate_layout import layer_info
+from maskfab.geometry.shape_limits import count_vertices
+from maskfab.mask_shops.plate_files import PlateFiles
+from maskfab.model import CLEAR, Quantity
+from maskfab.progress import Progress
+from maskfab.readers.layout_file import find_cell, read_layout
+from maskfab.readers.sandbox.bounded import bounded, library_errors, seconds_of
+from maskfab.readers.svg import read_svg
+
+_WRITTEN_ALONE = (".gbr", ".svg")
+"""Formats that hold what the writer exposes and nothing else."""
+
+_READ_AHEAD = (".gbr", ".step")
+"""Formats that take long in processes of their own: those run while other files are compared here."""
+
+_MOST_AHEAD = 3
+"""A process takes up to half a gigabyte."""
+
+_LIKE = 2
+"""A file of more vertices than so many times the design's is not looked through."""
+
+_FEW_VERTICES = 10_000
+
+_Taken: TypeAlias = db.Layout | RoundTrip | tuple[Quantity, ...]
+"""A mask file as a layout, to be compared, or compared already; of other files what the comparison has shown."""
+
+
+@dataclass(frozen=True, eq=False)
+class ReadBack:
+    """Result of reading files back: of layouts, the first measured further, and every row of the report.
+
+    Only the first layout is kept; those of the others are empty, for a flat one takes a hundred megabytes.
+    """
+
+    trips: tuple[RoundTrip, ...]
+    quantities: tuple[Quantity, ...]
+
+
+def read_back(
+    made: PlateFiles, folder: Path, progress: Progress, refused: list[tuple[str, InputError]] | None = None
+) -> ReadBack:
+    """Read the files of a folder through libraries that did not write them, and compare each with the plate.
+
+    The first layout is compared dot by dot too.
+
+    Args:
+        made: what was drawn.
+        folder: where the files lie.
+        progress: told where the work stands.
+        refused: takes the files that cannot be read, and why; they are then left out. Then they may be anybody's, and
+            layouts are read and compared within the limits of :mod:`maskfab.readers.sandbox.bounded`.
+
+    Raises:
+        SourceError: for a file that cannot be read, unless ``refused`` takes it.
+    """
+    trips: dict[int, RoundTrip] = {}
+    quantities: dict[int, tuple[Quantity, ...]] = {}
+    errors: dict[int, tuple[str, InputError]] = {}
+    waiting = deque(enumerate(made.products))
+    first = next((number for number, product in waiting if product.kind == "mask"), None)
+
+    def take(number: int, *, dots: bool) -> _Taken:
+        product = made.products[number]
+        if refused is not None and product.kind == "mask":
+            return _within_limits(made, product, folder, dots=dots)
+        return _take(made, product, folder)
+
+    with _ahead(made, lambda number: take(number, dots=number == first)) as coming:
+        while waiting:
+            number, product = waiting.popleft()
+            taken = coming.get(product.name)
+            # Background reads are collected last; the first layout comes before anything else.
+            others = any(each.name not in coming for _, each in waiting)
+            if taken and not taken.done() and others and (trips or product.kind != "mask"):
+                waiting.append((number, product))
+                continue
+            coming.pop(product.name, None)
+            progress("read back", len(quantities) + len(errors), len(made.products))
+            try:
+                found = taken.result() if taken else take(number, dots=not trips)
+                if isinstance(found, RoundTrip) and not trips and found.dies[0].wrong_dots is None:
+                    found = take(number, dots=True)  # what should have been the first was refused
+                if isinstance(found, db.Layout):
+                    found = compare_mask(made, found, folder / product.name, dots=not trips)
+                if isinstance(found, RoundTrip):
+                    trip, quantities[number] = found, found.quantities()
+                    trips[number] = trip if not trips else replace(trip, layout=db.Layout())
+                else:
+                    quantities[number] = found
+            except InputError as error:
+                if refused is None:
+                    raise
+                errors[number] = product.name, error
+            give_back()
+    progress("read back", len(made.products), len(made.products))
+    if refused is not None:
+        refused += [errors[number] for number in sorted(errors)]
+    rows = chain.from_iterable(quantities[number] for number in sorted(quantities))
+    return ReadBack(tuple(trips[number] for number in sorted(trips)), tuple(rows))
+
+
+@contextmanager
+def _ahead(made: PlateFiles, take: Callable[[int], _Taken]) -> Iterator[dict[str, Future[_Taken]]]:
+    """Start slow reads in background threads; yields futures by file name. Unstarted reads are cancelled on exit."""
+    workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
+    with ThreadPoolExecutor(workers) as pool:
+        slow = [number for number, each in enumerate(made.products) if Path(each.name).suffix in _READ_AHEAD]
+        try:
+            yield {made.products[number].name: pool.submit(take, number) for number in slow}
+        finally:
+            pool.shutdown(wait=False, cancel_futures=True)
+
+
+def _take(made: PlateFiles, product: Product, folder: Path) -> _Taken:
+    path = folder / product.name
+    if product.kind != "mask":
+        return _others(made, product, path)
+    return read_mask(path)
+
+
+def read_mask(path: Path) -> db.Layout:
+    """A mask file, by a library that did not write it; it has one top cell.
+
+    Raises:
+        SourceError: as :func:`maskfab.readers.layout_file.read_layout` and :func:`maskfab.readers.svg.read_svg`.
+    """
+    if path.suffix == ".svg":
+        return read_svg(path)
+    read = read_layout(path)
+    find_cell(read)
+    return read
+
+
+def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = True) -> RoundTrip:
+    """A mask file that was read, against the design and, if ``dots``, the openings dot by dot.
+
+    Raises:
+        SourceError: MF323 if the polygon library fails on the file.
+    """
+    names: Mapping[str, str] | None = None
+    if path.suffix in _WRITTEN_ALONE:
+        names = {CLEAR.name: CLEAR.name}
+    elif path.suffix == ".dxf":
+        names = made.settings.drawing.layer_names
+    polygons = made.figures.account.polygons
+    with library_errors(path):
+        return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+
+
+def _within_limits(made: PlateFiles, product: Product, folder: Path, *, dots: bool) -> RoundTrip:
+    """A layout that anybody may have written, read and compared in a copy of this process.
+
+    What comes back holds no differing shapes, and a layout only if ``dots``: the design where they are equal.
+
+    Raises:
+        SourceError: as :func:`read_layout` and :func:`maskfab.readers.sandbox.bounded.bounded`; MF313 if the file
+            differs and has so many vertices that its optics would take far longer than the design's.
+    """
+    path = folder / product.name
+
+    def work(_tell: Progress) -> dict[str, object]:
+        read = _take(made, product, folder)
+        assert isinstance(read, db.Layout)
+        trip = compare_mask(made, read, path, dots=dots)
+        if dots and trip.differences:
+            _refuse_many_vertices(made, read, path)
+            read.write(str(differing), _clear_alone(read))
+        return {name: value for name, value in vars(trip).items() if name not in {"layout", "differing", "slivers"}}
+
+    with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
+        differing = Path(aside) / "differing.oas"
+        told: dict[str, Any] = bounded(path, work, seconds=seconds_of(made.figures.account.polygons))
+        layout = made.design if dots else db.Layout()
+        if differing.is_file():
+            layout = db.Layout()
+            layout.read(str(differing))
+    return RoundTrip(layout=layout, differing=db.Region(), slivers=Sifted(db.Region(), db.Region()), **told)
+
+
+def _clear_alone(read: db.Layout) -> db.SaveLayoutOptions:
+    options = db.SaveLayoutOptions()
+    options.format = "OASIS"
+    options.deselect_all_layers()
+    index = read.find_layer(layer_info(CLEAR))
+    if index is not None:
+        options.add_layer(index, layer_info(CLEAR))
+    return options
+
+
+def _refuse_many_vertices(made: PlateFiles, read: db.Layout, path: Path) -> None:
+    found, drawn = count_vertices(read), max(count_vertices(made.design), made.figures.account.vertices)
+    if found > _LIKE * drawn + _FEW_VERTICES:
+        raise SourceError(
+            "MF313",
+            f"{path.name} draws {found:.3g} vertices, references followed, where the plate has {drawn:.3g}",
+            where=str(path),
+            cure="Put the file back that the run wrote, or hold this one against the job with --against",
+        )
+
+
+def _others(made: PlateFiles, product: Product, path: Path) -> tuple[Quantity, ...]:
+    if product.die is None:
+        return check_plate_solid(made.plate, path)
+    (die,) = (each for each in made.plate.dies if each.name == product.die.name)
+    if product.kind == "bitmap":
+        return check_bitmap(die, made.design, path, made.settings.dots_per_um)
+    return check_solid(die, path, made.settings.stack)

@@ -1,0 +1,226 @@
+"""Selection and drawing options of a plate for a mask shop: by a package, and by a job that writes for the shop."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from maskfab.export.cell_polygons import MAX_VERTICES, Hierarchy, PolygonOptions
+from maskfab.export.dxf import DrawingStyle
+from maskfab.geometry.plate_layout import orientations_in_use
+from maskfab.geometry.polygonize import Holes
+from maskfab.jobfile import DRAWING_KEYS, MASK_FORMATS, ExportSection, FileFormat, JobSpec
+from maskfab.jobfile.shop_profile import Shop
+from maskfab.mask_shops.counts import facing_dots
+from maskfab.mask_shops.stencil import stencilled
+from maskfab.model import CLEAR, Box, Die, Furniture, Plate, Polygon
+from maskfab.plate.marks.drawing import bounding_box
+from maskfab.plate.marks.template import plate_template
+from maskfab.units import NM_PER_MM, NM_PER_UM, to_nm
+
+_WITH_TEXT: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
+"""Formats whose notes are text that a reader can see as such."""
+
+
+def fitted(plate: Plate, shop: Shop) -> Plate:
+    """The plate with nothing that is not written, and with the corner squares that the shop asks for.
+
+    Outlines, notes, emitters and wires are for people who look at the design; a house that converts every layer would
+    expose them.
+    """
+    dies = tuple(replace(die, panel=replace(die.panel, emitters=None, tracks=())) for die in plate.dies)
+    marks = tuple(mark for mark in plate.furniture if mark.layer.written)
+    bare = replace(plate, dies=dies, furniture=(*marks, *_corner_squares(shop)), notes=())
+    return suited(bare, shop, shop.polygons.holes)
+
+
+def suited(plate: Plate, shop: Shop, holes: Holes) -> Plate:
+    """The plate with marks of maskfab's own that the shop can take; whoever wrote the job could not change them.
+
+    Where no two figures may share a piece of edge, marks are stencils; where the shop's grid is coarser than 1 nm and
+    the dies lie on it, so do the marks.
+    """
+    marks = list(plate.furniture)
+    if shop.polygons.shared_boundaries is False:
+        narrowest = round((shop.limits.min_space_um or shop.limits.min_feature_um or 0) * NM_PER_UM)
+        marks = [stencilled(mark, holes, narrowest) if mark.layer.written else mark for mark in marks]
+    grid = kept_grid_nm(plate, shop)
+    if grid > 1:
+        marks = [_snapped(mark, grid) if mark.layer.written else mark for mark in marks]
+    return replace(plate, furniture=tuple(marks))
+
+
+def kept_grid_nm(plate: Plate, shop: Shop) -> int:
+    """The coarsest of the shop's grids on which every dot of every die lies; 1 nm where it asks for none."""
+    kept = [grid for grid in shop.limits.grid_nm or () if all(_on_grid(die, grid) for die in plate.dies)]
+    return 1 if 1 in kept else max(kept, default=1)
+
+
+def _on_grid(die: Die, grid_nm: int) -> bool:
+    panel = die.panel
+    lengths = (panel.dot_nm, panel.pitch_nm, panel.gutter_nm // 2, *die.origin_nm)
+    return all(length % grid_nm == 0 for length in lengths)
+
+
+def _snapped(mark: Furniture, grid_nm: int) -> Furniture:
+    """The mark with every vertex on the nearest line of a grid; widths that are multiples of it stay."""
+
+    def nearest(value: int) -> int:
+        return (value + grid_nm // 2) // grid_nm * grid_nm
+
+    drawn = (tuple((nearest(x), nearest(y)) for x, y in polygon) for polygon in mark.polygons)
+    return replace(mark, polygons=tuple(map(_without_doubles, drawn)))
+
+
+def _without_doubles(polygon: Polygon) -> Polygon:
+    """The outline without vertices that follow themselves."""
+    return tuple(point for point, before in zip(polygon, (polygon[-1], *polygon), strict=False) if point != before)
+
+
+@dataclass(frozen=True)
+class Blank:
+    """The blank as stated in a job.
+
+    Attributes:
+        chrome_nm: thickness of the chrome; None if it does not say.
+        glass_nm: thickness of the glass; None without a template.
+    """
+
+    chrome_nm: float | None
+    glass_nm: int | None
+
+
+def blank_of(spec: JobSpec) -> Blank:
+    """The blank of a job: its chrome by [export], its glass by the template of its plate."""
+    template = None if spec.plate is None or spec.plate.template is None else plate_template(spec.plate.template)
+    chrome = (spec.export or ExportSection()).chrome
+    return Blank(chrome * NM_PER_UM, None if template is None else to_nm(template.thickness))
+
+
+def drawing_style(plate: Plate, shop: Shop | None) -> DrawingStyle:
+    """A shop's requirements for drawings beyond their polygons; the unit is text only in formats where it takes text.
+
+    Text and the header's extents keep to what the shop asks the drawing to span, or to what it can write if that is
+    less than the blank. A drawing that must span an extent exactly has its unit as text only where the header has none.
+    """
+    if shop is None:
+        return DrawingStyle()
+    taken, extent, area = shop.text.allowed_in, extent_nm(shop), shop.plate.plot_area_mm
+    frame: Box | None = None
+    if extent is not None:
+        frame = _centred(*extent)
+    elif area is not None and min(area) * NM_PER_MM < plate.blank_nm:
+        frame = _centred(*(min(round(side * NM_PER_MM), plate.blank_nm) for side in area))
+    texted: list[Literal["R12", "R2010"]] = ["R12"] if taken is None or "dxf_r12" in taken else []
+    if extent is None and (taken is None or "dxf_r2010" in taken):
+        texted.append("R2010")
+    names = shop.layer_names if shop.names.layers else None
+    return DrawingStyle(names, shop.accepts.drawing_unit or "um", tuple(texted), frame)
+
+
+def _centred(width: int, height: int) -> Box:
+    return -width // 2, -height // 2, width - width // 2, height - height // 2
+
+
+def extent_nm(shop: Shop) -> tuple[int, int] | None:
+    """Width and height that a drawing for the shop spans exactly, in nanometres; None if it may span what it likes."""
+    asked = shop.plate.extent_mm
+    return None if asked is None else (round(asked[0] * NM_PER_MM), round(asked[1] * NM_PER_MM))
+
+
+def written_box(plate: Plate) -> Box:
+    """Bounding box of everything written: marks and whole panels, in plate nanometres; all 0 for an empty plate."""
+    boxes = [die.box_nm for die in plate.dies]
+    for mark in plate.furniture:
+        if mark.layer.written:
+            boxes += [bounding_box([polygon]) for polygon in mark.polygons]
+    if not boxes:
+        return 0, 0, 0, 0
+    table = np.array(boxes, dtype=np.int64)
+    (x0, y0), (x1, y1) = table[:, :2].min(axis=0).tolist(), table[:, 2:].max(axis=0).tolist()
+    return x0, y0, x1, y1
+
+
+def drawing_options(plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None) -> PolygonOptions:
+    """Drawing options for a shop: those of its profile, and otherwise as close to cells as possible.
+
+    Two pixels go into a cell, or all references are resolved, only where the house allows no more references; openings
+    are merged across cells only where it forbids figures that share a piece of edge and those of two cells do. A
+    ``hierarchy`` that is given stays, whatever the house would need.
+    """
+    rules = shop.polygons
+    touching = hierarchy is None and rules.shared_boundaries is False and any(facing_dots(die) for die in plate.dies)
+    options = PolygonOptions(
+        hierarchy=hierarchy or ("merged" if touching else rules.hierarchy),
+        max_vertices=min(rules.max_vertices, shop.limits.max_vertices or MAX_VERTICES, MAX_VERTICES),
+        holes=rules.holes,
+        corners="joined" if rules.self_touching else "apart",
+        notes="none",
+    )
+    most = shop.limits.max_references
+    if most is None or options.hierarchy != "cells" or _file_references(plate, paired=False) <= most:
+        return options
+    if _file_references(plate, paired=True) <= most:
+        return replace(options, max_references=max(_references(die, paired=True) for die in plate.dies))
+    return options if hierarchy else replace(options, hierarchy="flat")
+
+
+def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileFormat, ...]:
+    """The formats that a job writes: those it asks for, or else its shop's first.
+
+    The optics of a job are measured from a layout, so that one comes first even for a house that takes none.
+    """
+    if section.formats is not None:
+        return section.formats
+    if shop is None:
+        return MASK_FORMATS
+    layouts = [each for each in shop.formats if each in MASK_FORMATS]
+    return (layouts[0],) if layouts else (MASK_FORMATS[0], shop.formats[0])
+
+
+def written_options(plate: Plate, section: ExportSection, shop: Shop | None) -> PolygonOptions:
+    """Drawing options of a job: its own, with the shop's preferences as defaults.
+
+    Holes on a layer of their own are left to packages, for a job's optics are measured from one layer. Notes are text
+    unless the house takes none in a format that is written.
+    """
+    stated = {key: value for key in DRAWING_KEYS if (value := getattr(section, key)) is not None}
+    if shop is None:
+        return PolygonOptions(**stated)
+    house = drawing_options(plate, shop, section.hierarchy)
+    holes, taken = "bisect" if house.holes == "layer" else house.holes, shop.text.allowed_in
+    lettered = taken is None or all(each in taken for each in _lettered(written_formats(section, shop)))
+    return replace(house, **{"holes": holes, "notes": "text" if lettered else "polygons", **stated})
+
+
+def _lettered(formats: Sequence[FileFormat]) -> tuple[FileFormat, ...]:
+    return tuple(each for each in formats if each in _WITH_TEXT)
+
+
+def _file_references(plate: Plate, *, paired: bool) -> int:
+    return sum(_references(die, paired=paired) + 1 for die in plate.dies) + len(plate.furniture)
+
+
+def _references(die: Die, *, paired: bool) -> int:
+    """References inside a die, an array counting once."""
+    rows, columns = die.panel.orientations.shape
+    if len(orientations_in_use(die.panel)) == 1:
+        return 1
+    return int(rows * (columns // 2 + columns % 2) if paired else rows * columns)
+
+
+def _corner_squares(shop: Shop) -> tuple[Furniture, ...]:
+    extent, side_um = extent_nm(shop), shop.plate.corner_square_um
+    if extent is None or side_um is None:
+        return ()
+    side, (x, y) = round(side_um * NM_PER_UM), (extent[0] // 2, extent[1] // 2)
+    corners = {"SW": (-x, -y), "SE": (x - side, -y), "NW": (-x, y - side), "NE": (x - side, y - side)}
+    return tuple(
+        Furniture(
+            f"CORNER_{name}", "fiducial", CLEAR, (((x0, y0), (x0, y0 + side), (x0 + side, y0 + side), (x0 + side, y0)),)
+        )
+        for name, (x0, y0) in corners.items()
+    )

@@ -1,0 +1,569 @@
+"""Check of a plate against the published rules of a mask shop: for each rule its value, limit, place and cure.
+
+What a package would send is judged by :func:`check_shop`, what a job writes by :func:`check_written`.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+from maskfab.drc import DesignRules, RuleResult, check_plate, narrowest
+from maskfab.drc.panel_rules import Tone
+from maskfab.drc.plate_rules import apart
+from maskfab.errors import OutputError
+from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
+from maskfab.geometry.plate_layout import plate_names
+from maskfab.jobfile import FileFormat
+from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
+from maskfab.mask_shops import counts
+from maskfab.mask_shops.adapt import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
+from maskfab.model import CLEAR, NOTE, Box, Die, Layer, Plate, Quantity
+from maskfab.plate.marks.template import PlateTemplate, plate_template, template_names
+from maskfab.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
+
+_BLANK_TOLERANCE_NM = 500_000
+_FINE_ON_PURPOSE = ("resolution", "code")
+_LEVELS = 3
+"""Plate, die, unit cell: references are never nested deeper."""
+_PACKAGE = "send what maskfab package makes for the house"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One rule of a shop on one plate.
+
+    Attributes:
+        rule: format, tone, drawing_unit, text, text_charset, text_style, text_layer, one_mask_per_layer, blank, chrome,
+            glass, plot_area, extent, coordinates, min_feature, min_space, grid, vertices, references, depth, layers,
+            layer_number, unwritten_layers, flashes, drawing, name, layer_name, block_name, block_transforms,
+            self_crossing, self_touching, doubled_vertices, shared_boundaries or corner_touches.
+        passed: whether the plate keeps it; None where the house decides, or publishes nothing to judge by.
+        value: what the plate has.
+        limit: what the house takes.
+        unit: of both.
+        place: where it is broken first, in words.
+        cure: what to do about it; empty where nothing needs to be done.
+        source: the pages where the house publishes it.
+    """
+
+    rule: str
+    passed: bool | None
+    value: float | int | str
+    limit: float | int | str | None
+    unit: str = ""
+    place: str = ""
+    cure: str = ""
+    source: str = ""
+
+    def quantity(self, shop: str) -> Quantity:
+        """The finding as a row of a report; the shop by its name, whose pages would fill a table."""
+        published = f"A rule of {shop}, whose pages `maskfab shops {shop}` names"
+        method = ". ".join(text for text in (self.place and f"at {self.place}", self.cure, published) if text)
+        return Quantity(f"shop_{self.rule}", self.value, method, detail=self.unit, limit=self.limit, passed=self.passed)
+
+    def __str__(self) -> str:
+        verdict = {True: "PASS", False: "REFUSED", None: "note"}[self.passed]
+        limit = "" if self.limit is None else f", {_shown(self.limit)} {self.unit}".rstrip() + " taken"
+        text = f"{verdict} {self.rule}: {_shown(self.value)} {self.unit}".rstrip() + limit
+        place = f" at {self.place}" if self.place else ""
+        return text + place + (f". {self.cure}" if self.cure else "")
+
+
+def accepted(findings: Sequence[Finding]) -> bool:
+    """Whether no rule is broken."""
+    return all(finding.passed is not False for finding in findings)
+
+
+def check_shop(
+    plate: Plate,
+    shop: Shop,
+    formats: Sequence[Format] = (),
+    options: PolygonOptions | None = None,
+    blank: Blank | None = None,
+) -> tuple[Finding, ...]:
+    """Judge what a package of a composed plate would hold by every rule that a shop publishes; nothing is written.
+
+    Args:
+        plate: the plate, with all its layers; only what is written is looked at.
+        shop: the profile.
+        formats: what is to be sent; the shop's first format if empty.
+        options: how polygons are drawn; None chooses as a package does.
+        blank: what the job says of chrome and glass; None leaves them to the order.
+    """
+    sent, drawn = tuple(formats) or shop.formats[:1], fitted(plate, shop)
+    names = plate_names(drawn)
+    cells = {names.top, *names.dies, *names.marks, *names.units.values()}
+    figures, refusal = _drawn(drawn, shop, options or drawing_options(drawn, shop))
+    layers = [CLEAR] if figures is None else [layer for layer in figures.layers if layer.written]
+    findings = (
+        *_of_files(shop, drawn, sent, noted=False),
+        *_of_plate(drawn, shop),
+        *_of_blank(blank or Blank(None, None), shop),
+        *_of_features(drawn, shop),
+        *(refusal if figures is None else _of_figures(figures, shop, layers)),
+        *_of_names(plate.name, sorted(cells), [*layers, *_texted(drawn, shop, sent)], shop),
+    )
+    return _sourced(findings, shop)
+
+
+def check_written(
+    figures: Figures, shop: Shop, formats: Sequence[FileFormat], blank: Blank | None = None
+) -> tuple[Finding, ...]:
+    """Judge the layouts that a job writes by every rule that a shop publishes, with all that is in them.
+
+    Args:
+        figures: the plate as its files draw it, layers for orientation included.
+        shop: the profile.
+        formats: of the files; those that no house is sent, SVG, solids and pictures, are not looked at.
+        blank: what the job says of chrome and glass; None leaves them to the order.
+    """
+    sent, plate = tuple(each for each in FORMATS if each in formats), figures.plate
+    layers = [*figures.layers, *([NOTE] if figures.notes and NOTE not in figures.layers else [])]
+    cells = [figures.top]
+    if figures.options.hierarchy == "cells":
+        below = {*figures.cells, *(die.name for die in figures.dies), *(mark.name for mark in figures.marks)}
+        cells += sorted(below)
+    texted = [layer for layer in _texted(plate, shop, sent) if layer not in layers]
+    findings = (
+        *_of_files(shop, plate, sent, noted=bool(figures.notes)),
+        *_of_plate(plate, shop, _reach(plate)),
+        *_of_blank(blank or Blank(None, None), shop),
+        *_of_features(plate, shop),
+        *_of_figures(figures, shop, layers),
+        *_unwritten(layers),
+        *_of_names(plate.name, cells, [*layers, *texted], shop),
+    )
+    return _sourced((_as_written(each, shop) for each in findings), shop)
+
+
+def _texted(plate: Plate, shop: Shop, sent: Sequence[Format]) -> list[Layer]:
+    """The layer of a drawing's line of text, where it has one."""
+    return [NOTE] if _unit_texts(plate, shop, sent) else []
+
+
+def _unit_texts(plate: Plate, shop: Shop, sent: Sequence[Format]) -> list[Format]:
+    """Drawings that name their unit in a line of text."""
+    versions = drawing_style(plate, shop).unit_text
+    return [each for each in sent if each.startswith("dxf") and each.removeprefix("dxf_").upper() in versions]
+
+
+def _sourced(findings: Iterable[Finding], shop: Shop) -> tuple[Finding, ...]:
+    source = " ".join(shop.sources)
+    return tuple(replace(each, source=source) for each in findings)
+
+
+def _unwritten(layers: Sequence[Layer]) -> Iterator[Finding]:
+    others = [layer.name for layer in layers if not layer.written]
+    if others:
+        cure = f"Order {CLEAR.name} {CLEAR.number}/{CLEAR.datatype} alone, or {_PACKAGE}, which has no other layer"
+        yield Finding("unwritten_layers", None, " ".join(others), None, cure=cure)
+
+
+def _as_written(finding: Finding, shop: Shop) -> Finding:
+    """The finding with the cure of what a job cannot write and a package can."""
+    if finding.passed is not False:
+        return finding
+    known = " ".join(shop.formats)
+    cures = {
+        "format": f"Keep to {known} in formats, or leave it out; or {_PACKAGE}",
+        "extent": f"{_PACKAGE.capitalize()}, which adds marks for the corners, with dies that leave room for them",
+        "layers": f"{_PACKAGE.capitalize()}, which has what is written alone",
+    }
+    if shop.polygons.holes == "layer":
+        cures["shared_boundaries"] = f"{finding.cure}; or {_PACKAGE}, which gives holes a layer of their own"
+    return replace(finding, cure=cures.get(finding.rule, finding.cure))
+
+
+def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], *, noted: bool) -> Iterator[Finding]:
+    known = shop.accepts.formats
+    for each in sent:
+        if known is None:
+            ruled = shop.accepts.ruled
+            about = "" if not ruled or each in ruled else f", and its rules speak of {' '.join(ruled)}"
+            cure = f"The house publishes no list of formats{about}: ask before sending"
+            yield Finding("format", None, each, None, cure=cure)
+        else:
+            taken = each in known
+            cure = "" if taken else f"Send {known[0]}"
+            yield Finding("format", taken, each, " ".join(known), cure=cure)
+    tones, words = shop.order.tones, " ".join(shop.order.tones)
+    cure = "" if "clear" in tones else "Choose another house: what maskfab draws is clear"
+    yield Finding("tone", "clear" in tones, "clear", words, cure=cure)
+    if shop.accepts.drawing_unit is not None and any(each.startswith("dxf") for each in sent):
+        unit = shop.accepts.drawing_unit  # drawings are made in it
+        yield Finding("drawing_unit", True, unit, unit)
+    if shop.accepts.one_mask_per_layer is not None:
+        yield Finding("one_mask_per_layer", True, 1, 1, "masks on a layer")
+    yield from _of_texts(shop, plate, sent, noted=noted)
+
+
+def _of_texts(shop: Shop, plate: Plate, sent: Sequence[Format], *, noted: bool) -> Iterator[Finding]:
+    lines = _unit_texts(plate, shop, sent)
+    texted = [each for each in sent if each in lines or (noted and each != "gerber")]
+    rules, known = shop.text, shop.accepts.formats
+    if rules.allowed_in is not None:
+        lettered = [each for each in texted if each not in rules.allowed_in]
+        kept = [each for each in known or () if each not in texted]
+        yield Finding(
+            "text",
+            not lettered,
+            f"{'notes' if noted else 'one line'} in {' '.join(texted)}" if texted else "none",
+            f"in {' '.join(rules.allowed_in)}" if rules.allowed_in else "none",
+            cure=f"Send {kept[0] if kept else 'another format'}, in which all text is polygons" if lettered else "",
+        )
+    if rules.charset is not None:
+        strange = next((note.text for note in plate.notes if not note.text.isascii()), None) if noted else None
+        cure = "" if strange is None else "Rename what has such letters"
+        yield Finding("text_charset", strange is None, strange or "ascii", rules.charset, cure=cure)
+    if rules.italic is False:
+        yield Finding("text_style", True, "upright", "upright")
+    if rules.separate_layer:
+        yield Finding("text_layer", True, NOTE.name if texted else "no text", "a layer of its own")
+
+
+def _reach(plate: Plate) -> Box:
+    """The box of everything on a plate, layers for orientation included."""
+    visible = tuple(replace(mark, layer=CLEAR) for mark in plate.furniture)
+    return written_box(replace(plate, furniture=visible))
+
+
+def _of_plate(plate: Plate, shop: Shop, spanned: Box | None = None) -> Iterator[Finding]:
+    """``spanned`` is the box of everything in the files; what is written by default."""
+    sizes, blank_mm = shop.plate, plate.blank_nm / NM_PER_MM
+    if sizes.blanks_in is not None:
+        sides_nm = [inches * 25_400_000 for inches in sizes.blanks_in]
+        fits = any(abs(plate.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm)
+        offered = " ".join(f"{inches * UM_PER_INCH / UM_PER_MM:g}" for inches in sizes.blanks_in)
+        named = _templates(lambda each: any(abs(each.blank_nm - side) <= _BLANK_TOLERANCE_NM for side in sides_nm))
+        cure = "" if fits else f'{named}set plate.blank to "{sizes.blanks_in[0]:g} in" where the plate has no template'
+        yield Finding("blank", fits, blank_mm, offered, "mm", cure=cure and cure[0].upper() + cure[1:])
+    if sizes.largest_mm is not None:
+        largest = min(sizes.largest_mm)
+        fits = blank_mm <= largest
+        named = _templates(lambda each: each.blank_nm <= largest * NM_PER_MM)
+        cure = "" if fits else f'{named}set plate.blank to at most "{largest:g} mm" where the plate has no template'
+        yield Finding("blank", fits, blank_mm, _by(sizes.largest_mm), "mm", cure=cure and cure[0].upper() + cure[1:])
+    x0, y0, x1, y1 = written_box(plate)
+    if sizes.plot_area_mm is not None:
+        area = sizes.plot_area_mm
+        reach = 2 * max(-x0, x1) / NM_PER_MM, 2 * max(-y0, y1) / NM_PER_MM
+        fits = reach[0] <= area[0] and reach[1] <= area[1]
+        named = _templates(lambda each: each.writable_nm <= min(area) * NM_PER_MM)
+        cure = f'{named}set plate.writable to at most "{min(area):g} mm" without one, or use fewer dies'
+        place = "" if fits else _corner(plate)
+        cure = "" if fits else cure[0].upper() + cure[1:]
+        yield Finding("plot_area", fits, _by(reach), _by(area), "mm", place, cure)
+    asked = extent_nm(shop)
+    if asked is not None:
+        yield extent(spanned or (x0, y0, x1, y1), asked)
+    if shop.limits.max_coordinate_mm is not None:
+        farthest = max(abs(x0), abs(y0), abs(x1), abs(y1)) / NM_PER_MM
+        fits = farthest <= shop.limits.max_coordinate_mm
+        cure = "" if fits else "Use a smaller plate"
+        yield Finding("coordinates", fits, farthest, shop.limits.max_coordinate_mm, "mm", cure=cure)
+
+
+def extent(box_nm: Box, asked_nm: tuple[int, int]) -> Finding:
+    """Whether a box, of a plate or of everything in a file, is what a drawing must span, centred on the plate."""
+    x0, y0, x1, y1 = box_nm
+    fits = (x1 - x0, y1 - y0) == asked_nm and (x0, y0) == (-asked_nm[0] // 2, -asked_nm[1] // 2)
+    cure = "" if fits else "Use smaller or fewer dies: marks for the corners are added by the package"
+    width, height = (x1 - x0) / NM_PER_MM, (y1 - y0) / NM_PER_MM
+    limit = _by((asked_nm[0] / NM_PER_MM, asked_nm[1] / NM_PER_MM))
+    return Finding("extent", fits, _by((width, height)), limit, "mm", "" if fits else _spanned(box_nm), cure)
+
+
+def _templates(fits: Callable[[PlateTemplate], bool]) -> str:
+    """The beginning of a cure that names the plate templates which fit."""
+    named = [f'"{name}"' for name in template_names() if fits(plate_template(name))]
+    return f"set plate.template to {' or '.join(named)}, or " if named else ""
+
+
+def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
+    """Chrome and glass as the job says them."""
+    chrome, glass = shop.plate.chrome_nm, shop.plate.glass_mm
+    if chrome is not None:
+        cure = f'Set export.chrome to between "{chrome[0]:g} nm" and "{chrome[1]:g} nm"'
+        yield _within("chrome", blank.chrome_nm, chrome, "nm", cure)
+    if glass is not None:
+        thickness = None if blank.glass_nm is None else blank.glass_nm / NM_PER_MM
+        named = _templates(lambda each: glass[0] <= each.thickness / 1000 <= glass[1])
+        cure = (
+            f"{named[0].upper()}{named[1:]}ask the house" if named else "No plate template is so thick: ask the house"
+        )
+        yield _within("glass", thickness, glass, "mm", cure)
+
+
+def _within(rule: str, value: float | None, limits: tuple[float, float], unit: str, cure: str) -> Finding:
+    limit = f"{limits[0]:g} to {limits[1]:g}"
+    if value is None:
+        return Finding(rule, None, "not stated by the job", f"{limit} {unit}", cure="State it in the order")
+    fits = limits[0] - 1e-9 <= value <= limits[1] + 1e-9
+    return Finding(rule, fits, value, limit, unit, cure="" if fits else cure)
+
+
+def _of_features(plate: Plate, shop: Shop) -> Iterator[Finding]:
+    limits = shop.limits
+    least = limits.min_feature_um
+    if least is not None:
+        yield _feature(plate, least, limits.min_feature_on_request_um)
+    space = limits.min_space_um if limits.min_space_um is not None else least
+    if space is not None:
+        yield _space(plate, space, limits.min_feature_on_request_um)
+    if limits.grid_nm is not None:
+        yield _grid(plate, shop, limits.grid_nm)
+
+
+def _feature(plate: Plate, least_um: float, on_request_um: float | None) -> Finding:
+    worst = _worst(plate, DesignRules(min_width_nm=_nm(least_um), kissing=False), "clear")
+    return _narrow("min_feature", "clear", worst, least_um, on_request_um)
+
+
+def _space(plate: Plate, least_um: float, on_request_um: float | None) -> Finding:
+    worst = _worst(plate, DesignRules(min_space_nm=_nm(least_um), kissing=False), "opaque")
+    return _narrow("min_space", "opaque", worst, least_um, on_request_um)
+
+
+def _worst(plate: Plate, rules: DesignRules, tone: Tone) -> tuple[float, str] | None:
+    """The narrowest place in micrometres, and where; None where nothing is too narrow.
+
+    Corners that kiss are a rule of their own. Test figures and codes are fine on purpose.
+    """
+    marks = tuple(mark for mark in plate.furniture if mark.kind not in _FINE_ON_PURPOSE)
+    coarse = replace(plate, furniture=marks)
+    if apart(coarse, rules.reach_nm):
+        found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone)]
+        found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
+    else:
+        found = list(_too_narrow(check_plate(coarse, rules)))
+    value, place = min(found, default=(math.inf, ""))
+    return (value / NM_PER_UM, place) if found else None
+
+
+def _of_die(die: Die, plate: Plate, rules: DesignRules, tone: Tone) -> Iterator[tuple[float, str]]:
+    """The narrowest place of a die, in nanometres, if it breaks the rule."""
+    least = rules.reach_nm
+    if narrowest(die, tone).value_nm >= least:
+        return
+    if 2 * least < die.panel.pitch_nm:
+        yield from _too_narrow(check_plate(replace(plate, dies=(die,), furniture=()), rules))
+        return
+    # Where every cell meets its neighbours' neighbours, counting all places takes minutes.
+    worst = narrowest(die, tone, placed=True)
+    at = "" if worst.place is None else f"({worst.place[0] / NM_PER_UM:.3f}, {worst.place[1] / NM_PER_UM:.3f}) um in "
+    yield worst.value_nm, f"{at}die {die.name}"
+
+
+def _too_narrow(results: Iterable[RuleResult]) -> Iterator[tuple[float, str]]:
+    for result in results:
+        if not result.passed:
+            yield _number(result.value), _place(result)
+
+
+def _narrow(
+    rule: str, tone: str, worst: tuple[float, str] | None, least_um: float, on_request_um: float | None
+) -> Finding:
+    if worst is None:
+        return Finding(rule, True, f"at least {least_um:g}", least_um, "um")
+    value, place = worst
+    if on_request_um is not None and value >= on_request_um:
+        cure = f"Made on request down to {on_request_um:g} um: ask before ordering"
+        return Finding(rule, None, value, least_um, "um", place, cure)
+    cure = f"Use a coarser dot or a wider gutter, so that nothing {tone} is narrower than {least_um:g} um"
+    return Finding(rule, False, value, least_um, "um", place, cure)
+
+
+def _grid(plate: Plate, shop: Shop, grids_nm: Sequence[int]) -> Finding:
+    offered, kept = " ".join(map(str, grids_nm)), kept_grid_nm(plate, shop)
+    if kept in grids_nm and (kept == 1 or not _off_grid(plate, kept)):
+        return Finding("grid", True, kept, offered, "nm")
+    least = min(grids_nm)
+    bad = [*_off_grid(replace(plate, furniture=()), least), *_off_grid(plate, least)]
+    marks = bool(bad) and bad[0].die is None
+    cure = f"Use dots, gutters and die centres that are multiples of {least} nm"
+    if marks:
+        cure = f"These are maskfab's own marks: {_PACKAGE}, which lays them on the grid"
+    return Finding("grid", False, 1, offered, "nm", _place(bad[0]) if bad else "", cure)
+
+
+def _off_grid(plate: Plate, grid_nm: int) -> list[RuleResult]:
+    return [result for result in check_plate(plate, DesignRules(grid_nm=grid_nm)) if not result.passed]
+
+
+def _drawn(plate: Plate, shop: Shop, options: PolygonOptions) -> tuple[Figures | None, tuple[Finding, ...]]:
+    """A plate that is not drawn yet, drawn; or why it cannot be."""
+    merging = options.hierarchy == "merged" and shop.polygons.shared_boundaries is False
+    try:
+        figures = draw(plate, replace(options, hierarchy="cells") if merging else options)
+        if merging and not {*counts.cut_cells(figures)} & {*figures.cells}:
+            # Joining openings across pixels takes minutes on large plates, and mends no cell that is cut within.
+            figures = draw(plate, options)
+    except OutputError as refusal:
+        return None, (Finding("drawing", False, refusal.what, None, cure=refusal.cure),)
+    return figures, ()
+
+
+def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterator[Finding]:
+    limits, outlines, options, plate = shop.limits, shop.polygons, figures.options, figures.plate
+    if limits.max_vertices is not None:
+        most = counts.longest(figures)
+        fits = most <= limits.max_vertices
+        cure = "" if fits else f"Set max_vertices to at most {limits.max_vertices}"
+        yield Finding("vertices", fits, most, limits.max_vertices, cure=cure)
+    if limits.max_references is not None:
+        yield _references(figures, limits.max_references)
+    if limits.max_depth is not None:
+        depth = _LEVELS if options.hierarchy == "cells" else 1
+        cure = "" if depth <= limits.max_depth else 'Use hierarchy = "flat"'
+        yield Finding("depth", depth <= limits.max_depth, depth, limits.max_depth, "levels", cure=cure)
+    if limits.max_layers is not None:
+        yield Finding("layers", len(layers) <= limits.max_layers, len(layers), limits.max_layers)
+    if limits.max_layer_number is not None:
+        highest = max((layer.number for layer in layers), default=0)
+        yield Finding("layer_number", highest <= limits.max_layer_number, highest, limits.max_layer_number)
+    if limits.max_flashes is not None:
+        count = counts.flashes(plate)
+        cure = "" if count <= limits.max_flashes else "Use fewer cells, or a house whose writer draws polygons"
+        yield Finding("flashes", count <= limits.max_flashes, count, limits.max_flashes, "rectangles", cure=cure)
+    if outlines.self_crossing is False:
+        yield Finding("self_crossing", True, "none", "none")
+    if outlines.self_touching is not None:
+        touching = options.corners == "joined" or options.holes == "keyhole"
+        taken = "allowed" if outlines.self_touching else "none"
+        cure = "" if outlines.self_touching or not touching else 'Use corners = "apart" and holes = "bisect"'
+        have = "where corners meet and at keyholes" if touching else "none"
+        yield Finding("self_touching", outlines.self_touching or not touching, have, taken, cure=cure)
+    if outlines.doubled_vertices is False:
+        yield Finding("doubled_vertices", True, "none", "none")
+    if outlines.shared_boundaries is False:
+        yield _boundaries(plate, figures)
+    yield _touches(plate, outlines.corner_touches)
+
+
+def _references(figures: Figures, most: int) -> Finding:
+    count = counts.references(figures)
+    fits = count <= most
+    place = "" if fits else max(figures.dies, key=_placed).name
+    cure = "" if fits else 'Use max_references for cells of two pixels, hierarchy = "flat", or fewer random dies'
+    return Finding("references", fits, count, most, "", place and f"die {place}", cure)
+
+
+def _placed(die: DieFigures) -> int:
+    return sum(int(grid.index.size) if len(grid.cells) > 1 else 1 for grid in die.grids)
+
+
+def _boundaries(plate: Plate, figures: Figures) -> Finding:
+    """Judged by the figures as they are written."""
+    found = counts.shared_edges(figures)
+    for die in plate.dies if not found and figures.options.hierarchy != "merged" else ():
+        count = counts.facing_dots(die)
+        if count:
+            cure = 'Give the cells a gutter, or use hierarchy = "merged"'
+            return Finding("shared_boundaries", False, count, 0, "dots", f"the cells of die {die.name}", cure)
+    if not found:
+        return Finding("shared_boundaries", True, 0, 0, "um")
+    first = found[0]
+    x, y = (value / NM_PER_UM for value in first.first_nm)
+    place = f"({x:.3f}, {y:.3f}) um in {f'cell {first.cell} of ' if first.cell else ''}{first.owner}"
+    length = sum(each.length_nm for each in found) / NM_PER_UM
+    cure = "Use an opening without holes and without clear dots that meet by corners: it is cut there"
+    if first.owner.startswith("mark"):
+        cure = f"This is a mark of maskfab's own: {_PACKAGE}, which draws it as a stencil"
+    elif figures.options.holes == "layer":
+        cure = "Use an opening without clear dots inside its holes, or that meet by corners: it is cut there"
+    more = f", and in {len(found) - 1} more" if len(found) > 1 else ""
+    return Finding("shared_boundaries", False, length, 0, "um", place + more, cure)
+
+
+def _touches(plate: Plate, allowed: bool | None) -> Finding:
+    results = check_plate(plate, DesignRules(no_corner_touch=True))
+    count = sum(result.count for result in results)
+    bad = next((result for result in results if not result.passed), None)
+    if allowed is False:
+        cure = "Use openings whose clear dots meet by sides only, or a gutter" if count else ""
+        return Finding("corner_touches", count == 0, count, 0, "", "" if bad is None else _place(bad), cure)
+    note = "The house publishes no rule: writers round corners, so say whether they should join" if count else ""
+    place = "" if bad is None else _place(bad)
+    return Finding("corner_touches", True if allowed or not count else None, count, None, "", place, note)
+
+
+def _of_names(plate: str, cells: Sequence[str], used: Sequence[Layer], shop: Shop) -> Iterator[Finding]:
+    """Names of the plate and its cells, and of its layers as the profile has them called."""
+    rules, every = shop.names, (plate, *cells)
+    called = {shop.layer_names[layer.name]: layer.name for layer in used}
+    layers = list(called)
+    if rules.pattern is not None:
+        yield _names("name", rules.pattern, [each for each in every if not re.fullmatch(rules.pattern, each)])
+    if rules.max_length is not None:
+        limit = f"at most {rules.max_length} characters"
+        yield _names("name", limit, [each for each in every if len(each) > (rules.max_length or 0)])
+    for part in rules.forbidden:
+        yield _names("name", f"no {part!r}", [each for each in every if part.casefold() in each.casefold()])
+    if rules.layer_pattern is not None:
+        bad = [each for each in layers if not re.fullmatch(rules.layer_pattern, each)]
+        yield _layer_names(rules.layer_pattern, bad, called)
+    if rules.layer_max_length is not None:
+        bad = [each for each in layers if len(each) > (rules.layer_max_length or 0)]
+        yield _layer_names(f"at most {rules.layer_max_length} characters", bad, called)
+    if rules.forbidden_layers:
+        forbidden = {each.casefold() for each in rules.forbidden_layers}
+        bad = [each for each in layers if each.casefold() in forbidden]
+        yield _layer_names("not " + " ".join(rules.forbidden_layers), bad, called)
+    if rules.block_equals_layer is False:
+        taken = {each.casefold() for each in layers}
+        yield _names("block_name", "no layer's name", [each for each in every if each.casefold() in taken])
+    blocks = shop.blocks
+    if False in (blocks.mirrored, blocks.scaled) or blocks.rotation_step_deg is not None:
+        yield Finding("block_transforms", True, "none", "no mirrors, no scales, quarter turns")
+
+
+def _names(rule: str, limit: str, bad: Sequence[str]) -> Finding:
+    if not bad:
+        return Finding(rule, True, "all", limit)
+    cure = f"Rename {bad[0]!r}: names are those of the job, its dies, its openings and the plate template's marks"
+    return Finding(rule, False, bad[0], limit, place=f"{len(bad)} of its names", cure=cure)
+
+
+def _layer_names(limit: str, bad: Sequence[str], called: Mapping[str, str]) -> Finding:
+    """``called`` holds the plate's own names of layers by those in the files."""
+    found = _names("layer_name", limit, bad)
+    if found.passed:
+        return found
+    cure = f'Name it otherwise by [names] layers = {{ {called[bad[0]]} = "..." }} in a profile of your own'
+    return replace(found, cure=cure)
+
+
+def _shown(value: float | int | str | None) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _number(value: float | int | str | None) -> float:
+    return float(value) if isinstance(value, int | float) else 0.0
+
+
+def _place(result: RuleResult) -> str:
+    owner = "the marks" if result.die is None else f"die {result.die}"
+    if not result.places:
+        return owner
+    x, y = (value / NM_PER_UM for value in result.places[0][:2])
+    return f"({x:.3f}, {y:.3f}) um in {owner}, {result.count} in all"
+
+
+def _corner(plate: Plate) -> str:
+    return _spanned(written_box(plate))
+
+
+def _spanned(box_nm: Box) -> str:
+    x0, y0, x1, y1 = (value / NM_PER_MM for value in box_nm)
+    return f"({x0:.6g}, {y0:.6g}) to ({x1:.6g}, {y1:.6g}) mm"
+
+
+def _by(sides: tuple[float, float]) -> str:
+    return f"{sides[0]:.6g} x {sides[1]:.6g}"
+
+
+def _nm(length_um: float) -> int:
+    return round(length_um * NM_PER_UM)

@@ -1,0 +1,202 @@
+"""The order sheet: the fields of the shop's form, filled in as far as the design determines them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from html import escape
+
+from maskfab.export.cell_polygons import CUT, Account, Figures
+from maskfab.jobfile.shop_profile import Format, OrderField, Shop
+from maskfab.mask_shops.adapt import kept_grid_nm
+from maskfab.model import CLEAR, Gauge, Plate
+from maskfab.units import NM_PER_UM, UM_PER_INCH
+
+TONE = "digitized data = clear"
+PARITY = "right reading, chrome up"
+_BLANK = "________________"
+_CONTACT = ("name", "organisation", "address", "e-mail", "telephone", "purchase order", "number of plates", "date")
+_LABELS: Mapping[OrderField, str] = {
+    "mask_name": "mask name",
+    "tone": "tone",
+    "parity": "parity",
+    "min_cd_and_location": "smallest CD and where",
+    "grid": "grid",
+    "blank": "blank",
+    "centred": "position",
+    "units": "units",
+    "design_layers": "design layers",
+    "display_work": "display work",
+    "comments": "comments",
+}
+_ALWAYS: tuple[OrderField, ...] = (
+    "mask_name", "tone", "parity", "min_cd_and_location", "grid", "blank", "centred", "units", "design_layers",
+    "display_work", "comments",
+)  # fmt: skip
+"""Fields that every writer must know, whether its form asks for them or not."""
+
+
+@dataclass(frozen=True)
+class OrderSheet:
+    """An order as rows of text.
+
+    Attributes:
+        title: what the sheet is for.
+        rows: label and answer, those first for which the house's form asks, in its order.
+        cds: name, axis, x and y in millimetres, drawn width in micrometres of every gauge.
+        files: mask files that go with it, with their SHA-256.
+        sources: pages on which the house's rules were read.
+    """
+
+    title: str
+    rows: tuple[tuple[str, str], ...]
+    cds: tuple[tuple[str, str, str, str, str], ...]
+    files: tuple[tuple[str, str], ...]
+    sources: tuple[str, ...]
+
+    def text(self) -> str:
+        """The sheet as plain text with a line for each row."""
+        wide = max((len(label) for label, _ in (*self.rows, *((each, "") for each in _CONTACT))), default=0)
+        lines = [self.title, "=" * len(self.title), ""]
+        lines += [f"{label.ljust(wide)}  {answer}" for label, answer in self.rows]
+        lines += ["", "CDs (clear width along the axis; plate centre = origin, x to the right, y up, chrome side)"]
+        table = [("name", "axis", "x mm", "y mm", "width um"), *self.cds]
+        widths = [max(len(row[k]) for row in table) for k in range(5)]
+        lines += [
+            "  " + "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()
+            for row in table
+        ]
+        lines += ["", "Files", *(f"  {name}  sha256 {digest}" for name, digest in self.files)]
+        lines += ["", "To be filled in", *(f"{label.ljust(wide)}  {_BLANK}" for label in _CONTACT)]
+        if self.sources:
+            lines += ["", "Rules of the house as read on", *(f"  {source}" for source in self.sources)]
+        return "\n".join(map(_printed, lines)) + "\n"
+
+    def html(self) -> str:
+        """The order sheet as an HTML page; names are escaped."""
+        contact = [(label, _BLANK) for label in _CONTACT]
+        parts = [
+            f"<h1>{escape(self.title)}</h1>",
+            _table((), self.rows),
+            "<h2>CDs</h2><p>Clear width along the axis; the plate's centre is the origin, x to the right, y up, seen "
+            "on the chrome side.</p>",
+            _table(("name", "axis", "x mm", "y mm", "width µm"), self.cds),
+            "<h2>Files</h2>",
+            _table(("file", "SHA-256"), self.files),
+            "<h2>To be filled in</h2>",
+            _table((), contact),
+        ]
+        if self.sources:
+            listed = "".join(f"<li>{escape(source)}</li>" for source in self.sources)
+            parts.append(f"<h2>Rules of the house as read on</h2><ul>{listed}</ul>")
+        style = (
+            "body{font:14px system-ui,sans-serif;margin:2em auto;max-width:60em}table{border-collapse:collapse}"
+            "td,th{border:1px solid #bbb;padding:.3em .7em;text-align:left;vertical-align:top;overflow-wrap:anywhere}"
+        )
+        return (
+            f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(self.title)}</title>'
+            f"<style>{style}</style></head>\n<body>\n" + "\n".join(parts) + "\n</body></html>\n"
+        )
+
+
+def order_sheet(
+    figures: Figures,
+    shop: Shop,
+    formats: Sequence[Format],
+    files: Sequence[tuple[str, str]],
+    remarks: Sequence[str] = (),
+) -> OrderSheet:
+    """The order sheet of a fitted plate.
+
+    Args:
+        figures: the plate as it is drawn for the shop.
+        shop: whose form is answered; what it does not ask for but every writer must know is added at its end.
+        formats: in which the plate is sent.
+        files: their names and SHA-256.
+        remarks: comments for the house, a sentence each.
+    """
+    answers = _answers(figures, shop, formats, remarks)
+    fields = dict.fromkeys((*(each for each in shop.order.fields if each != "comments"), *_ALWAYS))
+    rows = [(_LABELS[each], answers[each]) for each in fields]
+    rows += _promised(shop)
+    plate = figures.plate
+    return OrderSheet(
+        f"Photomask order: {plate.name}, {shop.title}",
+        tuple(rows),
+        tuple(_cd(gauge) for gauge in plate.gauges),
+        tuple(files),
+        shop.sources,
+    )
+
+
+def _answers(figures: Figures, shop: Shop, formats: Sequence[Format], remarks: Sequence[str]) -> dict[OrderField, str]:
+    plate, account = figures.plate, figures.account
+    cut, names = CUT in figures.layers, shop.layer_names
+    clear = names[CLEAR.name]
+    layers = f"{clear} minus {names[CUT.name]}" if cut else clear
+    numbers = f"{CLEAR.number}/{CLEAR.datatype}" + (f", {CUT.number}/{CUT.datatype}" if cut else "")
+    drawn = any(each.startswith("dxf") for each in formats)
+    unit, grid = shop.accepts.drawing_unit or "um", kept_grid_nm(plate, shop)
+    return {
+        "mask_name": f"{plate.name} ({plate.title}), layer {clear}",
+        "tone": shop.order.tone_words.get("clear", TONE),
+        "parity": PARITY,
+        "min_cd_and_location": _smallest(plate),
+        "grid": f"{grid} nm; every vertex lies on it",
+        "blank": f"{plate.blank_nm / NM_PER_UM / UM_PER_INCH:g} in ({plate.blank_nm / 1e6:g} mm) square",
+        "centred": "centred: the data's origin (0, 0) is the plate's centre",
+        "units": f"1 drawing unit = 1 {unit}" if drawn else "database unit 1 nm, user unit 1 um",
+        "design_layers": f"{layers} (GDSII {numbers})",
+        "display_work": "yes: openings of a display, periodic or nearly so; banding and stitching show",
+        "comments": " ".join((*remarks, *_said(account))),
+    }
+
+
+def _said(account: Account) -> list[str]:
+    return [f"{line[0].upper()}{line[1:]}." for line in account.lines()]
+
+
+def _smallest(plate: Plate) -> str:
+    gauge = min(plate.gauges, key=lambda each: each.target_nm, default=None)
+    if gauge is None:
+        return "no CD structure on this plate"
+    _, axis, x, y, width = _cd(gauge)
+    return f"{width} um along {axis} at ({x}, {y}) mm; all CDs below"
+
+
+def _cd(gauge: Gauge) -> tuple[str, str, str, str, str]:
+    x, y = (f"{value / 1e6:.6f}" for value in gauge.centre_nm)
+    return gauge.name, gauge.axis, x, y, f"{gauge.target_nm / NM_PER_UM:g}"
+
+
+def _promised(shop: Shop) -> list[tuple[str, str]]:
+    """Tolerances that the shop guarantees, for the order to refer to."""
+    told, tolerance, plate = [], shop.tolerance, shop.plate
+    if tolerance.cd_um:
+        steps = (f"{_widths(width)}: +-{deviation:g} um" for width, deviation in tolerance.cd_um)
+        told.append(("published CD tolerance", "; ".join(steps)))
+    if tolerance.short_um is not None:
+        told.append(("published tolerance, short distances", f"+-{tolerance.short_um:g} um"))
+    if tolerance.long_um is not None:
+        told.append(("published tolerance, long distances", f"+-{tolerance.long_um:g} um"))
+    if plate.chrome_nm is not None:
+        told.append(("published chrome thickness", f"{plate.chrome_nm[0]:g} to {plate.chrome_nm[1]:g} nm"))
+    if plate.glass_mm is not None:
+        told.append(("published glass thickness", f"{plate.glass_mm[0]:g} to {plate.glass_mm[1]:g} mm"))
+    return told
+
+
+def _widths(most_um: float) -> str:
+    return f"widths up to {most_um:g} um" if math.isfinite(most_um) else "any width beyond"
+
+
+def _printed(line: str) -> str:
+    """The line without what a printer or a terminal would obey; a house's profile is somebody else's text."""
+    return "".join(letter if letter.isprintable() else " " for letter in line)
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    top = "<tr>" + "".join(f"<th>{escape(cell)}</th>" for cell in head) + "</tr>" if head else ""
+    body = "".join("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in row) + "</tr>" for row in rows)
+    return f"<table>{top}{body}</table>"

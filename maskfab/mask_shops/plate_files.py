@@ -1,0 +1,98 @@
+"""The files of a plate, as a job or a mask shop asks for them, and the layout that each of them must show."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from klayout import db
+
+from maskfab.export.cell_polygons import Figures, draw
+from maskfab.export.outputs import FileSettings, Product, products
+from maskfab.export.solid.tiles import Stack
+from maskfab.geometry.plate_layout import plate_layout
+from maskfab.jobfile import ExportSection, FileFormat, JobSpec
+from maskfab.jobfile.shop_profile import Format, Shop
+from maskfab.mask_shops.adapt import blank_of, drawing_options, drawing_style, suited, written_formats, written_options
+from maskfab.model import Plate, Quantity
+from maskfab.units import NM_PER_UM
+
+_MB = 1_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class PlateFiles:
+    """A plate, the layout that its files must show, and the files as writers draw them.
+
+    Attributes:
+        plate: the plate, its marks as the shop takes them.
+        design: the plate as :func:`maskfab.geometry.plate_layout.plate_layout` builds it. It is made from the plate and
+            not from the figures, so that a fault of what draws them shows when files are read back.
+        figures: cells and polygons.
+        products: the files.
+        settings: of drawings, solids and pictures.
+        formats: of the files.
+    """
+
+    plate: Plate
+    design: db.Layout
+    figures: Figures
+    products: tuple[Product, ...]
+    settings: FileSettings
+    formats: tuple[FileFormat, ...]
+
+    def account(self) -> tuple[Quantity, ...]:
+        """Changes made to draw polygons that formats and readers accept, as rows of the report."""
+        said = self.figures.account
+        counts = {
+            "drawn_holes": (said.holed, f"outlines with holes, drawn by {self.figures.options.holes}"),
+            "drawn_parted": (said.parted, "outlines parted where they touched themselves"),
+            "drawn_split": (said.split, f"outlines cut for more than {self.figures.options.max_vertices} vertices"),
+        }
+        return tuple(Quantity(name, count, method) for name, (count, method) in counts.items())
+
+
+def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> PlateFiles:
+    """Draw a plate as the job's [export] asks, or as cells in GDSII, OASIS and DXF if it asks for nothing.
+
+    What it leaves to the ``shop`` that it names is chosen by :mod:`maskfab.mask_shops.adapt`, and marks are drawn as
+    the shop takes them.
+
+    Raises:
+        OutputError: MF413, MF416 for drawings that cannot be made.
+    """
+    section = spec.export or ExportSection()
+    formats = written_formats(section, shop)
+    glass_nm = blank_of(spec).glass_nm
+    settings = FileSettings(
+        Stack(section.chrome * NM_PER_UM, Stack().glass_nm if glass_nm is None else glass_nm, section.exaggeration),
+        round(section.stl_limit_mb * _MB),
+        section.dots_per_um,
+        drawing_style(plate, shop),
+    )
+    options = written_options(plate, section, shop)
+    taken = plate if shop is None else suited(plate, shop, options.holes)
+    figures = draw(taken, options)
+    made = products(figures, formats, comments, settings)
+    return PlateFiles(taken, plate_layout(taken), figures, made, settings, formats)
+
+
+def files_for_shop(
+    plate: Plate, shop: Shop, formats: Sequence[Format], comments: Sequence[str], stem: str
+) -> PlateFiles:
+    """Draw a plate that is :func:`maskfab.mask_shops.adapt.fitted` as its shop takes it.
+
+    Args:
+        plate: what is sent.
+        shop: whom it is sent to.
+        formats: of the mask files.
+        comments: provenance.
+        stem: of their names.
+
+    Raises:
+        OutputError: as :func:`files_of_job`.
+    """
+    settings = FileSettings(drawing=drawing_style(plate, shop))
+    figures = draw(plate, drawing_options(plate, shop))
+    made = products(figures, formats, comments, settings, stem)
+    return PlateFiles(plate, plate_layout(plate), figures, made, settings, tuple(formats))

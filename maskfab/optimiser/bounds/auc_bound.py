@@ -1,0 +1,175 @@
+r"""The most that the area under the radial minimum of the MTF can be, in expectation, by linear programming.
+
+The area is the mean over whole lags r = 0, 1, ... up to half a cycle per pixel of the least of S(t) M(t) sinc(t) over
+the lags t of length r, rounded; M is the unit's modulation, which is linear in these unknowns:
+
+* repeated: C, with C(0) = 1, C >= 0, sum over residues c;
+* turned at random: M(t) = C(t mod n) at lags of a cell and more, and C + L - B at shorter ones. L is the mean of the
+  turned units' autocorrelations, B that of their mean, both over the c clear dots: L(0) = 1, L, B >= 0, sums c, and
+  C(d) is the sum of B over the lags of residue d. L - B, B and L are positive semidefinite, at the points of a cosine
+  transform that has no wrap-round.
+
+The minimum of linear functions is concave, so its largest mean is a linear programme (Boyd, Vandenberghe, Convex
+Optimization, 4.3.1), and the mean's expectation over layouts is at most its value at the expected modulation (Jensen).
+What is returned is the programme's dual objective, recomputed from its multipliers, which bounds it whatever the
+solver's accuracy.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize, sparse
+
+from maskfab.camera.transfer import Lattice, OpenStop, lattice
+from maskfab.optimiser.bounds.residue_bound import residue_classes
+from maskfab.optimiser.model.interior import unit_modulation
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Rings:
+    """Lags 0 <= y <= x up to half a cycle per pixel, and the open stop's MTF at them.
+
+    Attributes:
+        dots: along the unit's side.
+        lags: int64 [2, m], y and x in dots.
+        ring: int64 [m], length of each lag, rounded.
+        clear: [m], the open stop's autocorrelation times the pixel's sinc.
+    """
+
+    dots: int
+    lags: NDArray[np.int64]
+    ring: NDArray[np.int64]
+    clear: Floats
+
+    @property
+    def count(self) -> int:
+        """Rings; the area is the mean over them."""
+        return int(self.ring.max()) + 1
+
+    def area(self, modulation: Floats) -> float:
+        """Mean over the rings of the least of a modulation [..., m] relative to the open stop, -> 1 at lag 0."""
+        least = np.full(self.count, np.inf)
+        for values in np.atleast_2d(modulation):
+            np.minimum.at(least, self.ring, self.clear * values)
+        return float(least.mean())
+
+    def of_unit(self, unit: NDArray[np.bool_], *, periodic: bool = False) -> float:
+        """Area of a unit's expected modulation, turned at random or repeated."""
+        n = self.dots
+        far, near = unit_modulation(unit, periodic=periodic)
+        y, x = self.lags
+        found = []
+        for v, u in [(y, x), (-y, x), (x, y), (-x, y)]:
+            short = np.maximum(abs(v), abs(u)) < n
+            found.append(np.where(short, near[v % (2 * n), u % (2 * n)], far[v % n, u % n]))
+        return self.area(np.stack(found))
+
+
+def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: Lattice | None = None) -> Rings:
+    """The rings of a camera.
+
+    Args:
+        dots: along the unit's side.
+        wavelength_nm: of the light; None for the camera's shortest.
+        room: of the cells behind the stop, of so many dots; None for cells of 168 um behind protocol F1's.
+    """
+    room = room or lattice(dots)
+    nm = wavelength_nm or room.camera.shortest_nm
+    per_cycle = room.per_cycle(nm)
+    longest = round(per_cycle / 2)
+    y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, 0 : longest + 1])
+    ring = np.rint(np.hypot(y, x)).astype(np.int64)
+    kept = (y <= x) & (ring <= int(per_cycle / 2))
+    y, x, ring = y[kept], x[kept], ring[kept]
+    clear = np.maximum(OpenStop.of(room, nm).at(y, x), 0) * np.sinc(y / per_cycle) * np.sinc(x / per_cycle)
+    return Rings(dots, np.stack([y, x]), ring, clear)
+
+
+def auc_bound(around: Rings, clear_dots: int, *, periodic: bool, positive: bool = True) -> float:
+    """No unit of this clear count has a larger expected area.
+
+    Args:
+        around: the rings of the camera.
+        clear_dots: of the unit, at least 1.
+        periodic: the unit is repeated; otherwise turned at random.
+        positive: use that autocorrelations are positive semidefinite (turned at random only).
+    """
+    n, count = around.dots, around.count
+    y, x = around.lags
+    every, size, _ = residue_classes(n)
+    classes = len(size)
+    far = np.full(len(y), True) if periodic else np.maximum(y, x) >= n
+    # Of the lags of one ring and one residue only the faintest can be the least.
+    least = np.full(count * classes, np.inf)
+    np.minimum.at(least, (around.ring * classes + every[y % n, x % n])[far], around.clear[far])
+    place = np.flatnonzero(np.isfinite(least))
+    ring, residue = np.divmod(place, classes)
+    rows = np.arange(len(place))
+    areas = sparse.csr_array((np.ones(len(place)), (rows, ring)), shape=(len(place), count))
+    scaled = sparse.csr_array((least[place], (rows, residue)), shape=(len(place), classes))
+    if periodic:
+        # Columns: the rings' least values, then C. Its value at residue 0 is 1.
+        fixed = sparse.csr_array(([1.0], ([0], [0])), shape=(1, classes))
+        equal = sparse.hstack(
+            [sparse.csr_array((2, count)), sparse.vstack([fixed, sparse.csr_array(size[None])])], format="csr"
+        )
+        return _most(sparse.hstack([areas, -scaled], format="csr"), equal, np.array([1.0, clear_dots]), count)
+    v, u = (w.ravel() for w in np.mgrid[0:n, 0:n])
+    kept = v <= u
+    v, u = v[kept], u[kept]
+    shorts = len(v)
+    images = np.where((v == u) | (v == 0), 4.0, 8.0)
+    images[0] = 1
+    # Each residue of a class has as many members among the short lags, in all, as the class has lags over its size.
+    of_short = every[v, u]
+    circular = sparse.csr_array((images / size[of_short], (of_short, np.arange(shorts))), shape=(classes, shorts))
+    number = np.full((n, n), -1)
+    number[v, u] = np.arange(shorts)
+    near = np.flatnonzero(~far)
+    short = number[y[near], x[near]]
+    picked = sparse.csr_array(
+        (around.clear[near], (np.arange(len(near)), short)), shape=(len(near), shorts), dtype=np.float64
+    )
+    ring_near = sparse.csr_array((np.ones(len(near)), (np.arange(len(near)), around.ring[near])), (len(near), count))
+    expand = sparse.csr_array((np.ones(shorts), (np.arange(shorts), of_short)), shape=(shorts, classes)) @ circular
+    none = sparse.csr_array((len(place), shorts))
+    upper = [
+        sparse.hstack([areas, -(scaled @ circular), none]),
+        sparse.hstack([ring_near, -(picked @ (expand - sparse.eye_array(shorts))), -picked]),
+    ]
+    if positive:
+        cosine = np.cos(np.pi * np.outer(np.arange(n + 1), np.arange(n)) / n)
+        j, k = np.triu_indices(n + 1)
+        waves = sparse.csr_array(images * (cosine[j][:, v] * cosine[k][:, u] + cosine[k][:, v] * cosine[j][:, u]) / 2)
+        zero = sparse.csr_array((len(j), count))
+        upper += [
+            sparse.hstack([zero, -waves, sparse.csr_array(waves.shape)]),
+            sparse.hstack([zero, waves, -waves]),
+        ]
+    start = sparse.csr_array(([1.0], ([0], [count + shorts])), shape=(1, count + 2 * shorts))
+    blank = np.zeros(count)
+    sums = np.stack([np.r_[blank, images, 0 * images], np.r_[blank, 0 * images, images]])
+    equal = sparse.vstack([start, sparse.csr_array(sums)], format="csr")
+    return _most(sparse.vstack(upper, format="csr"), equal, np.array([1.0, clear_dots, clear_dots]), count)
+
+
+def _most(upper: sparse.csr_array, equal: sparse.csr_array, value: Floats, count: int) -> float:
+    """Largest mean of the first ``count`` unknowns, all within 0 to 1, where upper · z <= 0 and equal · z = value."""
+    goal = np.zeros(upper.shape[1])
+    goal[:count] = -1 / count
+    # All ones: no modulation exceeds the open stop's.
+    solved = optimize.linprog(
+        goal, A_ub=upper, b_ub=np.zeros(upper.shape[0]), A_eq=equal, b_eq=value, bounds=(0, 1), method="highs-ipm"
+    )
+    if not solved.success:
+        return 1.0
+    slack = np.minimum(np.asarray(solved.ineqlin.marginals), 0)
+    price = np.asarray(solved.eqlin.marginals)
+    # Weak duality: whatever the multipliers, the unknowns' reduced costs are paid within their bounds.
+    reduced = goal - upper.T @ slack - equal.T @ price
+    return -float(price @ value + np.minimum(reduced, 0).sum())

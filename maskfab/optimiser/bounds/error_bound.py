@@ -1,0 +1,279 @@
+r"""Proven lower bounds on the interior error of any opening of one clear count, by Lagrangian duality.
+
+**The theorem.** Let every cell of n x n dots hold c clear dots. Pairs of clear dots whose cells lie K apart number c²
+times the pairs of such cells, and their lags lie less than n from nK on each axis. With a_K(t) the part of the
+pupil's autocorrelation A that they make,
+
+    A(t) = sum over K of a_K(t),    a_K(t) = 0 unless |t - nK| < n,    sum over t of a_K(t) = ρ · (the open stop's),
+
+ρ = c / n². Rearranging dots cannot raise A on average; it moves it inside a block of lags. For a unit repeated, or
+turned at random, A(t) = S(t) C(t mod n) at lags of one cell and more: then the mean of C is ρ, so the mean of A/S over
+each such block, weighted by the triangle (1 - |d_x|/n)(1 - |d_y|/n) or not, is ρ as well. Around lag 0, and in a layout
+drawn by hand, the triangle's mean may be larger (windows between the cells need not hold c dots); the first form holds.
+
+**The dual.** E is a sum over lags of e(A(t)) (:mod:`maskfab.optimiser.model.interior`). For all multipliers λ_K >= 0,
+
+    min E  >=  sum over t of min over a of (e(t, a) + λ(t) a)  -  sum over K of λ_K (what block K allows),
+
+λ(t) the least λ_K of the blocks that reach t, whether e is convex or not (weak duality: Boyd, Vandenberghe, Convex
+Optimization, 5.1.3). The minimum over a is taken at nodes, less what e can fall below its chord between them, so a
+bound stays one in every digit but the last few.
+
+Notes:
+    Valid for each ε on its own; the least over the protocol's ε is the bound.
+    Inherits the surrogate's model: what sampling folds back is that of a grey panel, and cut cells count as whole ones,
+    unless ``cut_cells`` is used.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import optimize
+
+from maskfab.camera.transfer import Lattice
+from maskfab.optimiser.model.interior import Interior
+
+Floats = NDArray[np.float64]
+
+_NODES = 64
+
+
+@dataclass(frozen=True, eq=False)
+class Tables:
+    """Contributions of the lags to E at values of A, for one ε; noise is to be multiplied by σ².
+
+    Attributes:
+        nodes: [k], values of A/S.
+        noise: [m, k], what the filter makes of the noise.
+        bias: [m, k], what it holds back.
+        noise_dip: [m, k - 1], most by which the noise can fall below its chord between two nodes.
+        bias_dip: the same of the bias.
+    """
+
+    nodes: Floats
+    noise: Floats
+    bias: Floats
+    noise_dip: Floats
+    bias_dip: Floats
+
+    def cost(self, variance: float) -> Floats:
+        """[m, k]: lines between these values lie nowhere above what lags add to E at this σ²."""
+        value = variance * self.noise + self.bias
+        return _lowered(value, variance * self.noise_dip + self.bias_dip)
+
+
+def tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0) -> Tables:
+    """Prepare the dual's minima for lags' A from 0 to ``most`` times the open stop's."""
+    # Closer where modulations of displays lie: the chord's error goes with the square of the step.
+    nodes = _nodes(grey, most)
+    slope = inner.stop * inner.pixel
+    regular = epsilon * inner.inverse_prior
+    h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
+    inverse = 1 / (1 + h**2 / regular[:, None])
+    squared = inverse**2
+    # With u = 1 + H²/R: noise (1/u - 1/u²)/R, bias P/u²; their second slopes by H/√R are at most 6/u² and 20/u³, and
+    # these fall with H, so the left end of an interval bounds them.
+    by_noise, by_bias = inner.weight / regular, inner.weight * inner.power
+    curve = (slope**2 / regular)[:, None] * np.diff(nodes) ** 2 / 8
+    return Tables(
+        nodes,
+        (inverse - squared) * by_noise[:, None],
+        squared * by_bias[:, None],
+        6 * squared[:, :-1] * by_noise[:, None] * curve,
+        20 * (squared * inverse)[:, :-1] * by_bias[:, None] * curve,
+    )
+
+
+def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0) -> tuple[Floats, Floats]:
+    """As :class:`Tables`, of the best filter at each frequency: P σ²/(P H² + σ²), below that of any ε.
+
+    Returns:
+        Nodes [k] and cost [m, k].
+    """
+    nodes = _nodes(grey, most)
+    slope = inner.stop * inner.pixel
+    h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
+    inverse = 1 / (1 + h**2 * (inner.power / variance)[:, None])
+    # The second slope of 1/u by H √P/σ is at most 6/u².
+    curve = (inner.power**2 * inner.weight * slope**2 / variance)[:, None] * np.diff(nodes) ** 2 / 8
+    value = inverse * (inner.weight * inner.power)[:, None]
+    return nodes, _lowered(value, 6 * inverse[:, :-1] ** 2 * curve)
+
+
+def _nodes(grey: float, most: float) -> Floats:
+    # A grey panel's modulation is where the best design's lie; the chord's error goes with the square of the step.
+    return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, _NODES - 1)])
+
+
+def _lowered(value: Floats, dip: Floats) -> Floats:
+    """Values at nodes less the most by which the function can fall below its chords on either side.
+
+    By H, it rises at most once and then falls: between two nodes it is at least the lower of them.
+    """
+    rise = np.diff(value, axis=1)
+    level = abs(rise) < dip
+    found = value.copy()
+    found[:, :-1] -= np.where(level, np.maximum(-rise, 0), dip)
+    # A node pays for the worse of its two sides only.
+    found[:, 1:] = np.minimum(found[:, 1:], value[:, 1:] - np.where(level, np.maximum(rise, 0), dip))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Blocks of lags around multiples of the cell, one for each displacement up to the symmetry of the square.
+
+    Attributes:
+        covering: int64 [m, 4], the blocks that reach each lag.
+        triangle: [m, 4], the triangle's weights in them; sum to 1.
+        allowed: [b], at most the sum of a_K over the block, times the number of its images.
+    """
+
+    covering: NDArray[np.int64]
+    triangle: Floats
+    allowed: Floats
+
+
+def blocks(inner: Interior, ratio: float, *, cut_cells: bool = False, open_share: float | None = None) -> Blocks:
+    """The blocks that reach the square of frequencies.
+
+    Args:
+        inner: of the camera.
+        ratio: ρ, clear share of each cell.
+        cut_cells: count what the cells that the stop cuts can hold inside it at most; otherwise they count as if their
+            clear dots were spread evenly.
+        open_share: clear share of the stop, which cut cells can change; None is ρ.
+    """
+    n = inner.dots
+    cell, part = np.divmod(inner.lags, n)
+    share = part / n
+    reach = int(cell.max()) + 2
+    name = np.full((reach, reach), -1)
+    pairs = [(v, u) for u in range(reach) for v in range(u + 1)]
+    for number, (v, u) in enumerate(pairs):
+        name[v, u] = name[u, v] = number
+    corners = [(0, 0), (0, 1), (1, 0), (1, 1)]
+    covering = np.stack([name[cell[0] + v, cell[1] + u] for v, u in corners], axis=1)
+    triangle = np.stack([abs(1 - v - share[0]) * abs(1 - u - share[1]) for v, u in corners], axis=1)
+    # A lag at a multiple of the cell along an axis is not reached by the next block.
+    covering = np.where(triangle > 0, covering, covering[:, :1])
+    images = np.array([(1 if v == u == 0 else 4 if v in (0, u) else 8) for v, u in pairs], dtype=np.float64)
+    light = ratio if open_share is None else open_share
+    sums = _cut_cell_sums(inner.lattice, ratio, light, pairs) if cut_cells else ratio * _stop_sums(inner, pairs)
+    return Blocks(covering, triangle, images * sums)
+
+
+def _stop_sums(inner: Interior, pairs: list[tuple[int, int]]) -> Floats:
+    """Of the open stop's autocorrelation over each block, weighted by the triangle."""
+    n, middle = inner.dots, len(inner.stop_table) // 2
+    hat = 1 - abs(np.arange(1 - n, n)) / n
+    found = []
+    for v, u in pairs:
+        block = inner.stop_table[middle + n * v - n + 1 : middle + n * v + n, middle + n * u - n + 1 :][:, : 2 * n - 1]
+        found.append(float(hat[: len(block)] @ block @ hat[: block.shape[1]]))
+    return np.array(found)
+
+
+def _cut_cell_sums(room: Lattice, ratio: float, open_share: float, pairs: list[tuple[int, int]]) -> Floats:
+    """Most pairs of clear dots for each displacement of cells, over all clear dots.
+
+    Whole cells hold c dots, cut ones up to min(c, their dots inside), as many in all as the light leaves.
+    A product of two cut cells is at most the mean of one's count times the other's most, which is linear, so the best
+    filling goes from the largest gain down.
+    """
+    n, cells = room.dots, room.cells
+    inside = room.stop.reshape(cells, n, cells, n).sum(axis=(1, 3)).astype(np.float64)
+    count = ratio * n * n
+    most = np.minimum(inside, count)
+    whole = np.where(inside == n * n, count, 0.0)
+    cut = np.where(inside == n * n, 0.0, most)
+    total = open_share * inside.sum()
+    spare = min(total - whole.sum(), float(cut.sum()))
+    found = []
+    for v, u in pairs:
+        gain = sum(_moved(whole, s * v, s * u) + _moved(cut, s * v, s * u) / 2 for s in (1, -1))
+        order = np.argsort(-np.asarray(gain)[cut > 0])
+        limits = cut[cut > 0][order]
+        taken = np.minimum(limits, np.maximum(spare - np.r_[0, np.cumsum(limits)[:-1]], 0))
+        both = float((whole * _moved(whole, v, u)).sum())
+        found.append((both + float(taken @ np.asarray(gain)[cut > 0][order])) / total)
+    return np.array(found)
+
+
+def _moved(values: Floats, v: int, u: int) -> Floats:
+    """values[i + v, j + u], 0 outside."""
+    found = np.zeros_like(values)
+    rows, columns = values.shape
+    if abs(v) < rows and abs(u) < columns:
+        to = slice(max(0, -v), rows - max(0, v)), slice(max(0, -u), columns - max(0, u))
+        of = slice(max(0, v), rows - max(0, -v)), slice(max(0, u), columns - max(0, -u))
+        found[to] = values[of]
+    return found
+
+
+def block_error(
+    inner: Interior, nodes: Floats, cost: Floats, around: Blocks, ratio: float, *, moving: bool, steps: int
+) -> tuple[float, Floats]:
+    """The dual value for one ε, and its multipliers.
+
+    Args:
+        inner: of the camera.
+        nodes: [k], of A/S.
+        cost: [m, k], as :meth:`Tables.cost` gives it for the ε and σ².
+        around: what the blocks allow.
+        ratio: ρ, where the search for multipliers starts.
+        moving: lags take from any block that reaches them, as the theorem for all layouts says; otherwise each block's
+            triangle-weighted mean is kept, as in a tiling turned at random.
+        steps: evaluations of the dual function; 1 gives the value at the flat modulation's slopes.
+    """
+    fixed = inner.lags.sum(axis=0) == 0
+    unit = inner.count * inner.stop
+
+    def price(multiplier: Floats) -> tuple[Floats, Floats]:
+        each = multiplier[around.covering]
+        if not moving:
+            return (each * around.triangle).sum(axis=1), around.triangle
+        cheapest = np.argmin(each, axis=1)
+        return each[np.arange(len(each)), cheapest], np.eye(4)[cheapest]
+
+    def dual(multiplier: Floats) -> tuple[float, Floats]:
+        by_lag, shares = price(multiplier)
+        scaled = cost + (by_lag * unit)[:, None] * nodes
+        best = scaled.argmin(axis=1)
+        value = np.where(fixed, cost.min(axis=1) + by_lag, scaled[np.arange(len(best)), best])
+        used = np.where(fixed, 1.0, unit * nodes[best])
+        slope = np.bincount(around.covering.ravel(), (shares * used[:, None]).ravel(), len(multiplier))
+        return float(value.sum() - multiplier @ around.allowed), slope - around.allowed
+
+    # At the flat modulation the slope of the cost is the price that keeps it there.
+    k = int(np.clip(np.searchsorted(nodes, ratio), 1, len(nodes) - 2))
+    steep = (cost[:, k - 1] - cost[:, k + 1]) / (nodes[k + 1] - nodes[k - 1]) / np.maximum(unit, 1e-12)
+    flat = np.zeros(len(around.allowed))
+    mass = np.bincount(around.covering.ravel(), (around.triangle * unit[:, None]).ravel(), len(flat))
+    pull = np.bincount(around.covering.ravel(), (around.triangle * (unit * steep)[:, None]).ravel(), len(flat))
+    flat = np.maximum(pull / np.maximum(mass, 1e-12), 0)
+    # A block that reaches beyond the square of frequencies has room there, which costs nothing.
+    flat[ratio * mass < 0.9 * around.allowed] = 0
+    value, _ = dual(flat)
+    if steps <= 1:
+        return value, flat
+    scale, size = max(float(flat.max()), 1e-12), float(cost[:, k].sum())
+
+    def downhill(z: Floats) -> tuple[float, Floats]:
+        found, slope = dual(z * scale)
+        return -found / size, -slope * scale / size
+
+    best = optimize.minimize(
+        downhill,
+        flat / scale,
+        jac=True,
+        method="L-BFGS-B",
+        bounds=[(0, None)] * len(flat),
+        options={"maxfun": steps, "maxiter": steps},
+    )
+    better = np.maximum(best.x, 0) * scale
+    improved, _ = dual(better)
+    return (improved, better) if improved > value else (value, flat)

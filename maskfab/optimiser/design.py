@@ -1,0 +1,102 @@
+"""An opening, and its map, as a job's [design] asks for them, by the method that it names."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+
+from maskfab.camera import scenes as scene_sets
+from maskfab.camera.photo_camera import PhotoCamera
+from maskfab.camera.photographs import Scene, folder
+from maskfab.camera.transfer import lattice
+from maskfab.errors import JobError, OutputError
+from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
+from maskfab.jobfile.sections import DesignSection
+from maskfab.optimiser.result import Designed, constraints_of
+from maskfab.progress import Progress, silent
+
+_SCENES_OF_MAPS = 16
+
+
+def check_possible(spec: JobSpec, *, where: str) -> None:
+    """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn.
+
+    Raises:
+        JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF136 for the camera.
+    """
+    section = section_of(spec, where)
+    rules = constraints_of(section, where=f"{where}: design")
+    rules.require_possible()
+    if not isinstance(section, RelaxSection):
+        camera = PhotoCamera.of(spec.camera.camera(), where=where)
+        lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
+
+
+def design(
+    spec: JobSpec,
+    command: str,
+    *,
+    where: str,
+    images: Path | None = None,
+    progress: Progress = silent,
+    budget_s: float | None = None,
+    checkpoint: Path | None = None,
+) -> Designed:
+    """Find the opening of the job's [design], and its map where one is asked for.
+
+    Args:
+        spec: a validated job with [design].
+        command: what reproduces it, for its provenance.
+        where: the job, for errors.
+        images: folder of photographs to design for; synthetic scenes if None.
+        progress: told where the work stands.
+        budget_s: seconds after which the best so far is taken.
+        checkpoint: file that saves the state of the search, from which it goes on if it exists.
+
+    Raises:
+        JobError: as :func:`check_possible`.
+        OutputError: MF401 for a checkpoint in a directory that does not exist.
+        SourceError: for photographs that cannot be read.
+    """
+    check_possible(spec, where=where)
+    if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
+        raise OutputError(
+            "MF401",
+            f"there is no directory for the checkpoint {checkpoint}",
+            cure="Create that directory, or give a path in one that exists",
+        )
+    section, camera = section_of(spec, where), spec.camera.camera()
+    scenes = _scenes(images, for_map=getattr(section, "map", None) is not None)
+    if isinstance(section, RelaxSection):
+        from maskfab.optimiser.relax.relax import relax
+
+        return relax(section, camera, scenes, command, progress, budget_s=budget_s, checkpoint=checkpoint)
+    from maskfab.optimiser.search.search import search
+
+    assert isinstance(section, SearchSection)
+    seen = PhotoCamera.of(camera)
+    return search(section, scenes, command, progress, camera=seen, budget_s=budget_s, checkpoint=checkpoint)
+
+
+def section_of(spec: JobSpec, where: str) -> DesignSection:
+    """The [design] of a job.
+
+    Raises:
+        JobError: MF105 without one.
+    """
+    if spec.design is None:
+        raise JobError(
+            "MF105",
+            "the job has no [design] section",
+            where=where,
+            cure="Add a [design] section, as in layouts/design_bar.toml",
+        )
+    return spec.design
+
+
+def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Scene]:
+    """Maps fit the very pictures they are designed on, so they get more of them."""
+    if images is not None:
+        return folder(images)
+    return scene_sets.bundled(_SCENES_OF_MAPS) if for_map else scene_sets.bundled()

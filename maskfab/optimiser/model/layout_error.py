@@ -1,0 +1,361 @@
+r"""Expected squared error of restored pictures behind one realised panel, with its slope by the autocorrelation.
+
+The error is that of :mod:`maskfab.optimiser.model.expected_psnr`, noise + what the filter holds back + the leak at low
+frequencies, for the panel that is there, cut cells and all, in place of the mean over random ones. It is a function of
+the pupil's autocorrelation A alone: the light is A(0), and with L lags to one cycle per pixel
+
+    H(t / L) = sum over k of A(t + kL) / A(0) sinc(t / L + k),    k = -1, 0, 1 on each axis for protocol F1,
+
+exact for square dots at whole lags t once L is a whole odd number M. Protocol F1 takes M for L (331 for 331.25 of 8 µm,
+so that lags are off by 0.08 %, which moves no comparison of layouts; by one dot in L at most) and leaves out what the
+stop's outermost hundredth passes. For other cameras A is interpolated at the lags t L / M first, which is exact for
+square dots, and as many k are summed as the stop passes. The middle wavelength stands for all, 530 nm for F1.
+
+The slope by the pupil is a field that costs two transforms: with g = ∂E/∂A,
+
+    ∂E/∂p(x) = 2 sum over t of g(t) p(x + t).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.fft
+import torch
+from numpy.typing import NDArray
+
+from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
+from maskfab.camera.photo_camera import PhotoCamera
+from maskfab.camera.protocol import EPSILONS, LEVELS
+from maskfab.camera.restore import PRIOR_CY_PER_PX
+from maskfab.camera.transfer import Lattice, lay
+from maskfab.errors import JobError
+from maskfab.optimiser.model.expected_psnr import Surrogate
+
+Floats = NDArray[np.float64]
+
+_LOW = 1 / 16
+"""Cycles per pixel below which, on both axes, the surrogate's low-passed scenes take over."""
+_RIM = 0.01
+"""Outer share of the stop's diameter that protocol F1 leaves out: its lags pass next to nothing."""
+_FEWEST_FREQUENCIES = 129
+"""Along an axis, where a camera has fewer dots of lag to one cycle per pixel."""
+
+
+@dataclass(frozen=True, eq=False)
+class Slope:
+    """Slope of the loss, to first order in the autocorrelation.
+
+    Attributes:
+        near: g at the lags within a unit, float64 [2 dots - 1, 2 dots - 1], lag 0 in the middle; dB per dot.
+        field: ∂loss/∂p, float32 like the pupil; dB per dot.
+    """
+
+    near: Floats
+    field: NDArray[np.float32]
+
+
+@dataclass(frozen=True, eq=False)
+class Judged:
+    """The loss of one pupil, and what its slope takes.
+
+    Attributes:
+        dots: along the unit's side.
+        side: dots along the panel's side.
+        spectrum: the pupil's transform, frequencies along x from 0.
+        lags: its autocorrelation in the upper half plane.
+        value: the loss as a function of it.
+    """
+
+    dots: int
+    side: int
+    spectrum: NDArray[np.complex64]
+    lags: torch.Tensor
+    value: torch.Tensor
+
+    @property
+    def loss(self) -> float:
+        """Minus the weighted mean over the levels of the expected restored PSNR, dB."""
+        return float(self.value.detach())
+
+    def slope(self) -> Slope:
+        """The slopes; to be asked for once."""
+        (given,) = torch.autograd.grad(self.value, self.lags)
+        # Rows of lags above 0 stand for their mirror images too; row 0 holds both signs.
+        half = given.numpy()
+        reach, size = half.shape[1] // 2, len(self.spectrum)
+        half[0] = 0.5 * (half[0] + half[0, ::-1])
+        half[1:] *= 0.5
+        wrapped = np.zeros((len(half), size), dtype=np.float32)
+        wrapped[:, np.arange(-reach, reach + 1) % size] = half
+        rows = scipy.fft.rfft(wrapped, axis=1, workers=1)
+        # The slopes are real and even, so their transform is real.
+        slopes = scipy.fft.hfft(rows, n=size, axis=0, workers=1)
+        by_row = scipy.fft.ifft(self.spectrum * slopes, axis=0, overwrite_x=True, workers=1)[: self.side]
+        field = 2 * scipy.fft.irfft(by_row, n=size, axis=1, workers=1)[:, : self.side]
+        upper = np.zeros((self.dots, 2 * self.dots - 1))
+        # Cells wider than the stop have lags at which nothing is seen.
+        kept = min(self.dots - 1, reach)
+        upper[: kept + 1, self.dots - 1 - kept : self.dots + kept] = half[: kept + 1, reach - kept : reach + kept + 1]
+        return Slope(np.concatenate([upper[:0:-1, ::-1], upper]), field)
+
+
+@dataclass(frozen=True, eq=False)
+class PupilError:
+    """Everything that no layout changes.
+
+    Attributes:
+        lattice: of the cells behind the stop.
+        size: points of the transforms along each side; no lag wraps.
+        inside: the stop, bool [side, side], side = ``lattice.side``.
+        reach: largest whole lag that is asked for.
+        levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+        weights: of the levels in the loss; they sum to 1.
+        cycle: M, whole and odd: frequencies are multiples of 1 / M cycles per pixel.
+        stretch: for each of these from 0 on, the whole lag below it and how far it lies beyond; None where all are
+            whole lags themselves.
+        pixel: sinc of the frequencies from -(k + 0.5) to k + 0.5 along one axis, k the orders folded back.
+        share: of the square of frequencies, [(M + 1) / 2, M], its upper half; sums to 1.
+        signal: the same times the scenes' mean spectrum, 0 where the leak counts.
+        inverse_prior: (f / 0.1)² at the same places.
+        along: matrices from the lags that reach the low frequencies, [.., 2 k + 1], to these, of y and x.
+        low, low_truth, low_prior: the low-passed scenes as in :class:`maskfab.optimiser.model.expected_psnr.Surrogate`.
+        mirror: for y and x, where the mirrored record takes its rows and columns from.
+        light: mean of the scenes, white is 1.
+    """
+
+    lattice: Lattice
+    size: int
+    inside: NDArray[np.bool_]
+    reach: int
+    levels: tuple[int, ...]
+    weights: tuple[float, ...]
+    cycle: int
+    stretch: tuple[torch.Tensor, torch.Tensor] | None
+    pixel: torch.Tensor
+    share: torch.Tensor
+    signal: torch.Tensor
+    inverse_prior: torch.Tensor
+    along: tuple[torch.Tensor, torch.Tensor]
+    low: torch.Tensor
+    low_truth: torch.Tensor
+    low_prior: torch.Tensor
+    mirror: tuple[torch.Tensor, torch.Tensor]
+    light: float
+
+    @property
+    def dots(self) -> int:
+        """Along the unit's side."""
+        return self.lattice.dots
+
+    @property
+    def cells(self) -> int:
+        """Along the panel's side: 24 of 168 µm."""
+        return self.lattice.cells
+
+    def laid(self, units: NDArray[np.bool_], orientations: NDArray[np.int8] | None = None, seed: int = 0) -> Floats:
+        """The pupil of units laid on these cells, [side, side] of 0 and 1, as :func:`maskfab.camera.transfer.lay`."""
+        return lay("panel", units, orientations, seed, room=self.lattice).pupil
+
+    def psnr(self, pupil: Floats) -> tuple[float, ...]:
+        """Expected restored PSNR in dB at each level, each with its best ε.
+
+        Args:
+            pupil: of :meth:`laid`, [side, side] of 0 and 1.
+        """
+        return tuple(float(v) for v in self._tabulated(pupil).max(axis=1))
+
+    def epsilons(self, pupil: Floats) -> tuple[float, ...]:
+        """The best ε of each level."""
+        return tuple(EPSILONS[int(k)] for k in self._tabulated(pupil).argmax(axis=1))
+
+    def judge(self, pupil: Floats, epsilons: Sequence[float]) -> Judged:
+        """The loss of a pupil with the ε given for each level."""
+        spectrum, table = self._table(pupil)
+        lags = torch.from_numpy(table).requires_grad_()
+        return Judged(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
+
+    def _table(self, pupil: Floats) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
+        """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach.
+
+        In single precision, and with the transform kept for the slope; else as in camera.transfer.
+        """
+        size, reach = self.size, self.reach
+        lines = scipy.fft.rfft(pupil.astype(np.float32), n=size, axis=1, workers=1)
+        spectrum = scipy.fft.fft(lines, n=size, axis=0, workers=1)
+        power = spectrum.real**2 + spectrum.imag**2
+        rows = scipy.fft.ihfft(power, axis=0, workers=1)[: reach + 1]
+        table = scipy.fft.irfft(rows, n=size, axis=1, workers=1)[:, np.arange(-reach, reach + 1) % size]
+        # Pairs of clear dots are counted, so rounding makes single precision exact.
+        return spectrum, np.rint(table, out=table)
+
+    def _transfers(self, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """H on the upper half of the square of frequencies, at the low ones, and the light in dots."""
+        reach, near_reach, cycle = self.reach, self.along[0].shape[1] // 2, self.cycle
+        light = table[0, reach].to(torch.float64)
+        seen = self._stretched(table) * self.pixel
+        around = [seen[:, start : start + cycle] for start in range(0, seen.shape[1], cycle)]
+        lines = sum(around[1:], start=around[0]) * self.pixel[len(self.pixel) // 2 :, None]
+        half = cycle // 2 + 1
+        folded = lines[:half]
+        for start in range(cycle, len(lines), cycle):
+            # Rows from below 0 are rows above it, mirrored.
+            folded = folded + lines[start : start + half] + lines[start - half + 1 : start + 1].flip(0, 1)
+        folded = folded.to(torch.float64) / light
+        upper = table[: near_reach + 1, reach - near_reach : reach + near_reach + 1].to(torch.float64)
+        near = torch.cat([upper[1:].flip(0, 1), upper]) / light
+        return folded, self.along[0] @ near @ self.along[1].T, light
+
+    def _stretched(self, table: torch.Tensor) -> torch.Tensor:
+        """The autocorrelation at the lags of the frequencies, those of y from 0."""
+        if self.stretch is None:
+            return table
+        below, beyond = self.stretch
+        rows = torch.lerp(table[below], table[below + 1], beyond[:, None])
+        right = self.reach + below
+        # At lags to the left everything is mirrored.
+        left = torch.lerp(rows[:, self.reach - below[1:]], rows[:, self.reach - below[1:] - 1], beyond[1:])
+        return torch.cat([left.flip(1), torch.lerp(rows[:, right], rows[:, right + 1], beyond)], dim=1)
+
+    def _loss(self, table: torch.Tensor, epsilons: Sequence[float]) -> torch.Tensor:
+        transfer, low, light = self._transfers(table)
+        found = [
+            weight * self._decibels(transfer, low, light, level, epsilon)
+            for level, weight, epsilon in zip(self.levels, self.weights, epsilons, strict=True)
+        ]
+        return -torch.stack(found).sum()
+
+    def _decibels(
+        self, transfer: torch.Tensor, low: torch.Tensor, light: torch.Tensor, level: int, epsilon: float
+    ) -> torch.Tensor:
+        white = ELECTRONS[level] / REFERENCE_SHARE * light / float(self.inside.sum())
+        variance = self.light / white + (READ_NOISE / white) ** 2
+        regular = epsilon * self.inverse_prior
+        below = 1 / (transfer**2 + regular) ** 2
+        noise = (self.share * transfer**2 * below).sum()
+        bias = (self.signal * regular**2 * below).sum()
+        return -10 * torch.log10(variance * noise + bias + self._leak(low, epsilon))
+
+    def _leak(self, transfer: torch.Tensor, epsilon: float) -> torch.Tensor:
+        """Mean squared error of the low-passed scenes, whose halo crosses the sensor's edge."""
+        single = transfer.to(torch.float32)
+        rows, columns = len(self.mirror[0]), len(self.mirror[1])
+        height, width = self.low_truth.shape[-2:]
+        top, left = (rows - height) // 2, (columns - width) // 2
+        record = torch.fft.irfft2(self.low * single, s=(rows, columns))
+        # The places are those of the whole scene, so that nothing needs to be cut out first.
+        seen = torch.fft.rfft2(record.index_select(-2, self.mirror[0]).index_select(-1, self.mirror[1]))
+        filtered = wiener_tensor(single, epsilon * self.low_prior)
+        restored = torch.fft.irfft2(seen * filtered, s=(rows, columns))
+        missed = restored[..., top : top + height, left : left + width] - self.low_truth
+        mean: torch.Tensor = (missed**2).mean().to(torch.float64)
+        return mean
+
+    def _tabulated(self, pupil: Floats) -> Floats:
+        """Expected PSNR by level and ε."""
+        _, table = self._table(pupil)
+        with torch.no_grad():
+            transfer, low, light = self._transfers(torch.from_numpy(table))
+            return np.array(
+                [
+                    [float(self._decibels(transfer, low, light, level, epsilon)) for epsilon in EPSILONS]
+                    for level in self.levels
+                ]
+            )
+
+
+def wiener_tensor(transfer: torch.Tensor, noise_to_signal: torch.Tensor | float) -> torch.Tensor:
+    """:func:`maskfab.optics.numbers.wiener.wiener_filter` with a slope, for R above 0."""
+    return transfer / (transfer**2 + noise_to_signal)
+
+
+def pupil_error(
+    estimate: Surrogate, levels: Sequence[int] = LEVELS, weights: Sequence[float] | None = None
+) -> PupilError:
+    """The error of realised panels, with the scenes of a surrogate.
+
+    Args:
+        estimate: of :func:`maskfab.optimiser.model.expected_psnr.surrogate`; its dots are those of the units.
+        levels: whose decibels are averaged.
+        weights: of the levels, positive in sum; None for equal ones.
+
+    Raises:
+        JobError: MF104 for another number of weights than of levels, or weights that are no weights.
+    """
+    share = np.ones(len(levels)) if weights is None else np.asarray(weights, dtype=np.float64)
+    if len(share) != len(levels) or not np.isfinite(share).all() or share.min() < 0 or share.sum() <= 0:
+        raise JobError(
+            "MF104",
+            f"the weights {tuple(weights or ())} are not {len(levels)} numbers of 0 or more, some above",
+            where="weights",
+            cure="Give one for each level",
+        )
+    room = estimate.lattice
+    side, camera = room.side, room.camera
+    per_cycle = room.per_cycle(camera.middle_nm)
+    cycle = 2 * round((per_cycle - 1) / 2) + 1
+    if not camera.is_f1:
+        cycle = max(cycle, _FEWEST_FREQUENCIES)
+    half = cycle // 2 + _orders(camera) * cycle
+    stretch = None if camera.is_f1 else _parts(np.arange(half + 1, dtype=np.float64) * (per_cycle / cycle))
+    reach = half if stretch is None else int(stretch[0].max()) + 1
+    reach = max(reach, len(estimate.near) // 2)
+    nu = np.arange(-(cycle // 2), cycle // 2 + 1) / cycle
+    upper = nu[cycle // 2 :, None]
+    distance = np.hypot(upper, nu)
+    factor, power = _power_law(estimate, per_cycle)
+    square = np.where(upper > 0, 2.0, 1.0) / cycle**2 * np.ones(cycle)
+    signal = square * factor * np.maximum(distance, 1e-3) ** -power
+    height, width = estimate.low_truth.shape[-2:]
+    rows = estimate.along[0].shape[0]
+    columns = 2 * (estimate.along[1].shape[0] - 1)
+    signal[(upper < _LOW) & (abs(nu) < _LOW)] = 0
+    return PupilError(
+        room,
+        int(scipy.fft.next_fast_len(max(2 * side - 1, side + reach, 2 * reach + 1), real=True)),
+        room.stop,
+        reach,
+        tuple(levels),
+        tuple(float(w) for w in share / share.sum()),
+        cycle,
+        stretch,
+        torch.from_numpy(np.sinc(np.arange(-half, half + 1) / cycle).astype(np.float32)),
+        torch.from_numpy(square),
+        torch.from_numpy(signal),
+        torch.from_numpy((distance / PRIOR_CY_PER_PX) ** 2 + 1e-12),
+        (torch.from_numpy(estimate.along[0]), torch.from_numpy(estimate.along[1])),
+        torch.from_numpy(np.array(estimate.low)),
+        torch.from_numpy(np.array(estimate.low_truth)),
+        torch.from_numpy(np.array(estimate.low_prior)),
+        (_mirrored(rows, height), _mirrored(columns, width)),
+        estimate.light,
+    )
+
+
+def _orders(camera: PhotoCamera) -> int:
+    """Multiples of the sampling frequency that are folded back."""
+    passed = 1 - _RIM if camera.is_f1 else 1
+    return max(1, math.ceil(passed * camera.reach(camera.middle_nm) - 0.5))
+
+
+def _parts(lags: Floats) -> tuple[torch.Tensor, torch.Tensor]:
+    """The whole lags below these, and how far they lie beyond."""
+    below = np.floor(lags)
+    return torch.from_numpy(below.astype(np.int64)), torch.from_numpy((lags - below).astype(np.float32))
+
+
+def _power_law(estimate: Surrogate, per_cycle: float) -> tuple[float, float]:
+    """c and p of the surrogate's spectrum c f^-p."""
+    kept = estimate.signal > 0
+    distance = np.hypot(*estimate.lags[:, kept]) / per_cycle
+    slope, offset = np.polyfit(np.log(distance), np.log(estimate.signal[kept] / estimate.weight[kept]), 1)
+    return float(np.exp(offset)), float(-slope)
+
+
+def _mirrored(whole: int, kept: int) -> torch.Tensor:
+    """Where a record in the middle of a scene, mirrored with its edge pixels doubled, takes its pixels from."""
+    margin = (whole - kept) // 2
+    return torch.from_numpy(np.pad(np.arange(margin, margin + kept), margin, mode="symmetric"))

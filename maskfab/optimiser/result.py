@@ -1,0 +1,190 @@
+"""Input and result that both methods of [design] share."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab import __version__
+from maskfab.camera.photo_camera import F1, PhotoCamera, described
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import LEVELS
+from maskfab.display.circuit import CircuitRules
+from maskfab.display.emitters.emitter_rules import EmitterRules
+from maskfab.errors import JobError
+from maskfab.jobfile import DesignSection
+from maskfab.model import ORIENTATIONS, Camera, Opening, Tiling
+from maskfab.opening.openings import dot_of_pitch
+from maskfab.optimiser.bounds.bounds import Gap, bounds, optimality_gap
+from maskfab.optimiser.maps.orientation_map import DesignedMap
+from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.discrete import Prices
+from maskfab.plate.maps import CellMap
+from maskfab.units import NM_PER_UM, to_nm
+
+Facts = dict[str, str | int | float]
+
+LEVELS_OF_F1 = "another camera at the levels of F1"
+"""In the place of a protocol's name."""
+
+
+@dataclass(frozen=True, eq=False)
+class Designed:
+    """Result of a design.
+
+    Attributes:
+        opening: the best that keeps all rules.
+        shape: how it was found: the family, size and place it came from, or the objectives that were descended.
+        psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic).
+        head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior; None
+            for a panel of two openings.
+        evaluated: openings that were judged.
+        prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise.
+        cells: the designed map; None if none was asked for.
+        designed: how that went.
+        map_head_room: by level, dB that no layout of as many dots and the map's own light can gain over it; None
+            without a map, and for one of two openings.
+        gap: the opening beside all its bounds; None for a panel of two, and where there is no other opening.
+        outer: the opening of the outer half of the stop; None unless the density was asked to differ.
+        notes: what a user should know, as sentences.
+        cut: a budget cut the search short, so that it depends on the clock.
+    """
+
+    opening: Opening
+    shape: str
+    psnr: tuple[float, ...]
+    head_room: tuple[float, ...] | None
+    evaluated: int
+    prices: Prices | None = None
+    cells: CellMap | None = None
+    designed: DesignedMap | None = None
+    map_head_room: tuple[float, ...] | None = None
+    gap: Gap | None = None
+    outer: Opening | None = None
+    notes: tuple[str, ...] = ()
+    cut: bool = False
+
+
+def constraints_of(section: DesignSection, *, where: str = "design") -> Constraints:
+    """The section's rules.
+
+    Raises:
+        JobError: MF104, MF106 or MF107 for a pitch that is no whole number of dots on the grid, or rules out of range;
+            MF117 or MF118 where a footprint's rules do not suit the pixel.
+    """
+    asked = section.rules
+    dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}.pitch")
+    gap_nm, colour_nm, width_nm = (
+        to_nm(value, where=f"{where}.rules.{name}", name=name)
+        for name, value in (
+            ("gap_to_opening", asked.gap_to_opening),
+            ("colour_gap", asked.colour_gap),
+            ("min_width", 2 * dot_nm / NM_PER_UM if asked.min_width is None else asked.min_width),
+        )
+    )
+    if asked.circuit == 0:
+        raise JobError(
+            "MF104",
+            "a circuit of 0 um2 has no effect",
+            where=f"{where}.rules.circuit",
+            cure="Give its area, or remove the key",
+        )
+    try:
+        return Constraints(
+            section.clear_dots,
+            dots=section.dots,
+            dot_nm=dot_nm,
+            min_feature_dots=asked.min_feature_dots,
+            min_space_dots=asked.min_space_dots,
+            kissing=asked.kissing,
+            rim_dots=asked.rim_dots,
+            orientations=(0,) if section.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS)),
+            symmetry=asked.symmetry,
+            keep_out=None
+            if asked.keep_out is None
+            else _kept_out(asked.keep_out, section.dots, f"{where}.rules.keep_out"),
+            emitters=EmitterRules(gap_nm, colour_nm, width_nm),
+            footprint=asked.footprint,
+            circuit=None if asked.circuit is None else CircuitRules(asked.circuit, min_width_nm=width_nm),
+            wire_flow=asked.wire_flow,
+            ports=asked.ports,
+            centroid_px=asked.centroid_px,
+        )
+    except JobError as error:
+        # The rules of emitters and circuits are told by the names that they have among a display's.
+        place = error.where.replace("emitters.", f"{where}.rules.").replace("circuit.", f"{where}.rules.")
+        raise JobError(error.code, error.what, where=place, cure=error.cure) from None
+
+
+def _kept_out(drawing: str, dots: int, where: str) -> NDArray[np.bool_]:
+    """Dots that stay closed, row 0 the lowest; MF105 for anything but ``dots`` rows of as many x and dots."""
+    rows = drawing.split()
+    if len(rows) != dots or any(len(row) != dots or set(row) - {"x", "."} for row in rows):
+        raise JobError(
+            "MF105",
+            f"the drawing is not {dots} rows of {dots} signs, each x or .",
+            where=where,
+            cure="Draw the cell, the top row first: x stays closed, . is free",
+        )
+    return np.array([[sign == "x" for sign in row] for row in reversed(rows)])
+
+
+def appraised(
+    estimate: Surrogate, mask: NDArray[np.bool_], *, periodic: bool
+) -> tuple[tuple[float, ...], Facts, tuple[float, ...], Gap | None]:
+    """Expected restored PSNR of a unit by level, both as provenance, and what no other of as many dots can gain, in dB.
+
+    That is of the picture's interior; the provenance has that of the whole frame too. Last all bounds, unless there is
+    no other opening of as many dots.
+    """
+    if mask.all():
+        # It is the only opening of its count.
+        psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(LEVELS)
+        return psnr, by_level("expected_psnr", psnr) | by_level("head_room", none), none, None
+    limit = bounds(estimate, int(mask.sum()), periodic=periodic, any_layout=False)
+    gap = optimality_gap(estimate, mask, periodic=periodic, known=limit)
+    psnr = estimate(mask, periodic=periodic)
+    facts = by_level("expected_psnr", psnr) | by_level("head_room", gap.head_room)
+    return psnr, facts | by_level("head_room_frame", gap.head_room_frame), gap.head_room, gap
+
+
+def origin(section: DesignSection, command: str, camera: Camera | PhotoCamera = F1) -> Facts:
+    """Who made it, how it is made again, and for which camera."""
+    made: Facts = {"author": "maskfab", "command": command, "version": __version__, "seed": section.seed}
+    return made | camera_facts(camera)
+
+
+def camera_facts(camera: Camera | PhotoCamera) -> Facts:
+    """The camera that an opening was designed for, as provenance; nothing for that of protocol F1.
+
+    What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
+    """
+    told = described(camera)
+    return {} if told == described(F1) else {"camera": told, "protocol": LEVELS_OF_F1}
+
+
+def by_level(name: str, values: Sequence[float]) -> Facts:
+    """Decibels as provenance: ``name_24`` and so on, rounded to what they are worth."""
+    # A rounded loss of nothing must not be written as -0.0.
+    return {f"{name}_{level}": round(value, 3) + 0.0 for level, value in zip(LEVELS, values, strict=True)}
+
+
+def of_prices(found: Prices) -> Facts:
+    """Costs of the rules, as provenance."""
+    facts: Facts = {"rules_cost_db": round(found.together, 3) + 0.0}
+    facts.update({f"price_{each.rule}_db": round(each.last, 3) + 0.0 for each in found.each})
+    return facts
+
+
+def run_key(section: DesignSection, scenes: Sequence[Scene], *more: object) -> str:
+    """Key that tells the checkpoint of this run from every other."""
+    told = hashlib.sha256(f"{__version__} {np.__version__} {section!r} {more!r}".encode())
+    for scene in scenes:
+        told.update(f"{scene.name} {scene.number} {scene.values.shape}".encode())
+        told.update(np.ascontiguousarray(scene.values).tobytes())
+    return told.hexdigest()

@@ -1,0 +1,493 @@
+"""Discrete search for openings: a scan of whole families, then annealing within the rules of the display.
+
+A budget is a number of evaluations, so that the same seed gives the same opening on a slow machine as on a fast one. A
+limit in seconds is there too; it stops at whole batches, and the result says how many evaluations were made, which as
+a budget gives the same opening again.
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Sized
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, field
+from itertools import pairwise
+from typing import Any, Literal, get_args
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from maskfab.camera.protocol import LEVELS
+from maskfab.errors import InternalError, JobError
+from maskfab.model import ORIENTATIONS, frozen, orient
+from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.families import Candidate, orbits
+from maskfab.progress import Progress, silent
+
+Mask = NDArray[np.bool_]
+Objective = Callable[[Mask], float]
+"""Value of an opening, bool [dots, dots]; higher is better. In dB where it is an expected PSNR."""
+
+Move = Literal["swap", "border", "segment", "shift"]
+MOVES: tuple[Move, ...] = get_args(Move)
+"""Exchange any clear dot with any closed one; the same at the edge of what is clear; a straight run of dots with one
+as long; push the whole opening by a dot."""
+
+_BATCH = 64
+_STUCK = 5000
+_LONGEST_SEGMENT = 12
+_AROUND = ndimage.generate_binary_structure(2, 1)
+
+
+@dataclass(frozen=True, eq=False)
+class ExpectedPsnr:
+    """Weighted mean of the surrogate's restored PSNR over levels, in dB.
+
+    Attributes:
+        surrogate: for the cells' number of dots.
+        periodic: whether all cells are laid alike.
+        levels: signal-to-noise ratios in dB.
+        weights: of the levels; equal if empty.
+
+    Raises:
+        JobError: MF105 if weights and levels differ in number; MF104 if weights are negative or all 0.
+    """
+
+    surrogate: Surrogate
+    periodic: bool = False
+    levels: tuple[int, ...] = LEVELS
+    weights: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        weights = self.weights or (1.0,) * len(self.levels)
+        if len(weights) != len(self.levels) or not weights:
+            raise JobError(
+                "MF105",
+                f"{len(weights)} weights for {len(self.levels)} levels",
+                where="design.weights",
+                cure="Give one weight per level",
+            )
+        if not (all(math.isfinite(w) and w >= 0 for w in weights) and sum(weights) > 0):
+            raise JobError(
+                "MF104",
+                f"the weights {weights} are not shares",
+                where="design.weights",
+                cure="Give one weight of 0 or more per level, at least one above 0",
+            )
+        object.__setattr__(self, "weights", weights)
+
+    def __call__(self, unit: Mask) -> float:
+        found = self.surrogate(unit, periodic=self.periodic, levels=self.levels)
+        return float(np.dot(found, self.weights) / sum(self.weights))
+
+
+@dataclass(frozen=True, eq=False)
+class Ranked:
+    """An opening and what it is worth."""
+
+    name: str
+    unit: Mask
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Scan:
+    """Result of a scan of candidates.
+
+    Attributes:
+        ranked: everything evaluated, the best first; equals in the order in which they came.
+        refused: how many candidates broke each rule first.
+        repeated: candidates that had been seen, in this or another orientation.
+        evaluated: how often the objective was asked.
+        complete: whether no budget ran out.
+    """
+
+    ranked: tuple[Ranked, ...]
+    refused: Mapping[str, int]
+    repeated: int
+    evaluated: int
+    complete: bool
+
+    @property
+    def best(self) -> Ranked:
+        return self.ranked[0]
+
+
+def scan(
+    candidates: Iterable[Candidate],
+    objective: Objective,
+    constraints: Constraints,
+    *,
+    turned_alike: bool = False,
+    evaluations: int | None = None,
+    budget_s: float | None = None,
+    workers: int = 1,
+    progress: Progress = silent,
+) -> Scan:
+    """Rank every candidate that keeps the constraints.
+
+    Args:
+        candidates: from :mod:`maskfab.optimiser.rules.families`, in the order in which they are looked at; drawn as
+            they are needed. In a list, progress knows how many there are.
+        objective: pure, so that threads may ask it.
+        constraints: what all must keep.
+        turned_alike: evaluate only the first of those that one of the eight orientations maps onto each other; for
+            objectives and constraints to which these are the same, as in a random tiling.
+        evaluations: most of them; None has no limit.
+        budget_s: stop after this time at a whole batch of 64.
+        workers: threads.
+        progress: told after each batch.
+
+    Raises:
+        OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 if no candidate
+            keeps them.
+        InternalError: MF901 if the objective is not a number.
+    """
+    constraints.require_possible()
+    started = time.monotonic()
+    known = len(candidates) if isinstance(candidates, Sized) else 0
+    refused: Counter[str] = Counter()
+    seen: set[bytes] = set()
+    found: list[Ranked] = []
+    done, repeated, complete = 0, 0, True
+
+    def kept() -> Iterator[Candidate]:
+        nonlocal done, repeated
+        for candidate in candidates:
+            done += 1
+            key = _key(candidate.unit, turned_alike)
+            if key in seen:
+                repeated += 1
+                continue
+            seen.add(key)
+            if (rule := constraints.first_broken(candidate.unit)) is None:
+                yield candidate
+            else:
+                refused[rule] += 1
+
+    source = kept()
+    with ThreadPoolExecutor(workers) as pool:
+        while True:
+            size = _BATCH if evaluations is None else min(_BATCH, evaluations - len(found))
+            if size <= 0 or (budget_s is not None and found and time.monotonic() - started >= budget_s):
+                complete = next(source, None) is None
+                break
+            batch = [candidate for _, candidate in zip(range(size), source, strict=False)]
+            if not batch:
+                break
+            values = list(pool.map(objective, [candidate.unit for candidate in batch]))
+            for candidate, value in zip(batch, values, strict=True):
+                found.append(Ranked(candidate.name, candidate.unit, _number(value)))
+            best = max(each.value for each in found)
+            progress(f"scan, best {best:.3f}", done, max(known, done))
+    if not found:
+        tally = ", ".join(f"{rule} {count}" for rule, count in refused.most_common())
+        raise JobError(
+            "MF123",
+            f"none of {done} openings keeps all constraints; broken first: {tally or 'none was given'}",
+            where="design",
+            cure="Add families, or relax what is broken most often",
+        )
+    found.sort(key=lambda each: -each.value)
+    return Scan(tuple(found), dict(refused), repeated, len(found), complete)
+
+
+@dataclass(frozen=True)
+class Price:
+    """Cost of one constraint, in the objective's unit.
+
+    Attributes:
+        rule: its name.
+        alone: the best of all, less the best that keeps this rule; inf if none does.
+        last: the best that keeps all others, less the best that keeps all; inf if none keeps all.
+    """
+
+    rule: str
+    alone: float
+    last: float
+
+
+@dataclass(frozen=True)
+class Prices:
+    """Prices of all constraints together (inf if no candidate keeps them) and of each."""
+
+    together: float
+    each: tuple[Price, ...]
+
+
+def prices(candidates: Iterable[Candidate], objective: Objective, constraints: Constraints) -> Prices:
+    """Costs of the constraints among these candidates, all of the asked count; others are left out.
+
+    Prices are differences between the best of the candidates, so give those that searches with and without each rule
+    found.
+
+    Raises:
+        JobError: MF105 without any candidate of the count.
+    """
+    judged = [(objective(c.unit), constraints.broken(c.unit)) for c in candidates]
+    known = [(value, broken) for value, broken in judged if "clear_dots" not in broken]
+    if not known:
+        raise JobError(
+            "MF105",
+            "no candidate has the asked count",
+            where="design",
+            cure="Add candidates with that number of clear dots",
+        )
+
+    def best(allowed: Callable[[frozenset[str]], bool]) -> float:
+        return max((value for value, broken in known if allowed(broken)), default=-math.inf)
+
+    top, all_kept = best(lambda _: True), best(lambda broken: not broken)
+    found = []
+    for rule in constraints.active:
+        others = best(lambda broken, rule=rule: broken <= {rule})  # type: ignore[misc]
+        alone = best(lambda broken, rule=rule: rule not in broken)  # type: ignore[misc]
+        found.append(Price(rule, top - alone, math.inf if all_kept == -math.inf else others - all_kept))
+    return Prices(top - all_kept, tuple(found))
+
+
+@dataclass(frozen=True, eq=False)
+class State:
+    """Where an annealing stands; enough to go on as if it had not stopped.
+
+    Attributes:
+        unit, value: the opening it is at.
+        best, best_value: the best it has been at.
+        evaluations: made so far; the start's is not counted.
+        refused: moves in a row that broke a constraint or changed nothing.
+        generator: of the random numbers, :attr:`numpy.random.BitGenerator.state`.
+    """
+
+    unit: Mask
+    value: float
+    best: Mask
+    best_value: float
+    evaluations: int
+    refused: int
+    generator: Mapping[str, Any] = field(repr=False)
+
+    def __post_init__(self) -> None:
+        for name in ("unit", "best"):
+            object.__setattr__(self, name, frozen(np.asarray(getattr(self, name), dtype=np.bool_)))
+
+    def plain(self) -> dict[str, Any]:
+        """Lists, numbers and strings only, for JSON."""
+        rows = {name: getattr(self, name).astype(int).tolist() for name in ("unit", "best")}
+        numbers = {name: getattr(self, name) for name in ("value", "best_value", "evaluations", "refused")}
+        return {**rows, **numbers, "generator": dict(self.generator)}
+
+    @classmethod
+    def of(cls, plain: Mapping[str, Any]) -> State:
+        """From what :meth:`plain` gave.
+
+        Raises:
+            JobError: MF105 if something is missing or of another kind.
+        """
+        try:
+            made = cls(**{name: plain[name] for name in cls.__dataclass_fields__})
+            whole = made.unit.ndim == 2 and made.unit.shape == made.best.shape and made.evaluations >= 0
+            np.random.default_rng().bit_generator.state = dict(made.generator)
+        except KeyError as missing:
+            raise JobError(
+                "MF105",
+                f"the saved annealing has no {missing}",
+                where="design",
+                cure="Delete the checkpoint and start again",
+            ) from missing
+        except (TypeError, ValueError) as error:
+            raise JobError(
+                "MF105",
+                f"the saved annealing is damaged: {error}",
+                where="design",
+                cure="Delete the checkpoint and start again",
+            ) from error
+        if not (whole and math.isfinite(made.value) and math.isfinite(made.best_value)):
+            raise JobError(
+                "MF105",
+                "the saved annealing's openings or values are damaged",
+                where="design",
+                cure="Delete the checkpoint and start again",
+            )
+        return made
+
+
+@dataclass(frozen=True, eq=False)
+class Annealed:
+    """The best opening of an annealing.
+
+    Attributes:
+        unit, value: the best it has been at.
+        state: to go on from.
+        complete: whether all evaluations were made; otherwise it was interrupted, or ``stuck``.
+        stuck: no move that keeps the constraints was found in 5000 in a row.
+    """
+
+    unit: Mask
+    value: float
+    state: State
+    complete: bool
+    stuck: bool
+
+
+def anneal(
+    start: Mask | State,
+    objective: Objective,
+    constraints: Constraints,
+    *,
+    evaluations: int,
+    seed: int = 0,
+    moves: Sequence[Move] = MOVES,
+    temperature: tuple[float, float] = (0.05, 0.0005),
+    until: int | None = None,
+    budget_s: float | None = None,
+    progress: Progress = silent,
+) -> Annealed:
+    """Walk from opening to opening, each of which keeps the constraints, uphill and ever less often downhill.
+
+    A move to a value lower by d is taken with the chance exp(-d / T) (Metropolis and others, J. Chem. Phys. 21, 1087,
+    1953); T falls geometrically with the evaluations. Moves take whole orbits of the symmetry.
+
+    Args:
+        start: an opening, or where a former annealing with the same arguments stopped.
+        objective: higher is better.
+        constraints: kept at every step.
+        evaluations: of the whole annealing; they set the pace at which it cools.
+        seed: of the walk; not looked at when it goes on.
+        moves: kinds, drawn with equal chance.
+        temperature: first and last, in the objective's unit.
+        until: stop after so many evaluations, to go on later.
+        budget_s: stop after this time at a multiple of 64 evaluations, to go on later.
+        progress: told at every multiple of 64 evaluations.
+
+    Raises:
+        OpeningError, JobError: MF203, MF204, MF123 for constraints that contradict each other, MF123 for a start that
+            breaks them, MF105 for no or other moves, MF104 for temperatures that are not positive and falling.
+        InternalError: MF901 if the objective is not a number.
+    """
+    _check(moves, temperature, evaluations)
+    constraints.require_possible()
+    rng = np.random.default_rng(seed)
+    state = start if isinstance(start, State) else None
+    unit = np.asarray(start if state is None else state.unit, dtype=np.bool_)
+    if broken := constraints.violations(unit):
+        raise JobError(
+            "MF123",
+            f"the start breaks constraints: {'; '.join(broken)}",
+            where="design.start",
+            cure="Start from the best of a scan under the same constraints",
+        )
+    if state is None:
+        value = _number(objective(unit))
+        state = State(unit, value, unit, value, 0, 0, rng.bit_generator.state)
+    rng.bit_generator.state = dict(state.generator)
+    proposals = _Proposals(constraints)
+    last = evaluations if until is None else min(until, evaluations)
+    hot, cold = temperature
+    value, best, best_value, made, refused = state.value, state.best, state.best_value, state.evaluations, state.refused
+    started, paused = time.monotonic(), False
+    while made < last and refused < _STUCK and not paused:
+        trial = proposals.propose(moves[int(rng.integers(len(moves)))], unit, rng)
+        if trial is None or not constraints.allows(trial):
+            refused += 1
+            continue
+        refused = 0
+        new = _number(objective(trial))
+        heat = hot * (cold / hot) ** (made / evaluations)
+        made += 1
+        if rng.random() < math.exp(min(0.0, (new - value) / heat)):
+            unit, value = trial, new
+            if value > best_value:
+                best, best_value = unit, value
+        if made % _BATCH == 0:
+            progress(f"anneal, best {best_value:.3f}", made, evaluations)
+            paused = budget_s is not None and time.monotonic() - started >= budget_s
+    state = State(unit, value, best, best_value, made, refused, rng.bit_generator.state)
+    return Annealed(best, best_value, state, made >= evaluations, refused >= _STUCK)
+
+
+class _Proposals:
+    """Moves that keep the count and the symmetry; whether they keep the rest is judged by others."""
+
+    def __init__(self, constraints: Constraints) -> None:
+        self._orbits = orbits(constraints.dots, constraints.symmetry)
+        self._orbit_of = np.empty(constraints.dots**2, dtype=np.intp)
+        for k, orbit in enumerate(self._orbits):
+            self._orbit_of[orbit] = k
+        self._free = constraints.free
+
+    def propose(self, move: Move, unit: Mask, rng: np.random.Generator) -> Mask | None:
+        """Another opening of the same count; None where the draw gave none."""
+        if move == "shift":
+            return _shifted(unit, rng)
+        closable, openable = unit, ~unit & self._free
+        if move != "swap":
+            openable = openable & ndimage.binary_dilation(unit, _AROUND)
+        if move == "border":
+            closable = unit & ~ndimage.binary_erosion(unit, _AROUND)
+        if not (closable.any() and openable.any()):
+            return None
+        length = int(rng.integers(1, _LONGEST_SEGMENT + 1)) if move == "segment" else 1
+        close = _run(closable, unit, length, rng)
+        opened = _run(openable, ~unit & self._free, length, rng)
+        if close is None or opened is None:
+            return None
+        trial = unit.ravel().copy()
+        trial[self._whole(close)] = False
+        trial[self._whole(opened)] = True
+        return trial.reshape(unit.shape) if trial.sum() == unit.sum() else None
+
+    def _whole(self, places: NDArray[np.intp]) -> NDArray[np.intp]:
+        return np.concatenate([self._orbits[k] for k in np.unique(self._orbit_of[places])])
+
+
+def _shifted(unit: Mask, rng: np.random.Generator) -> Mask | None:
+    axis, step = int(rng.integers(2)), int(rng.integers(2)) * 2 - 1
+    leaving = unit.take(-1 if step > 0 else 0, axis=axis)
+    return None if leaving.any() else np.roll(unit, step, axis)
+
+
+def _run(starts: Mask, within: Mask, length: int, rng: np.random.Generator) -> NDArray[np.intp] | None:
+    """Flat indices of a straight run from one of the starts, along a row or a column; None if it leaves ``within``."""
+    places = np.flatnonzero(starts)
+    first = int(places[int(rng.integers(places.size))])
+    if length == 1:
+        return np.array([first], dtype=np.intp)
+    n = within.shape[0]
+    upwards = bool(rng.integers(2))
+    y, x = divmod(first, n)
+    if (y if upwards else x) + length > n:
+        return None
+    run = first + (n if upwards else 1) * np.arange(length, dtype=np.intp)
+    return run if within.ravel()[run].all() else None
+
+
+def _key(unit: Mask, turned_alike: bool) -> bytes:
+    turns = range(ORIENTATIONS) if turned_alike else (0,)
+    return min(np.packbits(orient(unit, k)).tobytes() for k in turns)
+
+
+def _number(value: float) -> float:
+    if math.isnan(value):
+        raise InternalError(
+            "MF901", "the objective of an opening is not a number", where="design", cure="Report it with the job file"
+        )
+    return float(value)
+
+
+def _check(moves: Sequence[Move], temperature: tuple[float, float], evaluations: int) -> None:
+    if not moves or not set(moves) <= set(MOVES):
+        raise JobError(
+            "MF105", f"the moves {moves} are not known", where="design.moves", cure=f"Use {', '.join(MOVES)}"
+        )
+    falling = all(first >= second > 0 for first, second in pairwise(temperature))
+    if not (falling and math.isfinite(temperature[0]) and evaluations >= 0):
+        raise JobError(
+            "MF104",
+            f"temperatures {temperature} and {evaluations} evaluations do not cool",
+            where="design",
+            cure="Give positive temperatures, the first the higher, and a number of evaluations",
+        )

@@ -1,0 +1,145 @@
+"""The panel of a found opening: map, places inside the cell, turns of both, density."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from maskfab.jobfile import SearchSection
+from maskfab.optimiser.bounds.map_bound import map_gap
+from maskfab.optimiser.clock import Clock
+from maskfab.optimiser.maps.alternate import joint, laid
+from maskfab.optimiser.maps.density import graded
+from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode
+from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.model.layout_error import PupilError
+from maskfab.optimiser.result import Facts, by_level
+from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.discrete import Mask
+from maskfab.plate.maps import CellMap
+from maskfab.progress import Progress
+
+_KICKS = 3
+_LONGEST = 20
+
+
+@dataclass(frozen=True, eq=False)
+class Mapped:
+    """A panel's opening and its map.
+
+    Attributes:
+        unit: bool [dots, dots]; of two, the denser one.
+        cells, designed: the map; None where none was asked for.
+        outer: the sparser one of two, bool [dots, dots].
+        psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
+        head_room: by level, dB that no layout of as many dots and as much light can gain over the map; None without a
+            map, and for a panel of two.
+        notes: what a user should know, as sentences.
+        cut: the budget cut it short.
+    """
+
+    unit: Mask
+    cells: CellMap | None = None
+    designed: DesignedMap | None = None
+    outer: Mask | None = None
+    psnr: tuple[float, ...] | None = None
+    head_room: tuple[float, ...] | None = None
+    notes: tuple[str, ...] = ()
+    cut: bool = False
+
+
+def mapped(
+    section: SearchSection,
+    unit: Mask,
+    rules: Constraints,
+    estimate: Surrogate,
+    error: PupilError | None,
+    facts: Facts,
+    find: Callable[[int], Mask],
+    clock: Clock,
+    progress: Progress,
+) -> Mapped:
+    """Lay the unit out as the section says.
+
+    Args:
+        section: of a job.
+        unit: bool [dots, dots].
+        rules: that every opening keeps.
+        estimate: of the scenes.
+        error: of panels, the same scenes; None where no map is wanted.
+        facts: provenance of the map, to which its own is added.
+        find: gives the best opening of so many clear dots, for a panel of two.
+        clock: a map whose time is over is designed without kicks.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
+            rules beside one another, or at the places that they were to be moved to.
+    """
+    if section.map is None or error is None:
+        return Mapped(unit)
+    mode, seed = MapMode(section.map), map_seed(section)
+    kicks = 0 if clock.over else _KICKS
+    notes = ("The budget left the map one descent, and no turns with the opening.",) if clock.over else ()
+    if section.density is not None:
+        return _graded(section, unit, rules, error, facts, find, seed, kicks, notes, progress)
+    both = joint(
+        unit,
+        error,
+        rules,
+        rounds=0 if notes else section.joint,
+        seed=seed,
+        mode=mode,
+        kicks=kicks,
+        positions=section.positions,
+        progress=progress,
+    )
+    pupil = laid(both.unit, both.designed, error)
+    room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
+    cells = _cells(section, both.designed, {**facts, **by_level("head_room", room)})
+    return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
+
+
+def map_seed(section: SearchSection) -> int:
+    """Of the random map that a map starts from."""
+    return section.seed if section.tiling_seed is None else section.tiling_seed
+
+
+def _graded(
+    section: SearchSection,
+    unit: Mask,
+    rules: Constraints,
+    error: PupilError,
+    facts: Facts,
+    find: Callable[[int], Mask],
+    seed: int,
+    kicks: int,
+    notes: tuple[str, ...],
+    progress: Progress,
+) -> Mapped:
+    """Two openings at equal light, and what the display pays for them."""
+    assert section.density is not None
+    made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
+    price = made.price
+    known: Facts = {
+        **facts,
+        **by_level("graded_gain_db", made.gain_db),
+        "emitter_share_uniform": round(price.uniform_share, 4),
+        "emitter_share_least": round(price.worst_share, 4),
+        "emitter_life_ratio": round(price.life_ratio, 4),
+        "luminance_step": round(price.luminance_step, 4),
+    }
+    told = (
+        f"The display pays for the denser middle: emitters of {price.worst_share:.1%} of the pixel in each colour "
+        f"instead of {price.uniform_share:.1%}, which live {price.life_ratio:.2f} as long at equal luminance; emitting "
+        f"area steps by {price.luminance_step:.0%} between neighbours."
+    )
+    cells = _cells(section, made.designed, known)
+    dense, sparse = made.units
+    return Mapped(dense, cells, made.designed, sparse, made.designed.psnr, notes=(*notes, told), cut=bool(notes))
+
+
+def _cells(section: SearchSection, designed: DesignedMap, facts: Facts) -> CellMap:
+    light = round(designed.clear_dots / designed.start_clear_dots - 1, 5) + 0.0
+    known: Facts = {**facts, "mode": designed.mode.value, **by_level("gain_db", designed.gain_db), "light": light}
+    return CellMap(f"{section.name[:_LONGEST]}_map", designed.orientations, known, designed.shifts)

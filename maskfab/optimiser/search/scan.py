@@ -1,0 +1,173 @@
+"""The best compact opening of some families, then annealed: the two stages of a search that take budget and checkpoint.
+
+Both are pure in the section, the objective and the rules; only a budget lets the clock in.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass
+from itertools import chain
+from typing import Any
+
+import numpy as np
+
+from maskfab.jobfile import SearchSection
+from maskfab.model import Tiling
+from maskfab.optimiser.checkpoint import Kept
+from maskfab.optimiser.clock import Clock
+from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.discrete import Objective, Ranked, Scan, State, anneal, scan
+from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
+from maskfab.progress import Progress
+
+PRICED = 200
+"""Best openings of a scan among which rules are priced."""
+SAVED_EVERY = 1024
+"""Evaluations of an annealing between checkpoints."""
+
+_SCAN_SHARE = 0.5
+_AT_LEAST_S = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """State of a search and its best opening so far.
+
+    Attributes:
+        best: keeps the rules; its name says where it came from.
+        looked: openings among which the rules are priced; empty where they are not judged in dB.
+        evaluated: openings judged so far.
+        notes: what a user should know, as sentences.
+        cut: the budget cut it short.
+    """
+
+    best: Ranked
+    looked: tuple[Candidate, ...]
+    evaluated: int
+    notes: tuple[str, ...] = ()
+    cut: bool = False
+
+
+def scanned(
+    section: SearchSection,
+    rules: Constraints,
+    objective: Objective,
+    clock: Clock,
+    kept: Kept | None,
+    progress: Progress,
+) -> Best:
+    """The best of the section's families that keeps the rules; half of a budget where annealing follows.
+
+    Raises:
+        JobError: MF123 if none keeps the rules.
+    """
+    if kept is not None and "scan_units" in kept.state:
+        return _restored(kept.state)
+    shapes = list(chain.from_iterable(FAMILIES[name](section.dots, section.clear_dots) for name in section.families))
+    share = _SCAN_SHARE if section.anneal else 1.0
+
+    def look(constraints: Constraints, budget_s: float | None) -> Scan:
+        return scan(
+            shapes,
+            objective,
+            constraints,
+            turned_alike=section.tiling is not Tiling.PERIODIC,
+            budget_s=budget_s,
+            workers=os.cpu_count() or 1,
+            progress=progress,
+        )
+
+    found = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left(share))
+    evaluated, complete = found.evaluated, found.complete
+    best, ruled = next((each for each in found.ranked if rules.allows(each.unit)), None), None
+    if best is None:
+        left = clock.left(share)
+        ruled = look(rules, None if left is None else max(left, _AT_LEAST_S))
+        best, evaluated, complete = ruled.best, evaluated + ruled.evaluated, complete and ruled.complete
+    looked = list(found.ranked[:PRICED])
+    if all(each.unit is not best.unit for each in looked):
+        looked.append(best)
+    if ruled is not None and section.map is not None:
+        # A shortlist for the map wants several sizes that keep the rules.
+        sizes = {kind(best.name, best.unit)}
+        for each in ruled.ranked:
+            size = kind(each.name, each.unit)
+            if len(sizes) < section.shortlist and size not in sizes:
+                sizes.add(size)
+                looked.append(each)
+    told = f"The budget ended the scan when {evaluated + found.repeated} of {len(shapes)} shapes had been judged."
+    made = Best(best, _candidates(looked), evaluated, () if complete else (told,), not complete)
+    if kept is not None and complete:
+        kept.put(_stored(made))
+    return made
+
+
+def annealed(
+    found: Best,
+    section: SearchSection,
+    rules: Constraints,
+    objective: Objective,
+    clock: Clock,
+    kept: Kept | None,
+    progress: Progress,
+) -> Best:
+    """The best changed dot by dot for the section's evaluations, if that betters it."""
+    if not section.anneal:
+        return found
+    # An annealing from where the clock ended the scan is no part of the run that another call could go on with.
+    kept = None if found.cut else kept
+    start: Any = found.best.unit
+    if kept is not None and "anneal" in kept.state:
+        plain = json.loads(str(kept.state["anneal"]))
+        start = State.of({**plain, **{name: np.array(plain[name], dtype=np.bool_) for name in ("unit", "best")}})
+    while True:
+        made = start.evaluations if isinstance(start, State) else 0
+        walked = anneal(
+            start,
+            objective,
+            rules,
+            evaluations=section.anneal,
+            seed=section.seed,
+            until=None if kept is None else made + SAVED_EVERY,
+            budget_s=clock.left(),
+            progress=progress,
+        )
+        start = walked.state
+        if kept is not None:
+            kept.put({"anneal": np.array(json.dumps(start.plain()))})
+        if walked.complete or walked.stuck or clock.over:
+            break
+    notes = list(found.notes)
+    if not walked.complete:
+        why = "No move that keeps the rules was left" if walked.stuck else "The budget ended the annealing"
+        notes.append(f"{why} after {start.evaluations} of {section.anneal} evaluations.")
+    evaluated = found.evaluated + start.evaluations
+    cut = found.cut or not (walked.complete or walked.stuck)
+    if not walked.value > found.best.value:
+        return Best(found.best, found.looked, evaluated, tuple(notes), cut)
+    best = Ranked(f"{found.best.name}, annealed", walked.unit, walked.value)
+    return Best(best, (*found.looked, *_candidates([best])), evaluated, tuple(notes), cut)
+
+
+def _candidates(ranked: list[Ranked]) -> tuple[Candidate, ...]:
+    return tuple(Candidate(each.name, each.unit) for each in ranked)
+
+
+def _stored(found: Best) -> dict[str, np.ndarray[Any, Any]]:
+    place = next(k for k, each in enumerate(found.looked) if each.unit is found.best.unit)
+    return {
+        "scan_names": np.array([each.name for each in found.looked], dtype=np.str_),
+        "scan_units": np.stack([each.unit for each in found.looked]),
+        "scan_numbers": np.array([place, found.evaluated], dtype=np.int64),
+        "scan_value": np.array([found.best.value]),
+    }
+
+
+def _restored(state: dict[str, Any]) -> Best:
+    pairs = zip(state["scan_names"], state["scan_units"], strict=True)
+    looked = tuple(Candidate(str(name), unit) for name, unit in pairs)
+    place, evaluated = (int(v) for v in state["scan_numbers"])
+    best = Ranked(looked[place].name, looked[place].unit, float(state["scan_value"][0]))
+    return Best(best, looked, evaluated)

@@ -1,0 +1,193 @@
+"""The method "search": scan families, anneal the best, turn the cells, and report the gain.
+
+A checkpoint holds the scan once it is whole, and the annealing at every so many evaluations; the map is designed again.
+A run that goes on from it ends byte for byte where an uninterrupted one does. A budget of time ends the scan early,
+then the annealing; what it has cut short depends on the clock, and the notes say so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from maskfab.camera.photo_camera import F1, PhotoCamera
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import LEVELS
+from maskfab.camera.transfer import FEWEST_CELLS, Lattice, lattice
+from maskfab.jobfile import SearchSection
+from maskfab.model import Opening, Tiling
+from maskfab.optimiser.bounds.auc_bound import rings
+from maskfab.optimiser.checkpoint import Kept
+from maskfab.optimiser.clock import Clock
+from maskfab.optimiser.maps.alternate import require_places
+from maskfab.optimiser.maps.orientation_map import MapMode, require_size
+from maskfab.optimiser.model.expected_psnr import surrogate_behind
+from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.optimiser.result import (
+    Designed,
+    Facts,
+    appraised,
+    by_level,
+    camera_facts,
+    constraints_of,
+    of_prices,
+    origin,
+    run_key,
+)
+from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal, prices
+from maskfab.optimiser.rules.repair import nearest
+from maskfab.optimiser.search.auc_search import best_for_auc
+from maskfab.optimiser.search.finish import map_seed, mapped
+from maskfab.optimiser.search.scan import Best, annealed, scanned
+from maskfab.optimiser.search.shortlist import shortlisted
+from maskfab.progress import Progress, silent
+
+_LONGEST = 20
+_MAP_LEAK_SCENES = 8
+_AUC_EVALUATIONS = 4000
+_AUC_TEMPERATURE = (0.001, 0.00001)
+
+
+def search(
+    section: SearchSection,
+    scenes: Sequence[Scene],
+    command: str,
+    progress: Progress = silent,
+    *,
+    camera: PhotoCamera = F1,
+    budget_s: float | None = None,
+    checkpoint: Path | None = None,
+) -> Designed:
+    """Search as the section says.
+
+    Args:
+        section: of a job.
+        scenes: photographs whose spectrum and edges count.
+        command: for the provenance.
+        progress: told where the work stands.
+        camera: that looks through the panel.
+        budget_s: seconds for the search; what every result needs is done beyond them: bounds, and one descent of a map.
+        checkpoint: file to go on from, and to keep.
+
+    Raises:
+        JobError, OpeningError: MF104, MF106, MF107, MF135 for numbers; MF121 for scenes without a spectrum; MF123,
+            MF203, MF204 for rules that no opening keeps, or that cannot be shown to hold at several places in a cell;
+            MF115 for a map of too many cells, or of cells of too many dots.
+        SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
+    """
+    clock = Clock(budget_s)
+    rules = constraints_of(section)
+    room = lattice(section.dots, rules.dot_nm, camera=camera)
+    if section.map is not None:
+        require_size(room)
+    if section.positions > 1:
+        require_places(rules)
+    rules.require_possible()
+    progress("photographs", 0, 1)
+    estimate = surrogate_behind(scenes, room)
+    progress("photographs", 1, 1)
+    periodic = section.tiling is Tiling.PERIODIC
+    expected = ExpectedPsnr(estimate, periodic, LEVELS, section.weights)
+    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *camera_facts(camera).values()))
+    if section.objective == "auc":
+        found = _by_auc(section, rules, room, clock, progress)
+    else:
+        found = scanned(section, rules, expected, clock, kept, progress)
+        found = annealed(found, section, rules, expected, clock, kept, progress)
+    error = None
+    if section.map is not None:
+        # On few pictures a map fits the very edges of those, and gains a tenth of a decibel less on any others.
+        wide = surrogate_behind(scenes, room, leak_scenes=_MAP_LEAK_SCENES)
+        error = pupil_error(wide, weights=section.weights)
+    if error is not None and section.map is not None and section.objective != "auc" and section.density is None:
+        found = shortlisted(
+            found,
+            section.shortlist,
+            error,
+            rules,
+            clock,
+            progress,
+            mode=MapMode(section.map),
+            seed=map_seed(section),
+            positions=section.positions,
+        )
+    facts: Facts = {**origin(section, command, camera), "shape": found.best.name}
+
+    def of_count(clear_dots: int) -> Mask:
+        other = section.model_copy(update={"clear_dots": clear_dots, "anneal": 0})
+        return scanned(other, replace(rules, clear_dots=clear_dots), expected, clock, None, progress).best.unit
+
+    laid = mapped(
+        section, found.best.unit, rules, estimate, error, origin(section, command, camera), of_count, clock, progress
+    )
+    priced = prices(found.looked, expected, rules) if found.looked else None
+    psnr, head_room, gap = laid.psnr, None, None
+    if psnr is None:
+        progress("bounds", 0, 1)
+        psnr, known, head_room, gap = appraised(estimate, laid.unit, periodic=periodic)
+        progress("bounds", 1, 1)
+    else:
+        known = by_level("expected_psnr", psnr)
+    facts |= {**known, "evaluated": found.evaluated}
+    facts |= {} if priced is None else of_prices(priced)
+    return Designed(
+        Opening(section.name, laid.unit, rules.dot_nm, facts),
+        found.best.name,
+        psnr,
+        head_room,
+        found.evaluated,
+        priced,
+        laid.cells,
+        laid.designed,
+        laid.head_room,
+        gap,
+        None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_out", laid.outer, rules.dot_nm, facts),
+        (*_few_cells(room, section), *found.notes, *laid.notes),
+        found.cut or laid.cut,
+    )
+
+
+def _few_cells(room: Lattice, section: SearchSection) -> tuple[str, ...]:
+    if room.cells >= FEWEST_CELLS or section.tiling is Tiling.PERIODIC or section.map is not None:
+        return ()
+    told = f"Only {room.cells} x {room.cells} cells lie behind the stop: one random layout of them may restore 2 dB"
+    return (f"{told} better or worse than is expected of all.",)
+
+
+def _by_auc(section: SearchSection, rules: Constraints, room: Lattice, clock: Clock, progress: Progress) -> Best:
+    """The best blue AUC; where it breaks the rules, annealed from the nearest that keeps them."""
+    periodic = section.tiling is Tiling.PERIODIC
+    unit = best_for_auc(
+        section.dots,
+        section.clear_dots,
+        periodic=periodic,
+        seed=section.seed,
+        steps=section.anneal or None,
+        room=room,
+        progress=progress,
+    )
+    figure, notes, evaluated, cut = rings(section.dots, room=room), [], 1, False
+
+    def area(mask: Mask) -> float:
+        return figure.of_unit(mask, periodic=periodic)
+
+    if broken := sorted(rules.broken(unit)):
+        free = area(unit)
+        walked = anneal(
+            nearest(unit, rules, seed=section.seed),
+            area,
+            rules,
+            evaluations=section.anneal or _AUC_EVALUATIONS,
+            seed=section.seed,
+            temperature=_AUC_TEMPERATURE,
+            budget_s=clock.left(),
+            progress=progress,
+        )
+        unit, evaluated, cut = walked.unit, 2 + walked.state.evaluations, not (walked.complete or walked.stuck)
+        notes.append(
+            f"The best for AUC, {free:.4f}, breaks {', '.join(broken)}; annealed for {walked.state.evaluations} "
+            f"evaluations from the nearest opening found that keeps them, to {walked.value:.4f}."
+        )
+    return Best(Ranked(f"auc {area(unit):.4f}", unit, area(unit)), (), evaluated, tuple(notes), cut)

@@ -1,0 +1,99 @@
+"""The race of paths and the table of hard cases, through the command line."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from maskfab.benchmark.accuracy import Timing, absent, race, standard_workload
+from maskfab.benchmark.accuracy_page import case_table, race_figure, race_table
+from maskfab.benchmark.cases import Case, run
+from maskfab.benchmark.other_libraries import PEERS, Peer, Task
+from maskfab.cli import run_command_line
+
+
+@pytest.fixture(scope="module")
+def timings() -> list[Timing]:
+    return race(standard_workload(), rounds=2)
+
+
+def test_our_paths_are_exact_and_the_published_recipe_is_not(timings: list[Timing]) -> None:
+    ours = [timing for timing in timings if timing.kind == "ours"]
+    assert {timing.name for timing in ours} >= {"maskfab parity", "maskfab direct", "maskfab structure"}
+    for timing in ours:
+        assert timing.error <= (1e-12 if timing.precision == "double" else 1e-6)
+    (published,) = (timing for timing in timings if timing.kind == "published")
+    assert published.error == pytest.approx(2.6e-2, rel=0.1)  # points for dots, and a size rounded to 1324
+    assert published.error_with_dots > 1e-2  # the rounded size alone
+
+
+def test_the_parity_path_is_several_times_faster_than_the_published_recipe(timings: list[Timing]) -> None:
+    """The margin is 15; the test asks for 3, so that a busy machine does not fail it."""
+    times = {(timing.name, timing.precision): timing.milliseconds for timing in timings}
+    assert 3 * times["maskfab parity", "double"] < times["published recipe, padded FFT", "double"]
+
+
+def test_a_peer_that_cannot_race_is_told_with_the_reason(
+    timings: list[Timing], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "lame_peer.py").write_text("import a_thing_that_is_not_there\n", encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    nobody = Peer("no_such_peer.at_all", "nobody", "double", PEERS[0].prepare)
+    lame = Peer("lame_peer", "lame", "double", PEERS[0].prepare)
+    monkeypatch.setattr("maskfab.benchmark.accuracy.PEERS", (nobody, lame))
+    told = "\n".join(race_table(timings, {"double": 1.0}, absent()))
+    assert "not compared: nobody, not installed" in told
+    assert "not compared: lame, installed, but does not import: No module named 'a_thing_that_is_not_there'" in told
+
+
+def test_a_peer_keeps_what_it_can_between_calls() -> None:
+    """HCIPy's transform is made once, as its users would."""
+    made = []
+
+    class Transform:
+        def __init__(self, *_: object) -> None:
+            made.append(self)
+
+        def forward(self, field: np.ndarray) -> np.ndarray:
+            return np.zeros(16)
+
+    library = SimpleNamespace(
+        make_uniform_grid=lambda *_, **__: None, Field=lambda values, _: values, MatrixFourierTransform=Transform
+    )
+    (hcipy,) = (peer for peer in PEERS if peer.module == "hcipy")
+    run = hcipy.prepare(library, Task(np.ones((4, 4)), 8.0, 1e4, 0.53, 0.5, 4))
+    assert [run().shape for _ in range(3)] == [(4, 4)] * 3
+    assert len(made) == 1
+
+
+def test_the_figure_is_a_picture(timings: list[Timing]) -> None:
+    assert race_figure(timings).startswith(b"\x89PNG")
+
+
+def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
+    arguments = ["bench", "layouts/upc12.toml", "--die", "TOLED_P150", "--rounds", "2", "--json", "--quiet"]
+    assert run_command_line(arguments) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["gemm_bound_ms"]["double"] > 0
+    assert {row["kind"] for row in document["timings"]} >= {"ours", "published"}
+    assert all(row["cold_milliseconds"] > 0 for row in document["timings"])
+    raced = {row["name"] for row in document["timings"]}
+    assert {peer.name for peer in PEERS} == {
+        name for name in raced if "maskfab" not in name and "recipe" not in name
+    } | {*document["absent"]}
+
+
+@pytest.mark.parametrize(("die", "code"), [("BEST_R300_G8", "MF105"), ("NOBODY", "MF105")])
+def test_bench_refuses_what_it_cannot_race(die: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["bench", "layouts/upc12.toml", "--die", die, "--quiet"]) == 2
+    assert code in capsys.readouterr().err
+
+
+def test_a_missed_limit_is_told() -> None:
+    outcomes = list(run([Case("too hard", "made up", lambda: 1.0, 0.5)]))
+    assert not outcomes[0].passed
+    assert "FAIL" in "\n".join(case_table(outcomes))

@@ -1,0 +1,314 @@
+"""Rules of houses, held against the files in their packages by readers of this test alone."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import zipfile
+from pathlib import Path
+
+import ezdxf
+import pytest
+from ezdxf import bbox
+from klayout import db
+from small_job import command, write_job
+from sweeps import sweep
+
+from maskfab.delivery.pack import pack, verify_package
+from maskfab.errors import OutputError
+from maskfab.job import load
+from maskfab.mask_shops.judge import Finding, check_shop
+from maskfab.mask_shops.profiles import load_shop, parse_shop
+
+TEMPLATE = (('blank = "27 mm"\nwritable = "22 mm"', 'template = "5in"'), ('die_pitch = "2 mm"', 'die_pitch = "20 mm"'))
+ROWS = {
+    "dot": (".......", ".......", ".......", "..###..", ".......", ".......", "......."),
+    "bar": (".......", ".......", ".......", "#######", ".......", ".......", "......."),
+    "eye": (".......", ".#####.", ".#...#.", ".#.#.#.", ".#...#.", ".#####.", "......."),
+}
+HOUSE = 'title = "A house"\nsources = []\n'
+
+
+def opening(name: str) -> str:
+    return f'name = "{name}"\npitch = "56 um"\ndots = 7\ngrid = """\n' + "\n".join(ROWS[name]) + '\n"""\n'
+
+
+def house(text: str, name: str = "mine"):
+    return parse_shop(HOUSE + text, name, where="mine.toml")
+
+
+def the(rule: str, findings) -> Finding:
+    (finding,) = (each for each in findings if each.rule == rule)
+    return finding
+
+
+def members(package: Path) -> dict[str, bytes]:
+    with zipfile.ZipFile(package) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def honest(package: Path, target: Path, edit) -> Path:
+    """The package with every member changed by ``edit``, or left out for None, under hashes that are true again."""
+    held = {name: edit(name, content) for name, content in members(package).items()}
+    held = {name: content for name, content in held.items() if content is not None}
+    (manifest,) = (name for name in held if name.endswith("/manifest.json"))
+    root, document = manifest.partition("/")[0], json.loads(held[manifest])
+    document["files"] = [row for row in document["files"] if f"{root}/{row['path']}" in held]
+    for row in document["files"]:
+        row["sha256"] = hashlib.sha256(held[f"{root}/{row['path']}"]).hexdigest()
+    held[manifest] = json.dumps(document).encode()
+    with zipfile.ZipFile(target, "w", zipfile.ZIP_DEFLATED) as archive:
+        for name, content in held.items():
+            archive.writestr(name, content)
+    return target
+
+
+def unpacked(package: Path, suffix: str) -> Path:
+    """The one member of a package that ends so, beside the package."""
+    (name,) = (name for name in members(package) if name.endswith(suffix))
+    path = package.with_name(name.rpartition("/")[2])
+    path.write_bytes(members(package)[name])
+    return path
+
+
+# --- what a drawing spans --------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def gesim(tmp_path_factory) -> Path:
+    path = tmp_path_factory.mktemp("gesim") / "p.zip"
+    assert pack(load(write_job(path.parent, *TEMPLATE)), load_shop("gesim"), path).path == path
+    return path
+
+
+def test_a_drawing_spans_what_the_house_asks_with_its_text_and_its_header(gesim):
+    drawing = ezdxf.readfile(unpacked(gesim, ".dxf"))
+    box = bbox.extents(drawing.modelspace())
+    assert (tuple(box.extmin)[:2], tuple(box.extmax)[:2]) == ((-50_000, -50_000), (50_000, 50_000))
+    assert tuple(drawing.header["$EXTMIN"])[:2] == (-50_000, -50_000)
+    assert tuple(drawing.header["$EXTMAX"])[:2] == (50_000, 50_000)
+    assert len(drawing.modelspace().query("TEXT")) == 1
+    rules = json.loads(unpacked(gesim, "certificate.json").read_text())["rules"]
+    assert [(rule["value"], rule["passed"]) for rule in rules if rule["rule"] == "extent"] == [("100 x 100", True)]
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [(b"\n 10\n-49900.0\n", b"\n 10\n-63500.0\n"), (b"$EXTMAX\n 10\n50000.0", b"$EXTMAX\n 10\n63500.0")],
+    ids=["text", "header"],
+)
+def test_an_extent_is_measured_in_the_file(gesim, tmp_path, old, new):
+    def edit(name: str, content: bytes) -> bytes:
+        assert not name.endswith(".dxf") or content.count(old) == 1
+        return content.replace(old, new) if name.endswith(".dxf") else content
+
+    failed = {check.name for check in verify_package(honest(gesim, tmp_path / "q.zip", edit)) if not check.passed}
+    assert failed == {"extent", "paper"}  # its certificate tells of another extent
+
+
+# --- figures that share an edge --------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("shape", sweep(["dot", "bar"], 1))
+def test_no_two_figures_of_a_file_share_an_edge_where_the_house_minds(tmp_path, shape):
+    """A plain bar needs no cut, and no mark of ours, code included, has one."""
+    job, path = load(write_job(tmp_path, *TEMPLATE, opening=opening(shape))), tmp_path / "p.zip"
+    made = pack(job, load_shop("mr_nanotec"), path)
+    assert made.path == path, [str(each) for each in made.findings]
+    options = db.LoadLayoutOptions()
+    options.dxf_dbu, options.dxf_unit = 0.001, 1.0
+    layout = db.Layout()
+    layout.read(str(unpacked(path, ".dxf")), options)
+    drawn = {info.name: db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(info)))
+             for info in layout.layer_infos()}  # fmt: skip
+    assert drawn["CLEAR"].count() > 100
+    for region in drawn.values():
+        region.merged_semantics = False
+        assert region.perimeter() == region.merged(True, 1).perimeter()
+    assert {name for name, region in drawn.items() if region.count()} == {"CLEAR", "CUT"}
+    layers = {layer.dxf.name for layer in ezdxf.readfile(unpacked(path, ".dxf")).layers}
+    assert layers == {"0", "Defpoints", "CLEAR", "CUT", "NOTE"}  # ezdxf adds the second when it reads
+
+
+def test_a_cut_in_an_opening_is_told_by_its_die_and_a_cut_in_a_mark_by_its_mark(tmp_path):
+    plate = load(write_job(tmp_path, *TEMPLATE, opening=opening("eye"))).plate()
+    finding = the("shared_boundaries", check_shop(plate, load_shop("mr_nanotec")))
+    assert finding.passed is False
+    assert "die PLAIN" in finding.place or "die TURNED" in finding.place
+    assert "inside its holes" in finding.cure
+
+
+def test_a_job_for_such_a_house_writes_stencils_too(tmp_path):
+    from maskfab.pipeline import draw_files, shop_quantities
+
+    edits = (*TEMPLATE, ("[plate]", '[export]\nshop = "mr_nanotec"\n\n[plate]'))
+    job = load(write_job(tmp_path, *edits, opening=opening("dot")))
+    made = draw_files(job, job.plate())
+    assert not [each for each in shop_quantities(job, made) if each.passed is False]
+
+
+# --- names of layers -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.slow
+def test_layers_are_called_as_the_profile_says(capsys, tmp_path):
+    text = '[names]\nforbidden_layers = ["CLEAR", "NOTE"]\n'
+    named = 'layers = { CLEAR = "MASK_1", CUT = "MASK_2", NOTE = "TEXT" }\n[polygons]\nholes = "layer"\n'
+    job, path = load(write_job(tmp_path, *TEMPLATE)), tmp_path / "p.zip"
+    sent = ("dxf_r12", "dxf_r2010", "oasis")
+    refused = pack(job, house(text), path, sent)
+    assert refused.path is None
+    bad = [each for each in refused.findings if each.passed is False]
+    assert {each.rule for each in bad} == {"layer_name"}
+    assert '[names] layers = { CLEAR = "..." }' in bad[0].cure
+    made = pack(job, house(text + named), path, sent)
+    assert made.path == path, [str(each) for each in made.findings if each.passed is False]
+    for suffix in ("_R12.dxf", "_R2010.dxf"):
+        drawing = ezdxf.readfile(unpacked(path, suffix))
+        assert {layer.dxf.name for layer in drawing.layers} == {"0", "Defpoints", "MASK_1", "MASK_2", "TEXT"}
+    layout = db.Layout()
+    layout.read(str(unpacked(path, ".oas")))
+    used = [info for info in layout.layer_infos() if not layout.top_cell().bbox(layout.find_layer(info)).empty()]
+    assert {info.to_s() for info in used} == {"MASK_1 (1/0)", "MASK_2 (2/0)"}
+    assert all(check.passed for check in verify_package(path))
+
+
+def test_a_run_for_a_house_with_its_own_names_of_layers(capsys, tmp_path):
+    section = '[export]\nformats = ["gdsii", "dxf_r12"]\nshop = "mine.toml"\n\n[plate]'
+    job = write_job(tmp_path, ("[plate]", section))
+    (tmp_path / "mine.toml").write_text(HOUSE + '[names]\nlayers = { CLEAR = "MASK_1" }\n', encoding="utf-8")
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--quiet")
+    assert answer.code == 0, answer.stderr
+    drawing = ezdxf.readfile(tmp_path / "out" / "SMALL_R12.dxf")
+    assert {"MASK_1", "OUTLINE", "NOTE"} <= {layer.dxf.name for layer in drawing.layers}
+    assert "CLEAR" not in {layer.dxf.name for layer in drawing.layers}
+
+
+# --- the blank, and what cures say -----------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("chrome", "edits", "refused"),
+    [('"100 nm"', TEMPLATE, set()), ('"500 nm"', TEMPLATE, {"chrome"}), ('"500 nm"', (), {"chrome"})],
+)
+def test_chrome_and_glass_are_held_against_the_house(capsys, tmp_path, chrome, edits, refused):
+    job = write_job(tmp_path, *edits, ("[plate]", f"[export]\nchrome = {chrome}\n\n[plate]"))
+    answer = command(capsys, "check", job, "--shop", "topro_chrome", "--json", "--quiet")
+    rules = {rule["rule"]: rule for rule in answer.document["rules"]}
+    assert {name for name, rule in rules.items() if rule["passed"] is False} == refused
+    assert rules["chrome"]["limit"] == "100 to 125"
+    assert rules["glass"]["passed"] is (True if edits else None)
+    if refused:
+        assert "export.chrome" in rules["chrome"]["cure"]
+
+
+def test_glass_of_another_thickness_is_refused_with_templates_that_have_it(tmp_path):
+    (tmp_path / "thick.toml").write_text(HOUSE + "[plate]\nglass_mm = [1.0, 2.0]\n", encoding="utf-8")
+    made = pack(load(write_job(tmp_path, *TEMPLATE)), load_shop(str(tmp_path / "thick.toml")), tmp_path / "p.zip")
+    finding = the("glass", made.findings)
+    assert (made.path, finding.passed, finding.value) == (None, False, 2.286)
+    assert 'plate.template to "4in"' in finding.cure
+
+
+def test_a_blank_of_the_wrong_size_is_cured_by_a_template(capsys, tmp_path):
+    job = write_job(tmp_path, (TEMPLATE[0][0], 'template = "6in"'), TEMPLATE[1])
+    answer = command(capsys, "check", job, "--shop", "gesim", "--json", "--quiet")
+    cure = the("blank", [Finding(**rule) for rule in answer.document["rules"]]).cure
+    assert 'plate.template to "5in"' in cure
+    cured = write_job(tmp_path, *TEMPLATE)
+    assert command(capsys, "check", cured, "--shop", "gesim", "--quiet").code == 0
+
+
+def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_path):
+    shop = house("[limits]\ngrid_nm = [5]\n")
+    job, path = load(write_job(tmp_path, *TEMPLATE)), tmp_path / "p.zip"
+    made = pack(job, shop, path, ("gdsii",))
+    assert made.path == path, [str(each) for each in made.findings]
+    assert the("grid", made.findings).value == 5
+    layout = db.Layout()
+    layout.read(str(unpacked(path, ".gds")))
+    region = db.Region(layout.top_cell().begin_shapes_rec(layout.find_layer(1, 0)))
+    region.merged_semantics = False
+    assert region.grid_check(5, 5).is_empty()
+    odd = (('dot = "8 um"', 'dot = "8.001 um"'), ('pitch = "56 um"', 'pitch = "56.007 um"'))
+    finding = the("grid", check_shop(load(write_job(tmp_path, *TEMPLATE, *odd)).plate(), shop))
+    assert finding.passed is False
+    assert "die PLAIN" in finding.place
+    assert "multiples of 5 nm" in finding.cure
+
+
+@pytest.mark.parametrize("name", ["jd_photo_data", "mr_nanotec"])
+def test_where_no_list_of_formats_is_published_none_is_refused(tmp_path, name):
+    plate = load(write_job(tmp_path, opening=opening("dot"))).plate()
+    finding = the("format", check_shop(plate, load_shop(name), ("gdsii",)))
+    assert finding.passed is None
+    assert "dxf_r12" in finding.cure
+
+
+def test_rules_of_text_and_of_masks_on_a_layer_are_judged(tmp_path):
+    findings = check_shop(load(write_job(tmp_path, opening=opening("dot"))).plate(), load_shop("mr_nanotec"))
+    assert {each.rule for each in findings} >= {"text_charset", "text_style", "text_layer", "one_mask_per_layer"}
+
+
+# --- the package itself ----------------------------------------------------------------------------------------------
+
+
+def test_a_package_holds_its_job_and_nothing_else_is_read(capsys, tmp_path):
+    job, path = load(write_job(tmp_path)), tmp_path / "p.zip"
+    pack(job, load_shop("pog"), path)
+    assert load(unpacked(path, "job.json")).digest == job.digest
+
+    def names_a_file(name: str, content: bytes) -> bytes:
+        if not name.endswith("job.json"):
+            return content
+        document = json.loads(content)
+        document["die"][0]["opening"] = "../elsewhere.toml"
+        return json.dumps(document).encode()
+
+    failed = [check for check in verify_package(honest(path, tmp_path / "q.zip", names_a_file)) if not check.passed]
+    assert [check.name for check in failed] == ["drawn_again"]
+    assert "elsewhere" in failed[0].method
+    lacking = honest(path, tmp_path / "r.zip", lambda name, content: None if name.endswith("job.json") else content)
+    answer = command(capsys, "verify", lacking, "--quiet")
+    assert answer.code == 1
+    assert "--against" in answer.stderr
+    assert command(capsys, "verify", lacking, "--against", tmp_path / "job.toml", "--quiet").code == 0
+
+
+def test_folders_above_a_package_are_made_with_it_and_not_for_a_refusal(capsys, tmp_path):
+    job, out = write_job(tmp_path), tmp_path / "a" / "b" / "p.zip"
+    assert command(capsys, "package", job, "--shop", "gesim", "--out", out, "--quiet").code == 1
+    assert not (tmp_path / "a").exists()
+    assert command(capsys, "package", job, "--shop", "pog", "--out", out, "--quiet").code == 0
+    assert zipfile.is_zipfile(out)
+
+
+def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
+    from maskfab.export import outputs
+
+    def full(figures, kind, comments, style):
+        def write(path: Path) -> None:
+            raise OutputError(
+                "MF401", f"{path} cannot be written: No space left on device", cure="Choose another --out"
+            )
+
+        return write
+
+    job = load(write_job(tmp_path))
+    monkeypatch.setattr(outputs, "mask_writer", full)
+    with pytest.raises(OutputError, match="temporary folder") as refusal:
+        pack(job, load_shop("pog"), tmp_path / "p.zip")
+    assert "TMPDIR" in refusal.value.cure
+    assert not (tmp_path / "p.zip").exists()
+
+
+def test_a_target_that_cannot_be_written_is_told_as_such_even_beside_the_temporary_folder(monkeypatch, tmp_path):
+    from maskfab.delivery import pack as packing
+
+    def full(target, *_, **__):
+        raise OutputError("MF401", f"{target} cannot be written: No space left on device", cure="Choose another --out")
+
+    monkeypatch.setattr(packing, "write_package", full)
+    with pytest.raises(OutputError, match=r"p\.zip cannot be written") as refusal:
+        pack(load(write_job(tmp_path)), load_shop("pog"), tmp_path / "p.zip")
+    assert "--out" in refusal.value.cure

@@ -1,0 +1,291 @@
+"""Packages: equal bytes, safe names, proofs from the files in the zip, and nothing where the house would refuse."""
+
+from __future__ import annotations
+
+import json
+import multiprocessing
+import time
+import zipfile
+from dataclasses import replace
+
+import pytest
+from hostile_files import overlapping
+from small_job import command, write_job
+
+from maskfab.delivery.archive import safe_stem
+from maskfab.delivery.pack import pack, verify_package
+from maskfab.errors import SourceError
+from maskfab.job import load
+from maskfab.mask_shops.profiles import load_shop
+from maskfab.readers.sandbox import bounded
+from maskfab.readers.sandbox.limits import children_seconds
+
+
+def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):
+    job, shop = load(write_job(tmp_path)), load_shop("generic-chrome")
+    made = [pack(job, shop, tmp_path / name, ("gdsii", "dxf_r12")) for name in ("a.zip", "b.zip")]
+    assert made[0].path is not None
+    assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
+    checks = verify_package(made[0].path, job, shop)
+    assert all(check.passed for check in checks)
+    assert {"sha256", "readback_xor_area", "readback_wrong_dots", "cd_x_1x"} <= {check.name for check in checks}
+    with zipfile.ZipFile(made[0].path) as archive:
+        names = {name.partition("/")[2] for name in archive.namelist()}
+        order = archive.read("SMALL_generic-chrome/order.txt").decode()
+        manifest = json.loads(archive.read("SMALL_generic-chrome/manifest.json"))
+    assert names - {"manifest.json"} == {file["path"] for file in manifest["files"]}
+    assert "digitized data = clear" in order
+    assert "right reading, chrome up" in order
+
+
+def test_a_refused_plate_leaves_no_package(capsys, tmp_path):
+    job = write_job(tmp_path)
+    answer = command(capsys, "package", job, "--shop", "gesim", "--out", tmp_path / "p.zip", "--quiet")
+    assert answer.code == 1
+    assert "REFUSED blank" in answer.stdout
+    assert not list(tmp_path.glob("*.zip"))
+
+
+@pytest.mark.parametrize("name", ["../../etc/passwd", "a\\b", "/root", "..", "CON", ""])
+def test_names_with_path_separators_become_plain(name):
+    stem = safe_stem(name)
+    assert stem
+    assert not set(stem) & set("/\\.:")
+    assert stem.upper() != "CON"
+
+
+@pytest.mark.parametrize("member", ["../evil.txt", "/etc/evil", "x/../../evil", "x\\..\\evil", "C:evil"])
+def test_a_package_with_a_hostile_member_is_refused(tmp_path, member):
+    path = tmp_path / "hostile.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("x/manifest.json", '{"files": []}')
+        archive.writestr(member, "evil")
+    with pytest.raises(SourceError) as refusal:
+        verify_package(path)
+    assert refusal.value.code == "MF423"
+
+
+@pytest.mark.parametrize("name", ["", "x/", ".", "x/y/z"])
+def test_a_package_with_a_member_of_no_name_is_refused(tmp_path, name):
+    path = tmp_path / "nameless.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("x/manifest.json", '{"files": []}')
+        archive.writestr(zipfile.ZipInfo(name), "")
+    with pytest.raises(SourceError) as refusal:
+        verify_package(path)
+    assert refusal.value.code == "MF423"
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_BZIP2, zipfile.ZIP_LZMA])
+def test_a_package_packed_in_another_way_is_refused(tmp_path, packing):
+    path = tmp_path / "p.zip"
+    with zipfile.ZipFile(path, "w", packing) as archive:
+        archive.writestr("x/manifest.json", '{"files": []}')
+    with pytest.raises(SourceError, match="packed in a way"):
+        verify_package(path)
+
+
+@pytest.mark.parametrize("offset", [0, 2**31 - 1, 2**32 - 1])
+@pytest.mark.parametrize("field", [2, 6])
+def test_a_package_whose_directory_lies_elsewhere_is_refused(tmp_path, field, offset):
+    """Size and place of the directory, which zipfile seeks without asking whether they can be."""
+    path = tmp_path / "p.zip"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("x/manifest.json", '{"files": []}')
+    data = bytearray(path.read_bytes())
+    data[len(data) - field - 4 : len(data) - field] = offset.to_bytes(4, "little")
+    path.write_bytes(data)
+    with pytest.raises(SourceError) as refusal:
+        verify_package(path)
+    assert refusal.value.code in {"MF303", "MF422"}
+
+
+def test_a_changed_file_is_a_failed_check(tmp_path):
+    path = tmp_path / "p.zip"
+    made = pack(load(write_job(tmp_path)), load_shop("pog"), path)
+    assert made.path == path
+    with zipfile.ZipFile(path) as archive:
+        held = {name: archive.read(name) for name in archive.namelist()}
+    with zipfile.ZipFile(tmp_path / "q.zip", "w") as archive:
+        for name, content in held.items():
+            archive.writestr(name, content + b" " if name.endswith("order.txt") else content)
+    (failed,) = (check for check in verify_package(tmp_path / "q.zip") if not check.passed)
+    assert "order.txt" in failed.method
+
+
+def test_what_is_no_package_is_refused(tmp_path):
+    (tmp_path / "no.zip").write_text("no zip", encoding="utf-8")
+    for name, code in (("no.zip", "MF422"), ("none.zip", "MF301")):
+        with pytest.raises(SourceError) as refusal:
+            verify_package(tmp_path / name)
+        assert refusal.value.code == code
+
+
+def test_findings_keep_their_source(tmp_path):
+    shop = load_shop("gesim")
+    made = pack(load(write_job(tmp_path)), shop, tmp_path / "p.zip")
+    assert made.path is None
+    assert all(replace(each).source == shop.sources[0] for each in made.findings)
+
+
+# --- maskfab verify PACKAGE ------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def packed(tmp_path_factory):
+    """A job and its package for a shop."""
+    folder = tmp_path_factory.mktemp("packed")
+    job, path = write_job(folder), folder / "p.zip"
+    assert pack(load(job), load_shop("generic-chrome"), path, ("gdsii", "oasis")).path == path
+    return job, path
+
+
+def names_of(answer) -> set[str]:
+    return {check["name"] for check in answer.document["checks"]}
+
+
+def test_verify_takes_a_package_by_its_bytes_alone_or_with_its_job_and_shop(capsys, packed):
+    job, path = packed
+    answer = command(capsys, "verify", path, "--json", "--quiet")
+    assert (answer.code, answer.document["verdict"]) == (0, "pass")
+    assert names_of(answer) >= {"sha256", "manifest_job_hash", "readback_xor_area", "readback_wrong_dots"}
+    assert (answer.document["package"], answer.document["against"], answer.document["shop"]) == (str(path), None, None)
+    answer = command(capsys, "verify", path, "--against", job, "--shop", "generic-chrome", "--json", "--quiet")
+    assert (answer.code, answer.document["shop"]) == (0, "generic-chrome")
+    assert names_of(answer) >= {"sha256", "readback_xor_area", "readback_wrong_dots"}
+    answer = command(capsys, "verify", path)
+    assert (answer.code, answer.stdout) == (0, "")
+    assert answer.stderr.splitlines()[-1].startswith("PASS: ")
+
+
+def test_verify_tells_a_package_of_another_job(capsys, packed, tmp_path):
+    _, path = packed
+    other = write_job(tmp_path, ("seed = 3", "seed = 4"))
+    answer = command(capsys, "verify", path, "--against", other, "--shop", "generic-chrome", "--json", "--quiet")
+    failed = {(check["name"], check.get("die")) for check in answer.document["checks"] if not check["passed"]}
+    assert answer.code == 1
+    assert ("readback_xor_area", "TURNED") in failed
+    assert ("readback_xor_area", "PLAIN") not in failed
+    assert "sha256" not in {name for name, _ in failed}
+
+
+def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
+    _, path = packed
+    with zipfile.ZipFile(path) as archive, zipfile.ZipFile(tmp_path / "q.ZIP", "w") as changed:
+        for name in archive.namelist():
+            content = archive.read(name)
+            changed.writestr(name, content[:-1] if name.endswith(".oas") else content)
+        changed.writestr(archive.namelist()[0].partition("/")[0] + "/more.txt", "more")
+    answer = command(capsys, "verify", tmp_path / "q.ZIP", "--quiet")
+    assert answer.code == 1
+    assert "SHA-256 of SMALL.oas" in answer.stderr
+    assert "more.txt" in answer.stderr
+
+
+@pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copy")
+def test_masks_of_a_package_are_compared_within_limits(packed, tmp_path, monkeypatch):
+    monkeypatch.setattr(bounded, "SECONDS", 1)
+    hostile = overlapping(tmp_path / "few.oas", 2000).read_bytes()
+    with zipfile.ZipFile(packed[1]) as archive, zipfile.ZipFile(tmp_path / "q.zip", "w") as changed:
+        for name in archive.namelist():
+            changed.writestr(name, hostile if name.endswith(".oas") else archive.read(name))
+    before = children_seconds() + time.process_time()
+    failed = [check for check in verify_package(tmp_path / "q.zip") if check.passed is False]
+    assert children_seconds() + time.process_time() - before < 12
+    assert [check.method[:17] for check in failed if check.name == "readable"] == ["SMALL.oas: MF322 "]
+    assert {check.name for check in failed} >= {"readable", "sha256"}
+
+
+@pytest.mark.parametrize(
+    ("options", "code", "where"),
+    [
+        (("--against", "none.toml"), "MF301", None),
+        (("--shop", "pog"), "MF105", "--against"),
+        (("--die", "PLAIN"), "MF105", "--die"),
+        (("--layer", "1/0", "--dots-per-um", "1"), "MF105", "--layer"),
+        (("--against", "none.toml", "--shop", "no-such-house"), "MF420", ""),
+        (("--against", "none.toml", "--shop", "pog"), "MF301", None),
+    ],
+)
+def test_verify_refuses_what_cannot_be_said_of_a_package(capsys, packed, options, code, where):
+    answer = command(capsys, "verify", packed[1], *options, "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, code)
+    if where is not None:
+        assert answer.document["error"]["where"] == where
+
+
+@pytest.mark.parametrize(("content", "code"), [(None, "MF301"), (b"", "MF422"), (b"PK no zip", "MF422")])
+def test_verify_refuses_what_is_no_package(capsys, tmp_path, content, code):
+    path = tmp_path / "p.zip"
+    if content is not None:
+        path.write_bytes(content)
+    answer = command(capsys, "verify", path, "--json")
+    assert (answer.code, answer.document["error"]["code"]) == (2, code)
+
+
+def test_a_shop_is_for_packages(capsys, packed):
+    job, _ = packed
+    for subject in (job.parent, job):
+        answer = command(capsys, "verify", subject, "--against", job, "--shop", "pog", "--json")
+        assert (answer.code, answer.document["error"]["where"]) == (2, "--shop")
+
+
+def test_a_package_is_called_zip(capsys, packed, tmp_path):
+    job, _ = packed
+    out = tmp_path / "p.txt"
+    answer = command(capsys, "package", job, "--shop", "generic-chrome", "--out", out, "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["code"], answer.document["error"]["where"]) == (2, "MF105", "--out")
+    assert not out.exists()
+
+
+@pytest.mark.parametrize("name", ["p.txt", "p", "p.gds"])
+def test_a_package_is_known_by_its_content_whatever_it_is_called(capsys, packed, tmp_path, name):
+    (tmp_path / name).write_bytes(packed[1].read_bytes())
+    answer = command(capsys, "verify", tmp_path / name, "--json", "--quiet")
+    assert (answer.code, answer.document["verdict"]) == (0, "pass")
+
+
+@pytest.mark.parametrize(
+    ("subject", "options", "where"),
+    [
+        (".", ("--against",), "--against"),
+        (".", ("--layer", "1/0"), "--layer"),
+        ("m.gds", ("--dots-per-um", "3", "--against"), "--dots-per-um"),
+        ("m.gds", ("--unit", "mm", "--against"), "--unit"),
+        ("m.png", ("--layer", "5/0", "--cell", "X", "--against"), "--layer"),
+        ("m.TIF", ("--cell", "X", "--against"), "--cell"),
+    ],
+)
+def test_verify_refuses_options_without_a_meaning(capsys, packed, tmp_path, subject, options, where):
+    for name in ("m.gds", "m.png", "m.TIF"):
+        (tmp_path / name).write_bytes(b"")
+    job = (packed[0],) if options[-1] == "--against" else ()
+    error = command(capsys, "verify", tmp_path / subject, *options, *job, "--json", "--quiet").document["error"]
+    assert (error["code"], error["where"]) == ("MF105", where)
+    assert ("directory" in error["what"]) == (subject == ".")
+
+
+def test_a_tolerance_without_an_end_and_a_thickness_that_nobody_states_are_told_in_words(capsys, tmp_path):
+    shop = tmp_path / "mine.toml"
+    shop.write_text(
+        'title = "A house"\nsources = []\n[plate]\nglass_mm = [1.0, 2.0]\n'
+        "[tolerance]\ncd_um = [[10.0, 0.5], [inf, 2.54]]\n",
+        encoding="utf-8",
+    )
+    job, path = write_job(tmp_path), tmp_path / "p.zip"
+    answer = command(capsys, "package", job, "--shop", shop, "--out", path, "--quiet")
+    assert "glass: not stated by the job, 1 to 2 mm taken" in answer.stdout
+    with zipfile.ZipFile(path) as archive:
+        sheets = [archive.read(name).decode() for name in archive.namelist() if "/order." in name]
+    assert len(sheets) == 2
+    for sheet in sheets:
+        assert "widths up to 10 um: +-0.5 um; any width beyond: +-2.54 um" in sheet
+        assert "inf um" not in sheet
+
+
+@pytest.mark.slow
+def test_a_format_asked_for_twice_is_sent_once_and_verifies(tmp_path):
+    job, path = load(write_job(tmp_path)), tmp_path / "p.zip"
+    made = pack(job, load_shop("generic-chrome"), path, ("gdsii", "gdsii"))
+    assert [file.format for file in made.files].count("gdsii") == 1
+    assert all(check.passed for check in verify_package(path))

@@ -1,0 +1,256 @@
+"""Verdicts of mask houses: for each of them a plate that it takes, and one that it refuses for the right reason."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from small_job import command, listing, write_job
+
+from maskfab.export.cell_polygons import PolygonOptions, draw
+from maskfab.geometry.plate_layout import plate_layout, region
+from maskfab.job import load
+from maskfab.mask_shops import counts
+from maskfab.mask_shops.adapt import drawing_options, fitted, written_box
+from maskfab.mask_shops.judge import Finding, accepted, check_shop
+from maskfab.mask_shops.profiles import load_shop, parse_shop, shop_names
+from maskfab.model import CLEAR, Plate
+
+SQUARE = (
+    'name = "square"\npitch = "56 um"\ndots = 7\ngrid = """\n'
+    + (".......\n" * 2)
+    + ("..###..\n" * 3)
+    + (".......\n" * 2)
+    + '"""\n'
+)
+FIVE_INCH = (('blank = "27 mm"', 'blank = "5 in"'), ('writable = "22 mm"', 'writable = "100 mm"'))
+FINE = tuple(
+    edit for _ in range(2) for edit in (('dot = "8 um"', 'dot = "0.8 um"'), ('pitch = "56 um"', 'pitch = "5.6 um"'))
+)
+LARGE = (('die_size = "560 um"', 'die_size = "8.4 mm"'), ('die_pitch = "2 mm"', 'die_pitch = "10 mm"'))
+GUTTER = tuple(('pitch = "56 um"', 'pitch = "64 um"\ngutter = "8 um"') for _ in range(2))
+
+# What the house takes: formats, edits of the small job, and its opening if that is another.
+TAKEN = {
+    "compugraphics": (("oasis",), (), None),
+    "generic-chrome": (("gdsii", "oasis", "dxf_r12", "dxf_r2010"), (), None),
+    "gesim": (("dxf_r12",), FIVE_INCH, None),
+    "heidelberg_dwl66": (("gdsii", "gerber"), (), None),
+    "jd_photo_data": (("dxf_r12",), (), None),
+    "mems_exchange_gca3600": ((), FIVE_INCH, None),
+    "mr_nanotec": (("dxf_r12",), (), SQUARE),
+    "photomask_portal": (("gdsii",), (), None),
+    "photoplotstore": (("gdsii",), (), None),
+    "pog": (("gdsii", "dxf_r12"), (), None),
+    "topro_chrome": ((), (), None),
+    "ualberta_mla150": (("dxf_r12", "gdsii"), (), None),
+}
+# What it refuses, and the rules that it names.
+REFUSED = {
+    "compugraphics": (("gerber",), (), None, {"format"}),
+    "generic-chrome": ((), FINE, None, {"min_feature", "min_space"}),
+    "gesim": ((), (), None, {"blank"}),
+    "heidelberg_dwl66": (("oasis",), (), None, {"format"}),
+    "jd_photo_data": ((), FINE, None, {"min_feature", "min_space"}),
+    "mems_exchange_gca3600": ((), (*FIVE_INCH, *LARGE), None, {"flashes"}),
+    "mr_nanotec": (("dxf_r12",), (('name = "PLAIN"', 'name = "CLEAR"'),), SQUARE, {"block_name"}),
+    "photomask_portal": (("dxf_r12",), (), None, {"format"}),
+    "photoplotstore": ((), FINE, None, {"min_feature", "min_space"}),
+    "pog": (("oasis",), (), None, {"format"}),
+    "topro_chrome": ((), FINE, None, {"min_feature", "min_space"}),
+    "ualberta_mla150": (("oasis",), (), None, {"format"}),
+}
+
+
+def laid_out(folder, edits=(), opening=None) -> Plate:
+    named = {} if opening is None else {"opening": opening}
+    return load(write_job(folder, *edits, **named)).plate()
+
+
+def broken(findings) -> set[str]:
+    return {finding.rule for finding in findings if finding.passed is False}
+
+
+def the(rule, findings) -> Finding:
+    (finding,) = (each for each in findings if each.rule == rule)
+    return finding
+
+
+def test_every_profile_is_tried_both_ways():
+    assert set(TAKEN) == set(REFUSED) == set(shop_names())
+
+
+@pytest.mark.parametrize("name", shop_names())
+def test_every_shop_takes_a_plate_that_keeps_its_rules(tmp_path, name):
+    formats, edits, opening = TAKEN[name]
+    findings = check_shop(laid_out(tmp_path, edits, opening), load_shop(name), formats)
+    assert accepted(findings), [str(each) for each in findings if each.passed is False]
+
+
+@pytest.mark.parametrize("name", shop_names())
+def test_every_shop_refuses_a_plate_for_the_rule_that_it_breaks(tmp_path, name):
+    formats, edits, opening, rules = REFUSED[name]
+    shop = load_shop(name)
+    findings = check_shop(laid_out(tmp_path, edits, opening), shop, formats)
+    assert broken(findings) == rules
+    for finding in findings:
+        if finding.passed is False:
+            assert finding.cure
+            assert finding.limit is not None
+            assert finding.source == " ".join(shop.sources)
+
+
+def test_values_and_limits_are_those_of_the_plate(tmp_path):
+    fine = laid_out(tmp_path, FINE)
+    finding = the("min_feature", check_shop(fine, load_shop("generic-chrome")))
+    assert (finding.value, finding.limit, finding.unit) == (0.8, 1.0, "um")
+    assert "die" in finding.place
+    findings = check_shop(fine, load_shop("photoplotstore"))
+    assert the("min_feature", findings).value == 0.8
+
+
+def test_between_standard_and_on_request_the_house_is_asked(tmp_path):
+    edits = tuple((old, new.replace("0.8", "4").replace("5.6", "28")) for old, new in FINE)
+    finding = the("min_feature", check_shop(laid_out(tmp_path, edits), load_shop("photoplotstore")))
+    assert (finding.passed, finding.value, finding.limit) == (None, 4.0, 6.0)
+    assert "request" in finding.cure
+
+
+def test_kissing_corners_are_neither_a_width_nor_a_space_of_nothing(small_plate):
+    findings = check_shop(small_plate, load_shop("generic-chrome"))
+    assert not broken(findings) & {"min_feature", "min_space"}
+    touches = the("corner_touches", findings)
+    assert touches.passed is None
+    assert touches.value > 0
+
+
+def test_a_house_that_forbids_kissing_corners_refuses_them(small_plate):
+    text = 'title = "A"\nsources = []\n[polygons]\ncorner_touches = {}\n[order]\nfields = ["tone"]\n'
+    for allowed, passed in (("false", False), ("true", True)):
+        shop = parse_shop(text.format(allowed), "mine", where="mine.toml")
+        assert the("corner_touches", check_shop(small_plate, shop)).passed is passed
+
+
+def test_names_are_judged_as_the_files_will_carry_them(small_plate):
+    findings = check_shop(small_plate, load_shop("ualberta_mla150"))
+    assert broken(findings) == {"name"}
+    named = [each for each in findings if each.rule == "name" and not each.passed]
+    assert [each.value for each in named] == ["small plate"]
+    assert accepted(check_shop(replace(small_plate, name="small"), load_shop("ualberta_mla150")))
+
+
+def test_a_block_may_not_be_called_as_its_layer(tmp_path):
+    edits = (('name = "PLAIN"', 'name = "CLEAR"'),)
+    findings = check_shop(laid_out(tmp_path, edits, SQUARE), load_shop("mr_nanotec"))
+    assert broken(findings) == {"block_name"}
+
+
+def test_only_what_is_written_goes_out_and_the_corners_that_a_house_wants(tmp_path):
+    plate = laid_out(tmp_path, FIVE_INCH)
+    drawn = fitted(plate, load_shop("gesim"))
+    assert all(mark.layer.written for mark in drawn.furniture)
+    assert drawn.notes == ()
+    assert written_box(drawn) == (-50_000_000, -50_000_000, 50_000_000, 50_000_000)
+    plain = fitted(plate, load_shop("generic-chrome"))
+    assert (region(plate_layout(plain), CLEAR) ^ region(plate_layout(plate), CLEAR)).is_empty()
+    squares = region(plate_layout(drawn), CLEAR) - region(plate_layout(plain), CLEAR)
+    assert squares.count() == 4
+    assert squares.area() == 4 * 50_000**2
+
+
+@pytest.mark.parametrize(("most", "hierarchy", "paired"), [(300, "cells", 0), (120, "cells", 0), (70, "cells", 1)])
+def test_references_are_saved_no_further_than_a_house_needs(tmp_path, most, hierarchy, paired):
+    """The random die has 10 x 10 cells, in pairs 50; one die and sixteen marks or so come on top."""
+    plate = laid_out(tmp_path)
+    text = f'title = "A"\nsources = []\n[limits]\nmax_references = {most}\n[order]\nfields = ["tone"]\n'
+    shop = parse_shop(text, "mine", where="mine.toml")
+    options = drawing_options(fitted(plate, shop), shop)
+    figures = draw(fitted(plate, shop), options)
+    assert options.hierarchy == hierarchy
+    assert len(figures.account.paired) == paired
+    finding = the("references", check_shop(plate, shop))
+    assert finding.passed
+    assert finding.value == counts.references(figures)
+
+
+def test_references_beyond_all_help_are_resolved_or_refused(tmp_path):
+    plate = laid_out(tmp_path)
+    text = 'title = "A"\nsources = []\n[limits]\nmax_references = 30\n[order]\nfields = ["tone"]\n'
+    shop = parse_shop(text, "mine", where="mine.toml")
+    assert the("references", check_shop(plate, shop)).value == 0
+    finding = the("references", check_shop(plate, shop, (), PolygonOptions()))
+    assert (finding.passed, finding.limit) == (False, 30)
+    assert "TURNED" in finding.place
+    assert "max_references" in finding.cure
+
+
+def test_flashes_are_the_rectangles_of_every_cell(tmp_path):
+    """A square of three dots is one rectangle; letters and marks are the same on both plates."""
+    plate = fitted(laid_out(tmp_path, (), SQUARE), load_shop("pog"))
+    bare = replace(plate, dies=())
+    assert counts.flashes(plate) - counts.flashes(bare) == 2 * 10 * 10
+
+
+def test_dots_that_face_each_other_across_cells_are_counted(small_plate):
+    """Against the whole raster of the die, one dot at a time."""
+    die = small_plate.dies[1]
+    panel = die.panel
+    whole = np.block([[panel.pattern(cell) for cell in row] for row in panel.orientations.tolist()])
+    n = panel.opening.dots
+    across = sum(int((whole[:, x - 1] & whole[:, x]).sum()) for x in range(n, whole.shape[1], n))
+    along = sum(int((whole[y - 1] & whole[y]).sum()) for y in range(n, whole.shape[0], n))
+    assert counts.facing_dots(die) == across + along > 0
+    assert counts.facing_dots(small_plate.dies[0]) == 0
+
+
+def test_cells_that_share_an_edge_are_those_that_were_cut(tmp_path):
+    """Labels have letters with holes: cut through they share an edge, on a layer of their own they do not."""
+    plate = laid_out(tmp_path, (), SQUARE)
+    assert "LABEL_PLAIN" in counts.cut_cells(draw(plate))
+    assert "LABEL_PLAIN" not in counts.cut_cells(draw(plate, PolygonOptions(holes="layer")))
+
+
+def test_an_opening_that_reaches_the_next_cell_is_merged_or_given_a_gutter(tmp_path):
+    bar = SQUARE.replace("..###..", "#######").replace("square", "bar")
+    plate = laid_out(tmp_path, (), bar)
+    shop = load_shop("mr_nanotec")
+    assert drawing_options(plate, shop).hierarchy == "merged"
+    assert the("shared_boundaries", check_shop(plate, shop, (), PolygonOptions())).passed is False
+    gutter = laid_out(tmp_path / "gutter", GUTTER, bar)
+    assert the("shared_boundaries", check_shop(gutter, shop, (), PolygonOptions(holes="layer"))).passed is not False
+
+
+# --- the command -----------------------------------------------------------------------------------------------------
+
+
+def test_check_says_pass_and_writes_nothing(capsys, tmp_path):
+    job = write_job(tmp_path)
+    before = listing(tmp_path)
+    answer = command(capsys, "check", job, "--shop", "generic-chrome", "--quiet")
+    assert answer.code == 0
+    assert "PASS min_feature" in answer.stdout
+    assert answer.stderr.startswith("PASS")
+    assert listing(tmp_path) == before
+
+
+def test_check_says_what_is_refused_with_rule_source_and_cure(capsys, tmp_path):
+    job = write_job(tmp_path)
+    answer = command(capsys, "check", job, "--shop", "gesim", "--json", "--quiet")
+    assert (answer.code, answer.document["verdict"]) == (1, "fail")
+    (rule,) = (rule for rule in answer.document["rules"] if rule["passed"] is False)
+    assert (rule["rule"], rule["value"], rule["limit"]) == ("blank", 27.0, "127")
+    assert rule["source"].startswith("https://gesim")
+    assert "plate.blank" in rule["cure"]
+    text = command(capsys, "check", job, "--shop", "gesim", "--quiet")
+    assert text.code == 1
+    assert "REFUSED blank: 27 mm" in text.stdout
+    assert "gesim" in text.stderr
+
+
+@pytest.mark.parametrize(
+    ("options", "code"), [(("--shop", "nobody"), "MF420"), (("--shop", "gesim", "--format", "stl"), "MF105")]
+)
+def test_check_refuses_what_it_does_not_know(capsys, tmp_path, options, code):
+    answer = command(capsys, "check", write_job(tmp_path), *options, "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["code"]) == (2, code)

@@ -1,0 +1,109 @@
+"""Panels with a denser middle: equal light, and what the display pays."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maskfab.camera.transfer import CELLS, lay
+from maskfab.errors import JobError
+from maskfab.model import ORIENTATIONS
+from maskfab.optimiser.maps.density import central, counts, display_price, graded
+from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE
+from maskfab.optimiser.rules.constraints import Constraints
+
+DOTS = 7
+
+
+def block(count):
+    """So many dots, column by column from the corner."""
+    mask = np.zeros(DOTS * DOTS, dtype=np.bool_)
+    mask[:count] = True
+    return mask.reshape(DOTS, DOTS).T
+
+
+@pytest.fixture(scope="module")
+def found(error):
+    return graded(block(12), error, 0.45, block, constraints=Constraints(12, dots=DOTS, dot_nm=24000))
+
+
+def test_the_middle_is_half_of_the_stop(error):
+    middle = central(error)
+    area = error.inside.reshape(CELLS, DOTS, CELLS, DOTS).sum(axis=(1, 3))
+    assert area[middle].sum() / area.sum() == pytest.approx(0.5, abs=0.03)
+    assert np.array_equal(middle, middle[::-1].T)
+
+
+@pytest.mark.parametrize("share", [0.27, 0.35, 0.45])
+def test_two_units_pass_the_light_of_one(error, share):
+    dense, sparse = counts(block(12), error, share)
+    assert dense == round(share * DOTS**2) > 12 > sparse >= 1
+    area = error.inside.reshape(CELLS, DOTS, CELLS, DOTS).sum(axis=(1, 3)) / DOTS**2
+    light = np.where(central(error), dense, sparse) * area
+    assert light.sum() == pytest.approx(12 * area.sum(), rel=0.5 / 12)
+
+
+def test_the_light_is_that_of_the_uniform_panel(found):
+    assert found.uniform_clear_dots == lay("uniform", block(12)).pupil.sum()
+    assert abs(found.designed.clear_dots / found.uniform_clear_dots - 1) <= 10 * LIGHT_TOLERANCE
+
+
+def test_every_cell_holds_the_unit_of_its_place(error, found):
+    held = found.designed.orientations // ORIENTATIONS
+    inside = error.inside.reshape(CELLS, DOTS, CELLS, DOTS).any(axis=(1, 3))
+    assert np.array_equal(held[inside] == 0, central(error)[inside])
+
+
+def test_a_denser_middle_restores_better(found):
+    assert min(found.gain_db) > 0.5
+
+
+def test_the_price_follows_from_the_areas(found):
+    price = found.price
+    assert 0 < price.worst_share < price.uniform_share < price.best_share < 1 / 3
+    assert price.current_ratio == pytest.approx(price.uniform_share / price.worst_share)
+    assert price.life_ratio == pytest.approx(price.current_ratio**-1.44)
+    assert price.luminance_step == pytest.approx(1 - price.worst_share / price.best_share)
+
+
+def test_cells_that_are_alike_make_no_step():
+    held = np.zeros((3, 3), dtype=np.int64)
+    price = display_price(block(12), np.stack([block(12), block(4)]), held, 24000)
+    assert price.luminance_step == 0
+    assert (price.current_ratio, price.life_ratio) == (1, 1)
+
+
+def test_a_cell_without_room_has_no_life():
+    held = np.zeros((2, 2), dtype=np.int64)
+    price = display_price(block(12), np.stack([block(49), block(4)]), held, 24000)
+    assert (price.worst_share, price.current_ratio, price.life_ratio) == (0, math.inf, 0)
+
+
+def test_both_units_keep_the_rules_and_beside_one_another(error):
+    rules = Constraints(12, dots=DOTS, dot_nm=24000, min_feature_dots=2)
+    with pytest.raises(JobError, match=r"MF123.*denser.*min_feature_dots"):
+        graded(block(12), error, 0.45, block, constraints=rules)
+
+
+@pytest.mark.parametrize("rule", [{"kissing": "neighbours"}, {"min_space_dots": 2}])
+def test_units_that_keep_a_rule_may_break_it_beside_one_another(rule):
+    """An open cell beside one with a closed rim: their corners meet at vertices, one dot lies between them."""
+    whole, middle = np.ones((DOTS, DOTS), dtype=np.bool_), np.zeros((DOTS, DOTS), dtype=np.bool_)
+    middle[1:-1, 1:-1] = True
+    rules = Constraints(25, dots=DOTS, **rule)
+    for unit in (whole, middle):
+        assert replace(rules, clear_dots=int(unit.sum())).allows(unit)
+        assert rules.broken_beside(unit[None]) is None
+    assert rules.broken_beside(np.stack([whole, middle])) == next(iter(rule))
+    assert Constraints(25, dots=DOTS).broken_beside(np.stack([whole, middle])) is None
+    apart = replace(rules, gutter_nm=2 * rules.dot_nm)
+    assert apart.broken_beside(np.stack([whole, middle])) is None
+
+
+@pytest.mark.parametrize("share", [0.1, 12 / 49, 0.9, 1.1, math.nan])
+def test_shares_that_cannot_be_are_told(error, share):
+    with pytest.raises(JobError, match="MF104"):
+        counts(block(12), error, share)

@@ -1,0 +1,313 @@
+"""Objectives: true gradients, sums that share one transform, and what each is blind to."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import torch
+from once import leaves
+
+from maskfab.camera.photographs import Scene
+from maskfab.camera.protocol import EPSILONS
+from maskfab.camera.transfer import lay, transfer_grid
+from maskfab.errors import InputError
+from maskfab.model import Camera, Opening, Panel, Stop, Tiling
+from maskfab.optics.image.lag_table import lag_table
+from maskfab.optics.image.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
+from maskfab.optimiser.relax.autocorrelation import Autocorrelation
+from maskfab.optimiser.relax.expected_error import FEW_EPSILONS, ExpectedError, boundary_leak, expected_error
+from maskfab.optimiser.relax.mtf_auc import MtfAuc, mtf_auc
+from maskfab.optimiser.relax.objective import AreaPenalty, Objective, Weighted
+from maskfab.optimiser.relax.tiled_stop import TiledStop, invertibility_of, tiled_stop
+from maskfab.optimiser.relax.top_residual import TopResidual, top_residual
+
+DOTS = 7
+SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
+CELLS = np.random.default_rng(3).integers(8, size=(8, 8)).astype(np.int8)
+RANDOM24 = np.random.default_rng(0).integers(8, size=(24, 24)).astype(np.int8)
+
+
+def small_stop(camera: Camera = SMALL) -> TiledStop:
+    return tiled_stop(DOTS, 8000, CELLS, camera, precision="float64")
+
+
+def unit_of(seed: int, dots: int = DOTS) -> torch.Tensor:
+    return torch.from_numpy(np.random.default_rng(seed).random((dots, dots)))
+
+
+@pytest.fixture(scope="module")
+def scenes() -> tuple[Scene, ...]:
+    return leaves(1), leaves(2)
+
+
+@pytest.fixture(scope="module")
+def known(scenes: tuple[Scene, ...]) -> Surrogate:
+    return surrogate(scenes)
+
+
+@pytest.fixture(scope="module")
+def error(known: Surrogate) -> ExpectedError:
+    return expected_error(known, RANDOM24, precision="float64")
+
+
+def small_residual(**change: object) -> TopResidual:
+    scene = Scene("noise", 1, np.random.default_rng(8).random((3, 96, 96)).astype(np.float32))
+    options = {"side": 32, "margin": 16, "crops": 3, "batch": 2, **change}
+    return top_residual(small_stop(), [scene], **options)  # type: ignore[arg-type]
+
+
+def slopes_agree(objective: Objective, unit: torch.Tensor, *, step: float = 1e-6, within: float = 1e-5) -> None:
+    leaf = unit.clone().requires_grad_()
+    (gradient,) = torch.autograd.grad(objective(leaf), leaf)
+    draw = np.random.default_rng(0)
+    for _ in range(3):
+        way = torch.from_numpy(draw.standard_normal(unit.shape))
+        with torch.no_grad():
+            slope = (objective(unit + step * way) - objective(unit - step * way)) / (2 * step)
+        assert float((gradient * way).sum()) == pytest.approx(float(slope), rel=within, abs=1e-10)
+
+
+@pytest.mark.parametrize("own_sum", [False, True])
+def test_invertibility_on_a_shared_stop_has_a_true_gradient(own_sum: bool) -> None:
+    slopes_agree(invertibility_of(small_stop(), own_sum=own_sum), unit_of(0))
+
+
+def test_auc_has_a_true_gradient() -> None:
+    slopes_agree(mtf_auc(small_stop()), unit_of(1))
+
+
+@pytest.mark.parametrize("change", [{}, {"beyond": "dark"}, {"level": 32}, {"share": 1.0}])
+def test_residuals_have_a_true_gradient(change: dict[str, object]) -> None:
+    objective = small_residual(**change)
+    # Noise of a darker record is held constant in its slope, as the shots are not part of the design.
+    unit = unit_of(2)
+    if "level" in change:
+        leaf = unit.clone().requires_grad_()
+        (gradient,) = torch.autograd.grad(objective(leaf), leaf)
+        assert bool(torch.isfinite(gradient).all())
+        return
+    slopes_agree(objective, unit, within=1e-4)
+
+
+def test_expected_error_has_a_true_gradient(error: ExpectedError) -> None:
+    slopes_agree(error, 0.2 + 0.3 * unit_of(4, 21), within=1e-4)
+
+
+def test_leak_has_a_true_gradient(known: Surrogate) -> None:
+    slopes_agree(boundary_leak(known, RANDOM24, precision="float64"), 0.2 + 0.3 * unit_of(5, 21), within=1e-4)
+
+
+def test_a_sum_is_the_sum_of_its_terms_and_transforms_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    stop = small_stop()
+    terms = ((2.0, invertibility_of(stop)), (-0.5, mtf_auc(stop)), (3.0, AreaPenalty(0.3, 7.0)))
+    unit = unit_of(6)
+    alone = sum(weight * float(term(unit)) for weight, term in terms)
+    called: list[int] = []
+    transform = Autocorrelation.__call__
+
+    def counted(self: Autocorrelation, cell: torch.Tensor) -> torch.Tensor:
+        called.append(1)
+        return transform(self, cell)
+
+    monkeypatch.setattr(Autocorrelation, "__call__", counted)
+    assert float(Weighted(terms)(unit)) == pytest.approx(alone, rel=1e-12)
+    assert len(called) == 1
+    with pytest.raises(InputError):
+        Weighted(())
+
+
+def test_the_area_is_led_down_by_a_slope_or_by_stairs() -> None:
+    slope = AreaPenalty(0.2, 1.0, settled=0.5)
+    assert [round(slope.wanted(k, 101), 3) for k in (0, 25, 50, 75, 100)] == [1.0, 0.6, 0.2, 0.2, 0.2]
+    # Published: 0.05 every five of 150 epochs, down to 0.2.
+    stairs = AreaPenalty(0.2, 10.0, settled=80 / 150, stair=0.05)
+    for epoch in range(150):
+        assert stairs.wanted(6 * epoch, 900) == pytest.approx(max(0.2, 1 - 0.05 * (epoch // 5)))
+        assert stairs.wanted(6 * epoch + 5, 900) == pytest.approx(max(0.2, 1 - 0.05 * (epoch // 5)))
+    assert stairs.at(-1, 900).now == 0.2
+    assert float(stairs.at(0, 900)(torch.full((3, 3), 0.7))) == pytest.approx(10 * 0.3**2)
+
+
+def test_cold_auc_is_that_of_the_optics() -> None:
+    """The same rings and pixels, from the stop's own dots instead of the exact disc."""
+    rng = np.random.default_rng(1)
+    mask = rng.random((21, 21)) < 0.3
+    camera = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)
+    objective = mtf_auc(tiled_stop(21, 8000, RANDOM24, camera, precision="float64"), temperature=1e-5)
+    unit = torch.from_numpy(mask.astype(np.float64))
+    panel = Panel(Opening("x", mask, 8000), 8000, 0, RANDOM24, Tiling.RANDOM, 0)
+    table = lag_table(cut(panel_aperture(panel, 2000.0), camera.stop), longest_lag_um(camera))
+    expected = area_under_radial_min(presampled_mtf(table, camera, 530.0))
+    assert objective.auc(unit) == (pytest.approx(expected, rel=0.01),)
+    assert -float(objective(unit)) == pytest.approx(objective.auc(unit)[0], abs=1e-4)
+
+
+def test_warm_auc_is_between_the_minimum_and_the_mean() -> None:
+    stop, unit = small_stop(), unit_of(7)
+    true = np.mean(mtf_auc(stop).auc(unit))
+    smoothed = [-float(mtf_auc(stop, temperature=t)(unit)) for t in (1e-4, 0.01, 0.1, 10.0)]
+    assert true < smoothed[0] < smoothed[1] < smoothed[2] < smoothed[3]
+    with pytest.raises(InputError):
+        mtf_auc(stop, temperature=0.0)
+
+
+def test_darkness_is_free_for_auc_and_published_loss_but_not_for_the_others(error: ExpectedError) -> None:
+    stop, unit = small_stop(), unit_of(9)
+    for blind in (mtf_auc(stop), invertibility_of(stop, own_sum=True)):
+        assert float(blind(0.5 * unit)) == pytest.approx(float(blind(unit)), rel=1e-9)
+    energy_true = invertibility_of(stop)
+    assert float(energy_true(0.5 * unit)) > float(energy_true(unit)) + 0.01
+    large = unit_of(9, 21)
+    assert float(error(0.5 * large)) > float(error(large)) + 0.5
+
+
+def test_grey_is_the_optimum_of_the_published_loss_and_only_of_that() -> None:
+    """Any pattern of the same mean is worse than grey when darkness is free; holes beat equally dark grey when not."""
+    stop = small_stop()
+    published, energy_true = invertibility_of(stop, own_sum=True), invertibility_of(stop)
+    grey = torch.full((DOTS, DOTS), 0.2, dtype=torch.float64)
+    for seed in range(20):
+        mask = torch.from_numpy(np.random.default_rng(seed).permutation(49).reshape(7, 7) < 10).double()
+        assert float(published(mask)) > float(published(grey)) + 0.05
+    assert float(published(grey)) == pytest.approx(float(published(torch.ones_like(grey))), rel=1e-9)
+    assert float(energy_true(grey)) > float(energy_true(torch.ones_like(grey))) + 0.05
+
+
+def test_no_noise_to_signal_ratio_is_finite_even_where_nothing_passes() -> None:
+    objective = invertibility_of(small_stop(), epsilon=0.0)
+    column = torch.zeros((DOTS, DOTS), dtype=torch.float64)
+    column[3, 3] = 1
+    leaf = column.requires_grad_()
+    value = objective(leaf)
+    (gradient,) = torch.autograd.grad(value, leaf)
+    assert -1 <= value.item() <= 0
+    assert bool(torch.isfinite(gradient).all())
+
+
+def test_grid_transfer_is_that_of_the_protocol() -> None:
+    """Apart from what sampling folds back, which the protocol adds: compare where its orders reach beyond the stop."""
+    camera = Camera(10_000.0, Stop("circle", 2 * 250 / 504 * 4032.0), (610.0, 530.0, 470.0), 2.0, 256.0)
+    stop = tiled_stop(21, 8000, RANDOM24, camera, precision="float64")
+    unit = np.random.default_rng(2).random((21, 21)) < 0.3
+    table = stop.correlation(torch.from_numpy(unit.astype(np.float64)))
+    found = stop.on_grid((64, 96))(table).numpy()
+    laid = lay("x", unit, RANDOM24)
+    assert stop.share(table) == pytest.approx(laid.open_share)
+    expected = transfer_grid((64, 96), laid.lattice)(laid.pupil)
+    assert found.shape == expected.shape
+    low = abs(np.fft.fftfreq(64))[:, None] + np.fft.rfftfreq(96) < 0.1
+    np.testing.assert_allclose(found[:, low], expected[:, low], atol=0.02)
+    assert found[:, 0, 0] == pytest.approx(1.0)
+
+
+def test_expected_error_is_the_surrogates_for_one_layout(known: Surrogate) -> None:
+    objective = expected_error(known, RANDOM24, epsilons=EPSILONS, precision="float64")
+    draw = np.random.default_rng(4)
+    ours, theirs = [], []
+    for _ in range(6):
+        top, left, height, width = draw.integers(0, 5), draw.integers(0, 5), draw.integers(6, 16), draw.integers(5, 16)
+        unit = np.zeros((21, 21), dtype=np.bool_)
+        unit[top : top + height, left : left + width] = True
+        errors = objective.errors(objective.correlation(torch.from_numpy(unit.astype(np.float64))))
+        ours.append((-10 * torch.log10(errors)).numpy())
+        theirs.append(known(unit))
+    np.testing.assert_allclose(ours, theirs, atol=0.5)
+    assert abs(np.mean(np.subtract(ours, theirs))) < 0.25
+
+
+def test_fewer_constants_cost_little(known: Surrogate, error: ExpectedError) -> None:
+    every = expected_error(known, RANDOM24, epsilons=EPSILONS, precision="float64")
+    unit = (unit_of(10, 21) < 0.25).double()
+    assert 0 <= float(error(unit)) - float(every(unit)) < 0.05
+    assert len(FEW_EPSILONS) == 8
+
+
+def test_the_interior_alone_misses_the_edge(known: Surrogate) -> None:
+    """Scattered dots have a wide halo that leaks; a compact opening of as many dots does not, so its picture is better.
+
+    The interior sees less of a difference than there is."""
+    scattered = torch.from_numpy(np.random.default_rng(3).permutation(441).reshape(21, 21) < 100).double()
+    compact = torch.zeros((21, 21), dtype=torch.float64)
+    compact[:10, :10] = 1
+    leak = boundary_leak(known, RANDOM24, precision="float64")
+    assert float(leak(scattered)) > float(leak(compact))
+    interior = expected_error(known, RANDOM24, with_leak=False, precision="float64")
+    whole = expected_error(known, RANDOM24, precision="float64")
+    assert float(whole(scattered)) > float(interior(scattered)) - 1.0
+    assert np.isfinite([float(interior(u)) for u in (scattered, compact)]).all()
+
+
+def test_a_half_turn_of_the_whole_panel_changes_no_table() -> None:
+    stop, unit = small_stop(), unit_of(11)
+    turned = replace(stop.correlation, index=stop.correlation.index.flip(0))
+    torch.testing.assert_close(stop.correlation(unit), turned(unit))
+
+
+def test_batches_are_a_pass_over_all_crops_and_follow_from_the_step() -> None:
+    objective = small_residual(crops=5, batch=2)
+    assert objective.batches == 3
+    for epoch in (0, 7):
+        chosen = [objective.at(3 * epoch + k, 30).chosen for k in range(3)]
+        assert sorted(sum(chosen, ())) == [0, 1, 2, 3, 4]
+        assert chosen == [objective.at(3 * epoch + k, 30).chosen for k in range(3)]
+    assert objective.at(-1, 30).chosen == (0, 1, 2, 3, 4)
+
+
+def test_a_better_filter_or_more_light_leaves_less() -> None:
+    unit = (unit_of(12) < 0.5).double()
+    bare = torch.ones_like(unit)
+    assert float(small_residual()(bare)) < float(small_residual()(unit))
+    noisy = [float(small_residual(level=level)(unit)) for level in (24, 32, 40)]
+    assert noisy[0] > noisy[1] > noisy[2] > float(small_residual()(unit))
+
+
+def test_the_largest_tenth_is_above_the_mean() -> None:
+    unit = unit_of(13)
+    assert float(small_residual(share=0.1)(unit)) > 2 * float(small_residual(share=1.0)(unit))
+
+
+@pytest.mark.parametrize(
+    "change", [{"side": 96}, {"margin": 0}, {"margin": 40}, {"nsr": 0.0}, {"share": 0.0}, {"batch": 4}, {"level": 33}]
+)
+def test_residual_refuses(change: dict[str, object]) -> None:
+    with pytest.raises(InputError) as caught:
+        small_residual(**change)
+    assert caught.value.code == "MF104"
+
+
+def test_more_refusals(known: Surrogate) -> None:
+    with pytest.raises(InputError) as caught:
+        top_residual(small_stop(), [])
+    assert caught.value.code == "MF105"
+    with pytest.raises(InputError) as caught:
+        expected_error(known, RANDOM24[:20])
+    assert caught.value.code == "MF122"
+    with pytest.raises(InputError) as caught:
+        expected_error(known, RANDOM24, levels=(33,))
+    assert caught.value.code == "MF104"
+    with pytest.raises(InputError) as caught:
+        tiled_stop(DOTS, 8000, CELLS, SMALL, device="abacus")
+    assert caught.value.code == "MF105"
+    with pytest.raises(InputError) as caught:
+        tiled_stop(DOTS, 8000, CELLS, replace(SMALL, pixel_um=100.0))
+    assert caught.value.code == "MF104"
+    with pytest.raises(InputError) as caught:
+        invertibility_of(small_stop(), epsilon=-1.0)
+    assert caught.value.code == "MF104"
+
+
+@pytest.mark.parametrize("wavelengths", [(530.0,), tuple(np.linspace(400, 700, 31))])
+@pytest.mark.parametrize("diameter", [40.0, 400.0])
+def test_one_line_or_many_and_a_stop_within_one_cell(wavelengths: tuple[float, ...], diameter: float) -> None:
+    cells = CELLS[:1, :1] if diameter < 56 else CELLS
+    camera = Camera(1000.0, Stop("circle", diameter), wavelengths, 2.0, 256.0)
+    stop = tiled_stop(DOTS, 8000, cells, camera, precision="float64")
+    auc: MtfAuc = mtf_auc(stop)
+    for objective in (auc, invertibility_of(stop)):
+        slopes_agree(objective, unit_of(15))
+    assert len(auc.auc(unit_of(15))) == len(wavelengths)

@@ -1,0 +1,318 @@
+"""The method search: from a job's section to an opening, its map, what rules cost; budget, checkpoint, any pitch."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from once import leaves
+from sweeps import sweep
+
+from maskfab.camera.photographs import Scene
+from maskfab.camera.transfer import lattice
+from maskfab.display.circuit import CircuitRules
+from maskfab.display.emitters.emitter_rules import EmitterRules
+from maskfab.errors import MaskfabError
+from maskfab.jobfile import SearchSection, parse_section
+from maskfab.opening.openings import dumps, parse
+from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
+from maskfab.optimiser.clock import Clock
+from maskfab.optimiser.maps.orientation_map import MapMode, design_map
+from maskfab.optimiser.model.expected_psnr import surrogate
+from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.optimiser.result import constraints_of
+from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked
+from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
+from maskfab.optimiser.rules.repair import nearest
+from maskfab.optimiser.search import scan
+from maskfab.optimiser.search import search as searching
+from maskfab.optimiser.search.auc_search import best_for_auc
+from maskfab.optimiser.search.scan import Best, scanned
+from maskfab.optimiser.search.search import search
+from maskfab.optimiser.search.shortlist import different, shortlisted
+from maskfab.plate import maps
+from maskfab.progress import silent
+
+pytestmark = pytest.mark.usefixtures("bound_once")
+
+PLAIN = {"name": "found", "dots": 6, "pitch": "168 um", "clear_dots": 9}
+RULES = {"kissing": "neighbours", "min_feature_dots": 2, "rim_dots": 1}
+
+
+@pytest.fixture(scope="module")
+def scenes() -> tuple[Scene, ...]:
+    return (leaves(1),)
+
+
+def section(**changed: object) -> SearchSection:
+    return parse_section(SearchSection, {**PLAIN, **changed}, where="test")
+
+
+def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[Scene, ...]) -> None:
+    one, two = (search(section(anneal=20, seed=3), scenes, "maskfab design x.toml") for _ in range(2))
+    assert one.opening.clear_dots == 9
+    assert dumps(one.opening) == dumps(two.opening)
+    assert one.head_room is not None
+    assert min(one.head_room) >= 0
+    assert one.notes == ()
+
+
+def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Scene, ...]) -> None:
+    found = search(section(rules=RULES), scenes, "maskfab design x.toml")
+    facts = parse(dumps(found.opening)).provenance
+    assert facts["command"] == "maskfab design x.toml"
+    assert facts["shape"] == found.shape
+    assert facts["evaluated"] == found.evaluated
+    assert found.head_room is not None
+    for level, psnr, room in zip((24, 32, 40), found.psnr, found.head_room, strict=True):
+        assert facts[f"expected_psnr_{level}"] == pytest.approx(psnr, abs=1e-3)
+        assert facts[f"head_room_{level}"] == pytest.approx(room, abs=1e-3)
+    assert found.prices is not None
+    assert facts["rules_cost_db"] == pytest.approx(found.prices.together, abs=1e-3)
+    for each in found.prices.each:
+        assert facts[f"price_{each.rule}_db"] == pytest.approx(each.last, abs=1e-3)
+
+
+def test_rules_are_kept_and_priced(scenes: tuple[Scene, ...]) -> None:
+    free = search(section(), scenes, "x")
+    ruled = search(section(rules=RULES), scenes, "x")
+    mask = ruled.opening.mask
+    assert not mask[[0, -1]].any()
+    assert not mask[:, [0, -1]].any()
+    assert np.mean(ruled.psnr) <= np.mean(free.psnr) + 1e-9
+    assert ruled.prices is not None
+    assert {price.rule for price in ruled.prices.each} >= {"kissing", "rim_dots"}
+    assert ruled.prices.together >= 0
+
+
+def test_a_map_is_designed_for_the_opening(scenes: tuple[Scene, ...]) -> None:
+    found = search(section(map="equal_light", positions=2, shortlist=1), scenes, "x")
+    assert found.cells is not None
+    assert found.cells.cells.shape == (24, 24)
+    assert found.designed is not None
+    assert min(found.designed.gain_db) > 0
+    assert abs(found.designed.clear_dots / found.designed.start_clear_dots - 1) < 0.005
+    assert len(found.cells.shifts) == 2
+    facts = maps.parse(maps.dumps(found.cells)).provenance
+    assert facts["mode"] == "equal_light"
+    assert facts["gain_db_24"] == pytest.approx(found.designed.gain_db[0], abs=1e-3)
+    assert abs(facts["light"]) < 0.005
+    assert found.map_head_room is not None
+    for level, room in zip((24, 32, 40), found.map_head_room, strict=True):
+        assert facts[f"head_room_{level}"] == pytest.approx(room, abs=1e-3)
+        assert room > 0
+
+
+def test_opening_and_map_in_turns_never_lose(scenes: tuple[Scene, ...]) -> None:
+    wanted = {"pitch": "336 um", "map": "equal_light", "shortlist": 1, "rules": {"kissing": "neighbours"}}
+    alone, both = (search(section(**wanted, joint=rounds), scenes, "x") for rounds in (0, 1))
+    assert alone.designed is not None
+    assert both.designed is not None
+    assert np.mean(both.designed.psnr) >= np.mean(alone.designed.psnr) - 1e-9
+    assert constraints_of(section(**wanted)).allows(both.opening.mask)
+
+
+def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Scene, ...]) -> None:
+    found = search(section(map="equal_light", density=0.35), scenes, "x", budget_s=1.0)
+    assert found.outer is not None
+    assert found.cells is not None
+    assert found.outer.clear_dots < 9 < found.opening.clear_dots == 13
+    assert set(np.unique(found.cells.cells // 8)) == {0, 1}
+    assert any("The display pays" in note for note in found.notes)
+    assert 0 <= float(found.cells.provenance["emitter_share_least"]) <= 1
+
+
+@pytest.mark.parametrize("tiling", sweep(["random", "periodic"], 1))
+def test_auc_is_a_figure_of_merit_too(scenes: tuple[Scene, ...], tiling: str) -> None:
+    periodic = tiling == "periodic"
+    wanted = section(dots=7, clear_dots=10, objective="auc", tiling=tiling, anneal=40)
+    one, two = (search(wanted, scenes, "x") for _ in range(2))
+    assert dumps(one.opening) == dumps(two.opening)
+    assert one.opening.clear_dots == 10
+    area = rings(7).of_unit(one.opening.mask, periodic=periodic)
+    compact_one = search(section(dots=7, clear_dots=10, tiling=tiling), scenes, "x")
+    assert rings(7).of_unit(compact_one.opening.mask, periodic=periodic) < area
+    assert area <= auc_bound(rings(7), 10, periodic=periodic) + 1e-9
+
+
+def test_auc_under_rules_keeps_them_and_says_how(scenes: tuple[Scene, ...]) -> None:
+    wanted = section(objective="auc", anneal=20, rules=RULES)
+    found = search(wanted, scenes, "x")
+    assert constraints_of(wanted).allows(found.opening.mask)
+    assert any("nearest" in note for note in found.notes)
+
+
+def test_auc_under_rules_is_annealed_without_being_asked(
+    scenes: tuple[Scene, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = best_for_auc(7, 10, steps=40)
+    monkeypatch.setattr(searching, "_AUC_EVALUATIONS", 150)
+    monkeypatch.setattr(searching, "best_for_auc", lambda *_, **__: free)
+    wanted = section(dots=7, clear_dots=10, objective="auc", rules={"kissing": "cell", "rim_dots": 1})
+    found = search(wanted, scenes, "x")
+    rules = constraints_of(wanted)
+    assert rules.allows(found.opening.mask)
+    assert any("annealed for 150 evaluations" in note for note in found.notes)
+    start = nearest(free, rules)
+    assert rings(7).of_unit(found.opening.mask) > rings(7).of_unit(start)
+
+
+@pytest.mark.parametrize("tiling", sweep(["random", "periodic"], 1))
+def test_auc_of_other_pitches(scenes: tuple[Scene, ...], tiling: str) -> None:
+    wanted = section(dots=5, pitch="90 um", clear_dots=7, objective="auc", tiling=tiling, anneal=30)
+    found = search(wanted, scenes, "x")
+    around = rings(5, room=lattice(5, 18_000))
+    area = around.of_unit(found.opening.mask, periodic=tiling == "periodic")
+    assert found.shape == f"auc {area:.4f}"
+    assert area <= auc_bound(around, 7, periodic=tiling == "periodic") + 1e-9
+    column = np.zeros((5, 5), dtype=np.bool_)
+    column.T.flat[:7] = True
+    assert area > around.of_unit(column, periodic=tiling == "periodic")
+
+
+def test_a_map_of_another_pitch(scenes: tuple[Scene, ...]) -> None:
+    wanted = section(dots=4, pitch="336 um", clear_dots=5, map="equal_light", shortlist=1)
+    found = search(wanted, scenes, "x", budget_s=1e-3)
+    assert found.cells is not None
+    assert found.cells.cells.shape == (12, 12)
+    assert found.designed is not None
+    assert min(found.designed.gain_db) > 0
+
+
+@pytest.mark.slow
+def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Scene, ...]) -> None:
+    """The longer list cannot end at a lower value, and what it chose is a shape of the scan that keeps the rules."""
+    rules = Constraints(9, dots=6, kissing="cell")
+    shapes = tuple(FAMILIES["bars"](6, 9))
+    error = pupil_error(surrogate(scenes, 6))
+    start = Best(Ranked(shapes[0].name, shapes[0].unit, 1.0), shapes, len(shapes))
+
+    def best(most: int, clock: Clock | None = None) -> Best:
+        chosen = clock or Clock()
+        return shortlisted(start, most, error, rules, chosen, silent, mode=MapMode.EQUAL_LIGHT, seed=0)
+
+    listed = different(shapes, rules, 3)
+    assert len({kind(each.name, each.unit) for each in listed}) == len(listed) == 2
+    assert best(1) is start
+    light = round(float(error.inside.sum()) * 9 / 36)
+    values = [float(np.mean(design_map(each.unit, error, kicks=0, light=light).psnr)) for each in listed]
+    found = best(3)
+    assert found.best.name == listed[int(np.argmax(values))].name
+    assert rules.allows(found.best.unit)
+    assert not found.cut
+    none = best(3, Clock(0.0))
+    assert none.best.name == start.best.name
+    assert none.cut
+    assert "after 0 of 2 quick maps" in none.notes[0]
+
+
+def test_the_shortlist_has_several_sizes_where_only_a_second_scan_keeps_the_rules(scenes: tuple[Scene, ...]) -> None:
+    wanted = section(map="equal_light", rules={"rim_dots": 1, "min_feature_dots": 2, "kissing": "neighbours"})
+    rules = constraints_of(wanted)
+    expected = ExpectedPsnr(surrogate(scenes, 6))
+    found = scanned(wanted, rules, expected, Clock(), None, silent)
+    shapes = [each.unit for each in FAMILIES["bars"](6, 9) if rules.allows(each.unit)]
+    sizes = {kind("bar", unit) for unit in shapes}
+    listed = different([Candidate(found.best.name, found.best.unit), *found.looked], rules, 100)
+    assert len(listed) >= min(len(sizes), wanted.shortlist)
+    assert listed[0].name == found.best.name
+    values = [expected(each.unit) for each in listed]
+    assert values == sorted(values, reverse=True)
+
+
+def test_the_emitters_of_a_rule_are_the_jobs_own() -> None:
+    plain = constraints_of(section())
+    assert plain.emitters == EmitterRules(0, 8000, 56_000)
+    stated = {"gap_to_opening": "1 um", "colour_gap": "7 um", "min_width": "14 um", "circuit": "1985 um^2"}
+    rules = constraints_of(section(rules=stated))
+    assert rules.emitters == EmitterRules(1000, 7000, 14_000)
+    assert rules.circuit == CircuitRules(1985.0, min_width_nm=14_000)
+    assert "circuit" in rules.active
+    narrow, wide = (
+        constraints_of(section(rules={"footprint": 0.17, "colour_gap": gap, "min_width": "7 um"}))
+        for gap in ("0 um", "28 um")
+    )
+    unit = next(FAMILIES["bars"](6, 9)).unit
+    assert narrow.allows(unit)
+    assert not wide.allows(unit)
+
+
+def test_circuits_are_kept_room_for(scenes: tuple[Scene, ...]) -> None:
+    rules = {"circuit": "6000 um^2", "min_width": "56 um"}
+    found = search(section(rules=rules), scenes, "x")
+    assert constraints_of(section(rules=rules)).allows(found.opening.mask)
+    with pytest.raises(MaskfabError, match=r"MF123.*circuit"):
+        search(section(rules={"circuit": "8000 um^2"}), scenes, "x")
+
+
+def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Scene, ...]) -> None:
+    found = search(section(dots=12, clear_dots=32, anneal=10_000), scenes, "x", budget_s=0.05)
+    assert len(found.notes) == 2
+    assert "shapes had been judged" in found.notes[0]
+    assert "of 10000 evaluations" in found.notes[1]
+    assert found.cut
+    assert found.opening.clear_dots == 32
+
+
+def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Scene, ...]) -> None:
+    plain, bounded = (search(section(anneal=20), scenes, "x", budget_s=budget) for budget in (None, 600.0))
+    assert dumps(plain.opening) == dumps(bounded.opening)
+    assert bounded.notes == ()
+
+
+def test_interrupted_and_resumed_ends_where_uninterrupted_does(
+    scenes: tuple[Scene, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(scan, "SAVED_EVERY", 64)
+    wanted, path = section(anneal=160, seed=5), tmp_path / "state.npz"
+    whole = search(wanted, scenes, "x")
+    done: list[int] = []
+
+    def cut(stage: str, step: int, total: int) -> None:
+        if stage.startswith("anneal"):
+            done.append(step)
+            if len(done) == 2:
+                raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        search(wanted, scenes, "x", cut, checkpoint=path)
+    steps: list[tuple[str, int]] = []
+    resumed = search(wanted, scenes, "x", lambda stage, step, _: steps.append((stage, step)), checkpoint=path)
+    assert not any(stage.startswith("scan") for stage, _ in steps)
+    assert min(step for stage, step in steps if stage.startswith("anneal")) > 64
+    assert dumps(resumed.opening) == dumps(whole.opening)
+    finished = search(wanted, scenes, "x", checkpoint=path)
+    assert dumps(finished.opening) == dumps(whole.opening)
+    with pytest.raises(MaskfabError, match="MF304"):
+        search(section(anneal=161, seed=5), scenes, "x", checkpoint=path)
+
+
+@pytest.mark.parametrize(
+    ("dots", "pitch", "clear_dots"), sweep([(1, "14 um", 1), (2, "32 um", 1), (6, "84 um", 9), (20, "500 um", 399)], 3)
+)
+def test_any_pitch_and_number_of_dots(scenes: tuple[Scene, ...], dots: int, pitch: str, clear_dots: int) -> None:
+    found = search(section(dots=dots, pitch=pitch, clear_dots=clear_dots), scenes, "x", budget_s=1.0)
+    assert found.opening.clear_dots == clear_dots
+    assert np.isfinite(found.psnr).all()
+
+
+def test_what_cannot_be_is_refused(scenes: tuple[Scene, ...]) -> None:
+    for changed, code in (
+        ({"clear_dots": 37}, "MF204"),
+        ({"clear_dots": 9, "rules": {"symmetry": "d4"}}, "MF204"),
+        ({"pitch": "168.1 um"}, "MF106"),
+        ({"pitch": "344 um", "dots": 86, "map": "equal_light"}, "MF115"),
+        ({"map": "equal_light", "positions": 2, "rules": {"kissing": "neighbours"}}, "MF123"),
+        ({"rules": {"footprint": 0.1, "colour_gap": "0.0001 um"}}, "MF107"),
+        ({"rules": {"footprint": 0.1, "min_width": "1 mm"}}, "MF117"),
+        ({"rules": {"circuit": "100 um^2", "min_width": "13.001 um"}}, "MF118"),
+        ({"rules": {"footprint": 0.1, "min_width": "1 mm"}}, r"MF117.*design\.rules\.min_width"),
+        ({"rules": {"circuit": "0 um^2"}}, r"MF104.*design\.rules\.circuit"),
+    ):
+        with pytest.raises(MaskfabError, match=code):
+            search(section(**changed), scenes, "x")
+    grey = Scene("grey", 1, np.full((3, 1024, 1536), 0.5, dtype=np.float32))
+    with pytest.raises(MaskfabError, match="MF121"):
+        search(section(), (grey,), "x")
