@@ -44,7 +44,7 @@ from maskfab.measurement.features import judged, limits_as_rules, smallest_featu
 from maskfab.measurement.optics import measure, reach_box, read_openings
 from maskfab.measurement.restored import Restored, not_judged, photographer
 from maskfab.measurement.scene_result import SceneOptics
-from maskfab.measurement.scene_rows import measure_scene, peak_bytes, reach_um, scene_plan
+from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.image.mtf import area_under_radial_min
 from maskfab.optics.scene.model_bar import bar_of_panel
@@ -308,7 +308,7 @@ def measure_scenes(
     scene, camera = job.scene, job.camera
     if scene is None:
         return []
-    reach = reach_um(camera, scene)
+    reach = scene_reach_um(camera, scene)
 
     def one(die: Die) -> SceneOptics:
         shapes = clear_shapes(layout, reach_box(die, reach))

@@ -15,7 +15,7 @@ from jinja2 import TemplateError
 from maskfab import __version__, provenance
 from maskfab.comparison.files import read_back
 from maskfab.comparison.foreign.foreign_mask import Foreign, How, check_foreign, only_die
-from maskfab.comparison.foreign.layer_choice import Ordered
+from maskfab.comparison.foreign.layer_choice import StatedLayers
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.comparison.roundtrip import RoundTrip
 from maskfab.errors import InputError, OutputError
@@ -163,7 +163,9 @@ def verify_file(
             tell,
             blank=job.blank,
             max_vertices=drawing.max_vertices if drawing is not None and stated else None,
-            ordered=Ordered() if house is None else Ordered(house.layer_names, house.polygons.holes == "layer"),
+            ordered=StatedLayers()
+            if house is None
+            else StatedLayers(house.layer_names, house.polygons.holes == "layer"),
         )
         return replace(found, trip=None)  # whose layout stays in the process that read it
 

@@ -28,7 +28,7 @@ from maskfab.display.emitters.free_area import EVERY, free_region
 from maskfab.display.emitters.freeform import guillotine, polish
 from maskfab.display.emitters.rectangles import rectangle_footprints, three_rectangles
 from maskfab.display.feasibility import DisplayRules, feasibility
-from maskfab.display.light import Light
+from maskfab.display.light import LightDemand
 from maskfab.display.wires.gutter import WireRules
 from maskfab.display.wires.wiring import WireDemand
 from maskfab.eye import drawn_scenes, grain, side_by_side
@@ -128,7 +128,7 @@ def timed() -> Iterator[Row]:
     for per_dot, limit in ((2, 0.5), (4, 3.0)):
         gap = 8000 if per_dot == 2 else 6000
         emitters = EmitterRules(4000, gap, 8000, required=0.05)
-        rules = DisplayRules(emitters, 1.0, CircuitRules(), Light(), WireDemand(WireRules(), 4))
+        rules = DisplayRules(emitters, 1.0, CircuitRules(), LightDemand(), WireDemand(WireRules(), 4))
         panel = panel_of(Opening("mask", mask, 8000), 8000)
         seconds = second_of_two(lambda panel=panel, rules=rules: feasibility(panel, rules))
         yield f"everything about one opening at {21 * per_dot} x {21 * per_dot} cells", seconds, limit, "s"
@@ -144,7 +144,7 @@ def timed() -> Iterator[Row]:
     broken = count = 0
     for name, (gutter, gap) in itertools.product(NAMES, ((0, 8000), (8000, 8000), (8000, 16000))):
         shipped = load(path(f"layouts/openings/{name}.toml"))
-        rules = DisplayRules(EmitterRules(4000, gap, 8000), 0.75, CircuitRules(), Light(), None)
+        rules = DisplayRules(EmitterRules(4000, gap, 8000), 0.75, CircuitRules(), LightDemand(), None)
         for dot in (shipped.dot_nm, shipped.dot_nm // 2):
             found = feasibility(panel_of(shipped, dot, gutter), rules)
             count += found is not None and found.emitters is not None
@@ -155,7 +155,7 @@ def timed() -> Iterator[Row]:
 def seen() -> Iterator[Row]:
     """What the eye sees of 100 x 100 pixels of 300 DPI at 300 mm."""
     viewing = Viewing(25400 / 300, 300e3)
-    rules = DisplayRules(EmitterRules(0, 8000, 16000), 1.0, CircuitRules(), Light(), None)
+    rules = DisplayRules(EmitterRules(0, 8000, 16000), 1.0, CircuitRules(), LightDemand(), None)
     openings = {"slit": Opening("slit", bar(21, 5, 8), 8000)}
     if (PUBLISHED / "L2Inv_Random.png").exists():
         openings["L2Inv_Random"] = Opening("mask", published("L2Inv_Random"), 8000)

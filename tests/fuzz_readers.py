@@ -49,7 +49,7 @@ from maskfab.eye import picture
 from maskfab.eye.picture import on_pixels
 from maskfab.files.silence_stdout import quiet
 from maskfab.job import load as load_job
-from maskfab.mask_shops.drawing import plate_drawing
+from maskfab.mask_shops.drawing import drawing_sheet
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.opening import openings
 from maskfab.plate import maps
@@ -348,7 +348,7 @@ def draw_once() -> None:
     def remembered(*asked: object) -> bytes:
         key = _said(asked)
         if key not in drawn:
-            drawn[key] = plate_drawing(*asked)  # type: ignore[arg-type]
+            drawn[key] = drawing_sheet(*asked)  # type: ignore[arg-type]
         return drawn[key]
 
     papers.plate_drawing = remembered  # type: ignore[assignment]

@@ -19,7 +19,7 @@ from optics.test_torch_field import full_size, published_loss
 from threadpoolctl import threadpool_limits
 
 from maskfab.benchmark.accuracy import absent, gemm_bound_ms, race, standard_workload
-from maskfab.benchmark.other_libraries import PEERS, Task
+from maskfab.benchmark.other_libraries import PEERS, PsfTask
 from maskfab.benchmark.published import published_intensity, published_size
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
@@ -82,7 +82,7 @@ def cutting() -> list[Row]:
     aperture = panel_aperture(slit_panel(21, 8000), 2000.0)
     workload = standard_workload()
     pupil = workload.pupil()
-    task = Task(pupil.whole, 8.0, 10_000.0, 0.53, 0.5, 512)
+    task = PsfTask(pupil.whole, 8.0, 10_000.0, 0.53, 0.5, 512)
     spent = medians(
         9,
         lambda: cut(aperture, CAMERA.stop),

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from maskfab.camera.photo_camera import F1, PhotoCamera, described
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.cli import run_command_line
 from maskfab.cli.verbs.design import _targets
 from maskfab.export.pictures import write_png
@@ -77,12 +77,12 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-def picture() -> Scene:
+def picture() -> Photograph:
     draw = np.random.default_rng(2).standard_normal((1024, 1536))
     distance = np.hypot(np.fft.fftfreq(1024)[:, None], np.fft.rfftfreq(1536))
     values = np.fft.irfft2(np.fft.rfft2(draw) / np.maximum(distance, 1e-3) ** 1.5)
     values = np.clip(0.4 + 0.15 * values / values.std(), 0, 1).astype(np.float32)
-    return Scene("noise", 1, np.repeat(values[None], 3, axis=0))
+    return Photograph("noise", 1, np.repeat(values[None], 3, axis=0))
 
 
 def with_map(job: str) -> str:

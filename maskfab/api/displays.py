@@ -16,7 +16,7 @@ from maskfab.display.place import Populated, widest_gaps
 from maskfab.errors import JobError
 from maskfab.eye.display_light import emitters_of, has_emitters
 from maskfab.eye.picture import read
-from maskfab.eye.side_by_side import Judged, judge, pictures
+from maskfab.eye.side_by_side import SeenPanel, judge, pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import blank_of
@@ -175,7 +175,7 @@ class Rendering:
         digest: of the job.
     """
 
-    panels: Mapping[str, Judged]
+    panels: Mapping[str, SeenPanel]
     samples: int
     digest: str
 

@@ -16,8 +16,8 @@ from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.photo_camera import F1, PhotoCamera, described
-from maskfab.camera.photographs import Scene, folder
-from maskfab.camera.protocol import ASSUMED, Score, Table, evaluate
+from maskfab.camera.photographs import Photograph, folder
+from maskfab.camera.protocol import ASSUMED, Score, ScoreTable, evaluate
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
 from maskfab.progress import Progress, silent
@@ -43,10 +43,10 @@ class Simulation:
         shown: part of the first scene by die, one shot for each level of light; empty unless they were kept.
     """
 
-    table: Table
+    table: ScoreTable
     reference: str
     camera: PhotoCamera
-    scenes: Sequence[Scene]
+    scenes: Sequence[Photograph]
     shown: Mapping[str, Sequence[Shot]]
 
     def picture(self) -> bytes:
@@ -151,7 +151,7 @@ def simulate(
         progress("photographs", done, len(laid))
         scores += evaluate([each], scenes, scenes, show=show).scores
     progress("photographs", len(laid), len(laid))
-    return Simulation(Table(tuple(scores)), base, seen, scenes, shown)
+    return Simulation(ScoreTable(tuple(scores)), base, seen, scenes, shown)
 
 
 def _known(value: object) -> object:
@@ -159,7 +159,7 @@ def _known(value: object) -> object:
     return None if isinstance(value, float) and math.isnan(value) else value
 
 
-def _lines(table: Table, reference: str) -> list[str]:
+def _lines(table: ScoreTable, reference: str) -> list[str]:
     rows = [("die", "level", "PSNR", "inner", "SSIM", f"gain over {reference}", "inner")]
     gains = {(gain.design, gain.level_db): gain for gain in table.gains(reference)}
     for design, level in dict.fromkeys((score.design, score.level_db) for score in table.scores):

@@ -16,7 +16,7 @@ from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.jobfile import SearchSection, read
 from maskfab.opening.openings import dumps, load
-from maskfab.optimiser.pareto import Judged, Pareto, openings, rules_of, sweep
+from maskfab.optimiser.pareto import JudgedOpening, Pareto, openings, rules_of, sweep
 from maskfab.progress import Progress, silent
 from maskfab.report import pareto_files
 from maskfab.report.pareto_files import Named
@@ -160,5 +160,5 @@ def _lines(found: Pareto, named: Named) -> list[str]:
     return lines
 
 
-def _told(each: Judged) -> str:
+def _told(each: JudgedOpening) -> str:
     return f"{each.value:.2f} dB  {each.footprint:.2%}"

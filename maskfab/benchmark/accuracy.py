@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
-from maskfab.benchmark.other_libraries import PEERS, Task
+from maskfab.benchmark.other_libraries import PEERS, PsfTask
 from maskfab.benchmark.published import published_intensity, published_size
 from maskfab.errors import JobError
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
@@ -197,7 +197,7 @@ def _others(workload: Workload, pupil: Pupil) -> Iterator[_Contestant]:
     size = published_size(workload.wavelength_nm, workload.focal_um, dot_um, workload.step_um)
     recipe = partial(published_intensity, pupil.whole, size, workload.samples)
     yield _Contestant("published recipe, padded FFT", "double", "published", 0.0, partial(_nothing_to_set_up, recipe))
-    task = Task(
+    task = PsfTask(
         pupil.whole, dot_um, workload.focal_um, workload.wavelength_nm * UM_PER_NM, workload.step_um, workload.samples
     )
     for peer in PEERS:

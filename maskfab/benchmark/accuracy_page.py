@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 
 from maskfab import provenance
 from maskfab.benchmark.accuracy import Timing
-from maskfab.benchmark.cases import Outcome
+from maskfab.benchmark.cases import CaseResult
 from maskfab.files.staging import check_target, staged
 
 _COLOURS = {"ours": "#0072b2", "peer": "#d55e00", "published": "#000000"}
@@ -84,7 +84,7 @@ def race_figure(timings: Sequence[Timing]) -> bytes:
     return stream.getvalue()
 
 
-def case_table(outcomes: Iterable[Outcome]) -> Iterable[str]:
+def case_table(outcomes: Iterable[CaseResult]) -> Iterable[str]:
     """One line a hard case, as each is done."""
     yield f"{'case':38}  {'error':>8}  {'limit':>7}  verdict  {'s':>6}  method"
     for o in outcomes:
@@ -92,7 +92,7 @@ def case_table(outcomes: Iterable[Outcome]) -> Iterable[str]:
         yield f"{o.case.name:38}  {o.error:8.1e}  {o.case.limit:7.0e}  {verdict:7}  {o.seconds:6.2f}  {o.case.method}"
 
 
-def case_document(outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def case_document(outcomes: Sequence[CaseResult]) -> dict[str, Any]:
     """The outcomes of the cases as plain data."""
     rows = [
         {

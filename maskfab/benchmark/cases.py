@@ -57,7 +57,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CaseResult:
     """A case that was run."""
 
     case: Case
@@ -69,12 +69,12 @@ class Outcome:
         return bool(self.error <= self.case.limit)
 
 
-def run(cases: Iterable[Case]) -> Iterator[Outcome]:
+def run(cases: Iterable[Case]) -> Iterator[CaseResult]:
     """Run cases one by one."""
     for case in cases:
         start = time.perf_counter()
         error = case.measure()
-        yield Outcome(case, error, time.perf_counter() - start)
+        yield CaseResult(case, error, time.perf_counter() - start)
 
 
 def relative(found: NDArray[np.number[Any]], expected: NDArray[np.number[Any]]) -> float:

@@ -22,7 +22,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class Task:
+class PsfTask:
     """One PSF to compute.
 
     Attributes:
@@ -47,7 +47,7 @@ class Peer:
     module: str
     name: str
     precision: str
-    prepare: Callable[[Any, Task], Callable[[], NDArray[np.floating[Any]]]]
+    prepare: Callable[[Any, PsfTask], Callable[[], NDArray[np.floating[Any]]]]
 
     def missing(self) -> str | None:
         """Why the library cannot be used here; None if it can."""
@@ -61,15 +61,15 @@ class Peer:
             return f"installed, but does not import: {error}"
         return None
 
-    def function(self, task: Task) -> Callable[[], NDArray[np.floating[Any]]]:
+    def function(self, task: PsfTask) -> Callable[[], NDArray[np.floating[Any]]]:
         """The function that computes the task; calls after the first may use what the first has kept."""
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             return self.prepare(importlib.import_module(self.module), task)
 
 
-def _prysm(engine: str, bits: int) -> Callable[[Any, Task], Callable[[], Any]]:
-    def prepare(module: Any, task: Task) -> Callable[[], Any]:
+def _prysm(engine: str, bits: int) -> Callable[[Any, PsfTask], Callable[[], Any]]:
+    def prepare(module: Any, task: PsfTask) -> Callable[[], Any]:
         config = importlib.import_module("prysm.conf").config
         # An engine of its own: the library's shared one keeps its matrices in the precision it met first.
         transform = getattr(importlib.import_module("prysm.fttools"), engine)()
@@ -89,14 +89,14 @@ def _prysm(engine: str, bits: int) -> Callable[[Any, Task], Callable[[], Any]]:
     return prepare
 
 
-def _poppy(module: Any, task: Task) -> Callable[[], Any]:
+def _poppy(module: Any, task: PsfTask) -> Callable[[], Any]:
     side = task.dots.shape[0] * task.dot_um
     width = task.samples * task.step_um / (task.wavelength_um * task.focal_um / side)
     wave = task.dots.astype(np.complex128)
     return lambda: abs(module.matrix_dft(wave, width, task.samples, centering="FFTSTYLE")) ** 2
 
 
-def _hcipy(module: Any, task: Task) -> Callable[[], Any]:
+def _hcipy(module: Any, task: PsfTask) -> Callable[[], Any]:
     n = task.dots.shape[0]
     pupil = module.make_uniform_grid([n, n], [n * task.dot_um, n * task.dot_um])
     width = task.samples * task.step_um
@@ -112,7 +112,7 @@ def _hcipy(module: Any, task: Task) -> Callable[[], Any]:
     return run
 
 
-def _lentil(module: Any, task: Task) -> Callable[[], Any]:
+def _lentil(module: Any, task: PsfTask) -> Callable[[], Any]:
     alpha = task.dot_um * task.step_um / (task.wavelength_um * task.focal_um)
     wave = task.dots.astype(np.complex128)
     return lambda: abs(module.dft2(wave, alpha, task.samples)) ** 2

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.transfer import MOST_DOTS, Laid, Lattice, lattice, lay
+from maskfab.camera.transfer import MOST_DOTS, CellGrid, Laid, lattice, lay
 from maskfab.errors import JobError
 from maskfab.model import Panel, Tiling, refined
 from maskfab.units import NM_PER_UM
@@ -26,7 +26,7 @@ class _Finer:
 
     times: int
     rim: int
-    room: Lattice
+    room: CellGrid
 
 
 def laid_panel(name: str, panel: Panel, camera: PhotoCamera = F1) -> Laid:

@@ -26,7 +26,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
 
 
 @dataclass(frozen=True, eq=False)
-class Scene:
+class Photograph:
     """A scene for the protocol.
 
     Attributes:
@@ -45,7 +45,7 @@ class Scene:
         return np.asarray(scipy.fft.rfft2(self.values, axes=(1, 2), workers=1))
 
 
-def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> Scene:
+def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> Photograph:
     """Cut a picture [rows, columns] or [rows, columns, 1, 2, 3 or 4] to a scene.
 
     Args:
@@ -77,10 +77,10 @@ def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> 
     colours = middle[:, :, :3] if picture.shape[2] >= 3 else np.repeat(middle[:, :, :1], 3, axis=2)
     if number is None:
         number = int(name) if name.isdecimal() else zlib.crc32(name.encode()) % 1_000_000
-    return Scene(name, number, np.ascontiguousarray(colours.transpose(2, 0, 1)))
+    return Photograph(name, number, np.ascontiguousarray(colours.transpose(2, 0, 1)))
 
 
-def folder(path: str | Path) -> tuple[Scene, ...]:
+def folder(path: str | Path) -> tuple[Photograph, ...]:
     """Every photograph of a folder, by name.
 
     Raises:

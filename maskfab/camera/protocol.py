@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.capture import ELECTRONS, capture, gain
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.quality import Truth, inner, psnr, truth
 from maskfab.camera.restore import Margin, prior, restore, wiener
 from maskfab.camera.transfer import Laid, transfer_grid
@@ -66,7 +66,7 @@ class Gain:
 
 
 @dataclass(frozen=True)
-class Table:
+class ScoreTable:
     """All scores, by design, level and scene."""
 
     scores: tuple[Score, ...]
@@ -99,13 +99,13 @@ class Table:
 
 def evaluate(
     designs: Sequence[Laid],
-    test: Sequence[Scene],
-    tuning: Sequence[Scene],
+    test: Sequence[Photograph],
+    tuning: Sequence[Photograph],
     levels: Sequence[int] = LEVELS,
     *,
     ssim: bool = True,
     show: Callable[[Score, NDArray[np.float32]], None] | None = None,
-) -> Table:
+) -> ScoreTable:
     """Score every design on every test scene at every level.
 
     Args:
@@ -153,19 +153,19 @@ def evaluate(
                 scores.append(_score(seen.laid.name, known, restored, level, EPSILONS[chosen], like))
                 if show is not None:
                     show(scores[-1], restored)
-    return Table(tuple(scores))
+    return ScoreTable(tuple(scores))
 
 
 @dataclass(frozen=True, eq=False)
 class _Prepared:
     """A scene, and its part on the sensor."""
 
-    scene: Scene
+    scene: Photograph
     margin: Margin
     true: NDArray[np.float32]
 
 
-def _prepare(scene: Scene) -> _Prepared:
+def _prepare(scene: Photograph) -> _Prepared:
     rows, columns = scene.values.shape[1:]
     margin = Margin((rows, columns))
     return _Prepared(scene, margin, margin.sensor(scene.values))

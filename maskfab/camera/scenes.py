@@ -16,14 +16,14 @@ from dataclasses import replace
 import numpy as np
 import scipy.fft
 
-from maskfab.camera.photographs import LONG, SHORT, Scene
+from maskfab.camera.photographs import LONG, SHORT, Photograph
 
 _SMALLEST, _LARGEST = 3.0, 300.0
 _DISCS = 6000
 _DIM, _SOFTER, _SOFT_FROM = 0.3, 0.3, 0.01
 
 
-def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Scene:
+def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Photograph:
     """One scene of 6000 discs of radius 3 to 300 pixels, the last on top, edges one pixel soft."""
     draw = np.random.default_rng(seed)
     share = draw.random(_DISCS)
@@ -41,10 +41,10 @@ def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Scene:
         across = np.arange(left, left + part.shape[2], dtype=np.float32) - np.float32(x)
         cover = np.clip(np.float32(radius + 0.5) - np.hypot(up, across), 0, 1)
         part += cover * (colour[:, None, None] - part)
-    return Scene(f"leaves{seed}", seed, np.clip(values, 0, 1))
+    return Photograph(f"leaves{seed}", seed, np.clip(values, 0, 1))
 
 
-def indoors(scene: Scene) -> Scene:
+def indoors(scene: Photograph) -> Photograph:
     """The scene at 0.3 of its light, softened: amplitudes fall by another f^-0.3 beyond 0.01 cycles per pixel."""
     rows, columns = scene.values.shape[1:]
     frequency = np.hypot(np.arange(rows)[:, None] / (2 * rows), np.arange(columns) / (2 * columns))
@@ -53,7 +53,7 @@ def indoors(scene: Scene) -> Scene:
     return replace(scene, name=f"{scene.name}_dim", values=np.clip(_DIM * values, 0, 1).astype(np.float32))
 
 
-def bundled(count: int = 4) -> tuple[Scene, ...]:
+def bundled(count: int = 4) -> tuple[Photograph, ...]:
     """The scenes used where no photographs are given: dead leaves of seeds 1 to ``count``, every second one indoors."""
     leaves = (dead_leaves(seed) for seed in range(1, count + 1))
     return tuple(scene if scene.number % 2 else indoors(scene) for scene in leaves)

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import Score, evaluate
 from maskfab.camera.restore import Margin
 from maskfab.camera.transfer import Laid
@@ -55,7 +55,7 @@ class Shot:
     picture: Singles
 
 
-def shots(design: Laid, scene: Scene, levels: Sequence[int], crop: Crop) -> tuple[Shot, ...]:
+def shots(design: Laid, scene: Photograph, levels: Sequence[int], crop: Crop) -> tuple[Shot, ...]:
     """One scene through a design at every level, in rising order, each with the ε that is best for that very picture.
 
     Raises:
@@ -70,7 +70,7 @@ def shots(design: Laid, scene: Scene, levels: Sequence[int], crop: Crop) -> tupl
     return tuple(taken)
 
 
-def truth_of(scene: Scene, crop: Crop) -> Singles:
+def truth_of(scene: Photograph, crop: Crop) -> Singles:
     """The crop of the scene itself.
 
     Raises:

@@ -52,7 +52,7 @@ _ORDERS, _FOLDED = 3, 2  # orders summed at least; beyond the stop they add noth
 
 
 @dataclass(frozen=True)
-class Lattice:
+class CellGrid:
     """Cells of dots that cover a camera's stop.
 
     Attributes:
@@ -89,7 +89,7 @@ def lattice(
     camera: PhotoCamera = F1,
     odd: bool = False,
     where: str = "design.dots",
-) -> Lattice:
+) -> CellGrid:
     """The fewest cells of ``dots`` dots a side that cover the stop.
 
     Args:
@@ -111,7 +111,7 @@ def lattice(
     dot_um = PITCH_UM / dots if dot_nm is None else dot_nm / NM_PER_UM
     pitch_nm = PITCH_UM * NM_PER_UM if dot_nm is None else CellSize(dots, dot_nm).pitch_nm
     half = camera.stop.diameter_um * NM_PER_UM / (2 * pitch_nm)
-    made = Lattice(dots, 2 * math.ceil(half - 0.5) + 1 if odd else 2 * math.ceil(half), dot_um, camera)
+    made = CellGrid(dots, 2 * math.ceil(half - 0.5) + 1 if odd else 2 * math.ceil(half), dot_um, camera)
     _require_lags(made, where)
     if made.side > MOST_DOTS:
         across = camera.stop.diameter_um
@@ -125,7 +125,7 @@ def lattice(
     return made
 
 
-def _require_lags(room: Lattice, where: str) -> None:
+def _require_lags(room: CellGrid, where: str) -> None:
     """Refuse dots that are too coarse, or too fine, for a camera's frequencies."""
     camera = room.camera
     coarsest = camera.cycle_um(camera.shortest_nm) / 2
@@ -170,7 +170,7 @@ class Laid:
 
     name: str
     pupil: Floats
-    lattice: Lattice
+    lattice: CellGrid
 
     @property
     def open_share(self) -> float:
@@ -185,7 +185,7 @@ def lay(
     seed: int = 0,
     *,
     dot_nm: int | None = None,
-    room: Lattice | None = None,
+    room: CellGrid | None = None,
 ) -> Laid:
     """Lay one opening, or several, over the panel.
 
@@ -239,7 +239,7 @@ def lay(
     return Laid(name, side_by_side(cells[turned]) * room.stop, room)
 
 
-def autocorrelation(pupil: NDArray[np.float64]) -> Floats:
+def pupil_autocorrelation(pupil: NDArray[np.float64]) -> Floats:
     """Of a real pupil of whole dots [n, n]: [2n - 1, 2n - 1], lag 0 in the middle, not normalised.
 
     Reports take :mod:`maskfab.optics.image.lag_table`, which knows gutters and dots that the stop cuts; descents
@@ -279,9 +279,9 @@ class OpenStop:
     whole_lags: bool
 
     @classmethod
-    def of(cls, room: Lattice, wavelength_nm: float, per_cycle: float | None = None) -> OpenStop:
+    def of(cls, room: CellGrid, wavelength_nm: float, per_cycle: float | None = None) -> OpenStop:
         """Of a camera at one wavelength."""
-        table = autocorrelation(room.stop.astype(np.float64))
+        table = pupil_autocorrelation(room.stop.astype(np.float64))
         area = float(table[room.side - 1, room.side - 1])
         table /= area
         orders = max(_FOLDED, room.camera.orders(wavelength_nm))
@@ -335,7 +335,7 @@ class TransferGrid:
 
     def __call__(self, pupil: Floats) -> NDArray[np.float32]:
         """H of a pupil [dots, dots], float32 [colours, rows, columns / 2 + 1]; 1 at frequency 0."""
-        table = autocorrelation(pupil)
+        table = pupil_autocorrelation(pupil)
         table /= table[self.dots - 1, self.dots - 1]
         half = self.shape[1] // 2 + 1
         found = np.empty((len(self.lines), self.shape[0], half), dtype=np.float32)
@@ -344,7 +344,7 @@ class TransferGrid:
         return found
 
 
-def transfer_grid(shape: tuple[int, int], room: Lattice) -> TransferGrid:
+def transfer_grid(shape: tuple[int, int], room: CellGrid) -> TransferGrid:
     """Prepare H for pictures of ``shape`` behind panels of such cells.
 
     Raises:
@@ -356,7 +356,7 @@ def transfer_grid(shape: tuple[int, int], room: Lattice) -> TransferGrid:
     return TransferGrid(shape, room.side, lines)
 
 
-def _line(frequency: Floats, room: Lattice, wavelength_nm: float) -> sparse.csr_array:
+def _line(frequency: Floats, room: CellGrid, wavelength_nm: float) -> sparse.csr_array:
     """[frequencies, 2 side - 1]: bilinear weights times the pixel's sinc, summed over the orders."""
     most, side = max(_ORDERS, room.camera.orders(wavelength_nm)), room.side
     orders = np.arange(-most, most + 1)

@@ -20,7 +20,7 @@ from maskfab.errors import SourceError
 from maskfab.export.solid.tiles import Stack, centres_nm, glass
 from maskfab.geometry.plate_layout import coverage
 from maskfab.model import Die, Panel, Plate, Quantity
-from maskfab.readers.mesh import Floats, Ints, ReadShape, ReadSolid, nearest, read_scene, read_stl, unit_lines_nm
+from maskfab.readers.mesh import Floats, Ints, ReadShape, ReadSolid, nearest_line, read_scene, read_stl, unit_lines_nm
 from maskfab.readers.step import read_step
 
 _NM = 1.0
@@ -204,7 +204,7 @@ def _chrome(die: Die, stack: Stack, kind: _Kind) -> tuple[NDArray[np.bool_], flo
     panel = die.panel
     lines, half = unit_lines_nm(die) - panel.pitch_nm / 2, stack.film_nm / 2
     flat, z = kind.vertices_nm[:, :2], kind.vertices_nm[:, 2]
-    at = nearest(lines, flat)
+    at = nearest_line(lines, flat)
     off = max(float(np.abs(lines[at] - flat).max()), float(np.abs(np.abs(z) - half).max()))
     upper = (z[kind.shape.triangles] > 0).all(axis=1)
     region = db.Region()

@@ -14,7 +14,7 @@ from maskfab import __version__, provenance
 from maskfab.comparison.files import compare_mask, read_mask
 from maskfab.comparison.foreign.extents import file_box
 from maskfab.delivery.archive import MANIFEST, safe_stem, unpack, write_package
-from maskfab.delivery.papers import JOB_COPY, PROFILE, Ordered, check_papers, check_profile, facts, papers
+from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, facts, papers
 from maskfab.errors import InputError, JobError, OutputError, SourceError
 from maskfab.export.cell_polygons import CUT
 from maskfab.export.outputs import MASK_TAILS
@@ -109,7 +109,7 @@ def pack(
             return Package(None, findings, judged)
         names = [product.name for product in drawn.products]
         masks = tuple(provenance.written(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True))
-        made = papers(Ordered(job, shop, drawn.figures, job.signature, findings, judged, sent, masks))
+        made = papers(MaskOrder(job, shop, drawn.figures, job.signature, findings, judged, sent, masks))
         for name, content in made.items():
             write_bytes(folder / name, content)
         files = (*masks, *(provenance.written(folder, folder / name, "paper") for name in made))
@@ -226,7 +226,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         findings = check_shop(whole, house, formats, drawn.figures.options, blank_of(made.spec))
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
         findings = _measured(findings, house, tuple(boxes.values()))
-        ordered = Ordered(made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent))
+        ordered = MaskOrder(made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent))
         if shop is None:
             checks += check_profile(made, house, ours=manifest.get("maskfab_version") == __version__)
         checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= boxes.keys())

@@ -15,7 +15,7 @@ from maskfab.delivery.archive import MANIFEST
 from maskfab.export.cell_polygons import Figures
 from maskfab.job import Job
 from maskfab.jobfile.shop_profile import Format, Shop, dump_shop
-from maskfab.mask_shops.drawing import plate_drawing
+from maskfab.mask_shops.drawing import drawing_sheet
 from maskfab.mask_shops.judge import Finding
 from maskfab.mask_shops.order_sheet import PARITY, TONE, order_sheet
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
@@ -36,7 +36,7 @@ _WRITERS = ("maskfab_version", "matplotlib_version")
 
 
 @dataclass(frozen=True)
-class Ordered:
+class MaskOrder:
     """The order that the papers of a package describe.
 
     Attributes:
@@ -60,7 +60,7 @@ class Ordered:
     masks: tuple[WrittenFile, ...]
 
 
-def papers(ordered: Ordered) -> dict[str, bytes]:
+def papers(ordered: MaskOrder) -> dict[str, bytes]:
     """Order sheet, drawing, the house's profile, the job and the certificate, by file name; equal for equal orders."""
     plate, shop = ordered.figures.plate, ordered.shop
     remarks = [_remark(each) for each in ordered.findings if each.passed is None and each.place]
@@ -70,8 +70,8 @@ def papers(ordered: Ordered) -> dict[str, bytes]:
     return {
         "order.txt": sheet.text().encode(),
         "order.html": sheet.html().encode(),
-        "plate.svg": plate_drawing(plate, "svg", notes),
-        "plate.pdf": plate_drawing(plate, "pdf", notes),
+        "plate.svg": drawing_sheet(plate, "svg", notes),
+        "plate.pdf": drawing_sheet(plate, "pdf", notes),
         PROFILE: dump_shop(shop).encode(),
         JOB_COPY: (json.dumps(ordered.job.spec.dump(), indent=1) + "\n").encode(),
         CERTIFICATE: (json.dumps(_certificate(ordered), indent=1, ensure_ascii=False) + "\n").encode(),
@@ -95,7 +95,7 @@ def facts(job: Job, shop: Shop, figures: Figures) -> dict[str, Any]:
 
 
 def check_papers(
-    ordered: Ordered, manifest: Mapping[str, Any], present: Collection[str], *, readable: bool
+    ordered: MaskOrder, manifest: Mapping[str, Any], present: Collection[str], *, readable: bool
 ) -> Iterator[Quantity]:
     """Checks of a package's own statements, and of every paper in it, against what its job and profile make.
 
@@ -133,7 +133,7 @@ def check_papers(
     yield from _files_held({file.path: file for file in files}, listed, present, ours=ours)
 
 
-def _facts_held(ordered: Ordered, manifest: Mapping[str, Any], *, ours: bool) -> Iterator[Quantity]:
+def _facts_held(ordered: MaskOrder, manifest: Mapping[str, Any], *, ours: bool) -> Iterator[Quantity]:
     wanted = facts(ordered.job, ordered.shop, ordered.figures)
     for key in dict.fromkeys((*wanted, *manifest)):
         if key not in (*_WRITERS, "files"):
@@ -194,7 +194,7 @@ def _remark(finding: Finding) -> str:
     return f"{finding.rule}: {finding.value} {finding.unit} at {finding.place}; please confirm."
 
 
-def _certificate(ordered: Ordered) -> dict[str, Any]:
+def _certificate(ordered: MaskOrder) -> dict[str, Any]:
     return {
         "plate": ordered.figures.plate.name,
         "shop": ordered.shop.name,

@@ -13,7 +13,7 @@ from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
 from maskfab.display.emitters.fit import LargestGap, footprint, largest_gap
 from maskfab.display.emitters.measure import Violation, violations
 from maskfab.display.emitters.placement import Certificate, Footprint, Verdict
-from maskfab.display.light import Light, Triple, current_density, relative_life
+from maskfab.display.light import LightDemand, Triple, current_density, relative_life
 from maskfab.display.wires.gutter import WireRules
 from maskfab.display.wires.reach import Reach, reaches
 from maskfab.display.wires.wiring import WireDemand, Wiring, check_wires, wiring
@@ -42,7 +42,7 @@ class DisplayRules:
     emitters: EmitterRules
     keep: float
     circuit: CircuitRules
-    light: Light
+    light: LightDemand
     wires: WireDemand | None
 
     @classmethod
@@ -74,7 +74,7 @@ class DisplayRules:
             rules,
             section.keep,
             CircuitRules(section.circuit, section.circuits, section.shared_by, width),
-            Light(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
+            LightDemand(asked.luminance, asked.efficacy, ageing_exponent=asked.life_exponent),
             None if wires is None else _demand(wires, where),
         )
 
@@ -118,7 +118,7 @@ class Feasibility:
     wiring: Wiring | None
     reaches: tuple[Reach, ...]
     given: bool
-    light: Light
+    light: LightDemand
 
     @property
     def passed(self) -> bool:

@@ -27,7 +27,7 @@ MA_PER_CM2 = 0.1
 
 
 @dataclass(frozen=True)
-class Light:
+class LightDemand:
     """Light required of the emitters, and their efficacies.
 
     Attributes:
@@ -53,7 +53,7 @@ class Light:
         _check("ageing_exponent", (self.ageing_exponent,))
 
 
-def current_density(light: Light, area_shares: Triple) -> Triple:
+def current_density(light: LightDemand, area_shares: Triple) -> Triple:
     """Current density of red, green and blue at white, in mA/cm².
 
     Args:
@@ -71,7 +71,7 @@ def current_density(light: Light, area_shares: Triple) -> Triple:
     return red, green, blue
 
 
-def relative_life(density: float, reference: float, exponent: float = Light.ageing_exponent) -> float:
+def relative_life(density: float, reference: float, exponent: float = LightDemand.ageing_exponent) -> float:
     """Life at a current density over that at another: (J / J_ref)^-n.
 
     Raises:
@@ -82,7 +82,7 @@ def relative_life(density: float, reference: float, exponent: float = Light.agei
     return float((density / reference) ** -exponent)
 
 
-def equal_density_split(light: Light) -> Triple:
+def equal_density_split(light: LightDemand) -> Triple:
     """Shares of the emitting area, summing to 1, at which all three colours run at one current density."""
     parts = [share / efficacy for share, efficacy in zip(light.shares, light.efficacy_cd_per_a, strict=True)]
     red, green, blue = (part / math.fsum(parts) for part in parts)

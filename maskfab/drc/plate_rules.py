@@ -36,7 +36,7 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     """
     marks = _written_marks(plate)
     results: list[RuleResult] = []
-    if apart(plate, rules.reach_nm):
+    if dies_apart(plate, rules.reach_nm):
         for die in plate.dies:
             results += panel_results(die, rules, most)
         drawn = db.Region([simple_polygon(polygon) for polygon in marks])
@@ -56,7 +56,7 @@ def check_plate(plate: Plate, rules: DesignRules, *, most: int = 16) -> tuple[Ru
     return tuple(results)
 
 
-def apart(plate: Plate, reach_nm: int) -> bool:
+def dies_apart(plate: Plate, reach_nm: int) -> bool:
     """Whether no die comes within reach of another, or of a mark."""
     marks = _written_marks(plate)
     dies = np.array([die.box_nm for die in plate.dies], dtype=np.int64).reshape(-1, 4)

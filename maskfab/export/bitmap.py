@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 
 from maskfab.errors import OutputError
-from maskfab.export.size import check_size
+from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.files.image import is_whole
 from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
@@ -129,7 +129,7 @@ def _write(
     bits: int,
 ) -> Bitmap:
     width, height = bitmap_size(plate, dots_per_um, die)
-    check_size(math.ceil(width * bits / 8) * height, limit_bytes, path, "Choose fewer dots per um, or one die")
+    check_file_size(math.ceil(width * bits / 8) * height, limit_bytes, path, "Choose fewer dots per um, or one die")
     header = oiio.ImageSpec(width, height, 1, "uint8")
     if bits == 1:
         header.attribute("oiio:BitsPerSample", 1)

@@ -144,7 +144,7 @@ class Account:
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class CellArray:
     """Cells in rows and columns, none mirrored, turned or scaled.
 
     Attributes:
@@ -167,7 +167,7 @@ class DieFigures:
     name: str
     origin_nm: Point
     box_nm: Box
-    grids: tuple[Grid, ...]
+    grids: tuple[CellArray, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -325,7 +325,7 @@ class _Drawing:
                 self._cells[unit], self._done[unit] = self._redrawn(unit_shapes(panel, kind), unit)
         index = np.searchsorted(np.array(kinds), panel.orientations).astype(np.int64)
         most, needed = self._options.max_references, index.size if len(kinds) > 1 else 1
-        grids: tuple[Grid, ...] = (Grid(tuple(units), index, (0, 0), (pitch, pitch)),)
+        grids: tuple[CellArray, ...] = (CellArray(tuple(units), index, (0, 0), (pitch, pitch)),)
         if self._options.hierarchy == "cells" and most is not None and needed > most:
             grids = self._in_pairs(units, index, pitch)
             needed = sum(grid.index.size for grid in grids)
@@ -338,7 +338,7 @@ class _Drawing:
                 )
         return DieFigures(name, die.origin_nm, die.box_nm, grids)
 
-    def _in_pairs(self, units: Sequence[str], index: Ints, pitch: int) -> tuple[Grid, ...]:
+    def _in_pairs(self, units: Sequence[str], index: Ints, pitch: int) -> tuple[CellArray, ...]:
         found = pairs(index)
         names = []
         for left, right in found.kinds.tolist():
@@ -352,12 +352,12 @@ class _Drawing:
                 if layer in one or layer in other
             }
             self._done[name] = self._done[units[left]] + self._done[units[right]]
-        grids = [Grid(tuple(names), found.index, (0, 0), (2 * pitch, pitch))] if names else []
+        grids = [CellArray(tuple(names), found.index, (0, 0), (2 * pitch, pitch))] if names else []
         if found.rest.size:
             kinds, rest = np.unique(found.rest, return_inverse=True)
             last = tuple(units[kind] for kind in kinds.tolist())
             place = (2 * pitch * found.index.shape[1], 0)
-            grids.append(Grid(last, rest.reshape(found.rest.shape).astype(np.int64), place, (pitch, pitch)))
+            grids.append(CellArray(last, rest.reshape(found.rest.shape).astype(np.int64), place, (pitch, pitch)))
         return tuple(grids)
 
     def _marks(self) -> tuple[tuple[MarkFigures, ...], _Done]:

@@ -20,9 +20,9 @@ from ezdxf.document import Drawing
 from ezdxf.layouts import BaseLayout
 
 from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import CUT, DieFigures, Figures, Grid, PolygonOptions, as_figures
-from maskfab.export.polygon_text import Gap, written
-from maskfab.export.size import check_size
+from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, PolygonOptions, as_figures
+from maskfab.export.polygon_text import Placeholder, written
+from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
 from maskfab.units import NM_PER_MM, NM_PER_UM
@@ -110,7 +110,9 @@ def write_dxf(
     names = _checked_names(figures, style.layer_names, noted=version in style.unit_text or bool(figures.notes))
     flat = figures.options.hierarchy != "cells"
     if flat:
-        check_size(flat_bytes(figures, version), limit_bytes, path, 'Choose hierarchy = "cells", or GDSII or OASIS')
+        check_file_size(
+            flat_bytes(figures, version), limit_bytes, path, 'Choose hierarchy = "cells", or GDSII or OASIS'
+        )
     with _fixed_dates():
         drawing = _blank_drawing(version, names, style)
         splices = list(_draw(figures, drawing, names, style, texted=version in style.unit_text))
@@ -156,7 +158,7 @@ class _References:
         style: of the drawing.
     """
 
-    grid: Grid
+    grid: CellArray
     block: str
     owner: str
     layer: str
@@ -232,15 +234,15 @@ class _Pen:
     handles: Iterator[int]
     style: DrawingStyle
 
-    def outline(self, polygon: Polygon) -> tuple[str, list[Gap]]:
-        gaps = [gap for x, y in polygon for gap in (Gap("x", x), Gap("y", y))]
+    def outline(self, polygon: Polygon) -> tuple[str, list[Placeholder]]:
+        gaps = [gap for x, y in polygon for gap in (Placeholder("x", x), Placeholder("y", y))]
         if self.version == "R12":
             vertex = f"0\nVERTEX\n8\n{self.layer}\n10\n%s\n20\n%s\n"
             head = f"0\nPOLYLINE\n8\n{self.layer}\n66\n1\n10\n0.0\n20\n0.0\n30\n0.0\n70\n1\n"
             return f"{head}{vertex * len(polygon)}0\nSEQEND\n8\n{self.layer}\n", gaps
         head = f"0\nLWPOLYLINE\n5\n%s\n330\n{self.owner}\n100\nAcDbEntity\n8\n{self.layer}\n100\nAcDbPolyline\n"
         vertices = "10\n%s\n20\n%s\n" * len(polygon)
-        return f"{head}90\n{len(polygon)}\n70\n1\n{vertices}", [Gap("serial", 0), *gaps]
+        return f"{head}90\n{len(polygon)}\n70\n1\n{vertices}", [Placeholder("serial", 0), *gaps]
 
     def number(self, nm: int) -> str:
         return repr(self.style.length(nm))

@@ -15,8 +15,8 @@ from pathlib import Path
 
 from maskfab import __version__
 from maskfab.export.cell_polygons import CUT, Figures, as_figures
-from maskfab.export.polygon_text import Gap, written
-from maskfab.export.size import check_size
+from maskfab.export.polygon_text import Placeholder, written
+from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.model import CLEAR, Plate, Polygon
 
@@ -45,7 +45,7 @@ def write_gerber(
         OutputError: MF401 if the file cannot be written, MF415 if it would be too large.
     """
     figures = as_figures(source)
-    check_size(gerber_bytes(figures), limit_bytes, path, 'Choose GDSII or OASIS, or hierarchy = "merged"')
+    check_file_size(gerber_bytes(figures), limit_bytes, path, 'Choose GDSII or OASIS, or hierarchy = "merged"')
     # The specification leaves line ends out of the hash.
     digest = hashlib.md5(usedforsecurity=False)
     with partial(path) as aside, aside.open("w", encoding="ascii", newline="\n") as file:
@@ -100,14 +100,14 @@ def _field(value: str) -> str:
 class _Pen:
     """Writes regions; of each vertex only the coordinate that changes."""
 
-    def outline(self, polygon: Polygon) -> tuple[str, list[Gap]]:
+    def outline(self, polygon: Polygon) -> tuple[str, list[Placeholder]]:
         (x, y), texts = polygon[0], ["G36*\nX%sY%sD02*\n"]
-        gaps = [Gap("x", x), Gap("y", y)]
+        gaps = [Placeholder("x", x), Placeholder("y", y)]
         for next_x, next_y in (*polygon[1:], polygon[0]):
             if next_x != x or next_y == y:
-                gaps.append(Gap("x", next_x))
+                gaps.append(Placeholder("x", next_x))
             if next_y != y:
-                gaps.append(Gap("y", next_y))
+                gaps.append(Placeholder("y", next_y))
             texts.append("X%sD01*\n" if next_y == y else "Y%sD01*\n" if next_x == x else "X%sY%sD01*\n")
             x, y = next_x, next_y
         return "".join([*texts, "G37*\n"]), gaps

@@ -11,7 +11,7 @@ Ints = NDArray[np.int64]
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class CellPairs:
     """A grid of cells as cells of two.
 
     Attributes:
@@ -25,10 +25,10 @@ class Pairs:
     rest: Ints
 
 
-def pairs(cells: NDArray[np.integer]) -> Pairs:
+def pairs(cells: NDArray[np.integer]) -> CellPairs:
     """Pair the cells [rows, columns] of every row from the left."""
     rows, columns = cells.shape
     even = columns - columns % 2
     left, right = (cells[:, first:even:2].astype(np.int64) for first in (0, 1))
     kinds, index = np.unique(np.stack([left.ravel(), right.ravel()], axis=1), axis=0, return_inverse=True)
-    return Pairs(kinds, index.reshape(rows, even // 2).astype(np.int64), cells[:, even:].astype(np.int64))
+    return CellPairs(kinds, index.reshape(rows, even // 2).astype(np.int64), cells[:, even:].astype(np.int64))

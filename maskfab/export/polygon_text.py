@@ -12,12 +12,12 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from maskfab.export.cell_polygons import DieFigures, Figures, Grid
+from maskfab.export.cell_polygons import CellArray, DieFigures, Figures
 from maskfab.geometry.polygonize import points
 from maskfab.model import Layer, Point, Polygon
 
 
-class Gap(NamedTuple):
+class Placeholder(NamedTuple):
     """Where a number goes: a coordinate, or the next serial number."""
 
     axis: Literal["x", "y", "serial"]
@@ -27,7 +27,7 @@ class Gap(NamedTuple):
 class Pen(Protocol):
     """Writer of a polygon in one text format."""
 
-    def outline(self, polygon: Polygon) -> tuple[str, Sequence[Gap]]:
+    def outline(self, polygon: Polygon) -> tuple[str, Sequence[Placeholder]]:
         """Text of a polygon with ``%s`` for every number, and what goes there."""
 
     def number(self, nm: int) -> str:
@@ -76,7 +76,7 @@ class _Form:
 
 def _form(pen: Pen, polygons: Sequence[Polygon]) -> _Form:
     texts: list[str] = []
-    gaps: list[Gap] = []
+    gaps: list[Placeholder] = []
     for polygon in polygons:
         text, new = pen.outline(polygon)
         texts.append(text)
@@ -89,7 +89,7 @@ def _form(pen: Pen, polygons: Sequence[Polygon]) -> _Form:
     return _Form("".join(texts), len(gaps), at, values)
 
 
-def _grid(figures: Figures, layer: Layer, pen: Pen, origin_nm: Point, grid: Grid) -> Iterator[str]:
+def _grid(figures: Figures, layer: Layer, pen: Pen, origin_nm: Point, grid: CellArray) -> Iterator[str]:
     forms = [_form(pen, figures.cells[name].get(layer, ())) for name in grid.cells]
     x0, y0 = origin_nm[0] + grid.origin_nm[0], origin_nm[1] + grid.origin_nm[1]
     dx, dy = grid.step_nm

@@ -63,7 +63,7 @@ def psf_files(
             f"{plate.name}_{item.die.name}_psf_{psf.wavelength_nm:.12g}nm.exr",
             item.die,
             psf,
-            {**psf_facts(psf), **camera_facts(job.camera), **dict(_of_die(job, item.die)), **common},
+            {**psf_facts(psf), **camera_header(job.camera), **dict(_of_die(job, item.die)), **common},
         )
         for item in optics
         for psf in item.psfs
@@ -82,7 +82,7 @@ def psf_facts(psf: Psf) -> dict[str, Fact]:
     }
 
 
-def camera_facts(camera: Camera) -> dict[str, Fact]:
+def camera_header(camera: Camera) -> dict[str, Fact]:
     """The camera that a PSF holds for."""
     return {
         "focal_um": camera.focal_um,

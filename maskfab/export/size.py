@@ -7,7 +7,7 @@ from pathlib import Path
 from maskfab.errors import OutputError
 
 
-def check_size(expected: int, limit: int, path: Path, cure: str) -> None:
+def check_file_size(expected: int, limit: int, path: Path, cure: str) -> None:
     """Refuse (MF415) a file that would have more bytes than allowed, before a byte of it is written."""
     if expected > limit:
         raise OutputError(

@@ -11,8 +11,8 @@ from itertools import chain
 from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
-from maskfab.export.cell_polygons import CUT, DieFigures, Figures, Grid, as_figures
-from maskfab.export.size import check_size
+from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, as_figures
+from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.geometry.polygonize import points
 from maskfab.model import CLEAR, Box, Layer, Plate, Polygon
@@ -52,7 +52,7 @@ def write_svg(
     """
     figures = as_figures(source)
     chosen = None if die is None else _die(figures, die)
-    check_size(svg_bytes(figures, die), limit_bytes, path, 'Choose hierarchy = "cells", or GDSII or OASIS')
+    check_file_size(svg_bytes(figures, die), limit_bytes, path, 'Choose hierarchy = "cells", or GDSII or OASIS')
     with partial(path) as aside, aside.open("w", encoding="utf-8", newline="\n") as file:
         file.writelines(_document(figures, chosen, comments))
 
@@ -109,7 +109,7 @@ def _document(figures: Figures, die: DieFigures | None, comments: Sequence[str])
     yield "</g>\n</svg>\n"
 
 
-def _uses(figures: Figures, layer: Layer, die: DieFigures, grid: Grid) -> Iterator[str]:
+def _uses(figures: Figures, layer: Layer, die: DieFigures, grid: CellArray) -> Iterator[str]:
     (dx, dy), x0, y0 = grid.step_nm, die.origin_nm[0] + grid.origin_nm[0], die.origin_nm[1] + grid.origin_nm[1]
     # SVG 1.1 readers know the link under its older name only, and those of SVG 2 know both.
     heads = [

@@ -17,7 +17,7 @@ MOST_SAMPLES = 1 << 24
 
 
 @dataclass(frozen=True, eq=False)
-class Light:
+class EmittedLight:
     """Emitted light on square samples, each the exact mean over its own area.
 
     Attributes:
@@ -40,7 +40,7 @@ class Light:
         return self.rgb.shape[1] // self.samples, self.rgb.shape[2] // self.samples
 
 
-def show(panel: Panel, image: Floats, samples: int) -> Light:
+def show(panel: Panel, image: Floats, samples: int) -> EmittedLight:
     """The image on the pixels in the middle of a panel.
 
     Every emitter is driven so that the pixel sends out the colour asked for, whatever the emitters' areas (a small one
@@ -74,10 +74,10 @@ def show(panel: Panel, image: Floats, samples: int) -> Light:
         for row in range(rows):
             lit = tiles[turned[row], colour] * image[row, :, colour, None, None]
             rgb[colour, row] = lit.transpose(1, 0, 2)
-    return Light(_still(rgb.reshape(3, rows * samples, columns * samples)), samples, panel.cell_size.pitch_um)
+    return EmittedLight(_still(rgb.reshape(3, rows * samples, columns * samples)), samples, panel.cell_size.pitch_um)
 
 
-def ideal(image: Floats, samples: int, pitch_um: float) -> Light:
+def ideal(image: Floats, samples: int, pitch_um: float) -> EmittedLight:
     """The image on a display whose pixels shine evenly over all of their area in every colour: the reference.
 
     Raises:
@@ -85,7 +85,7 @@ def ideal(image: Floats, samples: int, pitch_um: float) -> Light:
     """
     _check_samples(*_checked(image), samples)
     even = np.repeat(np.repeat(np.moveaxis(image, -1, 0), samples, axis=1), samples, axis=2)
-    return Light(_still(even), samples, pitch_um)
+    return EmittedLight(_still(even), samples, pitch_um)
 
 
 def emission(panel: Panel, samples: int) -> Floats:

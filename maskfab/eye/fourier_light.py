@@ -11,7 +11,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.eye.display_light import Light
+from maskfab.eye.display_light import EmittedLight
 from maskfab.eye.viewing import Viewing
 
 Floats = NDArray[np.float64]
@@ -75,7 +75,7 @@ class Series:
         return found
 
 
-def series(light: Light, viewing: Viewing, highest_cpd: float) -> Series:
+def series(light: EmittedLight, viewing: Viewing, highest_cpd: float) -> Series:
     """The Fourier series of light up to ``highest_cpd`` along x and along y.
 
     Raises:

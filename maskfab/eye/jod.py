@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.eye.display_light import Light
+from maskfab.eye.display_light import EmittedLight
 from maskfab.eye.fourier_light import series
 from maskfab.eye.scielab import carrying
 from maskfab.eye.viewing import Viewing
@@ -41,7 +41,7 @@ def metric() -> ModuleType:
         ) from None
 
 
-def jod(test: Light, reference: Light, viewing: Viewing, white_cd_m2: float = WHITE_CD_M2) -> float:
+def jod(test: EmittedLight, reference: EmittedLight, viewing: Viewing, white_cd_m2: float = WHITE_CD_M2) -> float:
     """Quality of a display in just-objectionable differences, at most 10.
 
     Args:
@@ -71,7 +71,7 @@ def jod(test: Light, reference: Light, viewing: Viewing, white_cd_m2: float = WH
     return float(quality)
 
 
-def _absolute(light: Light, viewing: Viewing, white_cd_m2: float) -> NDArray[np.float32]:
+def _absolute(light: EmittedLight, viewing: Viewing, white_cd_m2: float) -> NDArray[np.float32]:
     """Luminous light [y, x, 3] in cd/m2, top row first, without what is finer than the eye resolves."""
     passed = series(light, viewing, _STOP_CPD).filtered(_fade)
     values = passed.values(carrying(_STOP_CPD, viewing))

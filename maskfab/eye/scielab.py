@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.eye.display_light import Light
+from maskfab.eye.display_light import EmittedLight
 from maskfab.eye.fourier_light import Series, series
 from maskfab.eye.viewing import Viewing
 from maskfab.optics.numbers.colour import XYZ_OF_RGB, delta_e_1976, lab_of_linear_srgb
@@ -39,7 +39,7 @@ HIGHEST_CPD = math.sqrt(-math.log(_FLOOR)) / (math.pi * 0.0283)
 
 
 @dataclass(frozen=True, eq=False)
-class Difference:
+class ColourDifference:
     """Difference of two pictures.
 
     Attributes:
@@ -65,7 +65,7 @@ class Difference:
         return float(self.colour.max())
 
 
-def see(light: Light, viewing: Viewing) -> Floats:
+def see(light: EmittedLight, viewing: Viewing) -> Floats:
     """CIE L*a*b* of light after the eye's blur, [y, x, 3] against the white of sRGB, row 0 the lowest.
 
     Samples lie as :func:`carrying` says, so that they hold all that the eye passes.
@@ -82,9 +82,9 @@ def of_series(spectrum: Series, viewing: Viewing) -> Floats:
     return lab_of_linear_srgb(rgb)
 
 
-def compare(first: Floats, second: Floats) -> Difference:
+def compare(first: Floats, second: Floats) -> ColourDifference:
     """The colour difference at every sample of two pictures [y, x, 3] in L*a*b*."""
-    return Difference(delta_e_1976(first, second), np.asarray(np.linalg.norm((first - second)[..., 1:], axis=-1)))
+    return ColourDifference(delta_e_1976(first, second), np.asarray(np.linalg.norm((first - second)[..., 1:], axis=-1)))
 
 
 def gains(radius_cpd: Floats) -> Floats:

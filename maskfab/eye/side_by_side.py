@@ -24,7 +24,7 @@ _FEWEST, _MOST = 8, 1000
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PictureView:
     """One picture on one panel.
 
     Attributes:
@@ -49,14 +49,14 @@ class View:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class SeenPanel:
     """A panel, every picture on it (linear light by pixel, and as it is seen), and its numbers."""
 
     name: str
     panel: Panel
     viewing: Viewing
     images: Mapping[str, Floats]
-    views: Mapping[str, View]
+    views: Mapping[str, PictureView]
     quantities: tuple[Quantity, ...]
 
 
@@ -86,7 +86,7 @@ def pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats
 
 def judge(
     name: str, panel: Panel, images: Mapping[str, Floats], samples: int, viewing: Viewing, *, with_jod: bool = False
-) -> Judged:
+) -> SeenPanel:
     """Show every image on a panel and look at it.
 
     Args:
@@ -119,7 +119,7 @@ def judge(
         moved = scielab.of_series(even.displaced(shift_x, shift_y), viewing)
         quality = jod.jod(light, perfect, viewing) if with_jod else None
         plain, aligned = scielab.compare(lab, reference), scielab.compare(lab, moved)
-        view = View(
+        view = PictureView(
             appearance(spectrum, viewing).astype(np.float32),
             appearance(even, viewing).astype(np.float32),
             scielab.carrying(scielab.HIGHEST_CPD, viewing),
@@ -136,10 +136,10 @@ def judge(
                 method = f"rms luminance contrast of an even field, {low:g} to {high:g} cy/deg"
                 own.append(Quantity(f"grain_{word}", rms, method, die=name))
         own.extend(_numbers(name, title, view))
-    return Judged(name, panel, viewing, images, views, tuple(own))
+    return SeenPanel(name, panel, viewing, images, views, tuple(own))
 
 
-def _numbers(name: str, title: str, view: View) -> list[Quantity]:
+def _numbers(name: str, title: str, view: PictureView) -> list[Quantity]:
     found = [
         Quantity(f"{title}_delta_e_mean", view.delta_e, "S-CIELAB, CIE 1976, mean", die=name),
         Quantity(f"{title}_delta_e_95", view.delta_e_95, "the same, 95th percentile", die=name),

@@ -38,7 +38,7 @@ _styled = mpl.rc_context(
 
 
 @_styled
-def plate_drawing(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str]) -> bytes:
+def drawing_sheet(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str]) -> bytes:
     """The plate on a sheet of A3, equal plates in equal bytes.
 
     Args:

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 from maskfab.drc import DesignRules, RuleResult, check_plate, narrowest
 from maskfab.drc.panel_rules import Tone
-from maskfab.drc.plate_rules import apart
+from maskfab.drc.plate_rules import dies_apart
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
 from maskfab.geometry.plate_layout import plate_names
@@ -334,7 +334,7 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone) -> tuple[float, str] | 
     """
     marks = tuple(mark for mark in plate.furniture if mark.kind not in _FINE_ON_PURPOSE)
     coarse = replace(plate, furniture=marks)
-    if apart(coarse, rules.reach_nm):
+    if dies_apart(coarse, rules.reach_nm):
         found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone)]
         found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
     else:

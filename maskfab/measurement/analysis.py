@@ -31,7 +31,7 @@ from maskfab.measurement.optics import (
     stop_boundary,
 )
 from maskfab.measurement.scene_result import SceneOptics
-from maskfab.measurement.scene_rows import measure_scene, reach_um, scene_plan
+from maskfab.measurement.scene_rows import measure_scene, scene_plan, scene_reach_um
 from maskfab.model import (
     CLEAR,
     UNSTATED,
@@ -58,7 +58,7 @@ from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.scene.model_bar import bar_of_panel, bar_quantities, model_bar
 from maskfab.optics.scene.plan import sampling_camera
 from maskfab.optics.scene.scene import Scene
-from maskfab.plate.panels import check_light, check_size
+from maskfab.plate.panels import check_light, check_panel_size
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
 from maskfab.readers.layout_file import find_cell, find_layer, read_layout
@@ -185,10 +185,10 @@ def analyse_opening(opening: Opening, request: Request, progress: Progress = sil
     reach = camera.stop.diameter_um / 2
     if scene is not None:
         check_optics(sampling_camera(camera, scene), dot_nm / NM_PER_UM, where="the request: the ends of the spectrum")
-        reach = reach_um(camera, scene)
+        reach = scene_reach_um(camera, scene)
     pitch_nm = CellSize(opening.dots, dot_nm, gutter_nm).pitch_nm
     cells = 2 * math.ceil(reach * NM_PER_UM / pitch_nm)
-    check_size(cells, opening.dots, "the panel over the stop", where="the request")
+    check_panel_size(cells, opening.dots, "the panel over the stop", where="the request")
     tiling = request.tiling or Tiling.PERIODIC
     panel = Panel(
         opening,

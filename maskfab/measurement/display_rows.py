@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from maskfab.display.feasibility import Feasibility
-from maskfab.display.light import Light
+from maskfab.display.light import LightDemand
 from maskfab.eye.grain import SLOW_CPD, predicted_rms
 from maskfab.eye.viewing import Viewing
 from maskfab.measurement.wired import wired_quantities
@@ -102,7 +102,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
         die=name,
     )
-    light, usual = found.light, Light()
+    light, usual = found.light, LightDemand()
     assumed = light.efficacy_cd_per_a == usual.efficacy_cd_per_a
     judged = " (a judgement; no source was found)" if assumed else ""
     claimed = light.ageing_exponent == usual.ageing_exponent

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import ASSUMED, LEVELS
 from maskfab.camera.scenes import bundled
 from maskfab.camera.shots import Crop, Shot, shots, truth_of
-from maskfab.camera.transfer import CELLS, FEWEST_CELLS, PITCH_UM, Laid, Lattice
+from maskfab.camera.transfer import CELLS, FEWEST_CELLS, PITCH_UM, CellGrid, Laid
 from maskfab.errors import JobError
 from maskfab.model import Die, Panel, Quantity, Tiling, refined
 from maskfab.optimiser.model.expected_psnr import SceneStatistics, Surrogate
@@ -73,8 +73,8 @@ class Photographer:
 
     laid: Mapping[str, Laid]
     refused: Mapping[str, Restored]
-    scenes: tuple[Scene, ...]
-    estimates: Mapping[Lattice, Surrogate]
+    scenes: tuple[Photograph, ...]
+    estimates: Mapping[CellGrid, Surrogate]
     camera: PhotoCamera
 
     def __call__(self, die: Die, *, photographs: bool) -> Restored:
@@ -122,7 +122,7 @@ class Photographer:
 
 
 def photographer(
-    dies: Sequence[Die], scenes: Sequence[Scene] | None = None, camera: PhotoCamera = F1
+    dies: Sequence[Die], scenes: Sequence[Photograph] | None = None, camera: PhotoCamera = F1
 ) -> Photographer | None:
     """Prepare for the dies that cover the camera's stop and that can be judged; None if there are none.
 
@@ -151,7 +151,7 @@ def photographer(
     return Photographer(laid, refused, known, estimates, camera)
 
 
-def _require_cells(die: Die, room: Lattice) -> None:
+def _require_cells(die: Die, room: CellGrid) -> None:
     """Refuse random layouts of too few cells for the mean over all layouts to represent them."""
     if die.panel.tiling is Tiling.RANDOM and room.cells < FEWEST_CELLS and not room.camera.is_f1:
         raise JobError(

@@ -18,7 +18,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class View:
+class PointView:
     """The picture of one point of the scene.
 
     Attributes:
@@ -58,8 +58,8 @@ class SceneOptics:
     die: Die
     scene: Scene
     plan: Plan
-    field: tuple[tuple[View, ...], ...]
-    depth: tuple[View, ...]
+    field: tuple[tuple[PointView, ...], ...]
+    depth: tuple[PointView, ...]
     colours: tuple[Psf, ...]
     quantities: tuple[Quantity, ...]
 

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.measurement.scene_result import SceneOptics, View, distance
+from maskfab.measurement.scene_result import PointView, SceneOptics, distance
 from maskfab.model import UNSTATED, Camera, Die, MaskBlank, Psf, Quantity
 from maskfab.optics.image.psf import pixel_psf, point_psf
 from maskfab.optics.image.spectrum import pixel_transfer
@@ -67,7 +67,7 @@ def peak_bytes(die: Die, camera: Camera, scene: Scene, plan: Plan) -> float:
     return float(_BYTES_PER_SAMPLE * ((camera.stop.diameter_um + 2 * guard) / sample) ** 2)
 
 
-def reach_um(camera: Camera, scene: Scene) -> float:
+def scene_reach_um(camera: Camera, scene: Scene) -> float:
     """Half the side of the square of openings that light on its way to the stop can meet."""
     moved = scene.gap_um * scene.field_um / camera.focal_um
     return camera.stop.diameter_um / 2 + moved + _LARGEST_SLOPE * scene.gap_um
@@ -82,7 +82,7 @@ def measure_scene(
         die: the design.
         camera: what looks through it.
         scene: what is looked at.
-        openings: as read back, as far as :func:`reach_um`.
+        openings: as read back, as far as :func:`scene_reach_um`.
         plan: how to model the scene.
         blank: what the plate is made of; of it a scene holds the glass alone.
 
@@ -150,7 +150,7 @@ class _Shown:
             margin=margin,
         )
 
-    def view(self, image_um: Place, object_um: float, centre: Psf | None) -> View:
+    def view(self, image_um: Place, object_um: float, centre: Psf | None) -> PointView:
         """A view, deblurred with the PSF of the axis in focus; that one's own if there is no ``centre`` yet."""
         away = None if object_um == self.scene.focus_um else object_um
         # Every place has its own PSF here, where the plan may let it borrow that of a neighbour.
@@ -158,7 +158,7 @@ class _Shown:
         points = self.psf(self.middle_nm, image_um, away, plan=everywhere, margin=self.plan.pixel_margin)
         pixels = pixel_psf(points, self.camera)
         known = centre or pixels
-        return View(
+        return PointView(
             image_um,
             object_um,
             pixels,
@@ -167,7 +167,7 @@ class _Shown:
             deblurring_residual(pixels, known, NOISE_TO_SIGNAL) if centre else 0.0,
         )
 
-    def over_field(self) -> tuple[tuple[View, ...], ...]:
+    def over_field(self) -> tuple[tuple[PointView, ...], ...]:
         if self.corner == AXIS or self.plan.choice.places == 1:
             return ()
         focus = self.scene.focus_um
@@ -177,7 +177,7 @@ class _Shown:
             for row in field_places(self.corner[0], _PLACES)
         )
 
-    def over_depth(self) -> tuple[View, ...]:
+    def over_depth(self) -> tuple[PointView, ...]:
         if self.farthest_off is None or not self.plan.choice.defocus:
             return ()
         scene = self.scene
@@ -240,7 +240,7 @@ class _Shown:
             ),
         ]
 
-    def of_field(self, field: tuple[tuple[View, ...], ...]) -> Iterable[Quantity]:
+    def of_field(self, field: tuple[tuple[PointView, ...], ...]) -> Iterable[Quantity]:
         """Residue in the worst corner of the field after deblurring with the centre's PSF."""
         if field:
             worst = max((field[y][x] for y in (0, -1) for x in (0, -1)), key=lambda view: view.residual)
@@ -249,7 +249,7 @@ class _Shown:
             yield self._left("field_residual", worst, f"{where},")
             yield from self._modulations(worst, where)
 
-    def _modulations(self, view: View, where: str) -> Iterable[Quantity]:
+    def _modulations(self, view: PointView, where: str) -> Iterable[Quantity]:
         """The tangential and sagittal MTF off the axis, half-way to the highest frequency that pixels hold."""
         frequency = 0.25 / self.camera.pixel_um
         points = self.psf(view.psf.wavelength_nm, view.image_um)
@@ -267,7 +267,7 @@ class _Shown:
                 wavelength_nm=view.psf.wavelength_nm,
             )
 
-    def of_depth(self, depth: tuple[View, ...]) -> Iterable[Quantity]:
+    def of_depth(self, depth: tuple[PointView, ...]) -> Iterable[Quantity]:
         """Residue at the worse end of the depth range, and the difference of its PSF from the one in focus."""
         if not depth:
             return
@@ -284,7 +284,7 @@ class _Shown:
             wavelength_nm=sharp.psf.wavelength_nm,
         )
 
-    def _left(self, name: str, view: View, where: str) -> Quantity:
+    def _left(self, name: str, view: PointView, where: str) -> Quantity:
         return Quantity(
             name,
             view.residual,

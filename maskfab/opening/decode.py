@@ -67,7 +67,7 @@ def from_lines(lines: Rows, where: str) -> Mask:
                 cure=f"Give every line {width} characters",
             )
     check_square(len(rows), width, where)
-    check_size(width, where)
+    check_dots(width, where)
     return np.array([[character == CLEAR for character in row] for _, row in reversed(rows)], dtype=np.bool_)
 
 
@@ -111,7 +111,7 @@ def _of_image(image: Any, where: str) -> Mask:
     try:
         spec = image.spec()
         check_square(spec.height, spec.width, where)
-        check_size(spec.width, where)
+        check_dots(spec.width, where)
         if spec.nchannels > MOST_CHANNELS:
             what = f"the image has {spec.nchannels} channels; the limit is {MOST_CHANNELS}"
             raise OpeningError("MF202", what, where=where, cure="Save it as a grey image")
@@ -173,7 +173,7 @@ def from_array(values: NDArray[Any], where: str) -> Mask:
         )
     rows, columns = values.shape
     check_square(rows, columns, where)
-    check_size(rows, where)
+    check_dots(rows, where)
     if values.dtype.kind not in "buif":
         raise OpeningError(
             "MF202", f"the array's values are of type {values.dtype}", where=where, cure="Give bool values, or 0 and 1"
@@ -279,7 +279,7 @@ def check_square(rows: int, columns: int, where: str) -> None:
         )
 
 
-def check_size(dots: int, where: str) -> None:
+def check_dots(dots: int, where: str) -> None:
     """Refuse a mask larger than any display pixel needs (MF115)."""
     if dots > MAX_DOTS:
         raise JobError(

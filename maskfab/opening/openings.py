@@ -235,7 +235,7 @@ def _check_number(key: str, value: int | None, where: str) -> None:
             cure="Give a whole number of 1 or more",
         )
     if key == "dots" and value is not None:
-        decode.check_size(value, where)
+        decode.check_dots(value, where)
 
 
 def _check_stated(opening: Opening, dots: int | None, dot_nm: int | None, where: str) -> None:

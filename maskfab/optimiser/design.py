@@ -8,7 +8,7 @@ from pathlib import Path
 
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
-from maskfab.camera.photographs import Scene, folder
+from maskfab.camera.photographs import Photograph, folder
 from maskfab.camera.transfer import lattice
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
@@ -95,7 +95,7 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
     return spec.design
 
 
-def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Scene]:
+def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Photograph]:
     """Maps fit the very pictures they are designed on, so they get more of them."""
     if images is not None:
         return folder(images)

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
 from maskfab.display.emitters.across_borders import border_margin
-from maskfab.display.emitters.emitter_rules import EmitterRules, Grid, grid_of
+from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules, grid_of
 from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine
 from maskfab.display.emitters.rectangles import rectangle_footprints
@@ -45,7 +45,7 @@ _ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedOpening:
     """An opening with both of its numbers.
 
     Attributes:
@@ -72,7 +72,7 @@ class Judged:
 
 
 @dataclass(frozen=True, eq=False)
-class Curve:
+class FrontCurve:
     """Results of the openings of one number of clear dots.
 
     Attributes:
@@ -85,7 +85,7 @@ class Curve:
     """
 
     clear_dots: int
-    front: tuple[Judged, ...]
+    front: tuple[JudgedOpening, ...]
     evaluated: int
     measured: int
     complete: bool
@@ -103,12 +103,12 @@ class Pareto:
         dot_nm: side of a dot.
     """
 
-    curves: tuple[Curve, ...]
-    best: tuple[Judged, ...]
-    compared: tuple[Judged, ...]
+    curves: tuple[FrontCurve, ...]
+    best: tuple[JudgedOpening, ...]
+    compared: tuple[JudgedOpening, ...]
     dot_nm: int
 
-    def gain_db(self, other: Judged) -> float | None:
+    def gain_db(self, other: JudgedOpening) -> float | None:
         """Gain of the best PSNR found over that of an opening, at no less footprint and no more clear dots; None where
         nothing found has either."""
         rivals = [
@@ -140,7 +140,7 @@ class Footprints:
     orientations: tuple[int, ...] = tuple(range(ORIENTATIONS))
 
     @cached_property
-    def grid(self) -> Grid:
+    def grid(self) -> EmitterGrid:
         """Cells on which the rules are whole numbers."""
         nothing = Opening("unit", np.zeros((self.dots, self.dots), dtype=np.bool_), self.dot_nm)
         return grid_of(nothing, self.dot_nm, 0, self.rules)
@@ -238,7 +238,7 @@ def rules_of(
 def sweep(
     pareto: ParetoSection,
     section: SearchSection,
-    scenes: Sequence[Scene],
+    scenes: Sequence[Photograph],
     *,
     compared: Sequence[Opening] = (),
     emitters: EmitterRules | None = None,
@@ -275,14 +275,14 @@ def sweep(
     work = _Sweep(pareto, section, objective, footprints, rules, workers or os.cpu_count() or 1, progress)
     counts = sorted(set(pareto.clear_dots))
     clock = Clock(budget_s)
-    curves: list[Curve] = []
+    curves: list[FrontCurve] = []
     refusals: list[InputError] = []
     for done, count in enumerate(counts):
         try:
             curves.append(work.curve(count, Clock(clock.left(1 / (len(counts) - done)))))
         except InputError as refusal:
             refusals.append(refusal)
-            curves.append(Curve(count, (), 0, 0, complete=True, refusal=f"{refusal.code} {refusal.what}"))
+            curves.append(FrontCurve(count, (), 0, 0, complete=True, refusal=f"{refusal.code} {refusal.what}"))
     if len(refusals) == len(counts):
         raise refusals[0]
     every = [each for curve in curves for each in curve.front]
@@ -293,7 +293,7 @@ def sweep(
 
 def openings(
     found: Pareto, section: SearchSection, command: str, camera: PhotoCamera = F1
-) -> dict[str, tuple[Judged, Opening]]:
+) -> dict[str, tuple[JudgedOpening, Opening]]:
     """Every opening on a curve with its provenance, by its name: the job's, the clear dots and its place in the curve.
 
     Args:
@@ -302,7 +302,7 @@ def openings(
         command: how a user repeats it.
         camera: of that sweep.
     """
-    named: dict[str, tuple[Judged, Opening]] = {}
+    named: dict[str, tuple[JudgedOpening, Opening]] = {}
     for curve in found.curves:
         for place, each in enumerate(curve.front, start=1):
             name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
@@ -333,12 +333,12 @@ class _Sweep:
     workers: int
     progress: Progress
 
-    def judged(self, shape: str, unit: Mask, footprint: float) -> Judged:
+    def judged(self, shape: str, unit: Mask, footprint: float) -> JudgedOpening:
         psnr = self.objective.surrogate(unit, periodic=self.objective.periodic, levels=self.objective.levels)
         weights = self.objective.weights
-        return Judged(shape, unit, float(np.dot(psnr, weights) / sum(weights)), psnr, footprint)
+        return JudgedOpening(shape, unit, float(np.dot(psnr, weights) / sum(weights)), psnr, footprint)
 
-    def curve(self, count: int, clock: Clock) -> Curve:
+    def curve(self, count: int, clock: Clock) -> FrontCurve:
         rules = replace(self.rules, clear_dots=count)
         rules.require_possible()
         section = self.section
@@ -368,11 +368,11 @@ class _Sweep:
             more, walked, complete = self._annealed(best, rules, clock)
             best, evaluated, measured = [*best, *more], evaluated + walked, measured + len(more)
         kept = non_dominated([each.value for each in best], [each.footprint for each in best])
-        return Curve(count, tuple(best[k] for k in kept), evaluated, measured, complete)
+        return FrontCurve(count, tuple(best[k] for k in kept), evaluated, measured, complete)
 
-    def _steps(self, ranked: Sequence[Ranked], count: int) -> tuple[list[Judged], int]:
+    def _steps(self, ranked: Sequence[Ranked], count: int) -> tuple[list[JudgedOpening], int]:
         """Those with more footprint than all of a better PSNR, and how many footprints were measured."""
-        steps: list[Judged] = []
+        steps: list[JudgedOpening] = []
         measured, widest = 0, 0.0
         for done, (each, bound) in enumerate(self._bounded(ranked)):
             if done % _BATCH == 0:
@@ -393,11 +393,13 @@ class _Sweep:
             bounds = self.footprints.bounds(np.stack([each.unit for each in part]))
             yield from zip(part, bounds.tolist(), strict=True)
 
-    def _annealed(self, steps: Sequence[Judged], rules: Constraints, clock: Clock) -> tuple[list[Judged], int, bool]:
+    def _annealed(
+        self, steps: Sequence[JudgedOpening], rules: Constraints, clock: Clock
+    ) -> tuple[list[JudgedOpening], int, bool]:
         """Better openings from places spread over the steps, each with no less footprint than where it started."""
         last = len(steps) - 1
         places = sorted({round(k * last / max(1, self.pareto.points - 1)) for k in range(self.pareto.points)})
-        found: list[Judged] = []
+        found: list[JudgedOpening] = []
         walked, complete = 0, True
         for done, place in enumerate(places):
             start = steps[place]

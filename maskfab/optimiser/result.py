@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from maskfab import __version__
 from maskfab.camera.photo_camera import F1, PhotoCamera, described
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
 from maskfab.display.circuit import CircuitRules
 from maskfab.display.emitters.emitter_rules import EmitterRules
@@ -181,7 +181,7 @@ def of_prices(found: Prices) -> Facts:
     return facts
 
 
-def run_key(section: DesignSection, scenes: Sequence[Scene], *more: object) -> str:
+def run_key(section: DesignSection, scenes: Sequence[Photograph], *more: object) -> str:
     """Key that tells the checkpoint of this run from every other."""
     told = hashlib.sha256(f"{__version__} {np.__version__} {section!r} {more!r}".encode())
     for scene in scenes:

@@ -100,7 +100,7 @@ def tiled(die: DieSection, held: tuple[Opening, ...], side_nm: int, given: maps.
             where=where,
             cure="Use a larger plate.die_size or a finer dot",
         )
-    check_size(cells, opening.dots, f"die {die.name!r}", where=where)
+    check_panel_size(cells, opening.dots, f"die {die.name!r}", where=where)
     rows, columns = (cells, cells) if given is None else maps.panel_shape(given, cells, cells)
     if die.tiling is Tiling.HEXAGONAL:
         opening, rows, columns = hexagonal_sheet(opening, side_nm // dot_nm, die.seed or 0), 1, 1
@@ -124,7 +124,7 @@ def check_cover(panel: Panel, stop: Stop, what: str, *, where: str) -> None:
     check_light(panel, stop, where=where)
 
 
-def check_size(cells: int, dots: int, what: str, *, where: str) -> None:
+def check_panel_size(cells: int, dots: int, what: str, *, where: str) -> None:
     """Refuse a panel of more cells or dots than can be drawn and compared (MF115)."""
     if cells > _MOST_CELLS_ACROSS or cells * dots > _MOST_DOTS_ACROSS:
         raise JobError(

@@ -200,7 +200,7 @@ def _split(corners_mm: NDArray[np.float32], die: Die) -> _Split:
     local = corners.copy()
     local[..., :2] -= (low + (cell + 0.5) * pitch)[:, None]
     lines = unit_lines_nm(die) - pitch / 2
-    snapped = np.concatenate([lines[nearest(lines, local[..., :2])], np.round(local[..., 2:], 2)], axis=2)
+    snapped = np.concatenate([lines[nearest_line(lines, local[..., :2])], np.round(local[..., 2:], 2)], axis=2)
     return _Split(cell, snapped, float(np.abs(snapped - local).max(initial=0.0)), volume)
 
 
@@ -209,7 +209,7 @@ def unit_lines_nm(die: Die) -> Floats:
     return die.panel.cell_size.edges_nm.astype(np.float64)
 
 
-def nearest(lines: Floats, values: Floats) -> Ints:
+def nearest_line(lines: Floats, values: Floats) -> Ints:
     """Index of the line nearest to each value."""
     return np.searchsorted((lines[1:] + lines[:-1]) / 2, values).astype(np.int64)
 

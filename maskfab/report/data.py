@@ -14,7 +14,7 @@ from maskfab import __version__
 from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InternalError
 from maskfab.export.psf_exr import stop_facts
-from maskfab.measurement.scene_result import SceneOptics, View
+from maskfab.measurement.scene_result import PointView, SceneOptics
 from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
 from maskfab.optics.scene.plan import AT_MOST
 from maskfab.optics.scene.plan import document as plan_document
@@ -292,7 +292,7 @@ def _scene(optics: SceneOptics) -> Document:
     }
 
 
-def _view(view: View) -> Document:
+def _view(view: PointView) -> Document:
     return {
         "image_um": view.image_um,
         "object_um": _distance(view.object_um),

@@ -15,13 +15,13 @@ from maskfab.files.finished import RESULT_MARK
 from maskfab.files.staging import Place, staged
 from maskfab.model import Opening
 from maskfab.opening.openings import dumps
-from maskfab.optimiser.pareto import Judged, Pareto
+from maskfab.optimiser.pareto import JudgedOpening, Pareto
 from maskfab.report.plots.pareto_figure import png, svg
 
 SCHEMA_VERSION = 1
 DOCUMENT, TABLE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.png", "pareto.svg"
 
-Named = Mapping[str, tuple[Judged, Opening]]
+Named = Mapping[str, tuple[JudgedOpening, Opening]]
 
 
 def document(found: Pareto, named: Named, job_hash: str) -> dict[str, Any]:
@@ -29,7 +29,7 @@ def document(found: Pareto, named: Named, job_hash: str) -> dict[str, Any]:
     names = {id(judged): name for name, (judged, _) in named.items()}
     best = {id(each) for each in found.best}
 
-    def told(each: Judged) -> dict[str, Any]:
+    def told(each: JudgedOpening) -> dict[str, Any]:
         name = names[id(each)]
         return {"name": name, **_numbers(each), "best": id(each) in best, "opening": f"{name}.toml"}
 
@@ -91,7 +91,7 @@ def write(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path
     return sorted(place.asked.iterdir())
 
 
-def _numbers(each: Judged) -> dict[str, Any]:
+def _numbers(each: JudgedOpening) -> dict[str, Any]:
     return {
         "shape": each.shape,
         "clear_dots": each.clear_dots,

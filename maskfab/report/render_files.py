@@ -12,7 +12,7 @@ import numpy as np
 from maskfab import __version__, provenance
 from maskfab.export.pictures import write_exr, write_png
 from maskfab.eye.display_light import show
-from maskfab.eye.side_by_side import Judged
+from maskfab.eye.side_by_side import SeenPanel
 from maskfab.files.staging import check_target, staged
 from maskfab.progress import Progress, silent
 from maskfab.report.data import quantity_document
@@ -23,7 +23,7 @@ SCHEMA_VERSION = 1
 DOCUMENT, FIGURE = "render.json", "render.png"
 
 
-def document(panels: Sequence[Judged], samples: int, job_hash: str) -> dict[str, Any]:
+def document(panels: Sequence[SeenPanel], samples: int, job_hash: str) -> dict[str, Any]:
     """Everything that was measured; what render.json and ``--json`` say."""
     viewing = panels[0].viewing
     return {
@@ -45,7 +45,7 @@ def document(panels: Sequence[Judged], samples: int, job_hash: str) -> dict[str,
 
 def write(
     target: Path,
-    panels: Sequence[Judged],
+    panels: Sequence[SeenPanel],
     samples: int,
     job_hash: str,
     progress: Progress = silent,

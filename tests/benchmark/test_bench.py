@@ -12,7 +12,7 @@ import pytest
 from maskfab.benchmark.accuracy import Timing, absent, race, standard_workload
 from maskfab.benchmark.accuracy_page import case_table, race_figure, race_table
 from maskfab.benchmark.cases import Case, run
-from maskfab.benchmark.other_libraries import PEERS, Peer, Task
+from maskfab.benchmark.other_libraries import PEERS, Peer, PsfTask
 from maskfab.cli import run_command_line
 
 
@@ -65,7 +65,7 @@ def test_a_peer_keeps_what_it_can_between_calls() -> None:
         make_uniform_grid=lambda *_, **__: None, Field=lambda values, _: values, MatrixFourierTransform=Transform
     )
     (hcipy,) = (peer for peer in PEERS if peer.module == "hcipy")
-    run = hcipy.prepare(library, Task(np.ones((4, 4)), 8.0, 1e4, 0.53, 0.5, 4))
+    run = hcipy.prepare(library, PsfTask(np.ones((4, 4)), 8.0, 1e4, 0.53, 0.5, 4))
     assert [run().shape for _ in range(3)] == [(4, 4)] * 3
     assert len(made) == 1
 

@@ -10,7 +10,7 @@ import torch
 
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.transfer import OpenStop, lattice, lay, transfer_grid
 from maskfab.errors import JobError
@@ -43,13 +43,13 @@ def panel(cells: int, gutter_nm: int = 0) -> Panel:
 
 
 @pytest.fixture(scope="module")
-def scenes() -> tuple[Scene, ...]:
+def scenes() -> tuple[Photograph, ...]:
     """Noise of a spectrum f^-1.5, as wide as photographs are."""
     draw = np.random.default_rng(1).standard_normal((1024, 1536))
     distance = np.hypot(np.fft.fftfreq(1024)[:, None], np.fft.rfftfreq(1536))
     values = np.fft.irfft2(np.fft.rfft2(draw) / np.maximum(distance, 1e-3) ** 1.5)
     values = np.clip(0.4 + 0.15 * values / values.std(), 0, 1).astype(np.float32)
-    return (Scene("noise", 1, np.repeat(values[None], 3, axis=0)),)
+    return (Photograph("noise", 1, np.repeat(values[None], 3, axis=0)),)
 
 
 @pytest.mark.parametrize(

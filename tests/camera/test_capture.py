@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from maskfab.camera.capture import ELECTRONS, FULL_WELL, READ_NOISE, capture, gain
-from maskfab.camera.transfer import CELLS, Lattice, autocorrelation, lattice, lay, transfer_grid
+from maskfab.camera.transfer import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, transfer_grid
 from maskfab.errors import JobError, OpeningError
 
 
 def test_autocorrelation_is_the_sum_over_pairs():
     pupil = np.random.default_rng(0).random((7, 7))
-    table = autocorrelation(pupil)
+    table = pupil_autocorrelation(pupil)
     for dy in range(-6, 7):
         for dx in range(-6, 7):
             a = pupil[max(0, dy) : 7 + min(0, dy), max(0, dx) : 7 + min(0, dx)]
@@ -22,12 +22,12 @@ def test_autocorrelation_is_the_sum_over_pairs():
 
 def test_transfer_is_the_sum_over_orders_and_lags():
     dots = 48
-    room = Lattice(dots, 1, 84.0)
+    room = CellGrid(dots, 1, 84.0)
     pupil = room.stop * (np.random.default_rng(1).random((dots, dots)) < 0.4).astype(np.float64)
     found = transfer_grid((16, 24), room)(pupil)
     assert found.shape == (3, 16, 13)
     np.testing.assert_allclose(found[:, 0, 0], 1, rtol=1e-6)
-    table = np.pad(autocorrelation(pupil), 1) / pupil.sum()
+    table = np.pad(pupil_autocorrelation(pupil), 1) / pupil.sum()
     for row, column in ((0, 5), (3, 12), (12, 7), (8, 0)):
         fy, fx = np.fft.fftfreq(16)[row], column / 24
         total = 0.0

@@ -13,7 +13,7 @@ from PIL import Image
 from small_job import command, edited, write_job
 
 from maskfab.comparison.foreign.foreign_mask import How, check_foreign, only_die
-from maskfab.comparison.foreign.layer_choice import Ordered, clear_only
+from maskfab.comparison.foreign.layer_choice import StatedLayers, clear_only
 from maskfab.comparison.foreign.optics_agreement import optics_of_like, optics_of_unlike
 from maskfab.errors import JobError, SourceError
 from maskfab.export.dxf import DrawingStyle, write_dxf
@@ -218,7 +218,7 @@ def test_holes_on_a_layer_of_their_own_are_taken_away(job, plate, gds, tmp_path)
             layout.top_cell().shapes(layout.layer(number, 0)).insert(hole)
 
     path = edited(gds, tmp_path / "x.gds", cover)
-    ordered = Ordered(cut=True)
+    ordered = StatedLayers(cut=True)
     assert failed(check_foreign(plate, job.camera, job.spec.limits, path, ordered=ordered)) == set()
 
 
@@ -303,7 +303,7 @@ def test_what_a_layer_takes_out_of_what_is_clear_fails_unless_the_house_takes_it
 
     path = edited(gds, tmp_path / "x.gds", edit)
     rows = {
-        cut: rows_of(check_foreign(plate, job.camera, job.spec.limits, path, ordered=Ordered(cut=cut)))[
+        cut: rows_of(check_foreign(plate, job.camera, job.spec.limits, path, ordered=StatedLayers(cut=cut)))[
             "layer_taken_out"
         ]
         for cut in (False, True)
@@ -455,7 +455,7 @@ def test_a_plate_on_another_layer_than_ordered_fails_unless_that_layer_is_stated
 def test_a_house_calls_its_layers_as_it_likes(job, plate, tmp_path):
     names = {"CLEAR": "MASK_1", "NOTE": "TEXT", "OUTLINE": "FRAME"}
     write_dxf(plate, tmp_path / "x.dxf", "R2010", style=DrawingStyle(layer_names=names))
-    ordered = Ordered(names)
+    ordered = StatedLayers(names)
     found = check_foreign(plate, job.camera, job.spec.limits, tmp_path / "x.dxf", ordered=ordered)
     assert failed(found) == set()
     assert found.layers.clear == "MASK_1"

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from maskfab.display.light import Light, current_density, equal_density_split, relative_life
+from maskfab.display.light import LightDemand, current_density, equal_density_split, relative_life
 from maskfab.errors import JobError
 
 
@@ -15,7 +15,7 @@ from maskfab.errors import JobError
     [(0.05, (4.7, 6.5, 9.0)), (0.08, (3.0, 4.1, 5.6)), (0.12, (2.0, 2.7, 3.8)), (0.18, (1.3, 1.8, 2.5))],
 )
 def test_density(area: float, expected: tuple[float, float, float]) -> None:
-    assert current_density(Light(), (area, area, area)) == pytest.approx(expected, abs=0.051)
+    assert current_density(LightDemand(), (area, area, area)) == pytest.approx(expected, abs=0.051)
 
 
 @pytest.mark.parametrize(("area", "lives"), [(0.05, (0.15, 0.10, 0.08)), (0.12, (0.54, 0.48, 0.44))])
@@ -29,15 +29,15 @@ def test_vendor_claim_gives_three_lives() -> None:
 
 
 def test_equal_split_has_one_density() -> None:
-    split = equal_density_split(Light())
+    split = equal_density_split(LightDemand())
     assert math.fsum(split) == pytest.approx(1)
     assert split == pytest.approx((0.23, 0.32, 0.45), abs=0.0051)
-    density = current_density(Light(), split)
+    density = current_density(LightDemand(), split)
     assert max(density) == pytest.approx(min(density))
 
 
 def test_bad_numbers() -> None:
     with pytest.raises(JobError, match="MF104"):
-        Light(luminance_cd_per_m2=math.nan)
+        LightDemand(luminance_cd_per_m2=math.nan)
     with pytest.raises(JobError, match="MF104"):
-        current_density(Light(), (0.1, 0.0, 0.1))
+        current_density(LightDemand(), (0.1, 0.0, 0.1))

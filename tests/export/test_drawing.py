@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from xml.etree import ElementTree
 
-from maskfab.mask_shops.drawing import plate_drawing
+from maskfab.mask_shops.drawing import drawing_sheet
 
 LONGEST = 90
 """Letters of the title block's type that fit beside the plate."""
@@ -18,7 +18,7 @@ def lines(svg: bytes) -> list[str]:
 def test_a_long_note_is_broken_and_nothing_of_it_is_lost(small_plate):
     seeds = ",".join(f"DIE_NUMBER_{n}={n}" for n in range(30))
     signature = f"maskfab 0.1.0 | job 0123456789abcdef | seeds {seeds}"
-    drawn = lines(plate_drawing(small_plate, "svg", (signature, "x" * 300)))
+    drawn = lines(drawing_sheet(small_plate, "svg", (signature, "x" * 300)))
     assert max(map(len, drawn)) <= LONGEST
     words = re.sub(r"\s", "", "".join(drawn))
     assert re.sub(r"\s", "", signature) in words
@@ -27,5 +27,5 @@ def test_a_long_note_is_broken_and_nothing_of_it_is_lost(small_plate):
 
 def test_equal_plates_are_equal_bytes(small_plate):
     for kind in ("svg", "pdf"):
-        assert plate_drawing(small_plate, kind, ("a",)) == plate_drawing(small_plate, kind, ("a",))
-        assert plate_drawing(small_plate, kind, ("a",)) != plate_drawing(small_plate, kind, ("b",))
+        assert drawing_sheet(small_plate, kind, ("a",)) == drawing_sheet(small_plate, kind, ("a",))
+        assert drawing_sheet(small_plate, kind, ("a",)) != drawing_sheet(small_plate, kind, ("b",))

@@ -11,11 +11,11 @@ from maskfab.eye.fourier_light import series
 from maskfab.eye.viewing import Viewing
 
 
-def light(rows: int, columns: int, samples: int = 1, seed: int = 0) -> display_light.Light:
+def light(rows: int, columns: int, samples: int = 1, seed: int = 0) -> display_light.EmittedLight:
     return display_light.ideal(np.random.default_rng(seed).random((rows, columns, 3)), samples, 100.0)
 
 
-def brute(shown: display_light.Light, highest: float, viewing: Viewing) -> np.ndarray:
+def brute(shown: display_light.EmittedLight, highest: float, viewing: Viewing) -> np.ndarray:
     """The integral over each square, by its closed form."""
     rows, columns = shown.rgb.shape[1:]
     found = []

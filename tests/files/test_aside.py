@@ -5,7 +5,7 @@ import errno
 import pytest
 
 from maskfab.errors import OutputError
-from maskfab.export.size import check_size
+from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 
 
@@ -36,6 +36,6 @@ def test_nothing_is_left_of_half_a_file_and_the_old_one_stays(tmp_path, fault):
 
 
 def test_the_limit_itself_is_allowed(tmp_path):
-    check_size(10, 10, tmp_path / "x", "")
+    check_file_size(10, 10, tmp_path / "x", "")
     with pytest.raises(OutputError, match="MF415"):
-        check_size(11, 10, tmp_path / "x", "")
+        check_file_size(11, 10, tmp_path / "x", "")

@@ -14,7 +14,7 @@ from maskfab.errors import JobError
 from maskfab.geometry.plate_layout import clear_shapes, plate_layout
 from maskfab.measurement.optics import reach_box, read_openings
 from maskfab.measurement.scene_result import SceneOptics, distance
-from maskfab.measurement.scene_rows import measure_scene, peak_bytes, reach_um, scene_plan
+from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
 from maskfab.model import Camera, Die, Opening, Panel, Plate, Stop, Tiling
 from maskfab.optics.image.spectrum import Band, Curve
 from maskfab.optics.light.response import camera_bands, generic_rgb
@@ -142,7 +142,7 @@ def test_openings_read_back_are_those_of_the_design(reach):
 
 def test_a_dot_that_the_file_lacks_is_seen():
     whole, holed = die(), die(turns=np.zeros((12, 12), dtype=np.int8))
-    reach = reach_um(CAMERA, Scene(gap_um=100.0, field_um=500.0))
+    reach = scene_reach_um(CAMERA, Scene(gap_um=100.0, field_um=500.0))
     read = read_openings(whole, clear_shapes(laid_out(holed), reach_box(holed, reach)), reach)
     assert (read.transmission != panel_aperture(whole.panel, reach).transmission).any()
 
@@ -155,8 +155,8 @@ def test_a_box_ends_with_the_panel():
 
 
 def test_reach_holds_stop_shift_and_spread():
-    assert reach_um(CAMERA, Scene()) == 200.0
-    assert reach_um(CAMERA, Scene(gap_um=100.0, field_um=500.0)) > 200.0 + 10.0 + 100.0
+    assert scene_reach_um(CAMERA, Scene()) == 200.0
+    assert scene_reach_um(CAMERA, Scene(gap_um=100.0, field_um=500.0)) > 200.0 + 10.0 + 100.0
 
 
 def test_memory_of_diffraction_is_foreseen():

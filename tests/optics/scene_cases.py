@@ -10,7 +10,7 @@ from optics_cases import camera, noise, panel
 
 from maskfab.model import Camera, Panel
 from maskfab.optics.light.response import camera_bands, generic_rgb
-from maskfab.optics.scene.cost import Prices
+from maskfab.optics.scene.cost import CostModel
 from maskfab.optics.scene.plan import Plan, plan, prices
 from maskfab.optics.scene.scene import Scene
 
@@ -91,7 +91,7 @@ CASES = (
     case("three lines", SPARSE, Scene(nearest_um=1e7), 3e-2, lines=(610.0, 530.0, 470.0)),
 )
 PLANS: dict[str, Plan] = {}
-PRICES: dict[str, Prices] = {}
+PRICES: dict[str, CostModel] = {}
 
 
 def planned(each: Case) -> Plan:
@@ -100,7 +100,7 @@ def planned(each: Case) -> Plan:
     return PLANS[each.name]
 
 
-def priced(each: Case) -> Prices:
+def priced(each: Case) -> CostModel:
     if each.name not in PRICES:
         PRICES[each.name] = prices(each.panel, each.camera, each.scene, each.accuracy)
     return PRICES[each.name]

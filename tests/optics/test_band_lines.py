@@ -125,13 +125,13 @@ def test_lines_err_no_more_than_foretold_at_any_stop(
 
 def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pytest.MonkeyPatch) -> None:
     calls = []
-    term = parity.Term.part
+    term = parity.WaveProduct.part
 
-    def counted(self: parity.Term, *arguments: object) -> object:
+    def counted(self: parity.WaveProduct, *arguments: object) -> object:
         calls.append(self)
         return term(self, *arguments)  # type: ignore[arg-type]
 
-    monkeypatch.setattr(parity.Term, "part", counted)
+    monkeypatch.setattr(parity.WaveProduct, "part", counted)
     band = BANDS["mercury"]
     setting = camera(400.0, wavelengths=band.range_nm, window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)

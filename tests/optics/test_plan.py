@@ -20,7 +20,7 @@ from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.scene import omission_error
-from maskfab.optics.scene.cost import PHASED, SPECTRUM, Choice, Prices
+from maskfab.optics.scene.cost import PHASED, SPECTRUM, Choice, CostModel
 from maskfab.optics.scene.omission_error import PLACES, grey
 from maskfab.optics.scene.plan import Plan, plan
 from maskfab.optics.wavefront.aberration import aberrated_psf
@@ -183,8 +183,8 @@ def test_one_psf_is_priced_once_for_all_places_and_lines(monkeypatch: pytest.Mon
     known = priced(each)
     alone = {choice: known.price(choice) for choice in known.choices()}
     counted = []
-    one = Prices._one
-    monkeypatch.setattr(Prices, "_one", lambda self, choice: counted.append(choice) or one(self, choice))
+    one = CostModel._one
+    monkeypatch.setattr(CostModel, "_one", lambda self, choice: counted.append(choice) or one(self, choice))
     assert dict(known.priced()) == alone
     assert len(known.estimates.places) > 3
     assert 2 * len(counted) < len(alone)

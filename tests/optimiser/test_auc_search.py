@@ -7,7 +7,7 @@ import pytest
 import torch
 from sweeps import sweep
 
-from maskfab.camera.transfer import CELLS, autocorrelation, lattice, lay
+from maskfab.camera.transfer import CELLS, lattice, lay, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
@@ -15,7 +15,7 @@ from maskfab.optimiser.model.interior import unit_modulation
 from maskfab.optimiser.relax.mtf_auc import mtf_auc
 from maskfab.optimiser.relax.recipes import PAPER_CAMERA
 from maskfab.optimiser.relax.tiled_stop import tiled_stop
-from maskfab.optimiser.search.auc_search import Pairs, Smoothed, best_for_auc
+from maskfab.optimiser.search.auc_search import DotPairs, Smoothed, best_for_auc
 
 DOTS, CLEAR = 21, 100
 
@@ -35,11 +35,11 @@ def square(side=10, dots=DOTS):
 def laid_area(unit, orientations):
     """Of one panel, at whole lags as in the bound."""
     around = rings(len(unit))
-    table = autocorrelation(lay("panel", unit, orientations).pupil)
+    table = pupil_autocorrelation(lay("panel", unit, orientations).pupil)
     middle = len(table) // 2
     y, x = around.lags
     images = [(y, x), (-y, x), (x, y), (-x, y)]
-    open_stop = autocorrelation(lattice(len(unit)).stop.astype(np.float64))[middle + y, middle + x]
+    open_stop = pupil_autocorrelation(lattice(len(unit)).stop.astype(np.float64))[middle + y, middle + x]
     modulation = np.stack([table[middle + v, middle + u] for v, u in images]) / table[middle, middle]
     return around.area(modulation * open_stop[0] / np.maximum(open_stop, 1e-9))
 
@@ -118,7 +118,7 @@ def test_more_steps_are_never_worse():
 @pytest.mark.parametrize("dots", [4, 7])
 def test_pairs_of_every_dot_make_up_the_circular_autocorrelation(dots):
     around = rings(dots)
-    pairs = Pairs.of(around)
+    pairs = DotPairs.of(around)
     unit = noise(3, dots * 2, dots)
     clear = np.flatnonzero(unit)
     count = np.zeros(len(pairs.repeats))
@@ -181,9 +181,9 @@ def test_variance_of_laid_panels(unit):
     area = Smoothed.of(rings(n), 1)
     turned = torch.from_numpy(np.stack([orient(unit, k) for k in range(ORIENTATIONS)]).astype(np.float64))
     long, short = area._variance(torch.fft.rfft2(turned, s=(2 * n, 2 * n)))
-    tables = [autocorrelation(lay("panel", unit, seed=seed).pupil) for seed in range(60)]
+    tables = [pupil_autocorrelation(lay("panel", unit, seed=seed).pupil) for seed in range(60)]
     middle = CELLS * n - 1
-    open_stop = autocorrelation(lattice(n).stop.astype(np.float64))
+    open_stop = pupil_autocorrelation(lattice(n).stop.astype(np.float64))
     for y, x, variance in ((2, 4, short), (5, 6, short), (4, 23, long), (30, 8, long)):
         lags = [(a, b) for v, u in ((y, x), (x, y)) for a, b in ((v, u), (v, -u))]
         seen = np.mean([np.var([t[middle + a, middle + b] / t[middle, middle] for t in tables]) for a, b in lags])

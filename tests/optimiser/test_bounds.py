@@ -13,7 +13,7 @@ from once import leaves
 from scipy.ndimage import gaussian_filter
 from sweeps import examples
 
-from maskfab.camera.transfer import autocorrelation, lay
+from maskfab.camera.transfer import lay, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
 from maskfab.optimiser.bounds.bounds import bounds, optimality_gap
@@ -99,8 +99,8 @@ def test_triangle_weighted_mean_of_random_layouts():
     total = np.zeros((2 * n * cells - 1,) * 2)
     for _ in range(40):
         laid = turned[draw.integers(8, size=(cells, cells))].transpose(0, 2, 1, 3).reshape(n * cells, n * cells)
-        total += autocorrelation(laid.astype(np.float64))
-    whole = autocorrelation(np.ones((n * cells,) * 2))
+        total += pupil_autocorrelation(laid.astype(np.float64))
+    whole = pupil_autocorrelation(np.ones((n * cells,) * 2))
     hat = 1 - abs(np.arange(1 - n, n)) / n
     middle = n * cells - 1
     for v, u in [(0, 1), (1, 1), (3, 2)]:

@@ -18,9 +18,9 @@ import torch
 from once import leaves
 
 from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import evaluate
-from maskfab.camera.transfer import MOST_DOTS, autocorrelation, lattice, lay, transfer_grid
+from maskfab.camera.transfer import MOST_DOTS, lattice, lay, pupil_autocorrelation, transfer_grid
 from maskfab.errors import CATALOGUE, InputError, MaskfabError
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling, refined
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
@@ -61,12 +61,12 @@ def refused(code: str, work: Callable[[], object]) -> str:
 
 
 @pytest.fixture(scope="module")
-def scenes() -> tuple[Scene, ...]:
+def scenes() -> tuple[Photograph, ...]:
     return (leaves(1),)
 
 
 @pytest.fixture(scope="module")
-def today(scenes: tuple[Scene, ...]) -> Surrogate:
+def today(scenes: tuple[Photograph, ...]) -> Surrogate:
     return surrogate(scenes)
 
 
@@ -78,7 +78,7 @@ def layout_error(today: Surrogate) -> ExpectedError:
 # Other pitches and dots
 
 
-def test_cells_of_168_um_are_judged_as_they_ever_were(scenes: tuple[Scene, ...], today: Surrogate) -> None:
+def test_cells_of_168_um_are_judged_as_they_ever_were(scenes: tuple[Photograph, ...], today: Surrogate) -> None:
     stated = surrogate(scenes, 21, dot_nm=8000)
     assert stated.lattice == today.lattice
     for name in ("lags", "clear", "folded", "weight", "signal", "inverse_prior", "near", "low", "low_truth"):
@@ -119,14 +119,14 @@ def test_the_stop_is_the_same_behind_every_dot() -> None:
         np.testing.assert_array_equal(inside, inside[::-1, ::-1])
 
 
-def test_a_grid_that_is_too_fine_is_refused_with_the_limit(scenes: tuple[Scene, ...]) -> None:
+def test_a_grid_that_is_too_fine_is_refused_with_the_limit(scenes: tuple[Photograph, ...]) -> None:
     for work in (lambda: surrogate(scenes, 21, dot_nm=1000), lambda: lay("x", corner(21, 2, 2), dot_nm=1000)):
         assert str(MOST_DOTS) in refused("MF115", work)
     refused("MF104", lambda: lattice(0, 8000))
     refused("MF104", lambda: lattice(21, 0))
 
 
-def test_splitting_dots_changes_next_to_nothing(scenes: tuple[Scene, ...]) -> None:
+def test_splitting_dots_changes_next_to_nothing(scenes: tuple[Photograph, ...]) -> None:
     """The same opening drawn on dots half as wide; the stop's rim and the draw of long lags differ."""
     bar = corner(12, 4, 7)
     coarse, fine = surrogate(scenes, 12, dot_nm=8000), surrogate(scenes, 24, dot_nm=4000)
@@ -134,7 +134,7 @@ def test_splitting_dots_changes_next_to_nothing(scenes: tuple[Scene, ...]) -> No
     np.testing.assert_allclose(coarse(bar), fine(refined(bar, 2)), atol=0.08)
 
 
-def test_at_300_dpi_the_mean_of_layouts_is_near_the_surrogate(scenes: tuple[Scene, ...]) -> None:
+def test_at_300_dpi_the_mean_of_layouts_is_near_the_surrogate(scenes: tuple[Photograph, ...]) -> None:
     """Judged cell by cell, by other code: a fine pitch spreads halo over twice as many dots of lag."""
     known = surrogate(scenes, 7, dot_nm=12000)
     bar = corner(7, 3, 4)
@@ -151,7 +151,9 @@ def test_at_300_dpi_the_mean_of_layouts_is_near_the_surrogate(scenes: tuple[Scen
 
 
 @pytest.mark.parametrize(("dots", "dot_nm"), [(10, 3000), (10, 50000)])
-def test_compact_openings_win_at_pitches_of_30_and_500_um(scenes: tuple[Scene, ...], dots: int, dot_nm: int) -> None:
+def test_compact_openings_win_at_pitches_of_30_and_500_um(
+    scenes: tuple[Photograph, ...], dots: int, dot_nm: int
+) -> None:
     known = surrogate(scenes, dots, dot_nm=dot_nm)
     slit = np.zeros((dots, dots), dtype=np.bool_)
     slit[:, :2] = True
@@ -161,9 +163,9 @@ def test_compact_openings_win_at_pitches_of_30_and_500_um(scenes: tuple[Scene, .
     assert found.best.value >= np.mean(random)
 
 
-def test_the_transfer_behind_84_um_cells_is_the_lag_tables(scenes: tuple[Scene, ...]) -> None:
+def test_the_transfer_behind_84_um_cells_is_the_lag_tables(scenes: tuple[Photograph, ...]) -> None:
     design = lay("x", corner(7, 3, 4), dot_nm=12000)
-    table = autocorrelation(design.pupil)
+    table = pupil_autocorrelation(design.pupil)
     side = len(design.pupil)
     table /= table[side - 1, side - 1]
     found = transfer_grid((8, 12), design.lattice)(design.pupil)
@@ -229,7 +231,7 @@ def test_panels_of_two_pitches_are_compared_on_photographs() -> None:
 
 def test_a_design_without_light_is_refused_before_any_photograph() -> None:
     dark = replace(lay("dark", corner(3, 1, 1)), pupil=np.zeros((72, 72)))
-    never_seen = [Scene("nothing", 1, np.zeros((3, 1, 1), dtype=np.float32))]
+    never_seen = [Photograph("nothing", 1, np.zeros((3, 1, 1), dtype=np.float32))]
     assert "dark" in refused("MF104", lambda: evaluate([dark], never_seen, never_seen, (24,)))
 
 
@@ -237,7 +239,7 @@ def test_a_design_without_light_is_refused_before_any_photograph() -> None:
 
 
 @pytest.mark.parametrize("dots", [1, 2, 23, 31, 64])
-def test_every_number_of_dots_is_judged(scenes: tuple[Scene, ...], dots: int) -> None:
+def test_every_number_of_dots_is_judged(scenes: tuple[Photograph, ...], dots: int) -> None:
     known = surrogate(scenes, dots)
     assert known.lattice.cells == 24
     assert len(known.near) == 2 * dots + 1
@@ -252,7 +254,7 @@ def test_every_number_of_dots_is_judged(scenes: tuple[Scene, ...], dots: int) ->
     assert all(a >= b > c for a, b, c in zip(full, known(most), one, strict=True))
 
 
-def test_all_clear_is_the_open_stop_however_it_is_divided(scenes: tuple[Scene, ...]) -> None:
+def test_all_clear_is_the_open_stop_however_it_is_divided(scenes: tuple[Photograph, ...]) -> None:
     values = [surrogate(scenes, dots)(np.ones((dots, dots), dtype=np.bool_)) for dots in (2, 7, 23)]
     np.testing.assert_allclose(values[1:], [values[0]] * 2, atol=0.2)
 
@@ -411,8 +413,8 @@ def test_thirty_one_equal_wavelengths_are_one() -> None:
     refused("MF105", lambda: top_residual(one, [noise()]))
 
 
-def noise(side: int = 96) -> Scene:
-    return Scene("noise", 1, np.random.default_rng(8).random((3, side, side)).astype(np.float32))
+def noise(side: int = 96) -> Photograph:
+    return Photograph("noise", 1, np.random.default_rng(8).random((3, side, side)).astype(np.float32))
 
 
 def test_a_stop_within_one_cell_sees_some_dots_only() -> None:
@@ -461,7 +463,7 @@ def test_filters_of_no_epsilon_are_refused(today: Surrogate) -> None:
         refused("MF104", lambda nsr=nsr: residual(nsr=nsr))  # type: ignore[misc]
 
 
-def residual(scenes: tuple[Scene, ...] | None = None, **change: float) -> TopResidual:
+def residual(scenes: tuple[Photograph, ...] | None = None, **change: float) -> TopResidual:
     options = {"side": 32, "margin": 16, "crops": 3, "batch": 2, **change}
     return top_residual(small_stop(precision="float32"), scenes or (noise(),), **options)  # type: ignore[arg-type]
 
@@ -469,18 +471,18 @@ def residual(scenes: tuple[Scene, ...] | None = None, **change: float) -> TopRes
 # Pictures
 
 
-def test_constant_pictures_are_refused_by_name(scenes: tuple[Scene, ...]) -> None:
+def test_constant_pictures_are_refused_by_name(scenes: tuple[Photograph, ...]) -> None:
     for value in (0.0, 0.3, 1.0):
-        grey = Scene("fog", 7, np.full((3, 1024, 1536), value, dtype=np.float32))
+        grey = Photograph("fog", 7, np.full((3, 1024, 1536), value, dtype=np.float32))
         for folder in ((grey,), (*scenes, grey)):
             assert "fog" in refused("MF121", lambda folder=folder: surrogate(folder))  # type: ignore[misc]
     refused("MF121", lambda: surrogate(()))
-    dull = Scene("dull", 1, np.full((3, 96, 96), 0.5, dtype=np.float32))
+    dull = Photograph("dull", 1, np.full((3, 96, 96), 0.5, dtype=np.float32))
     refused("MF121", lambda: residual((dull,)))
 
 
-def test_contrast_alone_does_not_matter_to_the_order_of_designs(scenes: tuple[Scene, ...]) -> None:
-    faint = Scene("faint", 1, (0.4 + 0.002 * (scenes[0].values - 0.4)).astype(np.float32))
+def test_contrast_alone_does_not_matter_to_the_order_of_designs(scenes: tuple[Photograph, ...]) -> None:
+    faint = Photograph("faint", 1, (0.4 + 0.002 * (scenes[0].values - 0.4)).astype(np.float32))
     known = surrogate((faint,), 9)
     assert np.isfinite(known.signal).all()
     assert min(known(np.ones((9, 9), dtype=np.bool_))) > min(known(corner(9, 3, 6)))

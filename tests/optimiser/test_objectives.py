@@ -9,7 +9,7 @@ import pytest
 import torch
 from once import leaves
 
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import EPSILONS
 from maskfab.camera.transfer import lay, transfer_grid
 from maskfab.errors import InputError
@@ -41,12 +41,12 @@ def unit_of(seed: int, dots: int = DOTS) -> torch.Tensor:
 
 
 @pytest.fixture(scope="module")
-def scenes() -> tuple[Scene, ...]:
+def scenes() -> tuple[Photograph, ...]:
     return leaves(1), leaves(2)
 
 
 @pytest.fixture(scope="module")
-def known(scenes: tuple[Scene, ...]) -> Surrogate:
+def known(scenes: tuple[Photograph, ...]) -> Surrogate:
     return surrogate(scenes)
 
 
@@ -56,7 +56,7 @@ def error(known: Surrogate) -> ExpectedError:
 
 
 def small_residual(**change: object) -> TopResidual:
-    scene = Scene("noise", 1, np.random.default_rng(8).random((3, 96, 96)).astype(np.float32))
+    scene = Photograph("noise", 1, np.random.default_rng(8).random((3, 96, 96)).astype(np.float32))
     options = {"side": 32, "margin": 16, "crops": 3, "batch": 2, **change}
     return top_residual(small_stop(), [scene], **options)  # type: ignore[arg-type]
 

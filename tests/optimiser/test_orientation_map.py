@@ -8,7 +8,7 @@ import scipy.signal
 import torch
 from once import leaves
 
-from maskfab.camera.transfer import CELLS, autocorrelation, lattice, lay
+from maskfab.camera.transfer import CELLS, lattice, lay, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE, MapMode, _Search, design_map, require_size
@@ -39,7 +39,7 @@ def searched(error, units, seed=0, mode=MapMode.EDGE_PACKING):
 def test_the_transforms_agree_with_the_autocorrelation(error):
     pupil = lay("bar", bar()).pupil
     _, table = error._table(pupil)
-    whole = autocorrelation(pupil)
+    whole = pupil_autocorrelation(pupil)
     middle, reach = len(pupil) - 1, len(table) - 1
     assert np.array_equal(table, np.rint(whole[middle : middle + reach + 1, middle - reach : middle + reach + 1]))
 
@@ -50,7 +50,7 @@ def test_transfer_at_the_lags_of_one_cycle(error):
     _, table = error._table(pupil)
     transfer, _, light = error._transfers(torch.from_numpy(table))
     assert float(light) == pupil.sum()
-    whole = autocorrelation(pupil) / pupil.sum()
+    whole = pupil_autocorrelation(pupil) / pupil.sum()
     middle, cycle = len(pupil) - 1, error.cycle
     for y, x in ((0, 0), (0, 3), (4, -11), (cycle // 2, cycle // 2), (17, -cycle // 2 + 1)):
         lags = [(y + k * cycle, x + j * cycle) for k in (-1, 0, 1) for j in (-1, 0, 1)]

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 from once import leaves
 from sweeps import examples
 
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import ParetoSection, SearchSection, parse_section
 from maskfab.model import Opening
 from maskfab.opening.openings import dumps, parse
 from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.pareto import Footprints, Judged, Pareto, non_dominated, openings, rules_of, sweep
+from maskfab.optimiser.pareto import Footprints, JudgedOpening, Pareto, non_dominated, openings, rules_of, sweep
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr
 from maskfab.optimiser.rules.families import bars
@@ -27,7 +27,7 @@ PLAIN = {"name": "found", "dots": DOTS, "pitch": "168 um", "clear_dots": 12}
 
 
 @pytest.fixture(scope="module")
-def scenes() -> tuple[Scene, ...]:
+def scenes() -> tuple[Photograph, ...]:
     return (leaves(1),)
 
 
@@ -84,7 +84,7 @@ def test_the_footprint_is_the_one_that_rules_of_a_design_judge() -> None:
 
 
 @pytest.mark.parametrize("tiling", ["random", "periodic"])
-def test_curves_are_exact_among_all_shapes(scenes: tuple[Scene, ...], tiling: str) -> None:
+def test_curves_are_exact_among_all_shapes(scenes: tuple[Photograph, ...], tiling: str) -> None:
     found = sweep(asked(9, 12), section(tiling=tiling), scenes, emitters=RULES)
     periodic = tiling == "periodic"
     worth = ExpectedPsnr(surrogate(scenes, DOTS), periodic)
@@ -103,7 +103,7 @@ def test_curves_are_exact_among_all_shapes(scenes: tuple[Scene, ...], tiling: st
     assert len(found.best) == len(non_dominated([e.value for e in every], [e.footprint for e in every]))
 
 
-def test_more_shapes_more_sizes_and_annealing_never_lose(scenes: tuple[Scene, ...]) -> None:
+def test_more_shapes_more_sizes_and_annealing_never_lose(scenes: tuple[Photograph, ...]) -> None:
     narrow = sweep(asked(12), section(), scenes, emitters=RULES)
     wide = sweep(asked(12), section(families=["bars", "l_shapes"]), scenes, emitters=RULES)
     sizes = sweep(asked(9, 12, 15), section(), scenes, emitters=RULES)
@@ -114,14 +114,14 @@ def test_more_shapes_more_sizes_and_annealing_never_lose(scenes: tuple[Scene, ..
     assert walked.curves[0].evaluated > narrow.curves[0].evaluated
 
 
-def test_a_least_footprint_cuts_the_curve_where_it_is(scenes: tuple[Scene, ...]) -> None:
+def test_a_least_footprint_cuts_the_curve_where_it_is(scenes: tuple[Photograph, ...]) -> None:
     free = sweep(asked(12), section(), scenes, emitters=RULES)
     least = free.curves[0].front[-1].footprint
     ruled = sweep(asked(12), section(rules={"footprint": least}), scenes, emitters=RULES)
     assert [each.value for each in ruled.curves[0].front] == [free.curves[0].front[-1].value]
 
 
-def test_sizes_that_cannot_be_are_told_and_none_at_all_is_refused(scenes: tuple[Scene, ...]) -> None:
+def test_sizes_that_cannot_be_are_told_and_none_at_all_is_refused(scenes: tuple[Photograph, ...]) -> None:
     found = sweep(asked(12, 64, 65), section(rules={"rim_dots": 1}), scenes, emitters=RULES)
     assert [bool(curve.front) for curve in found.curves] == [True, False, False]
     assert [curve.refusal is None for curve in found.curves] == [True, False, False]
@@ -130,7 +130,7 @@ def test_sizes_that_cannot_be_are_told_and_none_at_all_is_refused(scenes: tuple[
         sweep(asked(65, 66), section(), scenes, emitters=RULES)
 
 
-def test_a_given_opening_is_judged_as_those_found(scenes: tuple[Scene, ...]) -> None:
+def test_a_given_opening_is_judged_as_those_found(scenes: tuple[Photograph, ...]) -> None:
     found = sweep(asked(12), section(), scenes, emitters=RULES)
     named = openings(found, section(), "maskfab pareto x.toml --out y")
     given = [opening for _, opening in named.values()]
@@ -138,11 +138,11 @@ def test_a_given_opening_is_judged_as_those_found(scenes: tuple[Scene, ...]) -> 
     for (judged, _), other in zip(named.values(), again.compared, strict=True):
         assert (judged.value, judged.psnr, judged.footprint) == (other.value, other.psnr, other.footprint)
         assert again.gain_db(other) == 0
-    roomier = Judged("x", given[0].mask, 0.0, (0.0,) * 3, 1.0)
+    roomier = JudgedOpening("x", given[0].mask, 0.0, (0.0,) * 3, 1.0)
     assert found.gain_db(roomier) is None
 
 
-def test_openings_say_where_they_come_from(scenes: tuple[Scene, ...]) -> None:
+def test_openings_say_where_they_come_from(scenes: tuple[Photograph, ...]) -> None:
     found = sweep(asked(9, 12), section(seed=7), scenes, emitters=RULES)
     named = openings(found, section(seed=7), "maskfab pareto x.toml --out y")
     assert len(named) == sum(len(curve.front) for curve in found.curves)
@@ -156,7 +156,7 @@ def test_openings_say_where_they_come_from(scenes: tuple[Scene, ...]) -> None:
         assert back.provenance["expected_psnr_32"] == pytest.approx(judged.psnr[1], abs=1e-3)
 
 
-def test_a_budget_stops_the_look_and_is_told(scenes: tuple[Scene, ...]) -> None:
+def test_a_budget_stops_the_look_and_is_told(scenes: tuple[Photograph, ...]) -> None:
     found = sweep(asked(9, 12), section(families=["bars", "discs"]), scenes, emitters=RULES, budget_s=1e-6)
     assert not found.curves[0].complete
     assert all(curve.front and curve.evaluated <= 64 for curve in found.curves)

@@ -10,7 +10,7 @@ import pytest
 import torch
 from once import leaves
 
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.errors import InputError
 from maskfab.model import Stop, Tiling
 from maskfab.optimiser.relax.invertibility import Invertibility
@@ -21,7 +21,7 @@ from maskfab.optimiser.relax.top_residual import TopResidual
 SMALL = replace(PAPER_CAMERA, focal_um=1000.0, stop=Stop("circle", 400.0))
 
 
-def scenes() -> tuple[Scene, ...]:
+def scenes() -> tuple[Photograph, ...]:
     return (leaves(1, 512, 512),)
 
 
@@ -85,7 +85,7 @@ def test_repeats_and_resumes_bit_for_bit(tmp_path: Path) -> None:
 
 
 def test_constant_pictures_are_refused() -> None:
-    grey = Scene("grey", 1, np.full((3, 512, 512), 0.5, dtype=np.float32))
+    grey = Photograph("grey", 1, np.full((3, 512, 512), 0.5, dtype=np.float32))
     with pytest.raises(InputError, match="MF121"):
         small(scenes=(grey,))
 

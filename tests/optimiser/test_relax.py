@@ -10,7 +10,7 @@ import torch
 from once import leaves
 from sweeps import sweep
 
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import RelaxSection, parse_section
 from maskfab.model import Camera, Stop
@@ -41,12 +41,12 @@ JUDGED = (
 
 
 @pytest.fixture(scope="module")
-def scenes() -> tuple[Scene, ...]:
+def scenes() -> tuple[Photograph, ...]:
     return (leaves(1),)
 
 
 @pytest.fixture(scope="module")
-def estimate(scenes: tuple[Scene, ...]) -> Surrogate:
+def estimate(scenes: tuple[Photograph, ...]) -> Surrogate:
     return surrogate(scenes, 7, dot_nm=8000)
 
 
@@ -54,17 +54,19 @@ def section(**changed: object) -> RelaxSection:
     return parse_section(RelaxSection, {**PLAIN, **changed}, where="test")
 
 
-def found(scenes: tuple[Scene, ...], **changed: object) -> Designed:
+def found(scenes: tuple[Photograph, ...], **changed: object) -> Designed:
     return relax(section(**changed), LENS, scenes, "maskfab design x.toml")
 
 
-def judged(wanted: RelaxSection, scenes: tuple[Scene, ...], estimate: Surrogate, mask: np.ndarray) -> float:
+def judged(wanted: RelaxSection, scenes: tuple[Photograph, ...], estimate: Surrogate, mask: np.ndarray) -> float:
     plan = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate)
     return float(plan.objective.at(-1, plan.descent.iterations)(torch.from_numpy(mask.astype(np.float32))))
 
 
 @pytest.mark.parametrize("tiling", sweep([{"tiling": "periodic"}, {"tiling": "random", "tiling_seed": 2}], 1))
-def test_beats_every_random_mask_of_its_count(scenes: tuple[Scene, ...], estimate: Surrogate, tiling: dict) -> None:  # type: ignore[type-arg]
+def test_beats_every_random_mask_of_its_count(
+    scenes: tuple[Photograph, ...], estimate: Surrogate, tiling: dict
+) -> None:  # type: ignore[type-arg]
     wanted = section(**tiling, iterations=60, anneal=200)
     opening = relax(wanted, LENS, scenes, "maskfab design x.toml").opening
     assert opening.clear_dots == 14
@@ -85,7 +87,7 @@ def test_beats_every_random_mask_of_its_count(scenes: tuple[Scene, ...], estimat
 @pytest.mark.parametrize(
     "name", sweep(["invertibility", "mtf_auc", "top_residual", "expected_error", "boundary_leak"], 2)
 )
-def test_every_objective_gives_the_same_opening_twice(scenes: tuple[Scene, ...], name: str) -> None:
+def test_every_objective_gives_the_same_opening_twice(scenes: tuple[Photograph, ...], name: str) -> None:
     wanted = {"objectives": {name: 2.0}, "iterations": 2, "tiling": "random", "tiling_seed": 1}
     one, two = (found(scenes, **wanted) for _ in range(2))
     assert one.opening.clear_dots == 14
@@ -94,7 +96,7 @@ def test_every_objective_gives_the_same_opening_twice(scenes: tuple[Scene, ...],
     assert np.isfinite(one.psnr).all()
 
 
-def test_weights_scale_and_add(scenes: tuple[Scene, ...], estimate: Surrogate) -> None:
+def test_weights_scale_and_add(scenes: tuple[Photograph, ...], estimate: Surrogate) -> None:
     unit = np.random.default_rng(0).random((7, 7))
     one, other = (
         judged(section(objectives={name: 1.0}), scenes, estimate, unit) for name in ("invertibility", "mtf_auc")
@@ -103,7 +105,7 @@ def test_weights_scale_and_add(scenes: tuple[Scene, ...], estimate: Surrogate) -
     assert both == pytest.approx(3 * one + 0.5 * other, rel=1e-5)
 
 
-def test_the_area_is_led_with_its_own_weight_or_not_at_all(scenes: tuple[Scene, ...], estimate: Surrogate) -> None:
+def test_the_area_is_led_with_its_own_weight_or_not_at_all(scenes: tuple[Photograph, ...], estimate: Surrogate) -> None:
     cases: tuple[tuple[float | None, float | None], ...] = ((None, 400.0), (7.0, 7.0), (0.0, None))
     for weight, expected in cases:
         objectives = {"invertibility": 1.0} | ({} if weight is None else {"area": weight})
@@ -112,7 +114,7 @@ def test_the_area_is_led_with_its_own_weight_or_not_at_all(scenes: tuple[Scene, 
         assert (None if penalty is None else penalty.weight) == expected
 
 
-def test_options_reach_the_descent(scenes: tuple[Scene, ...], estimate: Surrogate) -> None:
+def test_options_reach_the_descent(scenes: tuple[Photograph, ...], estimate: Surrogate) -> None:
     wanted = section(optimiser="sgd", rate=0.7, starts=3, straight_through=True, start_noise=0.1, patience=4)
     how = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate).descent
     assert (how.optimiser, how.rate, how.starts, how.straight_through) == ("sgd", 0.7, 3, True)
@@ -122,7 +124,7 @@ def test_options_reach_the_descent(scenes: tuple[Scene, ...], estimate: Surrogat
 
 
 @pytest.mark.parametrize("recipe", ["paper-l2", "paper-l2+inv"])
-def test_recipes_run_from_the_section_and_own_up_to_their_saddle(scenes: tuple[Scene, ...], recipe: str) -> None:
+def test_recipes_run_from_the_section_and_own_up_to_their_saddle(scenes: tuple[Photograph, ...], recipe: str) -> None:
     values = {key: value for key, value in PLAIN.items() if key != "iterations"}
     wanted = parse_section(
         RelaxSection, {**values, "recipe": recipe, "epochs": 1, "tiling": "paper4", "tiling_seed": 10}, where="test"
@@ -133,7 +135,7 @@ def test_recipes_run_from_the_section_and_own_up_to_their_saddle(scenes: tuple[S
     assert any("saddle" in note for note in result.notes)
 
 
-def test_rules_hold_after_the_threshold_and_the_way_there_is_told(scenes: tuple[Scene, ...]) -> None:
+def test_rules_hold_after_the_threshold_and_the_way_there_is_told(scenes: tuple[Photograph, ...]) -> None:
     rules = {"kissing": "neighbours", "min_feature_dots": 2, "rim_dots": 1}
     free, ruled, better = (found(scenes, **wanted) for wanted in ({}, {"rules": rules}, {"rules": rules, "anneal": 60}))
     kept = constraints_of(section(rules=rules))
@@ -157,7 +159,7 @@ def test_the_nearest_opening_shares_more_than_any_shape_drawn_by_chance() -> Non
     assert np.count_nonzero(near & mask.reshape(7, 7)) > 4
 
 
-def test_a_budget_shortens_the_schedule_and_says_so(scenes: tuple[Scene, ...]) -> None:
+def test_a_budget_shortens_the_schedule_and_says_so(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(iterations=100_000)
     result = relax(wanted, LENS, scenes, "x", budget_s=1.2)
     assert result.notes[1:] == JUDGED
@@ -165,14 +167,14 @@ def test_a_budget_shortens_the_schedule_and_says_so(scenes: tuple[Scene, ...]) -
     assert result.cut
 
 
-def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Scene, ...]) -> None:
+def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, ...]) -> None:
     plain, bounded = (relax(section(), LENS, scenes, "x", budget_s=budget) for budget in (None, 600.0))
     assert dumps(plain.opening) == dumps(bounded.opening)
     assert bounded.notes == JUDGED
     assert not bounded.cut
 
 
-def test_interrupted_and_resumed_ends_where_uninterrupted_does(scenes: tuple[Scene, ...], tmp_path: Path) -> None:
+def test_interrupted_and_resumed_ends_where_uninterrupted_does(scenes: tuple[Photograph, ...], tmp_path: Path) -> None:
     wanted, path = section(iterations=40, starts=2), tmp_path / "state.npz"
     whole = relax(wanted, LENS, scenes, "x")
     cut = relax(wanted, LENS, scenes, "x", budget_s=0.01, checkpoint=path)
@@ -194,7 +196,7 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(scenes: tuple[Sce
         ("MF104", {"start_noise": 0.0, "start_logit": 100.0}),
     ],
 )
-def test_refused(scenes: tuple[Scene, ...], code: str, change: dict[str, object]) -> None:
+def test_refused(scenes: tuple[Photograph, ...], code: str, change: dict[str, object]) -> None:
     with pytest.raises(MaskfabError, match=code) as caught:
         found(scenes, **change)
     assert caught.value.where

@@ -9,7 +9,7 @@ import pytest
 from once import leaves
 from sweeps import sweep
 
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice
 from maskfab.display.circuit import CircuitRules
 from maskfab.display.emitters.emitter_rules import EmitterRules
@@ -42,7 +42,7 @@ RULES = {"kissing": "neighbours", "min_feature_dots": 2, "rim_dots": 1}
 
 
 @pytest.fixture(scope="module")
-def scenes() -> tuple[Scene, ...]:
+def scenes() -> tuple[Photograph, ...]:
     return (leaves(1),)
 
 
@@ -50,7 +50,7 @@ def section(**changed: object) -> SearchSection:
     return parse_section(SearchSection, {**PLAIN, **changed}, where="test")
 
 
-def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[Scene, ...]) -> None:
+def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[Photograph, ...]) -> None:
     one, two = (search(section(anneal=20, seed=3), scenes, "maskfab design x.toml") for _ in range(2))
     assert one.opening.clear_dots == 9
     assert dumps(one.opening) == dumps(two.opening)
@@ -59,7 +59,7 @@ def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[S
     assert one.notes == ()
 
 
-def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Scene, ...]) -> None:
+def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(rules=RULES), scenes, "maskfab design x.toml")
     facts = parse(dumps(found.opening)).provenance
     assert facts["command"] == "maskfab design x.toml"
@@ -75,7 +75,7 @@ def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Scene
         assert facts[f"price_{each.rule}_db"] == pytest.approx(each.last, abs=1e-3)
 
 
-def test_rules_are_kept_and_priced(scenes: tuple[Scene, ...]) -> None:
+def test_rules_are_kept_and_priced(scenes: tuple[Photograph, ...]) -> None:
     free = search(section(), scenes, "x")
     ruled = search(section(rules=RULES), scenes, "x")
     mask = ruled.opening.mask
@@ -87,7 +87,7 @@ def test_rules_are_kept_and_priced(scenes: tuple[Scene, ...]) -> None:
     assert ruled.prices.together >= 0
 
 
-def test_a_map_is_designed_for_the_opening(scenes: tuple[Scene, ...]) -> None:
+def test_a_map_is_designed_for_the_opening(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(map="equal_light", positions=2, shortlist=1), scenes, "x")
     assert found.cells is not None
     assert found.cells.cells.shape == (24, 24)
@@ -105,7 +105,7 @@ def test_a_map_is_designed_for_the_opening(scenes: tuple[Scene, ...]) -> None:
         assert room > 0
 
 
-def test_opening_and_map_in_turns_never_lose(scenes: tuple[Scene, ...]) -> None:
+def test_opening_and_map_in_turns_never_lose(scenes: tuple[Photograph, ...]) -> None:
     wanted = {"pitch": "336 um", "map": "equal_light", "shortlist": 1, "rules": {"kissing": "neighbours"}}
     alone, both = (search(section(**wanted, joint=rounds), scenes, "x") for rounds in (0, 1))
     assert alone.designed is not None
@@ -114,7 +114,7 @@ def test_opening_and_map_in_turns_never_lose(scenes: tuple[Scene, ...]) -> None:
     assert constraints_of(section(**wanted)).allows(both.opening.mask)
 
 
-def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Scene, ...]) -> None:
+def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(map="equal_light", density=0.35), scenes, "x", budget_s=1.0)
     assert found.outer is not None
     assert found.cells is not None
@@ -125,7 +125,7 @@ def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Scene, ...
 
 
 @pytest.mark.parametrize("tiling", sweep(["random", "periodic"], 1))
-def test_auc_is_a_figure_of_merit_too(scenes: tuple[Scene, ...], tiling: str) -> None:
+def test_auc_is_a_figure_of_merit_too(scenes: tuple[Photograph, ...], tiling: str) -> None:
     periodic = tiling == "periodic"
     wanted = section(dots=7, clear_dots=10, objective="auc", tiling=tiling, anneal=40)
     one, two = (search(wanted, scenes, "x") for _ in range(2))
@@ -137,7 +137,7 @@ def test_auc_is_a_figure_of_merit_too(scenes: tuple[Scene, ...], tiling: str) ->
     assert area <= auc_bound(rings(7), 10, periodic=periodic) + 1e-9
 
 
-def test_auc_under_rules_keeps_them_and_says_how(scenes: tuple[Scene, ...]) -> None:
+def test_auc_under_rules_keeps_them_and_says_how(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(objective="auc", anneal=20, rules=RULES)
     found = search(wanted, scenes, "x")
     assert constraints_of(wanted).allows(found.opening.mask)
@@ -145,7 +145,7 @@ def test_auc_under_rules_keeps_them_and_says_how(scenes: tuple[Scene, ...]) -> N
 
 
 def test_auc_under_rules_is_annealed_without_being_asked(
-    scenes: tuple[Scene, ...], monkeypatch: pytest.MonkeyPatch
+    scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     free = best_for_auc(7, 10, steps=40)
     monkeypatch.setattr(searching, "_AUC_EVALUATIONS", 150)
@@ -160,7 +160,7 @@ def test_auc_under_rules_is_annealed_without_being_asked(
 
 
 @pytest.mark.parametrize("tiling", sweep(["random", "periodic"], 1))
-def test_auc_of_other_pitches(scenes: tuple[Scene, ...], tiling: str) -> None:
+def test_auc_of_other_pitches(scenes: tuple[Photograph, ...], tiling: str) -> None:
     wanted = section(dots=5, pitch="90 um", clear_dots=7, objective="auc", tiling=tiling, anneal=30)
     found = search(wanted, scenes, "x")
     around = rings(5, room=lattice(5, 18_000))
@@ -172,7 +172,7 @@ def test_auc_of_other_pitches(scenes: tuple[Scene, ...], tiling: str) -> None:
     assert area > around.of_unit(column, periodic=tiling == "periodic")
 
 
-def test_a_map_of_another_pitch(scenes: tuple[Scene, ...]) -> None:
+def test_a_map_of_another_pitch(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(dots=4, pitch="336 um", clear_dots=5, map="equal_light", shortlist=1)
     found = search(wanted, scenes, "x", budget_s=1e-3)
     assert found.cells is not None
@@ -182,7 +182,7 @@ def test_a_map_of_another_pitch(scenes: tuple[Scene, ...]) -> None:
 
 
 @pytest.mark.slow
-def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Scene, ...]) -> None:
+def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Photograph, ...]) -> None:
     """The longer list cannot end at a lower value, and what it chose is a shape of the scan that keeps the rules."""
     rules = Constraints(9, dots=6, kissing="cell")
     shapes = tuple(FAMILIES["bars"](6, 9))
@@ -208,7 +208,9 @@ def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Scene, ...]) -> 
     assert "after 0 of 2 quick maps" in none.notes[0]
 
 
-def test_the_shortlist_has_several_sizes_where_only_a_second_scan_keeps_the_rules(scenes: tuple[Scene, ...]) -> None:
+def test_the_shortlist_has_several_sizes_where_only_a_second_scan_keeps_the_rules(
+    scenes: tuple[Photograph, ...],
+) -> None:
     wanted = section(map="equal_light", rules={"rim_dots": 1, "min_feature_dots": 2, "kissing": "neighbours"})
     rules = constraints_of(wanted)
     expected = ExpectedPsnr(surrogate(scenes, 6))
@@ -239,7 +241,7 @@ def test_the_emitters_of_a_rule_are_the_jobs_own() -> None:
     assert not wide.allows(unit)
 
 
-def test_circuits_are_kept_room_for(scenes: tuple[Scene, ...]) -> None:
+def test_circuits_are_kept_room_for(scenes: tuple[Photograph, ...]) -> None:
     rules = {"circuit": "6000 um^2", "min_width": "56 um"}
     found = search(section(rules=rules), scenes, "x")
     assert constraints_of(section(rules=rules)).allows(found.opening.mask)
@@ -247,7 +249,7 @@ def test_circuits_are_kept_room_for(scenes: tuple[Scene, ...]) -> None:
         search(section(rules={"circuit": "8000 um^2"}), scenes, "x")
 
 
-def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Scene, ...]) -> None:
+def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(dots=12, clear_dots=32, anneal=10_000), scenes, "x", budget_s=0.05)
     assert len(found.notes) == 2
     assert "shapes had been judged" in found.notes[0]
@@ -256,14 +258,14 @@ def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Scene, ..
     assert found.opening.clear_dots == 32
 
 
-def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Scene, ...]) -> None:
+def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, ...]) -> None:
     plain, bounded = (search(section(anneal=20), scenes, "x", budget_s=budget) for budget in (None, 600.0))
     assert dumps(plain.opening) == dumps(bounded.opening)
     assert bounded.notes == ()
 
 
 def test_interrupted_and_resumed_ends_where_uninterrupted_does(
-    scenes: tuple[Scene, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    scenes: tuple[Photograph, ...], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(scan, "SAVED_EVERY", 64)
     wanted, path = section(anneal=160, seed=5), tmp_path / "state.npz"
@@ -292,13 +294,13 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(
 @pytest.mark.parametrize(
     ("dots", "pitch", "clear_dots"), sweep([(1, "14 um", 1), (2, "32 um", 1), (6, "84 um", 9), (20, "500 um", 399)], 3)
 )
-def test_any_pitch_and_number_of_dots(scenes: tuple[Scene, ...], dots: int, pitch: str, clear_dots: int) -> None:
+def test_any_pitch_and_number_of_dots(scenes: tuple[Photograph, ...], dots: int, pitch: str, clear_dots: int) -> None:
     found = search(section(dots=dots, pitch=pitch, clear_dots=clear_dots), scenes, "x", budget_s=1.0)
     assert found.opening.clear_dots == clear_dots
     assert np.isfinite(found.psnr).all()
 
 
-def test_what_cannot_be_is_refused(scenes: tuple[Scene, ...]) -> None:
+def test_what_cannot_be_is_refused(scenes: tuple[Photograph, ...]) -> None:
     for changed, code in (
         ({"clear_dots": 37}, "MF204"),
         ({"clear_dots": 9, "rules": {"symmetry": "d4"}}, "MF204"),
@@ -313,6 +315,6 @@ def test_what_cannot_be_is_refused(scenes: tuple[Scene, ...]) -> None:
     ):
         with pytest.raises(MaskfabError, match=code):
             search(section(**changed), scenes, "x")
-    grey = Scene("grey", 1, np.full((3, 1024, 1536), 0.5, dtype=np.float32))
+    grey = Photograph("grey", 1, np.full((3, 1024, 1536), 0.5, dtype=np.float32))
     with pytest.raises(MaskfabError, match="MF121"):
         search(section(), (grey,), "x")

@@ -97,14 +97,14 @@ def analyse(
         )
     if out is not None:
         from maskfab import __version__
-        from maskfab.export.psf_exr import camera_facts
+        from maskfab.export.psf_exr import camera_header
         from maskfab.provenance import sha256_of_file
         from maskfab.report.analysis_files import write
 
         laid_out = {"pitch": pitch, "dot": dot, "gutter": gutter, "tiling": tiling, "layer": layer, "cell": cell}
         laid_out["seed"] = None if seed is None else str(seed)
         facts: dict[str, str | float] = {
-            **camera_facts(camera.model),
+            **camera_header(camera.model),
             "source": file.name,
             "source_sha256": sha256_of_file(file),
             "maskfab_version": __version__,

@@ -15,7 +15,7 @@ from klayout import db
 from maskfab.comparison.foreign.alignment import Alignment, align
 from maskfab.comparison.foreign.drawing_faults import Known, drawn_figures, named_cells, reach, slanted
 from maskfab.comparison.foreign.dxf_unit import in_drawn_unit
-from maskfab.comparison.foreign.layer_choice import LayersRead, Ordered, clear_only, draws
+from maskfab.comparison.foreign.layer_choice import LayersRead, StatedLayers, clear_only, draws
 from maskfab.comparison.foreign.layer_rules import asked, rules_of_like, rules_of_unlike
 from maskfab.comparison.foreign.optics_agreement import optics_of_like, optics_of_unlike
 from maskfab.comparison.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare
@@ -115,7 +115,7 @@ def check_foreign(
     *,
     blank: MaskBlank = UNSTATED,
     max_vertices: int | None = None,
-    ordered: Ordered | None = None,
+    ordered: StatedLayers | None = None,
 ) -> Foreign:
     """Read a file and compare it with a plate: position, tone, geometry, CDs, rules, and the optics of every die.
 
@@ -135,7 +135,7 @@ def check_foreign(
         JobError: MF104 for a tolerance that would hide faults.
     """
     progress("read", 0, 1)
-    how, ordered = how or How(), ordered or Ordered()
+    how, ordered = how or How(), ordered or StatedLayers()
     _check_tolerance(plate, how.tolerance_nm)
     read, layers = _read(path, how, ordered)
     if not draws(read, read.find_layer(layer_info(CLEAR))):
@@ -200,7 +200,7 @@ def _check_tolerance(plate: Plate, tolerance_nm: float) -> None:
         )
 
 
-def _read(path: Path, how: How, ordered: Ordered) -> tuple[db.Layout, LayersRead]:
+def _read(path: Path, how: How, ordered: StatedLayers) -> tuple[db.Layout, LayersRead]:
     if path.suffix.lower() in IMAGE_SUFFIXES and how.unit_um is None:
         return read_picture(path, how.dots_per_um), LayersRead()
     layout = read_layout(path, how.unit_um)

@@ -23,7 +23,7 @@ _UNTOLD = (
 
 
 @dataclass(frozen=True)
-class Ordered:
+class StatedLayers:
     """Layers as stated by the job.
 
     Attributes:
@@ -59,7 +59,7 @@ class LayersRead:
     others: tuple[str, ...] = ()
     passed_over: tuple[str, ...] = ()
 
-    def quantities(self, name: str, ordered: Ordered) -> Iterator[Quantity]:
+    def quantities(self, name: str, ordered: StatedLayers) -> Iterator[Quantity]:
         """Rows of a verdict on the file of that name."""
         if self.clear:
             method = f"what is clear is read from layer {self.clear} of {name}; the job orders {self.wanted}"
@@ -87,7 +87,7 @@ def clear_only(
     layer: str | None = None,
     cell: str | None = None,
     ignored: tuple[str, ...] = (),
-    ordered: Ordered | None = None,
+    ordered: StatedLayers | None = None,
 ) -> LayersRead:
     """Leave one top cell with what is clear, on the layer CLEAR, and nothing else; notes about the file stay.
 
@@ -103,7 +103,7 @@ def clear_only(
     Raises:
         SourceError: MF305 to MF309 if cell or layer are not there, or could be several.
     """
-    ordered = ordered or Ordered()
+    ordered = ordered or StatedLayers()
     try:
         root, info = find_cell(layout, cell), find_layer(layout, layer or _called(layout, ordered.info(CLEAR)))
     except SourceError as error:

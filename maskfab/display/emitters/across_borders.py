@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.emitter_rules import Grid
-from maskfab.display.emitters.free_area import EVERY, relative
+from maskfab.display.emitters.emitter_rules import EmitterGrid
+from maskfab.display.emitters.free_area import EVERY, relative_orientations
 from maskfab.display.emitters.squares import Squares
 from maskfab.model import orient
 
@@ -21,12 +21,12 @@ _MOST_PAIRS = 2_000_000
 """Pairs of squares looked at for a third; some seconds."""
 
 
-def border_margin(grid: Grid) -> int:
+def border_margin(grid: EmitterGrid) -> int:
     """Cells along each side that hold no emitter, so that emitters of any two neighbours keep the colours' gap."""
     return max(0, -(-(grid.colour_gap - grid.gutter) // 2))
 
 
-def facing_squares(region: NDArray[np.bool_], grid: Grid, orientations: Iterable[int] = EVERY) -> Squares:
+def facing_squares(region: NDArray[np.bool_], grid: EmitterGrid, orientations: Iterable[int] = EVERY) -> Squares:
     """The squares of a region, of which those near a border know what they forbid within the neighbours.
 
     Args:
@@ -42,7 +42,7 @@ def facing_squares(region: NDArray[np.bool_], grid: Grid, orientations: Iterable
     ys, xs = squares.places()
     numbers = np.arange(n * n).reshape(n, n)
     foes: dict[int, int] = {}
-    for k in relative(orientations):
+    for k in relative_orientations(orientations):
         # Where the square at each place comes to lie when its pixel is turned.
         to = np.empty(n * n, dtype=np.intp)
         to[orient(numbers, k).ravel()] = np.arange(n * n)

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from maskfab.display.emitters.across_borders import border_margin
 from maskfab.display.emitters.borders import borders
-from maskfab.display.emitters.emitter_rules import EmitterRules, Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules
 from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import Shapes, cut_triples, shaved
 from maskfab.display.emitters.rectangles import Ratio
@@ -52,7 +52,7 @@ def wander(emitters: Emitters, pitch_nm: int, elements: Iterable[int] = range(OR
 def centred(
     found: Emitters | None,
     opening: Opening,
-    grid: Grid,
+    grid: EmitterGrid,
     orientations: NDArray[np.int8],
     rules: EmitterRules,
     *,
@@ -105,7 +105,7 @@ def centred(
 class _Light:
     """Where the light of three shapes, in the order red, green, blue, comes from; each shape measured once."""
 
-    def __init__(self, squares: Squares, grid: Grid, ratio: Ratio) -> None:
+    def __init__(self, squares: Squares, grid: EmitterGrid, ratio: Ratio) -> None:
         self.squares = squares
         self.grid = grid
         self.ratio = ratio
@@ -191,7 +191,7 @@ class _Light:
 
 
 def colour_orders(
-    emitters: Emitters, grid: Grid, ratio: Ratio, elements: Iterable[int] = range(ORIENTATIONS)
+    emitters: Emitters, grid: EmitterGrid, ratio: Ratio, elements: Iterable[int] = range(ORIENTATIONS)
 ) -> Orders:
     """Which colour goes where in each of the eight orientations, so that the light moves about least; exact.
 

@@ -15,7 +15,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.display.emitters.across_borders import border_margin
-from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid
 from maskfab.model import ORIENTATIONS, orient
 
 Pair = tuple[int, int]
@@ -64,7 +64,7 @@ class Borders:
         return self.side_violations + self.diagonal_violations == 0
 
 
-def margin(grid: Grid) -> int:
+def margin(grid: EmitterGrid) -> int:
     """The margin, in cells, that is enough on every side: max((colour gap - gutter) / 2, gap to openings - gutter)."""
     return max(border_margin(grid), grid.to_opening - grid.gutter)
 
@@ -84,7 +84,7 @@ def meetings(orientations: NDArray[np.int8]) -> tuple[frozenset[Pair], frozenset
     return frozenset(beside), frozenset(across)
 
 
-def borders(labels: Labels, opening: Mask, grid: Grid, orientations: NDArray[np.int8]) -> Borders:
+def borders(labels: Labels, opening: Mask, grid: EmitterGrid, orientations: NDArray[np.int8]) -> Borders:
     """Check every pair of neighbours of a panel.
 
     Args:
@@ -112,7 +112,7 @@ def borders(labels: Labels, opening: Mask, grid: Grid, orientations: NDArray[np.
 Near = tuple[tuple[NDArray[np.int64], ...], NDArray[np.int64]]
 
 
-def _distances(labels: Labels, opening: Mask, grid: Grid, diagonal: bool) -> Near:
+def _distances(labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool) -> Near:
     """Gaps from a pixel's colours, and from its opening, to every cell of its neighbour, [n, n] each; large if far.
 
     The last of the first part is the gap from emitters of any colour.
@@ -133,7 +133,7 @@ def _distances(labels: Labels, opening: Mask, grid: Grid, diagonal: bool) -> Nea
     return (*(gaps(labels == k) for k in (1, 2, 3)), gaps(emitting)), gaps(opening)
 
 
-def _gap(near: Near, labels: Labels, opening: Mask, grid: Grid, diagonal: bool) -> tuple[int, int]:
+def _gap(near: Near, labels: Labels, opening: Mask, grid: EmitterGrid, diagonal: bool) -> tuple[int, int]:
     """The gap that falls shortest of its rule, and that rule."""
     colours, from_opening = near
     found = [(grid.colour_gap, grid.colour_gap), (grid.to_opening, grid.to_opening)]

@@ -28,7 +28,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid
 from maskfab.display.emitters.min_cut import shortest_cuts
 from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.display.emitters.squares import Squares
@@ -39,7 +39,7 @@ _SUBSETS = tuple(subset for size in (1, 2, 3) for subset in combinations(range(3
 
 def upper_bound(
     region: NDArray[np.bool_],
-    grid: Grid,
+    grid: EmitterGrid,
     ratio: tuple[float, float, float],
     *,
     required: float | None = None,
@@ -128,7 +128,7 @@ class _Piece:
         return [min(alone[k], alone[k - 1] + alone[k - 2] - 1) for k in range(3)]
 
 
-def _pieces(region: NDArray[np.bool_], grid: Grid) -> list[_Piece]:
+def _pieces(region: NDArray[np.bool_], grid: EmitterGrid) -> list[_Piece]:
     squares = Squares.of(region, grid.min_width, grid.colour_gap)
     left, pieces = squares.free, []
     while left:
@@ -138,7 +138,7 @@ def _pieces(region: NDArray[np.bool_], grid: Grid) -> list[_Piece]:
     return sorted(pieces, key=lambda piece: -piece.total)
 
 
-def _needs(a: float, grid: Grid, ratio: Sequence[float]) -> list[int]:
+def _needs(a: float, grid: EmitterGrid, ratio: Sequence[float]) -> list[int]:
     return [max(grid.min_width**2, math.ceil(a * part - 1e-9)) for part in ratio]
 
 
@@ -163,7 +163,7 @@ def _shared_out(pieces: Sequence[_Piece], needs: Sequence[int], gap: int) -> boo
     return False
 
 
-def _largest(pieces: Sequence[_Piece], grid: Grid, ratio: Sequence[float]) -> float:
+def _largest(pieces: Sequence[_Piece], grid: EmitterGrid, ratio: Sequence[float]) -> float:
     """Largest a that passes; emitters have whole cells, so only a = cells / ratio_k can be one."""
     if not pieces or not _shared_out(pieces, _needs(0.0, grid, ratio), grid.colour_gap):
         return 0.0
@@ -180,7 +180,7 @@ def _largest(pieces: Sequence[_Piece], grid: Grid, ratio: Sequence[float]) -> fl
 
 
 def _certificate(
-    pieces: Sequence[_Piece], grid: Grid, ratio: Sequence[float], bound: float, proof: Proof
+    pieces: Sequence[_Piece], grid: EmitterGrid, ratio: Sequence[float], bound: float, proof: Proof
 ) -> Certificate:
     """The sentence is about areas of one cell more for the emitter that is largest relative to its ratio."""
     unit = (grid.cell_nm / NM_PER_UM) ** 2

@@ -47,7 +47,7 @@ class EmitterRules:
 
 
 @dataclass(frozen=True)
-class Grid:
+class EmitterGrid:
     """A pixel as square cells on which the opening and every rule are whole numbers.
 
     Attributes:
@@ -81,7 +81,9 @@ def finest_cell(dots: int, dot_nm: int) -> int:
     return next(dot_nm // parts for parts in range(max(1, MOST_CELLS // dots), 0, -1) if dot_nm % parts == 0)
 
 
-def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, *, where: str = "emitters") -> Grid:
+def grid_of(
+    opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, *, where: str = "emitters"
+) -> EmitterGrid:
     """The coarsest grid on which the dots, the gutter and all rules are whole numbers of cells.
 
     Rectangles and squares that are largest under whole-number rules have whole-number corners, so nothing is lost.
@@ -114,7 +116,7 @@ def grid_of(opening: Opening, dot_nm: int, gutter_nm: int, rules: EmitterRules, 
             where=where,
             cure=f"Round the gaps, the width and the gutter to multiples of {coarse / NM_PER_UM:g} um",
         )
-    return Grid(
+    return EmitterGrid(
         cells,
         cell,
         dot_nm // cell,

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from maskfab.display.emitters.across_borders import border_margin, facing_squares, three_facing_squares
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.emitter_rules import EmitterRules, Grid, grid_of
+from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules, grid_of
 from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine, polish
 from maskfab.display.emitters.placement import Certificate, Footprint, Proof, Verdict
@@ -153,7 +153,7 @@ def largest_gap(
     )
 
 
-def three_squares(region: NDArray[np.bool_], grid: Grid) -> Certificate | None:
+def three_squares(region: NDArray[np.bool_], grid: EmitterGrid) -> Certificate | None:
     """A proof that no three emitters of any shape fit; None if three do. Exact.
 
     Each emitter holds a square of the least width, so three emitters fit exactly if three such squares do.
@@ -178,7 +178,7 @@ def three_squares(region: NDArray[np.bool_], grid: Grid) -> Certificate | None:
 
 
 def _across_borders(
-    region: NDArray[np.bool_], grid: Grid, orientations: tuple[int, ...]
+    region: NDArray[np.bool_], grid: EmitterGrid, orientations: tuple[int, ...]
 ) -> tuple[Certificate | None, NDArray[np.int8]]:
     """Three squares that keep the gap to all neighbours without a margin, or a proof that there are none."""
     labels = np.zeros(region.shape, dtype=np.int8)

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, orient
 
@@ -15,7 +15,7 @@ EVERY = tuple(range(ORIENTATIONS))
 
 
 def free_region(
-    mask: NDArray[np.bool_], grid: Grid, orientations: Iterable[int] = EVERY, *, margin: int = 0
+    mask: NDArray[np.bool_], grid: EmitterGrid, orientations: Iterable[int] = EVERY, *, margin: int = 0
 ) -> NDArray[np.bool_]:
     """The cells in which an emitter may lie, whichever of the orientations the pixel and its neighbours have.
 
@@ -49,7 +49,7 @@ def free_region(
     if over == 0:
         taken = _grown(clear, grid.to_opening)
     else:
-        taken = _grown(_with_neighbours(clear, over, grid.gutter, relative(orientations)), grid.to_opening)
+        taken = _grown(_with_neighbours(clear, over, grid.gutter, relative_orientations(orientations)), grid.to_opening)
         rim = over + grid.gutter
         taken = taken[..., rim : rim + n, rim : rim + n]
     free = ~taken
@@ -60,7 +60,7 @@ def free_region(
     return free
 
 
-def relative(orientations: Iterable[int]) -> tuple[int, ...]:
+def relative_orientations(orientations: Iterable[int]) -> tuple[int, ...]:
     """Orientations of neighbours relative to a pixel's own, for all pairs of the orientations."""
     marks = np.arange(9).reshape(3, 3)
     used = tuple(sorted(set(orientations)))

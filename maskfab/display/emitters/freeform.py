@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.display.emitters.across_borders import border_margin, facing_squares
-from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid
 from maskfab.display.emitters.rectangles import Ratio, Window, orders
 from maskfab.display.emitters.squares import Squares
 
@@ -25,7 +25,7 @@ Shapes = tuple[int, int, int]
 """Squares of red, green and blue."""
 
 
-def guillotine(region: NDArray[np.bool_], grid: Grid, ratio: Ratio) -> tuple[float, NDArray[np.int8]]:
+def guillotine(region: NDArray[np.bool_], grid: EmitterGrid, ratio: Ratio) -> tuple[float, NDArray[np.int8]]:
     """The best emitters of any shape with straight cuts between them.
 
     Args:
@@ -43,7 +43,7 @@ def guillotine(region: NDArray[np.bool_], grid: Grid, ratio: Ratio) -> tuple[flo
 
 def polish(
     region: NDArray[np.bool_],
-    grid: Grid,
+    grid: EmitterGrid,
     ratio: Ratio,
     start: NDArray[np.int8] | None = None,
     *,

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid
 from maskfab.display.emitters.free_area import EVERY, free_region
 
 Ratio = tuple[float, float, float]
@@ -67,7 +67,7 @@ def window_table(regions: NDArray[np.bool_], min_width: int, max_aspect: float =
 
 
 def three_rectangles(
-    region: NDArray[np.bool_], grid: Grid, ratio: Ratio, *, max_aspect: float = math.inf
+    region: NDArray[np.bool_], grid: EmitterGrid, ratio: Ratio, *, max_aspect: float = math.inf
 ) -> tuple[float, NDArray[np.int8]]:
     """The three rectangles with the largest smallest area relative to the ratio; exact.
 
@@ -103,7 +103,7 @@ def three_rectangles(
 
 def rectangle_footprints(
     masks: NDArray[np.bool_],
-    grid: Grid,
+    grid: EmitterGrid,
     ratio: Ratio,
     *,
     orientations: Iterable[int] = EVERY,

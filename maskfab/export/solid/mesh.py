@@ -27,7 +27,7 @@ from maskfab.export.solid.tiles import (
     Stack,
     box_mesh,
     cells,
-    check_size,
+    check_solid_size,
     films,
     glass,
     unit_names,
@@ -70,10 +70,10 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
 
     Raises:
         OutputError: MF401 if the file cannot be written; MF410 or MF412 as
-            :func:`maskfab.export.solid.tiles.check_size`.
+            :func:`maskfab.export.solid.tiles.check_solid_size`.
     """
     stack = stack or Stack()
-    check_size(die, "glb", MOST_MESH_VERTICES, MOST_MESH_CELLS)
+    check_solid_size(die, "glb", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     names, chrome = unit_names(die.panel), films(die.panel, stack)
     low, high = glass(die, stack)
     # A unit box and a scale are exact where corners in float32 metres would not be.
@@ -135,10 +135,10 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
 
     Raises:
         OutputError: MF401 if the file cannot be written; MF410 or MF412 as
-            :func:`maskfab.export.solid.tiles.check_size`.
+            :func:`maskfab.export.solid.tiles.check_solid_size`.
     """
     stack = stack or Stack()
-    check_size(die, "3mf", MOST_MESH_VERTICES, MOST_MESH_CELLS)
+    check_solid_size(die, "3mf", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     names, chrome = unit_names(die.panel), films(die.panel, stack)
     low, high = glass(die, stack)
     objects = [(f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))]
@@ -194,10 +194,10 @@ def write_stl(
 
     Raises:
         OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF410 or
-            MF412 as :func:`maskfab.export.solid.tiles.check_size`.
+            MF412 as :func:`maskfab.export.solid.tiles.check_solid_size`.
     """
     stack = stack or Stack()
-    check_size(die, "stl", MOST_MESH_VERTICES, MOST_MESH_CELLS)
+    check_solid_size(die, "stl", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     chrome = films(die.panel, stack)
     triangles = _triangles(die, chrome)
     size = _STL_HEAD + _STL_TRIANGLE.itemsize * triangles

@@ -22,7 +22,7 @@ from maskfab.export.solid.tiles import (
     Stack,
     box_mesh,
     cells,
-    check_size,
+    check_solid_size,
     films,
     glass,
     holes_nm,
@@ -48,10 +48,10 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
         stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
 
     Raises:
-        OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_size`.
+        OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_solid_size`.
     """
     stack = stack or Stack()
-    check_size(die, "cadquery assembly", MOST_CAD_VERTICES, MOST_CAD_CELLS)
+    check_solid_size(die, "cadquery assembly", MOST_CAD_VERTICES, MOST_CAD_CELLS)
     import cadquery
 
     low, high = glass(die, stack)
@@ -74,10 +74,10 @@ def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
         stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
 
     Raises:
-        OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_size`.
+        OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_solid_size`.
     """
     stack = stack or Stack()
-    check_size(die, "trimesh scene", MOST_MESH_VERTICES, MOST_MESH_CELLS)
+    check_solid_size(die, "trimesh scene", MOST_MESH_VERTICES, MOST_MESH_CELLS)
     import trimesh
 
     names = unit_names(die.panel)

@@ -26,7 +26,7 @@ from maskfab.export.solid.tiles import (
     MOST_CAD_VERTICES,
     Stack,
     cells,
-    check_size,
+    check_solid_size,
     glass,
     holes_nm,
     openings_in_use,
@@ -63,10 +63,10 @@ def write_step(
 
     Raises:
         OutputError: MF401 if the file cannot be written; MF410 or MF412 as
-            :func:`maskfab.export.solid.tiles.check_size`.
+            :func:`maskfab.export.solid.tiles.check_solid_size`.
     """
     stack = stack or Stack()
-    check_size(die, "step", most_vertices, most_cells)
+    check_solid_size(die, "step", most_vertices, most_cells)
     panel = die.panel
     with quiet():
         assembly = _Assembly(die.name)

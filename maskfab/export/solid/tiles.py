@@ -184,7 +184,7 @@ def box_mesh(low_nm: Floats, high_nm: Floats) -> Mesh:
     return Mesh(low_nm + corners * (high_nm - low_nm), np.array(triangles, dtype=np.int64))
 
 
-def check_size(die: Die, kind: str, most_vertices: int, most_cells: int) -> None:
+def check_solid_size(die: Die, kind: str, most_vertices: int, most_cells: int) -> None:
     """Refuse what cannot be made, or not in reasonable time, before any work starts.
 
     Raises:

@@ -110,7 +110,7 @@ def parity_of(above: NDArray[np.complex128], below: NDArray[np.complex128], on_a
 
 
 @dataclass(frozen=True, eq=False)
-class Term:
+class WaveProduct:
     """One product of waves along y, a core, and waves along x.
 
     Attributes:
@@ -158,7 +158,7 @@ class PreparedField:
         precision: of waves and products.
     """
 
-    terms: tuple[Term, ...]
+    terms: tuple[WaveProduct, ...]
     highest_u: float
     highest_v: float
     precision: Precision
@@ -284,16 +284,16 @@ def prepare(pupil: Pupil, highest_u: float, highest_v: float, precision: Precisi
     return PreparedField((whole, *rim_terms(pupil, highest_u, highest_v, precision)), highest_u, highest_v, precision)
 
 
-def slim_term(along_x: Positions, along_y: Positions, core: Reals, precision: Precision) -> Term:
+def slim_term(along_x: Positions, along_y: Positions, core: Reals, precision: Precision) -> WaveProduct:
     """A term, its core [2, 2, ny, nx] in the given precision."""
     columns = core.shape[3]
     filled = (core != 0).any(axis=(0, 1)).reshape(core.shape[2:])
     blocks = [filled[:, start : start + _BLOCK].any(axis=1) for start in range(0, columns, _BLOCK)]
     reach = tuple(int(np.flatnonzero(rows)[-1]) + 1 if rows.any() else 0 for rows in blocks)
-    return Term(along_x, along_y, core.astype(real_type(precision), copy=False), reach)
+    return WaveProduct(along_x, along_y, core.astype(real_type(precision), copy=False), reach)
 
 
-def rim_terms(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision) -> tuple[Term, ...]:
+def rim_terms(pupil: Pupil, highest_u: float, highest_v: float, precision: Precision) -> tuple[WaveProduct, ...]:
     """The dots that the stop cuts, as terms."""
     bands = rim_bands(pupil, highest_u, highest_v)
     return tuple(slim_term(band.x, band.y, band.strength, precision) for band in bands)

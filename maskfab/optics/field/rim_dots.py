@@ -28,7 +28,7 @@ _LEAST_ENERGY_UM2 = 1e-290
 
 
 @dataclass(frozen=True, eq=False)
-class Band:
+class NodeGrid:
     """Sources on a grid of nodes right of and above the axis.
 
     Attributes:
@@ -42,7 +42,7 @@ class Band:
     strength: Floats
 
 
-def rim_bands(pupil: Pupil, highest_u: float, highest_v: float) -> tuple[Band, ...]:
+def rim_bands(pupil: Pupil, highest_u: float, highest_v: float) -> tuple[NodeGrid, ...]:
     """The cut dots of a pupil as at most two bands of sources, good for frequencies up to the highest given."""
     if not pupil.rim_row.size:
         return ()
@@ -128,7 +128,7 @@ def _folded(index: NDArray[np.intp], count: int) -> NDArray[np.intp]:
     return np.maximum(index, count - 1 - index)
 
 
-def _band(pupil: Pupil, chosen: NDArray[np.intp], along_x: _Side, along_y: _Side) -> Band:
+def _band(pupil: Pupil, chosen: NDArray[np.intp], along_x: _Side, along_y: _Side) -> NodeGrid:
     rows, columns = pupil.whole.shape
     row, column = _folded(pupil.rim_row[chosen], rows), _folded(pupil.rim_column[chosen], columns)
     below, left = row != pupil.rim_row[chosen], column != pupil.rim_column[chosen]
@@ -149,4 +149,4 @@ def _band(pupil: Pupil, chosen: NDArray[np.intp], along_x: _Side, along_y: _Side
         odd = turned[0] - turned[1]
         turned[0] += turned[1]
         turned[1] = odd
-    return Band(along_x.positions, along_y.positions, quadrants)
+    return NodeGrid(along_x.positions, along_y.positions, quadrants)

@@ -102,7 +102,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Price:
+class SceneCost:
     """Cost of a choice: flops of matrix products, seconds at ``RATES``, bytes beyond the pupil's own, and its relative
     L2 error, that of what it leaves out included."""
 
@@ -134,7 +134,7 @@ class Ingredient:
 
 
 @dataclass(frozen=True, eq=False)
-class Prices:
+class CostModel:
     """The price of any choice for one panel, camera and scene.
 
     Attributes:
@@ -180,7 +180,7 @@ class Prices:
             if self.possible(choice):
                 yield from (replace(choice, lines=lines) for lines in known.bands)
 
-    def priced(self) -> Iterator[tuple[Choice, Price]]:
+    def priced(self) -> Iterator[tuple[Choice, SceneCost]]:
         """Every choice that can be computed, with its price."""
         for _, alike in itertools.groupby(self.choices(), lambda choice: replace(choice, places=1, lines=0)):
             first, *others = alike
@@ -205,17 +205,17 @@ class Prices:
             task = replace(task, rim=max(task.rim, 1))
         return path is not None and choice.precision in path.precisions and path.refusal(task) is None
 
-    def price(self, choice: Choice) -> Price:
+    def price(self, choice: Choice) -> SceneCost:
         """Flops, time, memory and error of a possible choice."""
         return self._of_all(choice, *self._one(choice))
 
-    def _of_all(self, choice: Choice, flops: float, memory: float) -> Price:
+    def _of_all(self, choice: Choice, flops: float, memory: float) -> SceneCost:
         """The price of a choice of which one PSF takes so much."""
         depths = DEPTHS if choice.defocus else 1
         psfs = self.wavelengths(choice) * depths * choice.places**2
         flops, waiting = flops * psfs, psfs * _OVERHEADS.get(choice.path, _OVERHEAD)
         error = self.own_error(choice) + math.fsum(row.remaining for row in self.ingredients(choice))
-        return Price(flops, flops / RATES[choice.precision] + waiting, memory, error)
+        return SceneCost(flops, flops / RATES[choice.precision] + waiting, memory, error)
 
     def wavelengths(self, choice: Choice) -> int:
         """Number of lines that a choice computes."""

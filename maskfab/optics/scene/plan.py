@@ -20,7 +20,7 @@ from maskfab.optics.field.methods import Task
 from maskfab.optics.image.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.scene.cost import DEPTHS, GAP_SAMPLES, PHASE_SHARE, PHASED, Choice, Ingredient, Price, Prices
+from maskfab.optics.scene.cost import DEPTHS, GAP_SAMPLES, PHASE_SHARE, PHASED, Choice, CostModel, Ingredient, SceneCost
 from maskfab.optics.scene.omission_error import check_accuracy, estimate, wavelength_range_nm
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um, nearest_object_um
@@ -54,7 +54,7 @@ class Plan:
 
     accuracy: float
     choice: Choice
-    price: Price
+    price: SceneCost
     ingredients: tuple[Ingredient, ...]
     step_um: float
     samples: int
@@ -72,7 +72,7 @@ def sampling_camera(camera: Camera, scene: Scene) -> Camera:
     return replace(camera, wavelengths_nm=tuple(dict.fromkeys(wavelength_range_nm(camera, scene))))
 
 
-def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Prices:
+def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> CostModel:
     """Everything that pricing needs; arguments and errors as for :func:`plan`."""
     check_accuracy(accuracy)
     _check_field(panel, camera, scene)
@@ -88,7 +88,7 @@ def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Price
         exact = Task.of(pupil, frequency, frequency)
         tasks[False, scale], tasks[True, scale] = exact, replace(exact, rim=0)
     lines, steepest = len(camera.wavelengths_nm), _steepest(camera, scene, estimates.range_nm[0])
-    return Prices(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
+    return CostModel(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
 
 
 def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
@@ -163,7 +163,7 @@ def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
     return steepest
 
 
-def _fullest(known: Prices, priced: Sequence[tuple[Choice, Price]], choice: Choice) -> Choice:
+def _fullest(known: CostModel, priced: Sequence[tuple[Choice, SceneCost]], choice: Choice) -> Choice:
     """The fullest choice; of its samples over a gap no more than tell the error of the plan's own choice."""
     best = max(priced, key=_fullness)[0]
     alike = (replace(best, samples_per_dot=count) for count in GAP_SAMPLES if count <= best.samples_per_dot)
@@ -174,7 +174,7 @@ def _fullest(known: Prices, priced: Sequence[tuple[Choice, Price]], choice: Choi
     return best
 
 
-def _fullness(priced: tuple[Choice, Price]) -> tuple[float, ...]:
+def _fullness(priced: tuple[Choice, SceneCost]) -> tuple[float, ...]:
     choice, price = priced
     asked = (choice.diffraction, choice.defocus, choice.aberrations, choice.scale, not choice.grey_rim)
     # Less of an error of its own: more samples, double precision; among equals, less time.

@@ -19,7 +19,7 @@ from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.image.spectrum import Band
 from maskfab.optics.light.band_lines import band_lines
 from maskfab.optics.pupil.aperture import Aperture
-from maskfab.optics.scene.cost import DEPTHS, PHASE_SHARE, PHASED, SPECTRUM, Choice, Price
+from maskfab.optics.scene.cost import DEPTHS, PHASE_SHARE, PHASED, SPECTRUM, Choice, SceneCost
 from maskfab.optics.scene.omission_error import PLACES, grey
 from maskfab.optics.scene.plan import Plan, sampling_camera
 from maskfab.optics.scene.scene import Scene
@@ -122,7 +122,7 @@ def full_plan(plan: Plan) -> Plan:
     return replace(
         plan,
         choice=choice,
-        price=Price(math.nan, math.nan, math.nan, math.nan),
+        price=SceneCost(math.nan, math.nan, math.nan, math.nan),
         ingredients=(),
         wavelengths=plan.wavelengths // max(plan.choice.lines, 1) * max(choice.lines, 1),
         depths=DEPTHS if choice.defocus else 1,

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
-from maskfab.camera.transfer import Lattice, OpenStop, lattice
+from maskfab.camera.transfer import CellGrid, OpenStop, lattice
 from maskfab.optimiser.bounds.residue_bound import residue_classes
 from maskfab.optimiser.model.interior import unit_modulation
 
@@ -70,7 +70,7 @@ class Rings:
         return self.area(np.stack(found))
 
 
-def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: Lattice | None = None) -> Rings:
+def rings(dots: int = 21, wavelength_nm: float | None = None, *, room: CellGrid | None = None) -> Rings:
     """The rings of a camera.
 
     Args:

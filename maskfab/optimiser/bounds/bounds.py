@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.camera.capture import ELECTRONS
 from maskfab.camera.protocol import EPSILONS, LEVELS
-from maskfab.camera.transfer import at_lags, autocorrelation
+from maskfab.camera.transfer import at_lags, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
 from maskfab.optimiser.bounds.error_bound import tables
@@ -199,7 +199,7 @@ def _smaller_stop(inner: Interior, ratio: float) -> Floats:
     # As many dots as are clear, nearest to the axis first.
     area = max(1, round(ratio * inner.lattice.stop.sum()))
     clear = (square <= np.partition(square.ravel(), area - 1)[area - 1]).astype(np.float64)
-    table = autocorrelation(clear)
+    table = pupil_autocorrelation(clear)
     y, x = inner.lags
     return np.asarray(np.maximum(at_lags(table, y, x), 0) / table[side - 1, side - 1])
 

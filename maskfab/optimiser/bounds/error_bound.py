@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
-from maskfab.camera.transfer import Lattice
+from maskfab.camera.transfer import CellGrid
 from maskfab.optimiser.model.interior import Interior
 
 Floats = NDArray[np.float64]
@@ -177,7 +177,7 @@ def _stop_sums(inner: Interior, pairs: list[tuple[int, int]]) -> Floats:
     return np.array(found)
 
 
-def _cut_cell_sums(room: Lattice, ratio: float, open_share: float, pairs: list[tuple[int, int]]) -> Floats:
+def _cut_cell_sums(room: CellGrid, ratio: float, open_share: float, pairs: list[tuple[int, int]]) -> Floats:
     """Most pairs of clear dots for each displacement of cells, over all clear dots.
 
     Whole cells hold c dots, cut ones up to min(c, their dots inside), as many in all as the light leaves.

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.display.emitters.fit import footprint
-from maskfab.display.light import Light, relative_life
+from maskfab.display.light import LightDemand, relative_life
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Opening, frozen
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
@@ -91,7 +91,7 @@ def graded(
     constraints: Constraints,
     seed: int = 0,
     kicks: int = 0,
-    light: Light | None = None,
+    light: LightDemand | None = None,
     progress: Progress = silent,
 ) -> Graded:
     """Design a panel whose middle is denser, at equal light.
@@ -131,7 +131,7 @@ def graded(
         keep_units=True,
         progress=progress,
     )
-    exponent = (light or Light()).ageing_exponent
+    exponent = (light or LightDemand()).ageing_exponent
     held = designed.orientations // ORIENTATIONS
     price = display_price(mask, units, held, constraints.dot_nm, exponent, constraints.emitters)
     return Graded(units, designed, error.psnr(first), clear, price)
@@ -199,7 +199,7 @@ def display_price(
     units: Mask,
     held: NDArray[np.integer],
     dot_nm: int,
-    exponent: float = Light.ageing_exponent,
+    exponent: float = LightDemand.ageing_exponent,
     emitters: EmitterRules | None = None,
 ) -> DisplayPrice:
     """Cost for the display, from the largest emitters found around each unit in all orientations.

@@ -28,7 +28,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.transfer import Lattice
+from maskfab.camera.transfer import CellGrid
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Scalar, frozen, orient, side_by_side, split_cells
 from maskfab.optimiser.model.layout_error import PupilError, Slope
@@ -173,7 +173,7 @@ def design_map(
     )
 
 
-def require_size(room: Lattice) -> None:
+def require_size(room: CellGrid) -> None:
     """Refuse cells for which no map can be designed.
 
     Raises:

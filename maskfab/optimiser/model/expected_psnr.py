@@ -31,10 +31,10 @@ from numpy.typing import NDArray
 
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.restore import PRIOR_CY_PER_PX, wiener
-from maskfab.camera.transfer import Lattice, OpenStop, lattice
+from maskfab.camera.transfer import CellGrid, OpenStop, lattice
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient
 
@@ -69,7 +69,7 @@ class Surrogate:
         light: mean of the scenes, white is 1.
     """
 
-    lattice: Lattice
+    lattice: CellGrid
     lags: NDArray[np.int64]
     clear: Floats
     folded: Floats
@@ -173,7 +173,7 @@ class Surrogate:
 
 
 def surrogate(
-    scenes: Sequence[Scene],
+    scenes: Sequence[Photograph],
     dots: int = 21,
     *,
     dot_nm: int | None = None,
@@ -199,7 +199,7 @@ def surrogate(
     return surrogate_behind(scenes, lattice(dots, dot_nm, camera=camera), leak_scenes=leak_scenes)
 
 
-def surrogate_behind(scenes: Sequence[Scene], room: Lattice, *, leak_scenes: int = 2) -> Surrogate:
+def surrogate_behind(scenes: Sequence[Photograph], room: CellGrid, *, leak_scenes: int = 2) -> Surrogate:
     """A surrogate for the units of given cells; arguments and errors as of :func:`surrogate`."""
     return SceneStatistics.of(scenes, leak_scenes=leak_scenes).behind(room)
 
@@ -222,7 +222,7 @@ class SceneStatistics:
     low_truth: NDArray[np.float32]
 
     @classmethod
-    def of(cls, scenes: Sequence[Scene], *, leak_scenes: int = 2) -> SceneStatistics:
+    def of(cls, scenes: Sequence[Photograph], *, leak_scenes: int = 2) -> SceneStatistics:
         """Of scenes as :func:`surrogate` takes them; errors likewise."""
         kept = _of_use(scenes)
         light = float(np.mean([s.values.mean() for s in kept]))
@@ -237,7 +237,7 @@ class SceneStatistics:
         small = scipy.fft.irfft2(cut, (_ROWS, _COLUMNS)).astype(np.float32)
         return cls(light, factor, power, cut.astype(np.complex64), small[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH])
 
-    def behind(self, room: Lattice) -> Surrogate:
+    def behind(self, room: CellGrid) -> Surrogate:
         """The surrogate for the units of given cells."""
         wavelength_nm = room.camera.middle_nm
         per_cycle = room.per_cycle(wavelength_nm)
@@ -270,7 +270,7 @@ class SceneStatistics:
         )
 
 
-def _of_use(scenes: Sequence[Scene]) -> list[Scene]:
+def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:
     kept = [s for s in scenes if s.values.shape[1:] == (_ROWS * _FACTOR, _COLUMNS * _FACTOR)]
     if not kept:
         raise JobError(
@@ -313,14 +313,14 @@ def _interpolation(frequency: Floats, per_cycle: float, reach: int) -> Floats:
     return np.asarray(hat * np.sinc(frequency)[:, None])
 
 
-def _equalised(scenes: Sequence[Scene]) -> list[Scene]:
+def _equalised(scenes: Sequence[Photograph]) -> list[Photograph]:
     """The scenes with their contrasts scaled to the geometric mean, as a mean over decibels weighs them alike."""
     contrast = np.array([float(s.values[1].std(dtype=np.float64)) for s in scenes])
     scale = np.exp(np.log(np.maximum(contrast, 1e-6)).mean()) / np.maximum(contrast, 1e-6)
-    return [Scene(s.name, s.number, s.values * np.float32(k)) for s, k in zip(scenes, scale, strict=True)]
+    return [Photograph(s.name, s.number, s.values * np.float32(k)) for s, k in zip(scenes, scale, strict=True)]
 
 
-def _mixed(scenes: Sequence[Scene], most: int) -> list[Floats]:
+def _mixed(scenes: Sequence[Photograph], most: int) -> list[Floats]:
     """At most so many pictures that leak as much as all: sums with random signs, over the root of their number.
 
     The leak is a square of something linear in the picture, so products of different scenes cancel on average.
@@ -332,7 +332,7 @@ def _mixed(scenes: Sequence[Scene], most: int) -> list[Floats]:
     return list(np.tensordot(signs, green, axes=1))
 
 
-def _spectrum(scenes: Sequence[Scene]) -> tuple[float, float]:
+def _spectrum(scenes: Sequence[Photograph]) -> tuple[float, float]:
     """c and p of the green channels' power c f^-p, per pixel of variance."""
     rows, columns = scenes[0].values.shape[1:]
     window = np.hanning(rows)[:, None] * np.hanning(columns)

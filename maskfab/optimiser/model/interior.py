@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.restore import PRIOR_CY_PER_PX
-from maskfab.camera.transfer import Lattice, OpenStop
+from maskfab.camera.transfer import CellGrid, OpenStop
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optimiser.model.expected_psnr import Surrogate
 
@@ -49,7 +49,7 @@ class Interior:
             has n dots along its side.
     """
 
-    lattice: Lattice
+    lattice: CellGrid
     lags: NDArray[np.int64]
     count: Floats
     weight: Floats

@@ -31,7 +31,7 @@ from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.restore import PRIOR_CY_PER_PX
-from maskfab.camera.transfer import Lattice, lay
+from maskfab.camera.transfer import CellGrid, lay
 from maskfab.errors import JobError
 from maskfab.optimiser.model.expected_psnr import Surrogate
 
@@ -59,7 +59,7 @@ class Slope:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class JudgedPupil:
     """The loss of one pupil, and what its slope takes.
 
     Attributes:
@@ -127,7 +127,7 @@ class PupilError:
         light: mean of the scenes, white is 1.
     """
 
-    lattice: Lattice
+    lattice: CellGrid
     size: int
     inside: NDArray[np.bool_]
     reach: int
@@ -172,11 +172,11 @@ class PupilError:
         """The best ε of each level."""
         return tuple(EPSILONS[int(k)] for k in self._tabulated(pupil).argmax(axis=1))
 
-    def judge(self, pupil: Floats, epsilons: Sequence[float]) -> Judged:
+    def judge(self, pupil: Floats, epsilons: Sequence[float]) -> JudgedPupil:
         """The loss of a pupil with the ε given for each level."""
         spectrum, table = self._table(pupil)
         lags = torch.from_numpy(table).requires_grad_()
-        return Judged(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
+        return JudgedPupil(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
 
     def _table(self, pupil: Floats) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
         """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach.

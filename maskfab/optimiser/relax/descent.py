@@ -118,7 +118,7 @@ class RelaxStep:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class DescentResult:
     """Result of a run.
 
     Attributes:
@@ -155,7 +155,7 @@ def descend(
     checkpoint: Path | None = None,
     saved_every: int = 50,
     stop_after: int | None = None,
-) -> Found:
+) -> DescentResult:
     """Descend from every start and keep the best binary unit.
 
     Args:
@@ -362,14 +362,14 @@ class _Run:
         if self.start < self.how.starts:
             self._begin()
 
-    def found(self) -> Found:
+    def found(self) -> DescentResult:
         """The result so far."""
         best, loss = self.best, self.best_loss
         if self.overall is not None and not loss < self.overall_loss:
             best, loss = self.overall, self.overall_loss
         gain = self.how.gain(max(self.iteration - 1, 0))
         relaxed = torch.sigmoid(gain * self.logits.detach()).cpu()
-        return Found(best.cpu(), loss, relaxed, self.total, self.outcome, tuple(self.notes))
+        return DescentResult(best.cpu(), loss, relaxed, self.total, self.outcome, tuple(self.notes))
 
     def key(self) -> str:
         """Key that tells this run from others: its settings, and the bits of the first loss."""

@@ -47,10 +47,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.errors import JobError
 from maskfab.model import Camera, Stop, Tiling
-from maskfab.optimiser.relax.descent import Descent, Found, RelaxStep, descend
+from maskfab.optimiser.relax.descent import Descent, DescentResult, RelaxStep, descend
 from maskfab.optimiser.relax.objective import AreaPenalty, Objective, Weighted
 from maskfab.optimiser.relax.stop_grid import cells_across
 from maskfab.optimiser.relax.tiled_stop import Precision, invertibility_of, tiled_stop
@@ -91,7 +91,7 @@ class Recipe:
         *,
         checkpoint: Path | None = None,
         stop_after: int | None = None,
-    ) -> Found:
+    ) -> DescentResult:
         """Follow the recipe; arguments and errors as of :func:`maskfab.optimiser.relax.descent.descend`."""
         return descend(
             self.objective, self.penalty, self.descent, progress=progress, checkpoint=checkpoint, stop_after=stop_after
@@ -99,7 +99,7 @@ class Recipe:
 
 
 def paper(
-    scenes: Sequence[Scene],
+    scenes: Sequence[Photograph],
     *,
     losses: PaperLosses = "l2+inv",
     tiling: Tiling = Tiling.PAPER4,

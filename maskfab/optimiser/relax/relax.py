@@ -15,14 +15,14 @@ import numpy as np
 import torch
 
 from maskfab.camera.photo_camera import PhotoCamera
-from maskfab.camera.photographs import Scene
-from maskfab.camera.transfer import Lattice, lattice
+from maskfab.camera.photographs import Photograph
+from maskfab.camera.transfer import CellGrid, lattice
 from maskfab.errors import JobError
 from maskfab.jobfile import RelaxSection
 from maskfab.model import Camera, Opening, Tiling
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate_behind
-from maskfab.optimiser.relax.descent import Descent, Found, Outcome, RelaxStep, descend, iterations_within
+from maskfab.optimiser.relax.descent import Descent, DescentResult, Outcome, RelaxStep, descend, iterations_within
 from maskfab.optimiser.relax.expected_error import boundary_leak, expected_error
 from maskfab.optimiser.relax.mtf_auc import mtf_auc
 from maskfab.optimiser.relax.objective import AreaPenalty, Objective, Weighted
@@ -64,7 +64,7 @@ class Schedule:
 def relax(
     section: RelaxSection,
     camera: Camera,
-    scenes: Sequence[Scene],
+    scenes: Sequence[Photograph],
     command: str,
     progress: Progress = silent,
     *,
@@ -114,7 +114,7 @@ def relax(
     )
 
 
-def _judging(section: RelaxSection, rules: Constraints, camera: Camera) -> tuple[Lattice, tuple[str, ...]]:
+def _judging(section: RelaxSection, rules: Constraints, camera: Camera) -> tuple[CellGrid, tuple[str, ...]]:
     """The cells behind which photographs are judged: protocol F1's camera stands in for one that they cannot have."""
     try:
         return lattice(section.dots, rules.dot_nm, camera=PhotoCamera.of(camera)), ()
@@ -124,7 +124,7 @@ def _judging(section: RelaxSection, rules: Constraints, camera: Camera) -> tuple
 
 
 def schedule(
-    section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Scene], estimate: Surrogate
+    section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Photograph], estimate: Surrogate
 ) -> Schedule:
     """The section's objectives, weighted, or its recipe; arguments and errors as of :func:`relax`."""
     if section.recipe is not None:
@@ -165,7 +165,7 @@ def schedule(
 
 
 def _objectives(
-    section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Scene], estimate: Surrogate
+    section: RelaxSection, rules: Constraints, camera: Camera, scenes: Sequence[Photograph], estimate: Surrogate
 ) -> dict[str, Callable[[], Objective]]:
     """Factories of the objectives, by their name in the section; those of one stop share its autocorrelation."""
     across = cells_across(camera.stop, section.dots, rules.dot_nm)
@@ -193,7 +193,7 @@ def _objectives(
 
 def _descended(
     plan: Schedule, clock: Clock, checkpoint: Path | None, progress: Progress
-) -> tuple[Found, tuple[str, ...]]:
+) -> tuple[DescentResult, tuple[str, ...]]:
     """The descent, within the budget."""
     how = plan.descent
 
@@ -219,7 +219,7 @@ def _descended(
 
 
 def _ruled(
-    found: Found, plan: Schedule, section: RelaxSection, rules: Constraints, clock: Clock, progress: Progress
+    found: DescentResult, plan: Schedule, section: RelaxSection, rules: Constraints, clock: Clock, progress: Progress
 ) -> tuple[Mask, float, tuple[str, ...], bool]:
     """The opening under the rules, annealed if that was asked for, with its loss, and whether time was too short."""
     judge = plan.objective.at(-1, plan.descent.iterations)

@@ -26,7 +26,7 @@ import numpy as np
 import torch
 
 from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.errors import JobError
 from maskfab.optimiser.model.expected_psnr import LEAST_CONTRAST
 from maskfab.optimiser.model.layout_error import wiener_tensor
@@ -111,7 +111,7 @@ class TopResidual(Objective):
 
 def top_residual(
     stop: TiledStop,
-    scenes: Sequence[Scene],
+    scenes: Sequence[Photograph],
     *,
     side: int = 256,
     margin: int = 128,

@@ -23,7 +23,7 @@ from maskfab.display.circuit import CircuitRules, pixel_room
 from maskfab.display.emitters.across_borders import border_margin
 from maskfab.display.emitters.assign import centred
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.emitter_rules import EmitterRules, Grid, grid_of
+from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules, grid_of
 from maskfab.display.emitters.fit import footprint
 from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine
@@ -192,7 +192,7 @@ class Constraints:
         return frozen(inside if self.keep_out is None else inside & ~self.keep_out)
 
     @cached_property
-    def grid(self) -> Grid:
+    def grid(self) -> EmitterGrid:
         """Cells on which the emitters' rules are whole numbers.
 
         Raises:

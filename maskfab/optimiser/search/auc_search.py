@@ -35,7 +35,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from maskfab.camera.transfer import Lattice, lattice
+from maskfab.camera.transfer import CellGrid, lattice
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optimiser.bounds.auc_bound import Rings, rings
@@ -64,7 +64,7 @@ def best_for_auc(
     seed: int = 0,
     steps: int | None = None,
     scatter: float = 0.0,
-    room: Lattice | None = None,
+    room: CellGrid | None = None,
     progress: Progress = silent,
 ) -> Mask:
     """A unit whose blue area under the radial minimum of the MTF is large, bool [dots, dots].
@@ -111,7 +111,7 @@ def best_for_auc(
 
 
 @dataclass(frozen=True, eq=False)
-class Pairs:
+class DotPairs:
     """Pairs of clear dots of a repeated unit, by their difference; opposite differences are one.
 
     Attributes:
@@ -125,7 +125,7 @@ class Pairs:
     faintest: Floats
 
     @classmethod
-    def of(cls, around: Rings) -> Pairs:
+    def of(cls, around: Rings) -> DotPairs:
         """For the rings of a camera."""
         n = around.dots
         y, x = np.divmod(np.arange(n * n), n)
@@ -148,7 +148,7 @@ class Pairs:
 
 def _search_repeated(around: Rings, clear: int, draw: np.random.Generator, steps: int, progress: Progress) -> Mask:
     n = around.dots
-    pairs = Pairs.of(around)
+    pairs = DotPairs.of(around)
     seen = np.isfinite(pairs.faintest)
     faintest = np.where(seen, pairs.faintest, np.finfo(np.float64).max / (clear + 1))
     share = seen.mean(axis=0)
@@ -224,7 +224,7 @@ class Smoothed:
     filled: torch.Tensor
 
     @classmethod
-    def of(cls, around: Rings, scatter: float, room: Lattice | None = None) -> Smoothed:
+    def of(cls, around: Rings, scatter: float, room: CellGrid | None = None) -> Smoothed:
         """For the rings of a camera, behind the same cells as these; None for cells of 168 um."""
         n = around.dots
         room = room or lattice(n)

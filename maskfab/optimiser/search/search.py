@@ -12,9 +12,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from maskfab.camera.photo_camera import F1, PhotoCamera
-from maskfab.camera.photographs import Scene
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
-from maskfab.camera.transfer import FEWEST_CELLS, Lattice, lattice
+from maskfab.camera.transfer import FEWEST_CELLS, CellGrid, lattice
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Tiling
 from maskfab.optimiser.bounds.auc_bound import rings
@@ -52,7 +52,7 @@ _AUC_TEMPERATURE = (0.001, 0.00001)
 
 def search(
     section: SearchSection,
-    scenes: Sequence[Scene],
+    scenes: Sequence[Photograph],
     command: str,
     progress: Progress = silent,
     *,
@@ -149,14 +149,14 @@ def search(
     )
 
 
-def _few_cells(room: Lattice, section: SearchSection) -> tuple[str, ...]:
+def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:
     if room.cells >= FEWEST_CELLS or section.tiling is Tiling.PERIODIC or section.map is not None:
         return ()
     told = f"Only {room.cells} x {room.cells} cells lie behind the stop: one random layout of them may restore 2 dB"
     return (f"{told} better or worse than is expected of all.",)
 
 
-def _by_auc(section: SearchSection, rules: Constraints, room: Lattice, clock: Clock, progress: Progress) -> Best:
+def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: Clock, progress: Progress) -> Best:
     """The best blue AUC; where it breaks the rules, annealed from the nearest that keeps them."""
     periodic = section.tiling is Tiling.PERIODIC
     unit = best_for_auc(

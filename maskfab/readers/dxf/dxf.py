@@ -17,7 +17,7 @@ from maskfab.errors import SourceError
 from maskfab.geometry.shape_limits import MOST_LAYERS, too_many_layers
 from maskfab.model import CLEAR
 from maskfab.readers.dxf.entities import Unseen
-from maskfab.readers.dxf.grid import Grid
+from maskfab.readers.dxf.grid import DrawingGrid
 from maskfab.readers.dxf.text import Entity, entities
 
 # klayout's mode "automatic" takes all closed lines for paths without width as soon as there is one SOLID or HATCH, and
@@ -38,7 +38,7 @@ _CURVE_FITTED = 2 | 4
 
 
 @dataclass(frozen=True)
-class Drawn:
+class DrawingFacts:
     """Facts from the text of a drawing that klayout does not report.
 
     Attributes:
@@ -50,7 +50,7 @@ class Drawn:
     repeated_vertices: int
 
 
-def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
+def look_through(path: Path, data: bytes, nm_per_unit: float) -> DrawingFacts:
     """Refuse a drawing with open lines, curves or fills, or out of sight; on other layers if nothing lies on CLEAR.
 
     Args:
@@ -65,7 +65,7 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
     """
     found: Counter[tuple[str, str, str]] = Counter()
     clear_drawn = False
-    grid, unseen, layers = Grid(nm_per_unit), Unseen(), set[str]()
+    grid, unseen, layers = DrawingGrid(nm_per_unit), Unseen(), set[str]()
     for entity in entities(data):
         is_entry = entity.kind == "LAYER"
         layers.add(entity.text(2) if is_entry else entity.layer)
@@ -90,7 +90,7 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> Drawn:
     _refuse_blocks(path, grid)
     _refuse_unseen(path, unseen.told(counts, grid.drawing(counts)))
     _refuse_faults(path, {key: count for key, count in found.items() if counts(key[2])})
-    return Drawn(grid.rounding_nm(counts), grid.repeated_vertices(counts))
+    return DrawingFacts(grid.rounding_nm(counts), grid.repeated_vertices(counts))
 
 
 def _refuse_faults(path: Path, faults: dict[tuple[str, str, str], int]) -> None:
@@ -114,7 +114,7 @@ def _refuse_unseen(path: Path, told: list[str]) -> None:
         )
 
 
-def _refuse_blocks(path: Path, grid: Grid) -> None:
+def _refuse_blocks(path: Path, grid: DrawingGrid) -> None:
     cycle, lacking = grid.cycle(), grid.lacking()
     if cycle:
         through = f", through {', '.join(repr(name) for name in cycle[1:-1])}" if len(cycle) > 2 else ""

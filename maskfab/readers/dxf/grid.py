@@ -26,7 +26,7 @@ _DRAWING = "\n"
 """Stands for the drawing itself; no name of a block ends a line."""
 
 
-class Grid:
+class DrawingGrid:
     """The coordinates of a drawing, collected entity by entity, in nanometres.
 
     Args:

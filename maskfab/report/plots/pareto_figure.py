@@ -14,7 +14,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from maskfab.optimiser.pareto import Judged, Pareto
+from maskfab.optimiser.pareto import JudgedOpening, Pareto
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, place, styled
 
 _MARKS = "osD^vphX"
@@ -86,7 +86,7 @@ def _drawn(found: Pareto) -> Figure:
     return figure
 
 
-def _curve(axes: Axes, front: tuple[Judged, ...], left: float, colour: object, mark: str, label: str) -> None:
+def _curve(axes: Axes, front: tuple[JudgedOpening, ...], left: float, colour: object, mark: str, label: str) -> None:
     across = [100 * each.footprint for each in front]
     up = [each.value for each in front]
     axes.step([left, *across], [up[0], *up], where="pre", color=colour, linewidth=1.1, zorder=2)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maskfab.export.pictures import srgb
 from maskfab.eye.display_light import ideal, show
 from maskfab.eye.drawn_scenes import flat
-from maskfab.eye.side_by_side import FLAT, Judged, View
+from maskfab.eye.side_by_side import FLAT, PictureView, SeenPanel
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
 from maskfab.units import UM_PER_MM, dpi
 
@@ -41,7 +41,7 @@ _MIDDLE, _STRETCH = 0.5, 10.0
 
 
 @styled
-def comparison(panels: Sequence[Judged]) -> bytes:
+def comparison(panels: Sequence[SeenPanel]) -> bytes:
     """One PNG: a column for each panel, beside an ideal display, a row for each picture, its numbers under it.
 
     All pictures of a row have one scale in micrometres per inch. The first row is the light itself, close up; the
@@ -86,12 +86,12 @@ def comparison(panels: Sequence[Judged]) -> bytes:
     return bitmap(figure)
 
 
-def _side_um(judged: Judged) -> float:
+def _side_um(judged: SeenPanel) -> float:
     view = next(iter(judged.views.values()))
     return float(max(view.seen.shape[:2]) / view.samples * judged.viewing.pitch_um)
 
 
-def _heading(judged: Judged, *, perfect: bool) -> str:
+def _heading(judged: SeenPanel, *, perfect: bool) -> str:
     density, distance = dpi(judged.viewing.pitch_um), judged.viewing.distance_um / UM_PER_MM
     if perfect:
         return f"even pixels\n{density:.0f} DPI at {distance:.0f} mm"
@@ -99,7 +99,7 @@ def _heading(judged: Judged, *, perfect: bool) -> str:
     return f"{judged.name}\n{density:.0f} DPI, centroid offset {offset:.3f} px"
 
 
-def _caption(judged: Judged, name: str, view: View) -> str:
+def _caption(judged: SeenPanel, name: str, view: PictureView) -> str:
     if name == FLAT:
         slow = 100 * _value(judged, "grain_slow")
         said = f"ΔE {view.delta_e:.2f}, grain {slow:.2f} %"
@@ -110,12 +110,12 @@ def _caption(judged: Judged, name: str, view: View) -> str:
     return said if view.jod is None else f"{said}\n{view.jod:.2f} JOD"
 
 
-def _value(judged: Judged, name: str) -> float:
+def _value(judged: SeenPanel, name: str) -> float:
     found: Any = next(quantity.value for quantity in judged.quantities if quantity.name == name)
     return float(found)
 
 
-def _close_up(axes: Axes, judged: Judged, side_um: float, *, perfect: bool) -> None:
+def _close_up(axes: Axes, judged: SeenPanel, side_um: float, *, perfect: bool) -> None:
     """Emitters of the pixels in the middle, each colour as bright as the others at its own brightest."""
     pitch = judged.viewing.pitch_um
     count = min(int(np.ceil(side_um / pitch)), *judged.panel.orientations.shape)
@@ -126,7 +126,7 @@ def _close_up(axes: Axes, judged: Judged, side_um: float, *, perfect: bool) -> N
     _draw(axes, picture, count * pitch, side_um)
 
 
-def _seen(axes: Axes, judged: Judged, view: View, side_um: float, name: str, *, perfect: bool) -> None:
+def _seen(axes: Axes, judged: SeenPanel, view: PictureView, side_um: float, name: str, *, perfect: bool) -> None:
     shown = view.reference if perfect else view.seen
     rgb = shown.astype(np.float64)
     if name == FLAT:

@@ -14,7 +14,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from maskfab.measurement.scene_result import SceneOptics, View, distance
+from maskfab.measurement.scene_result import PointView, SceneOptics, distance
 from maskfab.model import Psf
 from maskfab.report.plots import png
 from maskfab.report.plots.number_text import number
@@ -91,7 +91,7 @@ def _figures(scene: SceneOptics) -> dict[str, tuple[Figure, str]]:
     return found
 
 
-def _over_field(field: Sequence[Sequence[View]]) -> Figure:
+def _over_field(field: Sequence[Sequence[PointView]]) -> Figure:
     columns = [f"{view.image_um[0] / UM_PER_MM:.3g}" for view in field[0]]
     rows = [f"{row[0].image_um[1] / UM_PER_MM:.3g}" for row in field]
     centre = field[len(field) // 2][len(field) // 2]
@@ -99,7 +99,7 @@ def _over_field(field: Sequence[Sequence[View]]) -> Figure:
     return _side_by_side(both, (0.75, 5.95), 4.2, "place on the sensor, x (mm)", "y (mm)")
 
 
-def _over_depth(depth: Sequence[View]) -> Figure:
+def _over_depth(depth: Sequence[PointView]) -> Figure:
     columns = [distance(view.object_um) for view in depth]
     centre = next(view for view in depth if view.residual == 0)
     both = _pair([depth], centre, columns, [""], _STRIP_PIXELS, "the PSF in focus")
@@ -140,7 +140,12 @@ def _side_by_side(
 
 
 def _pair(
-    views: Sequence[Sequence[View]], centre: View, columns: Sequence[str], rows: Sequence[str], pixels: int, known: str
+    views: Sequence[Sequence[PointView]],
+    centre: PointView,
+    columns: Sequence[str],
+    rows: Sequence[str],
+    pixels: int,
+    known: str,
 ) -> tuple[_Tiles, _Tiles]:
     """PSFs with their change, and what is left of them with its residual."""
     line = centre.psf.wavelength_nm

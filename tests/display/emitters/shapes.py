@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid
 
 ALIKE = (1.0, 1.0, 1.0)
 PUBLISHED = Path(__file__).parents[4] / "shared" / "reference" / "data" / "published_masks"
@@ -16,7 +16,7 @@ PUBLISHED = Path(__file__).parents[4] / "shared" / "reference" / "data" / "publi
 
 def cells(n, width=1, gap=0, *, to_opening=0, gutter=0, per_dot=1):
     """A grid of micrometre cells."""
-    return Grid(n, 1000, per_dot, gutter * 1000, to_opening, gap, width)
+    return EmitterGrid(n, 1000, per_dot, gutter * 1000, to_opening, gap, width)
 
 
 def published(name):

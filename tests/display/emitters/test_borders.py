@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from maskfab.display.emitters.borders import borders, margin, meetings
-from maskfab.display.emitters.emitter_rules import EmitterRules, Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules
 from maskfab.display.emitters.measure import violations
 from maskfab.model import Emitters, Opening, Panel, Tiling, orient
 from maskfab.plate.tiling import orientations
@@ -19,11 +19,11 @@ from maskfab.plate.tiling import orientations
 ALL = orientations(Tiling.RANDOM, 40, 40, 1)
 
 
-def grid(n: int, gutter: int, to_opening: int, colour_gap: int) -> Grid:
-    return Grid(n, 1000, 1, gutter * 1000, to_opening, colour_gap, 1)
+def grid(n: int, gutter: int, to_opening: int, colour_gap: int) -> EmitterGrid:
+    return EmitterGrid(n, 1000, 1, gutter * 1000, to_opening, colour_gap, 1)
 
 
-def counted(labels: np.ndarray, opening: np.ndarray, rules: Grid, pair: tuple[int, int], diagonal: bool) -> bool:
+def counted(labels: np.ndarray, opening: np.ndarray, rules: EmitterGrid, pair: tuple[int, int], diagonal: bool) -> bool:
     """Whether a pair keeps the rules, from every two cells."""
     period = rules.cells + rules.gutter
     shift = np.array([period if diagonal else 0, period])
@@ -102,7 +102,7 @@ def test_klayout_sees_the_same_violations(tiling: Tiling, gutter_nm: int) -> Non
             1,
             Emitters(labels, 1000),
         )
-        found = borders(labels, opening, Grid(n, 1000, 1, gutter_nm, 1, 2, 1), panel.orientations)
+        found = borders(labels, opening, EmitterGrid(n, 1000, 1, gutter_nm, 1, 2, 1), panel.orientations)
         inside = inner_violation(labels, opening)
         seen = {each.rule for each in violations(panel, rules)}
         assert bool(seen) == (inside or not found.legal)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from scipy import ndimage
 
 from maskfab.display.emitters.bound import upper_bound
-from maskfab.display.emitters.emitter_rules import Grid
+from maskfab.display.emitters.emitter_rules import EmitterGrid
 from maskfab.display.emitters.freeform import guillotine
 from maskfab.display.emitters.min_cut import shortest_cuts
 from maskfab.display.emitters.placement import Proof
@@ -18,8 +18,8 @@ from maskfab.display.emitters.placement import Proof
 EQUAL = (1.0, 1.0, 1.0)
 
 
-def rules(n: int, gap: int, width: int) -> Grid:
-    return Grid(n, 4000, 1, 8000, 0, gap, width)
+def rules(n: int, gap: int, width: int) -> EmitterGrid:
+    return EmitterGrid(n, 4000, 1, 8000, 0, gap, width)
 
 
 class Placements:

@@ -5,7 +5,7 @@ import pytest
 from display.emitters.shapes import cells
 from scipy import ndimage
 
-from maskfab.display.emitters.free_area import EVERY, free_region, relative
+from maskfab.display.emitters.free_area import EVERY, free_region, relative_orientations
 from maskfab.errors import JobError
 from maskfab.model import orient
 
@@ -67,11 +67,11 @@ def test_an_opening_on_the_border_reaches_into_every_neighbour():
 
 
 def test_relative_orientations():
-    assert relative((3,)) == (0,)
-    assert relative((5,)) == (0,)
-    assert relative((0, 2)) == (0, 2)
-    assert relative(range(4)) == (0, 1, 2, 3)
-    assert relative(EVERY) == EVERY
+    assert relative_orientations((3,)) == (0,)
+    assert relative_orientations((5,)) == (0,)
+    assert relative_orientations((0, 2)) == (0, 2)
+    assert relative_orientations(range(4)) == (0, 1, 2, 3)
+    assert relative_orientations(EVERY) == EVERY
 
 
 def test_the_margin_is_kept_free_on_all_sides():
