@@ -104,6 +104,21 @@ class JudgedPupil:
 
 
 @dataclass(frozen=True, eq=False)
+class _Errors:
+    """Mean squared errors of what one Wiener filter restores; white is 1.
+
+    Attributes:
+        noise_gain: of the noise, over its variance.
+        bias: of the signal that the filter holds back.
+        leak: of the low-passed scenes, see :meth:`PupilError._leak`.
+    """
+
+    noise_gain: torch.Tensor
+    bias: torch.Tensor
+    leak: torch.Tensor
+
+
+@dataclass(frozen=True, eq=False)
 class PupilError:
     """Everything that no layout changes.
 
@@ -223,21 +238,23 @@ class PupilError:
     def _loss(self, table: torch.Tensor, epsilons: Sequence[float]) -> torch.Tensor:
         transfer, low, light = self._transfers(table)
         found = [
-            weight * self._decibels(transfer, low, light, level, epsilon)
+            weight * self._decibels(level, light, self._errors(transfer, low, epsilon))
             for level, weight, epsilon in zip(self.levels, self.weights, epsilons, strict=True)
         ]
         return -torch.stack(found).sum()
 
-    def _decibels(
-        self, transfer: torch.Tensor, low: torch.Tensor, light: torch.Tensor, level: int, epsilon: float
-    ) -> torch.Tensor:
-        white = ELECTRONS[level] / REFERENCE_SHARE * light / float(self.inside.sum())
-        variance = self.light / white + (READ_NOISE / white) ** 2
+    def _errors(self, transfer: torch.Tensor, low: torch.Tensor, epsilon: float) -> _Errors:
+        """The mean squared errors of one filter, whatever the light."""
         regular = epsilon * self.inverse_prior
         below = 1 / (transfer**2 + regular) ** 2
         noise = (self.share * transfer**2 * below).sum()
         bias = (self.signal * regular**2 * below).sum()
-        return -10 * torch.log10(variance * noise + bias + self._leak(low, epsilon))
+        return _Errors(noise, bias, self._leak(low, epsilon))
+
+    def _decibels(self, level: int, light: torch.Tensor, errors: _Errors) -> torch.Tensor:
+        white = ELECTRONS[level] / REFERENCE_SHARE * light / float(self.inside.sum())
+        variance = self.light / white + (READ_NOISE / white) ** 2
+        return -10 * torch.log10(variance * errors.noise_gain + errors.bias + errors.leak)
 
     def _leak(self, transfer: torch.Tensor, epsilon: float) -> torch.Tensor:
         """Mean squared error of the low-passed scenes, whose halo crosses the sensor's edge."""
@@ -259,11 +276,9 @@ class PupilError:
         _, table = self._table(pupil)
         with torch.no_grad():
             transfer, low, light = self._transfers(torch.from_numpy(table))
+            filters = [self._errors(transfer, low, epsilon) for epsilon in EPSILONS]
             return np.array(
-                [
-                    [float(self._decibels(transfer, low, light, level, epsilon)) for epsilon in EPSILONS]
-                    for level in self.levels
-                ]
+                [[float(self._decibels(level, light, errors)) for errors in filters] for level in self.levels]
             )
 
 

@@ -307,18 +307,18 @@ def _dress_mtf(axes: Axes, mtf: Mtf) -> None:
 
 def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
     half, room = plate.blank_nm / 2 / NM_PER_MM, plate.writable_nm / 2 / NM_PER_MM
-    axes.add_patch(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=INK, linewidth=1))
-    axes.add_patch(_outline((-room, -room, room, room), "#9aa3ad", (0, (6, 4))))
+    axes.add_artist(Rectangle((-half, -half), 2 * half, 2 * half, facecolor=_CHROME, edgecolor=INK, linewidth=1))
+    axes.add_artist(_outline((-room, -room, room, room), "#9aa3ad", (0, (6, 4))))
     for die in plate.dies:
-        axes.add_patch(_outline(_slot_mm(die), "#6b737e", (0, (2, 2))))
+        axes.add_artist(_outline(_slot_mm(die), "#6b737e", (0, (2, 2))))
         x0, y0, x1, y1 = (edge / NM_PER_MM for edge in die.box_nm)
         tone = 0.25 + 0.75 * die.panel.open_ratio  # a panel seen from afar is grey; lifted so that it shows on chrome
-        axes.add_patch(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_mix(tone), linewidth=0))
+        axes.add_artist(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_mix(tone), linewidth=0))
         _write_name(axes, die, die.name in failed, 2 * half)
     for written, edge in ((True, "none"), (False, "#6b737e")):
         polygons = [p for item in plate.furniture if item.layer.written is written for p in item.polygons]
         fill = _CLEAR if written else "none"
-        axes.add_patch(PathPatch(_path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
+        axes.add_artist(PathPatch(_path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
     for item in plate.furniture:
         if item.kind == "fiducial":
             _write_fiducial(axes, item.polygons, 0.04 * half)

@@ -23,6 +23,11 @@ from maskfab.report.plots import png
 
 INK, QUIET = "#1f2328", "#7a828c"
 
+_UNSAFE = re.compile(r"""[^A-Za-z0-9_.\-~ "=/:;,()+*!?@&]+""")
+"""Characters that an address of SVG between single quotes cannot hold as they are."""
+_PATH = re.compile(r' d="[^"]*"')
+_FINER = re.compile(r"(?<=\.\d\d)\d+")
+
 styled = mpl.rc_context(
     {
         "font.family": ["DejaVu Sans"],
@@ -85,7 +90,7 @@ def vector(figure: Figure) -> str:
 def image(figure: Figure, words: str) -> str:
     """The figure as an ``<img>`` that holds its own SVG."""
     # Only a namespace, but a page that shows no address at all is seen to need none.
-    address = quote(vector(figure), safe=' "=/:;,()+*!?@&~').replace("//", "%2F%2F")
+    address = _UNSAFE.sub(_quoted, vector(figure)).replace("//", "%2F%2F")
     return img(f"data:image/svg+xml,{address}", words, "figure")
 
 
@@ -141,6 +146,10 @@ class Drawing:
         return f"<Drawing: {self.words}>"
 
 
+def _quoted(characters: re.Match[str]) -> str:
+    return quote(characters[0])
+
+
 def img(address: str, words: str, kind: str) -> str:
     """An ``<img>`` of a ``data:`` address, with words for who cannot see it."""
     return f"""<img class="{kind}" src='{escape(address, quote=False)}' alt="{escape(words)}">"""
@@ -148,7 +157,7 @@ def img(address: str, words: str, kind: str) -> str:
 
 def _slim(svg: str) -> str:
     """The SVG in fewer bytes: paths to 0.01 pt, images as palettes, the reader's own sans-serif type."""
-    svg = re.sub(r' d="[^"]*"', lambda path: re.sub(r"(\.\d\d)\d+", r"\1", path[0]), svg)
+    svg = _PATH.sub(lambda path: _FINER.sub("", path[0]), svg)
     svg = re.sub(r"data:image/png;base64,[A-Za-z0-9+/=\s]+", lambda uri: _palette(uri[0]), svg)
     svg = re.sub(r"<!--.*?-->", "", re.sub(r'<g id="[^"]*"', "<g", svg), flags=re.DOTALL)
     svg = svg.replace("'DejaVu Sans'", "system-ui, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif")
