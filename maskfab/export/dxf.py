@@ -1,8 +1,8 @@
 """DXF files, R12 and R2010; one drawing unit is one micrometre, or one millimetre for houses that draw so.
 
 The drawing is made by ezdxf. What there are tens of thousands of, which would take it seconds and gigabytes, is
-formatted here and spliced in: the references inside random dies, into blocks that ezdxf left empty, and the polygons of
-a drawing without blocks.
+formatted here: the vertices of R12, and spliced in, the references inside random dies, into blocks that ezdxf left
+empty, and the polygons of a drawing without blocks.
 """
 
 from __future__ import annotations
@@ -17,7 +17,10 @@ from typing import Literal, TypeAlias
 
 import ezdxf
 from ezdxf.document import Drawing
+from ezdxf.entities.dxfgfx import DXFGraphic
 from ezdxf.layouts import BaseLayout
+from ezdxf.lldxf.tagwriter import AbstractTagWriter
+from ezdxf.tools.handle import HandleGenerator
 
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, PolygonOptions, as_figures
@@ -32,6 +35,7 @@ Version: TypeAlias = Literal["R12", "R2010"]
 LARGEST_BYTES = 1_000_000_000
 
 _METRIC = 1
+_R12 = "AC1009"
 _TEXT_HEIGHT_NM = 500_000
 _SMALL_TEXT_NM = 100_000
 _COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True)) | {CUT: 7}
@@ -40,6 +44,9 @@ _REFERENCE = {
     "R2010": "  0\nINSERT\n  5\n{handle:X}\n330\n{owner}\n100\nAcDbEntity\n  8\n{layer}\n"
     "100\nAcDbBlockReference\n  2\n{name}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n",
 }
+_OUTLINE = "  0\nPOLYLINE\n  5\n{handle}\n  8\n{layer}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n1\n"
+_VERTEX = "  0\nVERTEX\n  5\n{handle}\n  8\n{layer}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n 70\n0\n"
+_END = "  0\nSEQEND\n  5\n{handle}\n  8\n{layer}\n"
 # Bytes of a polygon and of a vertex, coordinates of up to nine characters.
 _OUTLINE_BYTES = {"R12": (80, 46), "R2010": (90, 28)}
 _LAYER_NAME = re.compile(r"[A-Za-z0-9_$-]{1,31}")
@@ -251,6 +258,40 @@ class _Pen:
         return f"{next(self.handles):X}"
 
 
+class _Outline(DXFGraphic):
+    """A closed polyline without width that writes itself at once.
+
+    In ezdxf's own of R12 every vertex is an entity, which takes a hundred times as long.
+
+    Args:
+        points: its vertices, in the drawing's unit.
+        layer: name of its layer.
+        handles: of the drawing.
+    """
+
+    DXFTYPE = "POLYLINE"
+
+    def __init__(self, points: Sequence[tuple[float, float]], layer: str, handles: HandleGenerator) -> None:
+        super().__init__()
+        self._points = points
+        self._layer = layer
+        self._handles = handles
+        self._below: list[str] = []
+
+    def post_bind_hook(self) -> None:
+        """Take handles of its end and its vertices, which follow its own."""
+        self._below = [self._handles.next() for _ in range(len(self._points) + 1)]
+
+    def export_dxf(self, tagwriter: AbstractTagWriter) -> None:
+        layer = self._layer
+        vertices = zip(self._below[1:], self._points, strict=True)
+        tagwriter.write_str(_OUTLINE.format(handle=self.dxf.handle, layer=layer))
+        tagwriter.write_str(
+            "".join(_VERTEX.format(handle=handle, layer=layer, x=x, y=y) for handle, (x, y) in vertices)
+        )
+        tagwriter.write_str(_END.format(handle=self._below[0], layer=layer))
+
+
 def _checked_names(figures: Figures, wanted: Mapping[str, str] | None, *, noted: bool) -> dict[Layer, str]:
     """Names of the layers that are drawn; a house that wants its drawings purged gets no empty ones."""
     used = {CLEAR, *figures.layers, *([NOTE] if noted else [])}
@@ -351,12 +392,14 @@ def _draw_die(
 def _add_shapes(
     space: BaseLayout, shapes: Mapping[Layer, Sequence[Polygon]], names: Mapping[Layer, str], style: DrawingStyle
 ) -> None:
-    # Only R12 lacks the light-weight polyline.
-    add = space.add_polyline2d if space.dxfversion == "AC1009" else space.add_lwpolyline
+    handles = space.doc.entitydb.handles
     for layer, polygons in shapes.items():
         if layer in names:
-            for polygon in polygons:
-                add([style.point(point) for point in polygon], close=True, dxfattribs={"layer": names[layer]})
+            for points in ([style.point(point) for point in polygon] for polygon in polygons):
+                if space.dxfversion == _R12:  # it lacks the light-weight polyline
+                    space.add_entity(_Outline(points, names[layer], handles))
+                else:
+                    space.add_lwpolyline(points, close=True, dxfattribs={"layer": names[layer]})
 
 
 def _one_line(text: str) -> str:
