@@ -1,4 +1,4 @@
-"""Tables of the site that maskfab itself holds: verbs, keys of a job, quantities and error codes."""
+"""What maskfab itself says, on the site: tables of verbs, keys of a job, quantities and error codes, and docstrings."""
 
 from __future__ import annotations
 
@@ -100,6 +100,11 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "quantities": _quantities,
     "rooms": _rooms,
 }
+
+
+def on_page_content(html: str, **_: object) -> str:
+    """Leave the roles of docstrings out, which the page has no use for: ``:func:`design` ``."""
+    return re.sub(r":(?:class|data|func|meth|mod):(?=<code>)", "", html)
 
 
 def on_page_markdown(markdown: str, **_: object) -> str:

@@ -26,10 +26,11 @@ from maskfab.units import NM_PER_UM, parse_wavelength_nm
 class Camera:
     """A lens and a sensor.
 
-    >>> import maskfab as mf
-    >>> camera = mf.Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
-    >>> camera.model.focal_um, camera.model.wavelengths_nm
-    (10000.0, (610.0, 530.0, 470.0))
+    Examples:
+        >>> import maskfab as mf
+        >>> camera = mf.Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])
+        >>> camera.model.focal_um, camera.model.wavelengths_nm
+        (10000.0, (610.0, 530.0, 470.0))
 
     Attributes:
         section: the camera as [camera] of a job file states it.

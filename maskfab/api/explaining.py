@@ -37,9 +37,10 @@ class Answer:
 def explain(code: str | None = None) -> Answer:
     """Explain an error code (meaning, example, usual cause, cure) or a key of a job (form, default, meaning).
 
-    >>> import maskfab as mf
-    >>> print(mf.explain("MF111").text.splitlines()[0])
-    MF111  A random tiling needs a seed.
+    Examples:
+        >>> import maskfab as mf
+        >>> print(mf.explain("MF111").text.splitlines()[0])
+        MF111  A random tiling needs a seed.
 
     Args:
         code: such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``; None for the list of codes.

@@ -26,10 +26,11 @@ if TYPE_CHECKING:
 class Opening(model.Opening):
     """The clear shape in one display pixel, bool ``mask`` [dots, dots] with row 0 the lowest.
 
-    >>> import maskfab as mf
-    >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
-    >>> bar.clear_dots, round(bar.open_ratio, 3), bar.dot_nm
-    (105, 0.238, 8000)
+    Examples:
+        >>> import maskfab as mf
+        >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+        >>> bar.clear_dots, round(bar.open_ratio, 3), bar.dot_nm
+        (105, 0.238, 8000)
     """
 
     @classmethod
@@ -52,9 +53,10 @@ class Opening(model.Opening):
     def of(cls, mask: ArrayLike, pitch: Length, *, name: str = "opening") -> Self:
         """An opening from an array [dots, dots] of bool or of 0 and 1, row 0 the lowest.
 
-        >>> import maskfab as mf
-        >>> mf.Opening.of([[0, 1], [1, 1]], pitch="16 um").clear_dots
-        3
+        Examples:
+            >>> import maskfab as mf
+            >>> mf.Opening.of([[0, 1], [1, 1]], pitch="16 um").clear_dots
+            3
 
         Raises:
             OpeningError: MF201 not square, MF202 other values, MF203 nothing clear.

@@ -32,11 +32,12 @@ _WHERE = "Panel.tile"
 class Panel(model.Panel):
     """An opening tiled over a square, with an opaque gutter round every pixel.
 
-    >>> import maskfab as mf
-    >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
-    >>> panel = mf.Panel.tile(bar, "random", seed=1, size="4.4 mm")
-    >>> panel.orientations.shape, panel.size_nm
-    ((26, 26), (4368000, 4368000))
+    Examples:
+        >>> import maskfab as mf
+        >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+        >>> panel = mf.Panel.tile(bar, "random", seed=1, size="4.4 mm")
+        >>> panel.orientations.shape, panel.size_nm
+        ((26, 26), (4368000, 4368000))
 
     Attributes:
         section: the panel as a [[die]] of a job file states it.

@@ -38,13 +38,14 @@ _STREET_NM, _STREET_SHARE = 1_000_000, 4
 class Plate:
     """Named panels on a photomask, as a job file states them.
 
-    >>> import maskfab as mf
-    >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
-    >>> plate = mf.Plate.of(BAR=mf.Panel.tile(bar, "random", seed=1, size="4.4 mm"), template="5in")
-    >>> plate
-    <Plate PLATE: BAR>
-    >>> plate.layout().blank_nm
-    127000000
+    Examples:
+        >>> import maskfab as mf
+        >>> bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+        >>> plate = mf.Plate.of(BAR=mf.Panel.tile(bar, "random", seed=1, size="4.4 mm"), template="5in")
+        >>> plate
+        <Plate PLATE: BAR>
+        >>> plate.layout().blank_nm
+        127000000
 
     Attributes:
         heading: [job] of a job file.

@@ -34,9 +34,10 @@ def shape(
 ) -> Opening:
     """Draw a parametric opening, or the opening of a display with its emitters.
 
-    >>> import maskfab as mf
-    >>> mf.shape("stripe", width_dots=6).clear_dots
-    126
+    Examples:
+        >>> import maskfab as mf
+        >>> mf.shape("stripe", width_dots=6).clear_dots
+        126
 
     Args:
         kind: one of :func:`shapes`.

@@ -22,9 +22,10 @@ def shops(name: str) -> Shop: ...
 def shops(name: str | None = None) -> Shop | tuple[Shop, ...]:
     """All mask shops with published rules, or the rules of one.
 
-    >>> import maskfab as mf
-    >>> mf.shops("photoplotstore").accepts.formats[0]
-    'gdsii'
+    Examples:
+        >>> import maskfab as mf
+        >>> mf.shops("photoplotstore").accepts.formats[0]
+        'gdsii'
 
     Args:
         name: of a shop, or the path of a profile (.toml).
