@@ -258,7 +258,7 @@ class _Pen:
         return f"{next(self.handles):X}"
 
 
-class _Outline(DXFGraphic):
+class _Outline(DXFGraphic):  # type: ignore[misc]
     """A closed polyline without width that writes itself at once.
 
     In ezdxf's own of R12 every vertex is an entity, which takes a hundred times as long.
@@ -284,11 +284,9 @@ class _Outline(DXFGraphic):
 
     def export_dxf(self, tagwriter: AbstractTagWriter) -> None:
         layer = self._layer
-        vertices = zip(self._below[1:], self._points, strict=True)
         tagwriter.write_str(_OUTLINE.format(handle=self.dxf.handle, layer=layer))
-        tagwriter.write_str(
-            "".join(_VERTEX.format(handle=handle, layer=layer, x=x, y=y) for handle, (x, y) in vertices)
-        )
+        for handle, (x, y) in zip(self._below[1:], self._points, strict=True):
+            tagwriter.write_str(_VERTEX.format(handle=handle, layer=layer, x=x, y=y))
         tagwriter.write_str(_END.format(handle=self._below[0], layer=layer))
 
 
