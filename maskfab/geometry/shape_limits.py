@@ -175,11 +175,11 @@ def _refuse_distant(layout: db.Layout, path: Path) -> None:
             default=0,
         )
         for each in cell.each_inst():
-            placed = each.cell_inst
-            far = max(abs(placed.trans.disp.x), abs(placed.trans.disp.y))
-            if placed.size() > 1:
-                far += max(0, placed.na - 1) * max(abs(placed.a.x), abs(placed.a.y))
-                far += max(0, placed.nb - 1) * max(abs(placed.b.x), abs(placed.b.y))
+            to = each.trans.disp
+            far = max(abs(to.x), abs(to.y))
+            if each.size() > 1:
+                far += max(0, each.na - 1) * max(abs(each.a.x), abs(each.a.y))
+                far += max(0, each.nb - 1) * max(abs(each.b.x), abs(each.b.y))
             grown = 1.5 * each.cplx_trans.mag if each.is_complex() else 1.0
             reach = max(reach, far + round(grown * reaches[each.cell_index]))
         reaches[index] = reach

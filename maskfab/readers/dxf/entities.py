@@ -11,10 +11,11 @@ import math
 from collections import Counter
 from collections.abc import Callable
 
-from maskfab.readers.dxf.text import Entity
+from maskfab.readers.dxf.text import Entity, codes
 
 _PAPER = ("*PAPER_SPACE", "$PAPER_SPACE")
 _FROZEN = 1
+_HIDING = codes(60, 67, 210, 220, 230)
 _IN_PLANE = 1e-9
 """Directions are written with so many digits that those along z are closer to it."""
 
@@ -54,7 +55,11 @@ class Unseen:
 
 
 def _out_of_sight(entity: Entity) -> str:
-    if entity.number(67) == 1 or (entity.block or "").upper().startswith(_PAPER):
+    if (entity.block or "").upper().startswith(_PAPER):
+        return " in paper space"
+    if not entity.says(_HIDING):
+        return ""
+    if entity.number(67) == 1:
         return " in paper space"
     if entity.number(60) == 1:
         return " made invisible"

@@ -14,13 +14,16 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.readers.dxf.text import Entity
+from maskfab.readers.dxf.text import Entity, codes
 
 _ON_GRID_NM = 1e-4
 """Decimals of inches and millimetres are written with so many digits that what is on the grid lies closer to it."""
 
 _ELSEWHERE = 4 | 8
 """Flags of a block whose content is another file's, or is laid over from there."""
+
+_SPREADING = codes(41, 42, 44, 45, 70, 71)
+"""What makes an array of a reference, or places its block at another scale."""
 
 _DRAWING = "\n"
 """Stands for the drawing itself; no name of a block ends a line."""
@@ -37,7 +40,7 @@ class DrawingGrid:
         self._scale = nm_per_unit
         self._lines: dict[tuple[str, str], _Lines] = defaultdict(_Lines)
         self._bases: dict[str, tuple[float, float]] = {}
-        self._placed: dict[str, list[tuple[str, float, tuple[float, ...]]]] = defaultdict(list)
+        self._placed: dict[str, dict[str, _Places]] = defaultdict(lambda: defaultdict(_Places))
 
     def add(self, entity: Entity) -> None:
         """Take the coordinates of an entity that draws, places or begins a block; others have none that count."""
@@ -45,9 +48,7 @@ class DrawingGrid:
         if entity.kind == "BLOCK" and not int(entity.number(70)) & _ELSEWHERE:
             self._bases[block] = entity.number(10), entity.number(20)
         elif entity.kind == "INSERT":
-            steps = [entity.number(step) for step, count in ((44, 70), (45, 71)) if abs(entity.number(count, 1.0)) > 1]
-            larger = max(abs(entity.number(41, 1.0)), abs(entity.number(42, 1.0)))
-            self._placed[block].append((entity.text(2), larger, (entity.number(10), entity.number(20), *steps)))
+            self._placed[block][entity.text(2)].add(entity)
         elif entity.kind == "SOLID":
             xs, ys = ([entity.number(axis + corner) for corner in (0, 1, 3, 2)] for axis in (10, 20))
             self._lines[block, entity.layer].add(xs, ys)
@@ -74,14 +75,14 @@ class DrawingGrid:
 
     def lacking(self) -> list[str]:
         """Blocks that are placed and not there, by their exact names."""
-        placed = {name for children in self._graph().values() for name in children}
+        placed = set().union(*self._placed.values())
         return sorted(placed - self._bases.keys())
 
     def _graph(self) -> dict[str, set[str]]:
         return {
             _DRAWING: set(),
             **{block: set() for block in self._bases},
-            **{block: {name for name, _, _ in placed} for block, placed in self._placed.items()},
+            **{block: set(placed) for block, placed in self._placed.items()},
         }
 
     def drawing(self, counts: Callable[[str], bool]) -> set[str]:
@@ -92,7 +93,7 @@ class DrawingGrid:
         """
         found = {block for block, layer in self._lines if counts(layer)}
         for block in TopologicalSorter(self._graph()).static_order():
-            if any(name in found for name, _, _ in self._placed.get(block, ())):
+            if not found.isdisjoint(self._placed.get(block, ())):
                 found.add(block)
         return found - {_DRAWING}
 
@@ -111,9 +112,9 @@ class DrawingGrid:
         found: dict[str, float] = {}
         for block in TopologicalSorter(self._graph()).static_order():
             roundings = [own[block]] if block in own else []
-            for name, larger, coordinates in self._placed.get(block, ()):
+            for name, places in self._placed.get(block, {}).items():
                 if name in found:
-                    roundings += [self._rounding(np.array(coordinates)), larger * found[name]]
+                    roundings += [self._rounding(np.array(places.coordinates)), places.largest * found[name]]
             if roundings:
                 found[block] = max(*roundings, self._rounding(np.array(self._bases.get(block, (0.0, 0.0)))))
         return found.get(_DRAWING, 0.0)
@@ -133,6 +134,29 @@ def _scaled(values: NDArray[np.float64], scale: float) -> NDArray[np.float64]:
     """Coordinates in database units; who reads the polygons refuses those that are too large for any."""
     with np.errstate(over="ignore"):
         return values * scale
+
+
+class _Places:
+    """References to one block in another.
+
+    Attributes:
+        coordinates: of all of them, and the steps of arrays.
+        largest: how many times as large as it is drawn the block is placed at most.
+    """
+
+    def __init__(self) -> None:
+        self.coordinates, self.largest = array("d"), 0.0
+
+    def add(self, reference: Entity) -> None:
+        self.coordinates.append(reference.number(10))
+        self.coordinates.append(reference.number(20))
+        larger = 1.0
+        if reference.says(_SPREADING):
+            larger = max(abs(reference.number(41, 1.0)), abs(reference.number(42, 1.0)))
+            for step, count in ((44, 70), (45, 71)):
+                if abs(reference.number(count, 1.0)) > 1:
+                    self.coordinates.append(reference.number(step))
+        self.largest = max(self.largest, larger)
 
 
 class _Lines:

@@ -19,9 +19,12 @@ class Entity:
         kind: its name, such as ``LWPOLYLINE``.
         block: name of the block that it is drawn in; None in the drawing itself.
         body: its bytes after its name.
+
+    Attributes:
+        layer: its layer; ``0``, in a block that of the reference, if it does not say.
     """
 
-    __slots__ = ("_first", "_tags", "block", "kind")
+    __slots__ = ("_first", "_tags", "block", "kind", "layer")
 
     def __init__(self, kind: str, block: str | None, body: bytes) -> None:
         self.kind = kind
@@ -29,11 +32,11 @@ class Entity:
         # Group codes and values stay bytes: a plate has millions of them, and few are looked at.
         self._tags: list[tuple[bytes, bytes]] = _TAG.findall(body)
         self._first = dict(reversed(self._tags))
+        self.layer = self.text(8, "0")
 
-    @property
-    def layer(self) -> str:
-        """Its layer; ``0``, in a block that of the reference, if it does not say."""
-        return self.text(8, "0")
+    def says(self, codes: frozenset[bytes]) -> bool:
+        """Whether it has a value under any of these group codes: most have none that change how they are placed."""
+        return not codes.isdisjoint(self._first)
 
     @property
     def width(self) -> float:
@@ -65,6 +68,11 @@ class Entity:
         xs = [value for code, value in tags if code == b"10"]
         ys = [value for code, value in tags if code == b"20"]
         return _numbers(xs), _numbers(ys)
+
+
+def codes(*numbers: int) -> frozenset[bytes]:
+    """Group codes as :meth:`Entity.says` takes them."""
+    return frozenset(b"%d" % each for each in numbers)
 
 
 def number(text: bytes) -> float:
