@@ -196,7 +196,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             progress("figures", 1, 1)
         document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
         (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
-        (folder / PAGE).write_text(html.render(document, pictures), encoding="utf-8")
+        (folder / PAGE).write_text(html.html_page(document, pictures), encoding="utf-8")
         _write_manifest(job, files, folder)
         (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
     return Result(place.asked, report)
@@ -218,7 +218,7 @@ def write_files(job: Job, made: PlateFiles, folder: Path, progress: Progress) ->
         write(folder / name)
         give_back()
     progress("write files", len(steps), len(steps))
-    return tuple(provenance.written(folder, folder / name, kind) for name, (kind, _) in steps.items())
+    return tuple(provenance.file_record(folder, folder / name, kind) for name, (kind, _) in steps.items())
 
 
 def aids(job: Job, plate: Plate) -> dict[str, tuple[str, Callable[[Path], object]]]:
@@ -252,7 +252,7 @@ def write_psfs(psfs: Sequence[PsfFile], folder: Path) -> tuple[WrittenFile, ...]
     """Write PSFs beside the files that they were measured in."""
     for psf in psfs:
         psf.write(folder / psf.name)
-    return tuple(provenance.written(folder, folder / psf.name, TITLES["exr"]) for psf in psfs)
+    return tuple(provenance.file_record(folder, folder / psf.name, TITLES["exr"]) for psf in psfs)
 
 
 def measure_dies(
@@ -520,7 +520,7 @@ def _most_invertible(optics: Sequence[DieOptics]) -> DieOptics:
 
 
 def _write_manifest(job: Job, files: Sequence[WrittenFile], folder: Path) -> None:
-    reports = [provenance.written(folder, folder / name, "report") for name in (REPORT, PAGE, OVERVIEW)]
+    reports = [provenance.file_record(folder, folder / name, "report") for name in (REPORT, PAGE, OVERVIEW)]
     manifest = {
         "schema_version": MANIFEST_VERSION,
         "maskfab_version": __version__,

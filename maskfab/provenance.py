@@ -45,6 +45,6 @@ def signature(job_digest: str, seeds: Mapping[str, int]) -> str:
     return f"maskfab {__version__} | job {job_digest[:16]} | seeds {drawn}"
 
 
-def written(root: Path, path: Path, kind: str) -> WrittenFile:
+def file_record(root: Path, path: Path, kind: str) -> WrittenFile:
     """The record of a finished file under the output directory ``root``."""
     return WrittenFile(path.relative_to(root).as_posix(), kind, path.stat().st_size, sha256_of_file(path))

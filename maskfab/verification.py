@@ -186,7 +186,7 @@ def _page_differs(
     """The page against the one of the pictures made again, and of the report, to its last digit if that held."""
     try:
         document = json.loads((folder / REPORT).read_text(encoding="utf-8")) if held else now
-        page = html.render(document, pictures)
+        page = html.html_page(document, pictures)
         found = list(again.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, TemplateError) as error:
         yield PAGE, f"it cannot be compared: {error!r}"

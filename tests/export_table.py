@@ -19,7 +19,7 @@ from typing import TypeVar
 
 import numpy as np
 
-from maskfab.comparison.roundtrip import compare
+from maskfab.comparison.roundtrip import compare_layout
 from maskfab.comparison.solids import check_solid
 from maskfab.drc import DesignRules, check_plate
 from maskfab.export.cell_polygons import draw
@@ -68,7 +68,7 @@ def layouts(folder: Path) -> Iterator[Row]:
     for file in (gds, oas, dxf):
         read = read_layout(file)
         kind = file.suffix[1:].upper()
-        seconds, trip = best(lambda read=read, file=file: compare(plate, design, read, file, dots=False))
+        seconds, trip = best(lambda read=read, file=file: compare_layout(plate, design, read, file, dots=False))
         yield f"{kind} read back: XOR against the design", seconds, 0.15, "s"
         yield "the same", trip.xor_area_um2, 0, "um2"
 

@@ -41,7 +41,7 @@ from small_job import OPENING
 
 from maskfab.comparison.files import read_back
 from maskfab.comparison.foreign.foreign_mask import check_foreign
-from maskfab.comparison.roundtrip import compare
+from maskfab.comparison.roundtrip import compare_layout
 from maskfab.delivery import papers
 from maskfab.delivery.pack import verify_package
 from maskfab.errors import InputError, SourceError
@@ -130,7 +130,7 @@ def _layout_outcome(reader: str, path: Path) -> str:
     differs = any(
         not (found.get(key, empty) ^ expected.get(key, empty)).is_empty() for key in found.keys() | expected.keys()
     )
-    told = compare(plate(), original, layout, path, dots=False)
+    told = compare_layout(plate(), original, layout, path, dots=False)
     if differs != (told.xor_area_um2 > 0):
         return "FINDING: geometry differs, and the comparison does not tell, or the other way round"
     if zlib.crc32(path.read_bytes()) % 12:
@@ -351,7 +351,7 @@ def draw_once() -> None:
             drawn[key] = drawing_sheet(*asked)  # type: ignore[arg-type]
         return drawn[key]
 
-    papers.plate_drawing = remembered  # type: ignore[assignment]
+    papers.drawing_sheet = remembered  # type: ignore[assignment]
 
 
 def _apart(reader: str, path: Path) -> str:

@@ -29,7 +29,7 @@ from maskfab.optics.field.polygon_field import boundary
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.image.psf import image_scale_um2, pixel_margin, pixel_psf, point_psf
-from maskfab.optics.image.spectrum import lines, polychromatic_otf, reach_um
+from maskfab.optics.image.spectrum import line_spectrum, polychromatic_otf, reach_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
@@ -110,7 +110,7 @@ def pixels() -> Row:
 def polychromatic() -> Row:
     pupil = cut(panel_aperture(slit_panel(21, 8000), 2000.0), CAMERA.stop)
     wavelengths = np.linspace(400.0, 700.0, 31)
-    spectrum = lines(wavelengths)
+    spectrum = line_spectrum(wavelengths)
     nu = np.linspace(0.0, 0.25, 147)
     zero = np.zeros_like(nu)
     reach = reach_um(CAMERA, wavelengths, 0.25)

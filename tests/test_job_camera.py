@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from maskfab.camera.photo_camera import F1, PhotoCamera, described
+from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph
 from maskfab.cli import run_command_line
 from maskfab.cli.verbs.design import _targets
@@ -102,7 +102,7 @@ def test_photographs_are_taken_by_the_jobs_camera_and_by_f1s_where_that_is_asked
     psnr = {name: [score["psnr"] for score in found["scores"]] for name, found in by.items()}
     assert min(abs(np.subtract(psnr["phone"], psnr["fast"]))) > 0.1
     assert by["phone"]["protocol"] is None
-    assert by["phone"]["camera"] == described(load(folder / "phone.toml").camera)
+    assert by["phone"]["camera"] == camera_line(load(folder / "phone.toml").camera)
 
 
 def test_a_die_that_does_not_cover_the_stop_of_f1_is_not_judged_by_it(folder, capsys):
@@ -117,7 +117,7 @@ def test_a_design_follows_the_camera_and_states_it(folder, capsys):
         target = folder / f"only_{name}.toml"
         told(capsys, "design", folder / f"{name}.toml", "--out", target, "--images", folder / "photographs")
         facts = openings.load(target).provenance
-        assert facts["camera"] == described(load(folder / f"{name}.toml").camera)
+        assert facts["camera"] == camera_line(load(folder / f"{name}.toml").camera)
         assert facts["protocol"] == "another camera at the levels of F1"
         found[name] = facts["expected_psnr_32"]
     assert abs(found["phone"] - found["fast"]) > 0.1
@@ -134,7 +134,7 @@ def test_a_map_has_the_cells_of_its_camera_and_lies_beside_its_opening(folder, c
         opening, cells = openings.load(target), maps.load(folder / f"by_{name}_map.toml")
         camera = load(folder / f"{name}.toml").camera
         for facts in (opening.provenance, cells.provenance):
-            assert facts["camera"] == described(camera)
+            assert facts["camera"] == camera_line(camera)
         found[name] = len(cells.cells)
     assert found == {"phone": 12, "fast": 20}
     assert (folder / "found_map.toml").read_text() == "somebody else's"
@@ -157,7 +157,7 @@ def test_a_sweep_judges_behind_the_jobs_camera(folder, capsys):
         told(capsys, "pareto", folder / f"{name}.toml", "--out", out, *images)
         files = [openings.load(path) for path in sorted(out.rglob("*.toml"))]
         best[name] = max(each.provenance["expected_psnr_32"] for each in files)
-        assert all(each.provenance["camera"] == described(load(folder / f"{name}.toml").camera) for each in files)
+        assert all(each.provenance["camera"] == camera_line(load(folder / f"{name}.toml").camera) for each in files)
     assert abs(best["phone"] - best["fast"]) > 0.1
 
 
@@ -183,7 +183,7 @@ def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judg
     assert run_command_line(["run", str(tmp_path / "job.toml"), "--out", str(tmp_path / "out"), "--quiet"]) == 0
     report = json.loads((tmp_path / "out" / "report.json").read_text())
     rows = {row["name"]: row for die in report["dies"] for row in die["quantities"]}
-    assert rows["designed_for"]["value"] == described(F1)
+    assert rows["designed_for"]["value"] == camera_line(F1)
     assert rows["designed_for"]["passed"] is None
     assert "MF135" in rows["photographs_refused"]["value"]
     assert "restored_psnr" not in rows
@@ -194,7 +194,7 @@ def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judg
     [
         ("", None),
         ('\n[provenance]\nauthor = "somebody"\nshape = "bar"\n', None),
-        (DESIGNED, described(F1)),
+        (DESIGNED, camera_line(F1)),
         (DESIGNED + "loss = 0.1\n", None),
         (DESIGNED + 'camera = "a box"\n', "a box"),
     ],
@@ -205,7 +205,7 @@ def test_an_opening_for_another_camera_is_noted(folder, tmp_path, facts, noted):
     (tmp_path / "job.toml").write_text((folder / "phone.toml").read_text())
     found = camera_notes(load(tmp_path / "job.toml"))
     assert found.get("BAR") is None if noted is None else found["BAR"].value == noted
-    same = DESIGNED + f'camera = "{described(load(tmp_path / "job.toml").camera)}"\n'
+    same = DESIGNED + f'camera = "{camera_line(load(tmp_path / "job.toml").camera)}"\n'
     (tmp_path / "bar.toml").write_text(BAR + same)
     assert camera_notes(load(tmp_path / "job.toml")) == {}
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from maskfab.api.curves import Mtf, Psf
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
-from maskfab.camera.photo_camera import described
+from maskfab.camera.photo_camera import camera_line
 from maskfab.errors import JobError
 from maskfab.jobfile import CameraSection, check_lens, check_optics, parse_section
 from maskfab.model import Camera as Lens
@@ -133,7 +133,7 @@ class Camera:
         return asked
 
     def __repr__(self) -> str:
-        return f"<Camera: {described(self.model)}>"
+        return f"<Camera: {camera_line(self.model)}>"
 
 
 F1 = Camera("10 mm", stop="4 mm", pixel="2 um", wavelengths=["610 nm", "530 nm", "470 nm"])

@@ -60,9 +60,9 @@ def explain(code: str | None = None) -> Answer:
 
 
 def _of_keys(path: str) -> Answer:
-    from maskfab.jobfile.reference import described
+    from maskfab.jobfile.reference import keys_of
 
-    keys = described(path)
+    keys = keys_of(path)
     told = []
     for key in keys:
         default = "required" if key.default is None else key.default or "none"

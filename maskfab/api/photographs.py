@@ -15,7 +15,7 @@ from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photo_camera import F1, PhotoCamera, described
+from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph, folder
 from maskfab.camera.protocol import ASSUMED, Score, ScoreTable, evaluate
 from maskfab.camera.shots import Crop, Shot, truth_of
@@ -66,7 +66,7 @@ class Simulation:
         return {
             "assumed": ASSUMED,
             "protocol": "f1" if self.camera.is_f1 else None,
-            "camera": described(self.camera),
+            "camera": camera_line(self.camera),
             "reference": self.reference,
             "scenes": [scene.name for scene in self.scenes],
             "scores": [vars(score) for score in self.table.scores],
@@ -84,7 +84,7 @@ class Simulation:
         return dataframe([vars(score) for score in self.table.scores])
 
     def __str__(self) -> str:
-        camera = [] if self.camera.is_f1 else [f"camera: {described(self.camera)}; levels of light of protocol F1"]
+        camera = [] if self.camera.is_f1 else [f"camera: {camera_line(self.camera)}; levels of light of protocol F1"]
         return "\n".join([*camera, *_lines(self.table, self.reference), f"Assumed: {ASSUMED}."])
 
     def _repr_png_(self) -> bytes | None:
@@ -133,7 +133,7 @@ def simulate(
     if not laid:
         raise JobError(
             "MF122",
-            f"no die can be judged behind a camera of {described(seen)}",
+            f"no die can be judged behind a camera of {camera_line(seen)}",
             where=loaded.where,
             cure="Name one die to see why",
         )

@@ -47,7 +47,7 @@ class Plans:
         return "\n".join(
             line
             for name, found in self.plans.items()
-            for line in [*plans.table(name, found), *weighed_table(self.omissions[name], self.accuracy)]
+            for line in [*plans.plan_table(name, found), *weighed_table(self.omissions[name], self.accuracy)]
         )
 
 

@@ -74,7 +74,7 @@ def shape(
     emitters = None
     if display is not None:
         mask, emitters = display.draw(dots, dict(lengths or {}))
-        made.update(display_layouts.facts(display, changed=changed))
+        made.update(display_layouts.source_facts(display, changed=changed))
     elif lengths:
         cure = f"Draw one of {', '.join(display_layouts.DISPLAYS)}"
         raise JobError("MF102", f"{kind} has no lengths", where="lengths", cure=cure)

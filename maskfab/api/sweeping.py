@@ -55,9 +55,9 @@ class ParetoFront:
 
     def plot(self) -> Drawing:
         """The curves, and what they are compared with."""
-        from maskfab.report.plots.pareto_figure import drawing
+        from maskfab.report.plots.pareto_figure import pareto_drawing
 
-        return drawing(self.found)
+        return pareto_drawing(self.found)
 
     def __str__(self) -> str:
         return "\n".join(_lines(self.found, self.named))

@@ -25,7 +25,7 @@ from maskfab.optics.field.parity import direct_field, parity_field
 from maskfab.optics.field.polygon_field import boundary
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.psf import image_scale_um2, point_psf, point_psfs, point_step_um
-from maskfab.optics.image.spectrum import lines
+from maskfab.optics.image.spectrum import line_spectrum
 from maskfab.optics.numbers.sampling import aliased_mtf
 from maskfab.optics.numbers.wiener import noise_gain, sensor_square, wiener_response, worst_wiener
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
@@ -69,7 +69,7 @@ class CaseResult:
         return bool(self.error <= self.case.limit)
 
 
-def run(cases: Iterable[Case]) -> Iterator[CaseResult]:
+def run_cases(cases: Iterable[Case]) -> Iterator[CaseResult]:
     """Run cases one by one."""
     for case in cases:
         start = time.perf_counter()
@@ -263,7 +263,7 @@ def aliased_samples() -> float:
     scale, pixel = image_scale_um2(camera, 512.0), camera.pixel_um
     waves = np.arange(8, samples // 2, 24, dtype=np.float64) / (samples * pixel)
     aliased = aliased_mtf(
-        lag_table(pupil), camera, lines([512.0]), waves, np.zeros_like(waves), sampled="point", phases=phases
+        lag_table(pupil), camera, line_spectrum([512.0]), waves, np.zeros_like(waves), sampled="point", phases=phases
     )
     centre = dot * (np.arange(dots, dtype=np.float64) - (dots - 1) / 2)
     worst = 0.0
@@ -289,7 +289,7 @@ def no_noise() -> float:
     mask[:, 8:13] = True
     camera = build.camera(8 * 168.0, "square")
     nulls, open_ = (
-        sensor_square(lag_table(build.pupil(build.panel(m, cells=8), camera.stop)), looking, lines([530.0]), 64)
+        sensor_square(lag_table(build.pupil(build.panel(m, cells=8), camera.stop)), looking, line_spectrum([530.0]), 64)
         for m, looking in ((mask, camera), (np.ones_like(mask), replace(camera, pixel_um=4.0)))
     )
     for square in (nulls, open_):
@@ -333,7 +333,7 @@ def every_layout() -> float:
     return worst
 
 
-def kissing_corners() -> float:
+def kissing_checkerboard() -> float:
     """A checkerboard, every corner of which kisses another: matrix path against polygons."""
     mask = np.indices((6, 6)).sum(axis=0) % 2 == 0
     return _two_paths(build.panel(mask, cells=6), Stop("circle", 250.0))
@@ -426,7 +426,7 @@ CASES = (
     Case("next to zero frequency", "polygon field against the matrix, over the area", next_to_zero_frequency, 2e-15),
     Case("frequencies along an edge", "polygon field against a sinc, relative L2", along_edges, 1e-9),
     Case("replica at λf/dot", "intensity there over the peak", replica, 1e-30),
-    Case("kissing corners everywhere", "matrix against polygons, relative L2", kissing_corners, 1e-6),
+    Case("kissing corners everywhere", "matrix against polygons, relative L2", kissing_checkerboard, 1e-6),
     Case("open ratios 0.02 and 0.98", "energy and MTF volume against the count, relative", extreme_open_ratios, 1e-12),
     Case("single-dot and all-open cells", "matrix against polygons, relative L2", single_dots, 1e-6),
     Case("subnormal transmission", "scaled field, relative L2", subnormal_transmission, 1e-9),

@@ -112,7 +112,7 @@ class PhotoCamera:
         return max(0, math.ceil(self.reach(wavelength_nm) + 0.5) - 1)
 
 
-def described(camera: Camera | PhotoCamera) -> str:
+def camera_line(camera: Camera | PhotoCamera) -> str:
     """Lens, stop, pixel and wavelengths in one line, the same for cameras that take the same photographs."""
     lines = "/".join(f"{nm:.15g}" for nm in sorted(camera.wavelengths_nm, reverse=True))
     stop = f"{camera.stop.shape} {_sides(camera.stop)} um"

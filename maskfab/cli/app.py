@@ -14,7 +14,7 @@ from typing import Annotated, Any
 import typer
 
 from maskfab import __version__
-from maskfab.cli.common.printing import plain, print_json
+from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.verbs.analyse import analyse
 from maskfab.cli.verbs.bench import bench
 from maskfab.cli.verbs.check import check
@@ -183,7 +183,7 @@ def _ended_by_signals() -> Iterator[None]:
 
 
 def _tell(error: MaskfabError, as_json: bool) -> int:
-    typer.echo(f"error: {plain(error)}", err=True)
+    typer.echo(f"error: {one_line(error)}", err=True)
     if as_json:
         _print_error(error)
     return error.exit_code

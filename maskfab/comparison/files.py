@@ -19,7 +19,7 @@ from typing import Any, TypeAlias
 from klayout import db
 
 from maskfab.comparison.bitmaps import check_bitmap
-from maskfab.comparison.roundtrip import RoundTrip, compare
+from maskfab.comparison.roundtrip import RoundTrip, compare_layout
 from maskfab.comparison.slivers import Sifted
 from maskfab.comparison.solids import check_plate_solid, check_solid
 from maskfab.errors import InputError, SourceError
@@ -171,7 +171,9 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
         names = made.settings.drawing.layer_names
     polygons = made.figures.account.polygons
     with library_errors(path):
-        return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+        return compare_layout(
+            made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names
+        )
 
 
 def _within_limits(made: PlateFiles, product: Product, folder: Path, *, dots: bool) -> RoundTrip:

@@ -29,7 +29,7 @@ __all__ = [
     "Difference",
     "RoundTrip",
     "clear_length_nm",
-    "compare",
+    "compare_layout",
     "die_edges_nm",
     "die_raster",
     "roundtrip",
@@ -210,10 +210,10 @@ def roundtrip(
     """
     read = read_layout(path)
     find_cell(read)
-    return compare(plate, design, read, path, dots=dots, drawn_polygons=drawn_polygons, layer_names=layer_names)
+    return compare_layout(plate, design, read, path, dots=dots, drawn_polygons=drawn_polygons, layer_names=layer_names)
 
 
-def compare(
+def compare_layout(
     plate: Plate,
     design: db.Layout,
     read: db.Layout,

@@ -14,7 +14,7 @@ from maskfab import __version__, provenance
 from maskfab.comparison.files import compare_mask, read_mask
 from maskfab.comparison.foreign.extents import file_box
 from maskfab.delivery.archive import MANIFEST, safe_stem, unpack, write_package
-from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, facts, papers
+from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
 from maskfab.errors import InputError, JobError, OutputError, SourceError
 from maskfab.export.cell_polygons import CUT
 from maskfab.export.outputs import MASK_TAILS
@@ -108,12 +108,14 @@ def pack(
         if not (accepted(findings) and all(check.passed for check in judged)):
             return Package(None, findings, judged)
         names = [product.name for product in drawn.products]
-        masks = tuple(provenance.written(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True))
+        masks = tuple(
+            provenance.file_record(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True)
+        )
         made = papers(MaskOrder(job, shop, drawn.figures, job.signature, findings, judged, sent, masks))
         for name, content in made.items():
             write_bytes(folder / name, content)
-        files = (*masks, *(provenance.written(folder, folder / name, "paper") for name in made))
-        manifest = {**facts(job, shop, drawn.figures), "files": [vars(file) for file in files]}
+        files = (*masks, *(provenance.file_record(folder, folder / name, "paper") for name in made))
+        manifest = {**package_facts(job, shop, drawn.figures), "files": [vars(file) for file in files]}
         write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
         _make_parents(zipped)
         write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}", replace=force)

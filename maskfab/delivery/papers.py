@@ -78,7 +78,7 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     }
 
 
-def facts(job: Job, shop: Shop, figures: Figures) -> dict[str, Any]:
+def package_facts(job: Job, shop: Shop, figures: Figures) -> dict[str, Any]:
     """Facts of a package in its manifest, beside its files."""
     return {
         "schema_version": _VERSION,
@@ -134,7 +134,7 @@ def check_papers(
 
 
 def _facts_held(ordered: MaskOrder, manifest: Mapping[str, Any], *, ours: bool) -> Iterator[Quantity]:
-    wanted = facts(ordered.job, ordered.shop, ordered.figures)
+    wanted = package_facts(ordered.job, ordered.shop, ordered.figures)
     for key in dict.fromkeys((*wanted, *manifest)):
         if key not in (*_WRITERS, "files"):
             said, fact = (_text(known[key]) if key in known else "nothing" for known in (manifest, wanted))

@@ -21,7 +21,7 @@ from maskfab.errors import OutputError
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.files.image import is_whole
-from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
+from maskfab.geometry.die_grid import die_edges_nm, die_raster, pixel_overlaps
 from maskfab.geometry.plate_layout import coverage, simple_polygon
 from maskfab.model import Box, Die, Furniture, Plate
 from maskfab.units import NM_PER_UM
@@ -215,14 +215,14 @@ class _Laid:
     def on(cls, die: Die, x: Floats) -> _Laid:
         x_edges, y_edges = die_edges_nm(die)
         columns = _reached(x_edges, x)
-        across = overlaps(x_edges, x[columns.start : columns.stop + 1])
+        across = pixel_overlaps(x_edges, x[columns.start : columns.stop + 1])
         return cls(die_raster(die).astype(np.float64), y_edges, columns, across)
 
     def add_to(self, shares: Floats, y: Floats) -> None:
         rows = _reached(self.y_edges, y)
         if rows.start >= rows.stop or self.columns.start >= self.columns.stop:
             return
-        along = overlaps(self.y_edges, y[rows.start : rows.stop + 1])
+        along = pixel_overlaps(self.y_edges, y[rows.start : rows.stop + 1])
         low, high = along.indices.min(), along.indices.max() + 1
         mixed = along[:, low:high] @ self.clear[low:high]
         shares[rows, self.columns] += (self.across @ mixed.T).T

@@ -25,7 +25,7 @@ from maskfab.geometry.plate_layout import (
     plate_names,
     simple_polygon,
 )
-from maskfab.geometry.polygonize import Corners, Holes, Recut, exact, points, recut
+from maskfab.geometry.polygonize import Corners, Holes, Recut, exact, hull_points, recut
 from maskfab.geometry.unit_cell import unit_key, unit_shapes
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Note, Plate, Point, Polygon
 
@@ -459,7 +459,7 @@ def _checked(region: db.Region, options: PolygonOptions, where: str) -> Recut:
 
 
 def _sorted(region: db.Region) -> tuple[Polygon, ...]:
-    return tuple(sorted(map(points, region.each()), key=lambda polygon: [(y, x) for x, y in polygon]))
+    return tuple(sorted(map(hull_points, region.each()), key=lambda polygon: [(y, x) for x, y in polygon]))
 
 
 def _lettered(note: Note) -> tuple[Polygon, ...]:

@@ -24,7 +24,7 @@ from ezdxf.tools.handle import HandleGenerator
 
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, PolygonOptions, as_figures
-from maskfab.export.polygon_text import Placeholder, written
+from maskfab.export.polygon_text import Placeholder, polygon_lines
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
@@ -226,7 +226,7 @@ class _Polygons:
         """One closed polyline for each polygon."""
         for layer in self.figures.layers:
             if layer in self.names:
-                yield from written(
+                yield from polygon_lines(
                     self.figures, layer, _Pen(version, self.names[layer], self.owner, handles, self.style)
                 )
 

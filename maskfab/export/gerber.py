@@ -15,7 +15,7 @@ from pathlib import Path
 
 from maskfab import __version__
 from maskfab.export.cell_polygons import CUT, Figures, as_figures
-from maskfab.export.polygon_text import Placeholder, written
+from maskfab.export.polygon_text import Placeholder, polygon_lines
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.model import CLEAR, Plate, Polygon
@@ -78,7 +78,7 @@ def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
 
 def _body(figures: Figures) -> Iterator[str]:
     for layer, polarity in ((CLEAR, "D"), (CUT, "C")):
-        texts = written(figures, layer, _Pen())
+        texts = polygon_lines(figures, layer, _Pen())
         first = next(texts, None)
         if first is not None:
             yield f"%LP{polarity}*%\n"

@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple, Protocol
 import numpy as np
 
 from maskfab.export.cell_polygons import CellArray, DieFigures, Figures
-from maskfab.geometry.polygonize import points
+from maskfab.geometry.polygonize import hull_points
 from maskfab.model import Layer, Point, Polygon
 
 
@@ -37,7 +37,7 @@ class Pen(Protocol):
         """The next serial number."""
 
 
-def written(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | None = None) -> Iterator[str]:
+def polygon_lines(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | None = None) -> Iterator[str]:
     """The text of everything on a layer, in pieces of about one cell.
 
     Args:
@@ -56,7 +56,7 @@ def written(figures: Figures, layer: Layer, pen: Pen, die: DieFigures | None = N
             yield _filled(pen, polygon)
     if layer in figures.merged:
         for piece in figures.merged[layer].each():
-            yield _filled(pen, points(piece))
+            yield _filled(pen, hull_points(piece))
 
 
 def _filled(pen: Pen, polygon: Polygon) -> str:

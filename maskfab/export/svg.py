@@ -14,7 +14,7 @@ from xml.sax.saxutils import escape, quoteattr
 from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, as_figures
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
-from maskfab.geometry.polygonize import points
+from maskfab.geometry.polygonize import hull_points
 from maskfab.model import CLEAR, Box, Layer, Plate, Polygon
 from maskfab.units import NM_PER_MM
 
@@ -131,7 +131,7 @@ def _loose(figures: Figures, layer: Layer, box: Box | None) -> Iterator[str]:
                 yield f'<path id={_id(mark.name, layer)} d="{"".join(map(_path, polygons))}"/>\n'
     if layer not in figures.merged:
         return
-    outlines: Iterator[Polygon] = map(points, figures.merged[layer].each())
+    outlines: Iterator[Polygon] = map(hull_points, figures.merged[layer].each())
     inside = outlines if box is None else (outline for outline in outlines if _within(outline, box))
     first = next(inside, None)
     if first is not None:

@@ -82,7 +82,7 @@ def of_series(spectrum: Series, viewing: Viewing) -> Floats:
     return lab_of_linear_srgb(rgb)
 
 
-def compare(first: Floats, second: Floats) -> ColourDifference:
+def colour_difference(first: Floats, second: Floats) -> ColourDifference:
     """The colour difference at every sample of two pictures [y, x, 3] in L*a*b*."""
     return ColourDifference(delta_e_1976(first, second), np.asarray(np.linalg.norm((first - second)[..., 1:], axis=-1)))
 

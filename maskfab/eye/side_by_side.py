@@ -118,7 +118,7 @@ def judge(
         lab, reference = scielab.of_series(spectrum, viewing), scielab.of_series(even, viewing)
         moved = scielab.of_series(even.displaced(shift_x, shift_y), viewing)
         quality = jod.jod(light, perfect, viewing) if with_jod else None
-        plain, aligned = scielab.compare(lab, reference), scielab.compare(lab, moved)
+        plain, aligned = scielab.colour_difference(lab, reference), scielab.colour_difference(lab, moved)
         view = PictureView(
             appearance(spectrum, viewing).astype(np.float32),
             appearance(even, viewing).astype(np.float32),

@@ -33,10 +33,11 @@ def die_raster(die: Die) -> NDArray[np.bool_]:
     return side_by_side(variants[panel.orientations])
 
 
-def overlaps(edges: Floats, pixels: Floats) -> sparse.csr_array:
+def pixel_overlaps(edges: Floats, pixels: Floats) -> sparse.csr_array:
     """Share of every pixel that lies in every interval, float64 [pixels, intervals].
 
-    With the rows of two axes, ``overlaps(y) @ raster @ overlaps(x).T`` is the share of every pixel that is clear.
+    With the rows of two axes, ``pixel_overlaps(y) @ raster @ pixel_overlaps(x).T`` is the share of every pixel that
+    is clear.
 
     Args:
         edges: ascending borders of the intervals.

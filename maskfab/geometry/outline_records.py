@@ -25,8 +25,8 @@ _BOUNDARY, _LAYER, _OF_LAYER, _DATATYPE, _XY, _ENDEL = 0x00040800, 0x00060D02, 0
 _WORDS_BEFORE, _WORDS_AROUND = 5, 6
 
 
-def plain(corners: Ints, sizes: Ints) -> NDArray[np.bool_]:
-    """Which outlines :func:`drawn` draws as they are: every corner turns, and the whole has an area.
+def is_plain(corners: Ints, sizes: Ints) -> NDArray[np.bool_]:
+    """Which outlines :func:`outlines_layout` draws as they are: every corner turns, and the whole has an area.
 
     Args:
         corners: int64 [sum of sizes, 2], those of each outline after those of the one before, in nanometres.
@@ -59,8 +59,8 @@ def _turns(before: NDArray[np.float64], after: NDArray[np.float64]) -> NDArray[n
     return np.abs(one - other) > _AT_LEAST * (np.abs(one) + np.abs(other))
 
 
-def drawn(corners: Ints, sizes: Ints, layers: Ints) -> db.Layout:
-    """Outlines that are :func:`plain`, upright rectangles as boxes, in the one cell of a layout.
+def outlines_layout(corners: Ints, sizes: Ints, layers: Ints) -> db.Layout:
+    """Outlines that are :func:`is_plain`, upright rectangles as boxes, in the one cell of a layout.
 
     Args:
         corners: int64 [sum of sizes, 2] in nanometres, each within 31 bits.

@@ -41,7 +41,7 @@ def outline(mask: NDArray[np.bool_], dot_nm: int, origin_nm: Point = (0, 0)) -> 
         Polygons in nanometres, clockwise from their lowest leftmost vertex, sorted by (y, x) of their vertices.
     """
     x0, y0 = origin_nm
-    pieces = (points(piece) for piece in simple_pieces(_dots(mask)))
+    pieces = (hull_points(piece) for piece in simple_pieces(_dots(mask)))
     polygons = (tuple((x0 + x * dot_nm, y0 + y * dot_nm) for x, y in piece) for piece in pieces)
     return tuple(sorted(polygons, key=lambda polygon: [(y, x) for x, y in polygon]))
 
@@ -142,7 +142,7 @@ def exact(region: db.Region, drawn: Recut) -> bool:
     return bool((covered ^ region).is_empty())
 
 
-def points(polygon: db.Polygon) -> Polygon:
+def hull_points(polygon: db.Polygon) -> Polygon:
     """The outline of a polygon without holes."""
     return tuple((point.x, point.y) for point in polygon.each_point_hull())
 

@@ -94,7 +94,7 @@ def tables() -> tuple[Table, ...]:
     return tuple(_tables(JobSpec, ""))
 
 
-def described(path: str) -> tuple[Key, ...]:
+def keys_of(path: str) -> tuple[Key, ...]:
     """The keys of a path such as ``camera.stop.diameter``, or of a table such as ``camera`` or ``[camera]``.
 
     Raises:

@@ -8,7 +8,7 @@ from dataclasses import replace
 from klayout import db
 
 from maskfab.geometry.plate_layout import simple_polygon
-from maskfab.geometry.polygonize import Holes, points, simple_pieces
+from maskfab.geometry.polygonize import Holes, hull_points, simple_pieces
 from maskfab.model import Furniture
 
 _BAR_NM = 4_000
@@ -40,7 +40,9 @@ def stencilled(mark: Furniture, holes: Holes, narrowest_nm: int = 0) -> Furnitur
         if shared.is_empty():
             break
         cut = (cut - shared.extended(half, half, half, half, False)).merged(True, 1)
-    drawn = sorted(map(points, [*simple_pieces(cut), *simple_pieces(kept)]), key=lambda each: [(y, x) for x, y in each])
+    drawn = sorted(
+        map(hull_points, [*simple_pieces(cut), *simple_pieces(kept)]), key=lambda each: [(y, x) for x, y in each]
+    )
     return replace(mark, polygons=tuple(drawn))
 
 

@@ -321,7 +321,7 @@ def read_lengths(pairs: Iterable[str]) -> dict[str, int]:
     return found
 
 
-def facts(display: Display, *, changed: bool) -> dict[str, str]:
+def source_facts(display: Display, *, changed: bool) -> dict[str, str]:
     """Where a display's lengths come from; nobody published those of a changed one."""
     if changed:
         return {"judgement": "lengths other than the display's own"}

@@ -39,7 +39,7 @@ def drawing(labels: Labels) -> Iterable[str]:
     return ("".join(LETTERS[label] for label in row) for row in labels[::-1])
 
 
-def check(labels: Labels, mask: Mask, where: str) -> None:
+def check_emitters(labels: Labels, mask: Mask, where: str) -> None:
     """Refuse emitters that are not on the dots, lie on an opening, or lack a colour.
 
     Raises:

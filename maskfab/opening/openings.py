@@ -163,7 +163,7 @@ def parse(text: str, where: str = "") -> Opening:
     drawn = _required(facts, "emitters", str, where)
     place = _at(where, "emitters")
     labels = drawn_emitters.from_lines(list(enumerate(drawn.splitlines(), start=1)), place)
-    drawn_emitters.check(labels, mask, place)
+    drawn_emitters.check_emitters(labels, mask, place)
     return replace(opening, emitters=labels)
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
-from maskfab.camera.photo_camera import F1, PhotoCamera, described
+from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
 from maskfab.display.circuit import CircuitRules
@@ -164,8 +164,8 @@ def camera_facts(camera: Camera | PhotoCamera) -> Facts:
 
     What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
     """
-    told = described(camera)
-    return {} if told == described(F1) else {"camera": told, "protocol": LEVELS_OF_F1}
+    told = camera_line(camera)
+    return {} if told == camera_line(F1) else {"camera": told, "protocol": LEVELS_OF_F1}
 
 
 def by_level(name: str, values: Sequence[float]) -> Facts:

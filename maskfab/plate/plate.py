@@ -16,7 +16,7 @@ from maskfab.jobfile import JobSpec, PlateSection
 from maskfab.model import Die, Note, Opening, Panel, Plate, Point
 from maskfab.plate.marks.clearances import check_clearances
 from maskfab.plate.marks.drawing import Setting
-from maskfab.plate.marks.plain import MARGIN_NM, SMALLEST_WRITABLE_NM, TITLE_HEIGHT_NM, plain
+from maskfab.plate.marks.plain import MARGIN_NM, SMALLEST_WRITABLE_NM, TITLE_HEIGHT_NM, plain_marks
 from maskfab.plate.marks.template import PlateTemplate, plate_template
 from maskfab.plate.marks.templated import templated
 from maskfab.plate.marks.text import LABEL_NM
@@ -63,7 +63,7 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
         dies=dies,
         feature_nm=_smallest_feature_nm(dies),
     )
-    drawn = plain(setting) if template is None else templated(template, setting, where=f"{where}: plate.template")
+    drawn = plain_marks(setting) if template is None else templated(template, setting, where=f"{where}: plate.template")
     check_clearances(dies, drawn.furniture, writable_nm, where=f"{where}: plate")
     corner = writable_nm // 2 - MARGIN_NM
     note = Note(signature, (-corner, -corner - MARGIN_NM // 2))

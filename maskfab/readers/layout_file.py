@@ -20,7 +20,7 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
-from maskfab.geometry.outline_records import drawn, plain
+from maskfab.geometry.outline_records import is_plain, outlines_layout
 from maskfab.geometry.plate_layout import DBU_UM, layer_info
 from maskfab.geometry.shape_limits import (
     ROUNDING_KEY,
@@ -347,12 +347,12 @@ class _Conversion:
         """Draw polygons of those numbers, of which the corners of each end before ``ends`` in the array of all."""
         sizes = polygons["sizes"][which.start : which.stop]
         corners = self._on_grid(polygons["corners"][ends[which.start] - sizes[0] : ends[which.stop - 1]])
-        at_once = plain(corners, sizes)
+        at_once = is_plain(corners, sizes)
         at_once[[each - which.start for each in polygons["repetitions"] if each in which]] = False
         number, datatype = polygons["layers"][which.start : which.stop].astype(np.uint64).T
         layers, owners = np.unique(number << 32 | datatype, return_inverse=True)
         indices = [self._layer(*divmod(each, 1 << 32)) for each in layers.tolist()]
-        drawing = drawn(corners[np.repeat(at_once, sizes)], sizes[at_once], owners[at_once])
+        drawing = outlines_layout(corners[np.repeat(at_once, sizes)], sizes[at_once], owners[at_once])
         for info in drawing.layer_infos():
             target.shapes(indices[info.layer]).insert(drawing.top_cell().shapes(drawing.find_layer(info)))
         stops = np.cumsum(sizes)

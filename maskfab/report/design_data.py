@@ -11,7 +11,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from maskfab.camera.photo_camera import F1, described
+from maskfab.camera.photo_camera import F1, camera_line
 from maskfab.camera.protocol import LEVELS
 from maskfab.job import Job
 from maskfab.measurement.restored import Restored
@@ -59,7 +59,7 @@ def stated(job: Job) -> dict[str, Stated]:
 
 def camera_notes(job: Job) -> dict[str, Quantity]:
     """By die, a note where its opening or its map says that it was designed for another camera than the job's."""
-    here = described(job.camera)
+    here = camera_line(job.camera)
     notes = {}
     for name, said in stated(job).items():
         others = [each for each in (_camera(said.opening), _camera(said.cells or {})) if each not in (None, here)]
@@ -74,7 +74,7 @@ def _camera(facts: Facts) -> object:
     a camera that former versions did not name."""
     if "camera" in facts:
         return facts["camera"]
-    return described(F1) if facts.get("author") == "maskfab" and "loss" not in facts else None
+    return camera_line(F1) if facts.get("author") == "maskfab" and "loss" not in facts else None
 
 
 def design_document(said: Stated, restored: Restored | None = None) -> Document:

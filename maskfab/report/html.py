@@ -17,7 +17,7 @@ from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.quantities import QUANTITIES, Entry, registered
 from maskfab.report.glossary import WORDS
 from maskfab.report.plots import die_figures
-from maskfab.report.plots.number_text import number, short
+from maskfab.report.plots.number_text import rounded, short
 from maskfab.resources import template
 from maskfab.units import UM_PER_MM
 
@@ -116,13 +116,13 @@ def _page() -> Template:
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
     environment.filters.update(
-        number=number,
+        number=rounded,
         short=short,
         amount=amount,
         full=full,
         plusminus=plusminus,
         unit=unit,
-        limit=limit,
+        limit=limit_text,
         term=registered,
         verdict=verdict,
         where=where,
@@ -131,7 +131,7 @@ def _page() -> Template:
     return environment.from_string(template("report.html.j2"))
 
 
-def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
+def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
     """The report as one HTML page.
 
     Args:
@@ -170,7 +170,7 @@ def render(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]
 def plusminus(row: Row) -> str:
     """The error bar with its sign, to two digits; nothing where the value is exact."""
     error = row["uncertainty"]
-    return f"± {number(float(error), 2)}" if error else ""
+    return f"± {rounded(float(error), 2)}" if error else ""
 
 
 def unit(row: Row) -> str:
@@ -189,7 +189,7 @@ def full(row: Row) -> str:
     return f"{row['value']!r}{error} {unit(row)}".rstrip()
 
 
-def limit(row: Row) -> str:
+def limit_text(row: Row) -> str:
     """The limit with the side on which a value must lie, as far as value and verdict tell it."""
     bound, value = row["limit"], row["value"]
     if bound is None:
@@ -335,15 +335,15 @@ def _modelled(plan: Row) -> str:
     told = ", ".join(f"{count} {kind}{'s' * (count > 1)}" for count, kind in counts)
     psfs = math.prod(count for count, _ in counts)
     return (
-        f"{plan['path']}, {plan['precision']} precision, {rim} rim; {number(psfs)} PSF{'s' * (psfs > 1)} of "
+        f"{plan['path']}, {plan['precision']} precision, {rim} rim; {rounded(psfs)} PSF{'s' * (psfs > 1)} of "
         f"{plan['samples']} x {plan['samples']} samples ({told})"
     )
 
 
 def _takes(plan: Row) -> str:
     return (
-        f"predicted {number(plan['predicted_seconds'], 2)} s on one thread and "
-        f"{number(plan['predicted_bytes'] / 1e6, 2)} MB"
+        f"predicted {rounded(plan['predicted_seconds'], 2)} s on one thread and "
+        f"{rounded(plan['predicted_bytes'] / 1e6, 2)} MB"
     )
 
 
@@ -359,7 +359,7 @@ def _not_shown(scene: Row) -> list[str]:
                 "No PSFs over the field: without a gap between panel and stop every place on the sensor has one PSF."
             )
         else:
-            left = number(errors["shift through the gap"], 2)
+            left = rounded(errors["shift through the gap"], 2)
             reasons.append(
                 f"No PSFs over the field: the plan leaves the shift through the gap out, for an error of {left}."
             )
@@ -367,7 +367,7 @@ def _not_shown(scene: Row) -> list[str]:
         if asked["nearest_um"] == asked["farthest_um"] == asked["focus_um"]:
             reasons.append("No PSFs over the depth: the scene asks for objects in focus only.")
         else:
-            left = number(errors["defocus over the depth"], 2)
+            left = rounded(errors["defocus over the depth"], 2)
             reasons.append(f"No PSFs over the depth: the plan leaves defocus out, for an error of {left}.")
     return reasons
 

@@ -16,7 +16,7 @@ from maskfab.files.staging import Place, staged
 from maskfab.model import Opening
 from maskfab.opening.openings import dumps
 from maskfab.optimiser.pareto import JudgedOpening, Pareto
-from maskfab.report.plots.pareto_figure import png, svg
+from maskfab.report.plots.pareto_figure import pareto_png, svg
 
 SCHEMA_VERSION = 1
 DOCUMENT, TABLE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.png", "pareto.svg"
@@ -81,7 +81,7 @@ def write(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path
             _text(folder / f"{name}.toml", dumps(opening))
         _text(folder / TABLE, table(found, named))
         _text(folder / DRAWING, svg(found))
-        (folder / FIGURE).write_bytes(png(found))
+        (folder / FIGURE).write_bytes(pareto_png(found))
         _text(folder / DOCUMENT, _json(document(found, named, job_hash)))
         files = [
             {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}

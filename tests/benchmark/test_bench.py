@@ -11,7 +11,7 @@ import pytest
 
 from maskfab.benchmark.accuracy import Timing, absent, race, standard_workload
 from maskfab.benchmark.accuracy_page import case_table, race_figure, race_table
-from maskfab.benchmark.cases import Case, run
+from maskfab.benchmark.cases import Case, run_cases
 from maskfab.benchmark.other_libraries import PEERS, Peer, PsfTask
 from maskfab.cli import run_command_line
 
@@ -94,6 +94,6 @@ def test_bench_refuses_what_it_cannot_race(die: str, code: str, capsys: pytest.C
 
 
 def test_a_missed_limit_is_told() -> None:
-    outcomes = list(run([Case("too hard", "made up", lambda: 1.0, 0.5)]))
+    outcomes = list(run_cases([Case("too hard", "made up", lambda: 1.0, 0.5)]))
     assert not outcomes[0].passed
     assert "FAIL" in "\n".join(case_table(outcomes))

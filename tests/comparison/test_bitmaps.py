@@ -11,7 +11,7 @@ from PIL import Image
 from maskfab.comparison.bitmaps import check_bitmap, check_pixels
 from maskfab.errors import JobError, SourceError
 from maskfab.export.bitmap import write_bilevel, write_preview
-from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
+from maskfab.geometry.die_grid import die_edges_nm, die_raster, pixel_overlaps
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.model import Die, Opening, Panel, Plate, Tiling
 
@@ -88,9 +88,9 @@ def shares(die: Die, dots_per_um: float):
     x, y = die_edges_nm(die)
     across, up = (np.ceil(side / pixel - 1e-6) for side in (x1 - x0, y1 - y0))
     return (
-        overlaps(y, y0 + pixel * np.arange(up + 1))
+        pixel_overlaps(y, y0 + pixel * np.arange(up + 1))
         @ die_raster(die)
-        @ overlaps(x, x0 + pixel * np.arange(across + 1)).T
+        @ pixel_overlaps(x, x0 + pixel * np.arange(across + 1)).T
     )
 
 

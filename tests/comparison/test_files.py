@@ -323,7 +323,7 @@ def test_what_klayout_throws_at_a_file_is_told_of_the_file(made, folder, monkeyp
     def thrown(*_, **__):
         raise RuntimeError("Internal error: m_open.empty () was not true")
 
-    monkeypatch.setattr(files, "compare", thrown)
+    monkeypatch.setattr(files, "compare_layout", thrown)
     refused: list[tuple[str, InputError]] = []
     read_back(only(made, made.products[0]), folder, silent, refused)
     assert [(name, error.code) for name, error in refused] == [(made.products[0].name, "MF323")]

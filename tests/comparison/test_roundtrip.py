@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.comparison.roundtrip import clear_length_nm, compare, die_edges_nm, die_raster, roundtrip
+from maskfab.comparison.roundtrip import clear_length_nm, compare_layout, die_edges_nm, die_raster, roundtrip
 from maskfab.drc.raster_rules import corner_touches
 from maskfab.errors import SourceError
 from maskfab.export.dxf import write_dxf
@@ -179,7 +179,9 @@ def test_dies_whose_dots_are_exact_need_no_polygons_compared(small_plate, seed):
     for x, y in corners[: seed + 1]:
         dx, dy = generator.integers(-700, 700, 2).tolist()
         shapes.insert(db.Box(x + dx, y + dy, x + dx + 1, y + dy + int(generator.integers(1, 900))))
-    every, fewer = (compare(small_plate, design, read, Path("x.gds"), dots_prove=prove) for prove in (False, True))
+    every, fewer = (
+        compare_layout(small_plate, design, read, Path("x.gds"), dots_prove=prove) for prove in (False, True)
+    )
     assert every.differences
     assert fewer.differences == every.differences
     assert fewer.dies == every.dies

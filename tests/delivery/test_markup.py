@@ -23,7 +23,7 @@ from lxml import etree
 from small_job import command, write_job
 from sweeps import in_turns, sweep
 
-from maskfab.cli.common.printing import plain
+from maskfab.cli.common.printing import one_line
 from maskfab.delivery.pack import pack
 from maskfab.job import load
 from maskfab.mask_shops.profiles import load_shop
@@ -395,11 +395,11 @@ def test_an_opening_from_a_foreign_cell_is_named_by_its_job_alone(capsys, tmp_pa
 
 @pytest.mark.parametrize("text", UNSEEN.values(), ids=UNSEEN)
 def test_what_is_printed_plainly_says_the_same(text):
-    assert obeyed(plain(text)) == []
-    assert "\n" not in plain(text)
-    assert json.loads(f'"{plain(text)}"') == text
+    assert obeyed(one_line(text)) == []
+    assert "\n" not in one_line(text)
+    assert json.loads(f'"{one_line(text)}"') == text
 
 
 def test_letters_of_all_languages_are_left_alone():
     told = "Größe ≤ 5 µm ± 1 ΔE λf/d Präzisionsoptik マスク × – …"
-    assert plain(told) == told
+    assert one_line(told) == told

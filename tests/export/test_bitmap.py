@@ -9,7 +9,7 @@ from PIL import Image
 
 from maskfab.errors import OutputError
 from maskfab.export.bitmap import bitmap_size, write_bilevel, write_preview
-from maskfab.geometry.die_grid import die_edges_nm, die_raster, overlaps
+from maskfab.geometry.die_grid import die_edges_nm, die_raster, pixel_overlaps
 from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.geometry.raster import coverage
 from maskfab.model import CLEAR
@@ -104,7 +104,7 @@ def test_sizes(small_plate):
 
 def test_overlaps_share_every_interval_out():
     edges, grid = np.array([0.0, 3.0, 7.0, 10.0]), np.array([-2.0, 1.0, 4.0, 6.0, 20.0])
-    shares = overlaps(edges, grid).toarray() * np.diff(grid)[:, None]
+    shares = pixel_overlaps(edges, grid).toarray() * np.diff(grid)[:, None]
     assert np.allclose(shares.sum(axis=0), np.diff(edges), atol=1e-9)
-    assert np.allclose(overlaps(edges, edges).toarray(), np.eye(3))
-    assert overlaps(edges, grid + 100).nnz == 0
+    assert np.allclose(pixel_overlaps(edges, edges).toarray(), np.eye(3))
+    assert pixel_overlaps(edges, grid + 100).nnz == 0

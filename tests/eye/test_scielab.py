@@ -12,7 +12,7 @@ from maskfab.model import Tiling
 
 def test_a_periodic_panel_looks_like_even_pixels_on_an_even_field(slit_panel, telephone):
     shown = display_light.show(slit_panel(tiling=Tiling.PERIODIC, count=30), drawn_scenes.flat(30), 21)
-    found = scielab.compare(
+    found = scielab.colour_difference(
         scielab.see(shown, telephone), scielab.see(display_light.ideal(drawn_scenes.flat(30), 1, 84.67), telephone)
     )
     assert found.delta_e.max() < 1e-9
@@ -22,7 +22,7 @@ def test_the_same_panel_nearer_shows_its_lattice(slit_panel):
     shown = display_light.show(slit_panel(tiling=Tiling.PERIODIC, count=20), drawn_scenes.flat(20), 21)
     even = display_light.ideal(drawn_scenes.flat(20), 1, 84.67)
     near, nearer = (
-        scielab.compare(*(scielab.see(light, Viewing(84.67, distance)) for light in (shown, even))).mean
+        scielab.colour_difference(*(scielab.see(light, Viewing(84.67, distance)) for light in (shown, even))).mean
         for distance in (150e3, 75e3)
     )
     assert 0.01 < near < nearer
@@ -44,8 +44,8 @@ def test_the_difference_of_a_thing_from_itself_is_zero_and_symmetric(telephone):
         scielab.see(display_light.ideal(np.random.default_rng(k).random((9, 9, 3)), 1, 84.67), telephone)
         for k in (0, 1)
     )
-    assert scielab.compare(first, first).delta_e.max() == 0
-    there, back = scielab.compare(first, second), scielab.compare(second, first)
+    assert scielab.colour_difference(first, first).delta_e.max() == 0
+    there, back = scielab.colour_difference(first, second), scielab.colour_difference(second, first)
     assert (there.delta_e == back.delta_e).all()
     assert (there.colour <= there.delta_e).all()
     assert there.mean < there.worst_twentieth

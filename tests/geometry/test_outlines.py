@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
 
-from maskfab.geometry.outline_records import drawn, plain
+from maskfab.geometry.outline_records import is_plain, outlines_layout
 
 FARTHEST = 2**31 - 1
 NEAR = st.integers(-3, 3)
@@ -29,7 +29,7 @@ def polygon(outline):
 def test_plain_outlines_are_drawn_as_each_alone_and_all_others_are_not_called_plain(outlines):
     """klayout leaves out corners that do not turn: a plain outline keeps all of them, and has an area."""
     corners, sizes = arrays(outlines)
-    at_once = plain(corners, sizes)
+    at_once = is_plain(corners, sizes)
     for each, called in zip(outlines, at_once.tolist(), strict=True):
         alone = polygon(each)
         if called:
@@ -38,7 +38,7 @@ def test_plain_outlines_are_drawn_as_each_alone_and_all_others_are_not_called_pl
         elif max(abs(value) for corner in each for value in corner) <= 3:
             # Of outlines so small nothing is rounded: what is called otherwise is so.
             assert alone.num_points() < len(each) or alone.area2() == 0
-    layout = drawn(corners[np.repeat(at_once, sizes)], sizes[at_once], np.flatnonzero(at_once))
+    layout = outlines_layout(corners[np.repeat(at_once, sizes)], sizes[at_once], np.flatnonzero(at_once))
     for number in np.flatnonzero(at_once).tolist():
         (shape,) = layout.top_cell().shapes(layout.find_layer(number, 0)).each()
         alone = polygon(outlines[number])
@@ -53,10 +53,10 @@ def test_an_outline_as_long_as_a_record_holds_is_drawn_whole_and_a_longer_one_is
     outline = np.stack([2 * along, along % 2], axis=1)
     outline[-1] = count, 1_000_000
     sizes = np.array([count])
-    (fits,) = plain(outline, sizes)
+    (fits,) = is_plain(outline, sizes)
     assert fits == (count <= 8190)
     if fits:
-        layout = drawn(outline, sizes, np.zeros(1, dtype=np.int64))
+        layout = outlines_layout(outline, sizes, np.zeros(1, dtype=np.int64))
         (shape,) = layout.top_cell().shapes(0).each()
         assert shape.polygon.num_points() == count
         assert shape.polygon.area() == polygon(outline.tolist()).area()

@@ -11,7 +11,7 @@ from klayout import db
 from sweeps import examples
 
 from maskfab.export.paired_cells import pairs
-from maskfab.geometry.polygonize import exact, points, recut
+from maskfab.geometry.polygonize import exact, hull_points, recut
 
 HOLES = ("bisect", "keyhole", "trapezoids", "layer")
 WAYS = list(itertools.product(HOLES, ("apart", "joined")))
@@ -45,7 +45,7 @@ def test_every_way_covers_the_same_without_holes(holes, corners, mask, most):
         assert area(drawn.pieces) == mask.sum() * 100  # nothing drawn twice
         assert drawn.holes.is_empty()
     if corners == "apart" and holes in ("bisect", "layer"):
-        assert all(len(set(points(polygon))) == polygon.num_points() for polygon in every)
+        assert all(len(set(hull_points(polygon))) == polygon.num_points() for polygon in every)
 
 
 @examples(40)
@@ -87,7 +87,7 @@ def test_kissing_corners_are_one_outline_only_if_asked():
     mask = np.eye(3, dtype=np.bool_)
     assert recut(as_region(mask)).polygons == 3
     joined = recut(as_region(mask), corners="joined")
-    (outline,) = map(points, joined.pieces.each())
+    (outline,) = map(hull_points, joined.pieces.each())
     assert len(outline) - len(set(outline)) == 2
 
 

@@ -8,7 +8,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from maskfab.errors import JobError
-from maskfab.jobfile.reference import Key, described, tables
+from maskfab.jobfile.reference import Key, keys_of, tables
 from maskfab.jobfile.sections import AnyDesign, JobSpec, Section
 
 KEYS = [key for table in tables() for key in table.keys]
@@ -67,11 +67,11 @@ def held(annotation: object):
     ],
 )
 def test_a_path_finds_a_key_or_the_keys_of_a_table(path, names):
-    assert {key.name for key in described(path)} == names
+    assert {key.name for key in keys_of(path)} == names
 
 
 @pytest.mark.parametrize(("typed", "meant"), [("camera.pixl", "camera.pixel"), ("gap", "scene.gap"), ("", "camera")])
 def test_an_unknown_path_is_refused_with_what_was_meant(typed, meant):
     with pytest.raises(JobError, match="MF105") as refused:
-        described(typed)
+        keys_of(typed)
     assert meant in str(refused.value)

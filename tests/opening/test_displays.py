@@ -28,8 +28,8 @@ from maskfab.opening.display_layouts import (
     circular,
     delta,
     diamond,
-    facts,
     read_lengths,
+    source_facts,
 )
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"
@@ -224,7 +224,7 @@ def test_a_band_keeps_its_lengths_or_is_refused(dots, clear, emitter, gaps):
         if refused.code != "MF117":
             raise
         return
-    given_emitters.check(labels, mask, "")
+    given_emitters.check_emitters(labels, mask, "")
     assert mask.sum() == clear[0] * clear[1]
     assert all((labels == label).sum() == emitter[0] * emitter[1] for label in (RED, GREEN, BLUE))
     assert apart(labels == RED, labels == GREEN) == gaps[0]
@@ -246,7 +246,7 @@ def test_a_delta_has_twelve_of_each_or_is_refused(dots, clear, emitter):
         if refused.code != "MF117":
             raise
         return
-    given_emitters.check(labels, mask, "")
+    given_emitters.check_emitters(labels, mask, "")
     assert (labels > 0).sum() == 12 * emitter[0] * emitter[1]
     assert mask.sum() == 12 * clear[0] * clear[1]
 
@@ -344,7 +344,7 @@ def test_a_changed_display_claims_no_source(capsys, tmp_path):
     assert "source" not in found.provenance
     assert found.provenance["judgement"]
     assert found.clear_dots < shipped("circular").clear_dots
-    assert facts(DISPLAYS["circular"], changed=True).keys() == {"judgement"}
+    assert source_facts(DISPLAYS["circular"], changed=True).keys() == {"judgement"}
 
 
 def test_the_verb_scales_a_display(capsys, tmp_path):

@@ -11,7 +11,7 @@ from optics_cases import camera, noise, panel
 from maskfab.model import Camera, Panel
 from maskfab.optics.light.response import camera_bands, generic_rgb
 from maskfab.optics.scene.cost import CostModel
-from maskfab.optics.scene.plan import Plan, plan, prices
+from maskfab.optics.scene.plan import Plan, cost_model, plan
 from maskfab.optics.scene.scene import Scene
 
 RGB = tuple(camera_bands(generic_rgb()).values())
@@ -102,5 +102,5 @@ def planned(each: Case) -> Plan:
 
 def priced(each: Case) -> CostModel:
     if each.name not in PRICES:
-        PRICES[each.name] = prices(each.panel, each.camera, each.scene, each.accuracy)
+        PRICES[each.name] = cost_model(each.panel, each.camera, each.scene, each.accuracy)
     return PRICES[each.name]

@@ -16,7 +16,7 @@ from sweeps import examples
 from maskfab.model import Camera
 from maskfab.optics.field import parity
 from maskfab.optics.image.psf import point_psf
-from maskfab.optics.image.spectrum import Band, Curve, Spectrum, lines
+from maskfab.optics.image.spectrum import Band, Curve, Spectrum, line_spectrum
 from maskfab.optics.light.band_lines import BAND_SAFETY, band_errors, band_lines
 from maskfab.optics.light.response import generic_rgb
 from maskfab.optics.pupil.pupil import Pupil
@@ -60,7 +60,7 @@ def fine_lines(band: Band, apart_nm: float) -> Spectrum:
     places, energies = edges[:-1, None] + half * (1 + nodes), half * weights
     energies = energies * band.density(places)
     kept = energies > 0
-    return lines(places[kept], energies[kept])
+    return line_spectrum(places[kept], energies[kept])
 
 
 def psf(source: Pupil, setting: Camera, spectrum: Spectrum) -> np.ndarray:

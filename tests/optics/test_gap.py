@@ -19,7 +19,7 @@ from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.optics.scene.field_grid import deblurring_residual, field_places, psf_over_field, residual_blur
-from maskfab.optics.scene.plan import prices
+from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import focused_psf, image_distance_um
 from maskfab.optics.wavefront.gap_estimates import (
@@ -129,7 +129,7 @@ def test_samples_over_a_gap_err_no_more_than_their_price_says(shape: str, diamet
     laid_out = panel(noise(7, 0.4, 5), cells=24, seed=3)
     setting = Camera(10_000.0, Stop(shape, diameter), (LINE,), 2.0, 128.0)
     scene = Scene(gap_um=gap_um, field_um=400.0)
-    known = prices(laid_out, setting, scene, 0.1)
+    known = cost_model(laid_out, setting, scene, 0.1)
     chosen = {each.samples_per_dot: each for each in known.choices() if each.diffraction}
     clear, place = panel_aperture(laid_out), (300.0, 100.0)
     fine = gap_psf(clear, setting, LINE, gap_um, place, 16)
@@ -142,7 +142,9 @@ def test_samples_that_do_not_resolve_the_window_are_no_choice() -> None:
     laid_out, scene = panel(noise(7, 0.4, 5), cells=12, seed=3), Scene(gap_um=300.0)
     for window, coarsest in ((128.0, 1), (600.0, 2)):
         setting = Camera(10_000.0, Stop("circle", 400.0), (LINE,), 2.0, window)
-        found = {each.samples_per_dot for each in prices(laid_out, setting, scene, 0.1).choices() if each.diffraction}
+        found = {
+            each.samples_per_dot for each in cost_model(laid_out, setting, scene, 0.1).choices() if each.diffraction
+        }
         assert min(found) == coarsest
 
 

@@ -17,7 +17,7 @@ from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.optics.pupil.stop_shape import edge_points, perimeter_um
 from maskfab.optics.scene.omission_error import estimate
-from maskfab.optics.scene.plan import prices
+from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.gap_estimates import rim_crowding
 from maskfab.optics.wavefront.mean_over_tilings import layout_psf, mean_psf
@@ -217,7 +217,7 @@ def test_samples_in_a_square_stop_err_no_more_than_stated(
     cells = 2 * math.ceil((side_um + 200) / (2e-3 * dot_nm * mask.shape[0]))
     laid_out, setting = panel(mask, dot_nm=dot_nm, cells=cells), camera(side_um, "square", (LINE,), 96.0)
     clear = panel_aperture(laid_out)
-    known = prices(laid_out, setting, Scene(gap_um=gap_um), 0.1)
+    known = cost_model(laid_out, setting, Scene(gap_um=gap_um), 0.1)
     stated = {each.samples_per_dot: known.own_error(each) for each in known.choices() if each.diffraction}
     expected = None
     for samples in sorted(stated)[:3]:
@@ -245,6 +245,6 @@ def test_openings_beside_the_stop_are_laid_out_once_for_what_moves_or_spreads_on
         return panel_aperture(design, half_width_um)
 
     monkeypatch.setattr("maskfab.optics.scene.omission_error.panel_aperture", counted)
-    found = prices(panel(noise(5, 0.5, 1), cells=60, seed=3), camera(300.0), scene, 0.1).estimates
+    found = cost_model(panel(noise(5, 0.5, 1), cells=60, seed=3), camera(300.0), scene, 0.1).estimates
     assert (len(asked), all(width > 150.0 for width in asked)) == (laid_out, True)
     assert found.crowding >= 1

@@ -19,7 +19,7 @@ from maskfab.optics.field.interval_nodes import NODE_TOLERANCE, node_count, node
 from maskfab.optics.field.methods import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, Task, admissible, field
 from maskfab.optics.field.parity import direct_field, parity_field, prepare
 from maskfab.optics.field.polygon_field import boundary
-from maskfab.optics.field.waves import points, right_half
+from maskfab.optics.field.waves import point_sources, right_half
 from maskfab.optics.pupil.aperture import Lattice, covered_aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 
@@ -264,7 +264,7 @@ def test_waves_of_a_lattice_are_those_of_its_intervals(cells: int, dots: int, gu
 
 
 def test_waves_of_points_do_not_depend_on_the_spacing_of_frequencies() -> None:
-    where, u = points(np.array([-1.0, 0.0, 2.5, 4e4])), np.linspace(0.01, 0.2, 101)
+    where, u = point_sources(np.array([-1.0, 0.0, 2.5, 4e4])), np.linspace(0.01, 0.2, 101)
     together = np.stack(where.waves(u, "double"))
     alone = np.concatenate([np.stack(where.waves(u[k : k + 1], "double")) for k in range(u.size)], axis=2)
     np.testing.assert_allclose(together, alone, atol=2e-11)

@@ -11,10 +11,10 @@ from maskfab.model import Camera, Stop
 from maskfab.optics.field.parity import direct_field
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.psf import image_scale_um2
-from maskfab.optics.image.spectrum import lines, pixel_transfer, polychromatic_otf
+from maskfab.optics.image.spectrum import line_spectrum, pixel_transfer, polychromatic_otf
 from maskfab.optics.numbers.sampling import aliased_mtf, cy_per_mm, cy_per_pixel, phase_spread
 
-GREEN = lines([530.0])
+GREEN = line_spectrum([530.0])
 
 
 def test_point_samples_transform_to_the_sum_of_aliases() -> None:
@@ -88,8 +88,10 @@ def test_polychromatic_aliases_stop_at_each_lines_cutoff() -> None:
     setting = Camera(10_000.0, Stop("square", 320.0), (530.0,), 8.0, 64.0)
     table = lag_table(pupil(panel(noise(8, 0.4, 1), cells=5), setting.stop))
     nu = np.linspace(0.0, 0.06, 7)
-    both = aliased_mtf(table, setting, lines([420.0, 680.0]), nu, 0 * nu, sampled="pixel", phases=1)
-    each = [aliased_mtf(table, setting, lines([w]), nu, 0 * nu, sampled="pixel", phases=1) for w in (420.0, 680.0)]
+    both = aliased_mtf(table, setting, line_spectrum([420.0, 680.0]), nu, 0 * nu, sampled="pixel", phases=1)
+    each = [
+        aliased_mtf(table, setting, line_spectrum([w]), nu, 0 * nu, sampled="pixel", phases=1) for w in (420.0, 680.0)
+    ]
     assert (both.values <= (each[0].values + each[1].values) / 2 + 1e-12).all()
 
 

@@ -18,7 +18,7 @@ from maskfab.optics.image.spectrum import (
     Band,
     Curve,
     Spectrum,
-    lines,
+    line_spectrum,
     polychromatic_otf,
     polychromatic_otf_grid,
     quadrature,
@@ -41,7 +41,7 @@ def small_table(gutter_nm: int = 0, shape: str = "circle") -> LagTable:
 @pytest.mark.parametrize("gutter_nm", [0, 3000])
 def test_polychromatic_otf_is_the_sum_of_its_lines(gutter_nm: int) -> None:
     table, setting = small_table(gutter_nm), camera(480.0)
-    spectrum = lines(np.linspace(400, 700, 31), np.linspace(1, 2, 31))
+    spectrum = line_spectrum(np.linspace(400, 700, 31), np.linspace(1, 2, 31))
     ny, nx = np.meshgrid(FREQUENCY[:20], np.concatenate([-FREQUENCY[:0:-1], FREQUENCY]), indexing="ij")
     direct = sum(
         w * table.coarse_otf(setting.focal_um * wl * 1e-3 * nx, setting.focal_um * wl * 1e-3 * ny)
@@ -54,7 +54,7 @@ def test_polychromatic_otf_is_the_sum_of_its_lines(gutter_nm: int) -> None:
 
 def test_the_table_is_not_read_beyond_its_reach() -> None:
     setting = camera(480.0)
-    spectrum = lines([450.0, 650.0])
+    spectrum = line_spectrum([450.0, 650.0])
     reach = reach_um(setting, spectrum.wavelengths_nm, 0.02)
     table = lag_table(pupil(panel(noise(7, 0.4, 3), cells=10), setting.stop), reach)
     assert polychromatic_otf(table, setting, spectrum, np.array([0.02]), np.array([0.0])).shape == (1,)
@@ -66,8 +66,8 @@ def test_the_table_is_not_read_beyond_its_reach() -> None:
 @given(st.floats(300, 1500), st.integers(1, 5))
 def test_equal_lines_are_one_line(wavelength: float, count: int) -> None:
     table, setting = small_table(), camera(480.0)
-    one = polychromatic_otf(table, setting, lines([wavelength]), FREQUENCY, 0 * FREQUENCY)
-    many = polychromatic_otf(table, setting, lines([wavelength] * count), FREQUENCY, 0 * FREQUENCY)
+    one = polychromatic_otf(table, setting, line_spectrum([wavelength]), FREQUENCY, 0 * FREQUENCY)
+    many = polychromatic_otf(table, setting, line_spectrum([wavelength] * count), FREQUENCY, 0 * FREQUENCY)
     np.testing.assert_allclose(many, one, atol=1e-14)
 
 

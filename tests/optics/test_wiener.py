@@ -10,7 +10,7 @@ from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
 from maskfab.optics.image.lag_table import lag_table
-from maskfab.optics.image.spectrum import lines
+from maskfab.optics.image.spectrum import line_spectrum
 from maskfab.optics.numbers.wiener import (
     SensorSquare,
     noise_gain,
@@ -85,13 +85,16 @@ def test_open_stop_against_its_own_modulation() -> None:
     """Clear square stop: triangle x sinc along each axis, so every number is a product of known ones."""
     setting = camera(4000.0, shape="square")
     table = lag_table(pupil(panel(np.ones((5, 5), dtype=np.bool_), cells=100), setting.stop))
-    found = sensor_square(table, setting, lines([530.0]), 128)
+    found = sensor_square(table, setting, line_spectrum([530.0]), 128)
     axis = (np.arange(128) - 63.5) / (2.0 * 128)
     along = (1 - abs(axis) * 5300.0 / 4000.0) * np.sinc(axis * 2.0)
     np.testing.assert_allclose(found.modulation, along[64:, None] * along, atol=1e-12)
     ideal = noise_gain(found, 0.0)
     assert ideal.value == pytest.approx(np.mean(along**-2.0), rel=1e-12)
-    assert abs(noise_gain(sensor_square(table, setting, lines([530.0])), 0.0).value - ideal.value) < ideal.uncertainty
+    assert (
+        abs(noise_gain(sensor_square(table, setting, line_spectrum([530.0])), 0.0).value - ideal.value)
+        < ideal.uncertainty
+    )
 
 
 def test_nulls_are_refused_without_noise_and_finite_with_it() -> None:
@@ -99,7 +102,7 @@ def test_nulls_are_refused_without_noise_and_finite_with_it() -> None:
     mask[:, 8:13] = True
     setting = camera(1680.0, shape="square")
     table = lag_table(pupil(panel(mask, cells=10), setting.stop))
-    found = sensor_square(table, setting, lines([530.0]))
+    found = sensor_square(table, setting, line_spectrum([530.0]))
     for metric in (worst_wiener, noise_gain):
         with pytest.raises(JobError, match=r"MF104.*modulation falls to"):
             metric(found, 0.0)
@@ -111,11 +114,16 @@ def test_nulls_are_refused_without_noise_and_finite_with_it() -> None:
 
 def test_more_noise_restores_less() -> None:
     setting = camera(480.0)
-    found = sensor_square(lag_table(pupil(panel(noise(7, 0.5, 3), cells=10), setting.stop)), setting, lines([530.0]))
+    found = sensor_square(
+        lag_table(pupil(panel(noise(7, 0.5, 3), cells=10), setting.stop)), setting, line_spectrum([530.0])
+    )
     values = [worst_wiener(found, ratio).value for ratio in (1e-4, 1e-3, 1e-2, 1e-1)]
     assert values == sorted(values, reverse=True)
     assert found.wavelength_nm == 530.0
     with pytest.raises(JobError, match="MF104"):
         sensor_square(
-            lag_table(pupil(panel(noise(7, 0.5, 3), cells=10), setting.stop)), setting, lines([530.0]), samples=7
+            lag_table(pupil(panel(noise(7, 0.5, 3), cells=10), setting.stop)),
+            setting,
+            line_spectrum([530.0]),
+            samples=7,
         )

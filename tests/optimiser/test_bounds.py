@@ -17,7 +17,7 @@ from maskfab.camera.transfer import lay, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
 from maskfab.optimiser.bounds.bounds import bounds, optimality_gap
-from maskfab.optimiser.bounds.error_bound import block_error, blocks, tables, wiener_cost
+from maskfab.optimiser.bounds.error_bound import block_error, blocks, dual_tables, wiener_cost
 from maskfab.optimiser.bounds.frame_bound import frame_bound, sampled
 from maskfab.optimiser.bounds.map_bound import framed, layout_bound, map_gap
 from maskfab.optimiser.bounds.residue_bound import residue_classes, residue_error, residues
@@ -211,7 +211,7 @@ def test_every_node_table_lies_below_the_cost_between_its_nodes(inner):
         if epsilon is None:
             nodes, cost = wiener_cost(inner, variance, RATIO)
         else:
-            table = tables(inner, epsilon, RATIO)
+            table = dual_tables(inner, epsilon, RATIO)
             nodes, cost = table.nodes, table.cost(variance)
         for s in share:
             between = nodes[:-1] + s * np.diff(nodes)
@@ -235,7 +235,7 @@ def test_dual_stays_below_the_flat_modulation_and_grows_with_steps(inner, moving
 
 
 def test_constraints_only_tighten_the_dual(inner):
-    table = tables(inner, 0.02, RATIO)
+    table = dual_tables(inner, 0.02, RATIO)
     cost = table.cost(inner.variance(32, RATIO))
     found = []
     for refined, positive in ((False, False), (True, False), (True, True)):
@@ -262,7 +262,7 @@ def test_transform_of_classes_is_the_cosine_transform(mirrored):
 def test_more_clear_dots_allow_more(inner):
     found = []
     for clear in (40, 88, 100, 200):
-        table = tables(inner, 0.02, clear / DOTS**2)
+        table = dual_tables(inner, 0.02, clear / DOTS**2)
         cost = table.cost(inner.variance(32, clear / DOTS**2))
         classes = residues(inner, periodic=True)
         found.append(residue_error(table.nodes, cost, classes, clear / DOTS**2, periodic=True))

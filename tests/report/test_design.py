@@ -58,7 +58,7 @@ def page_of(run, said, seen=None):
     document = to_document(run.report, run.plate, run.camera, designs={"TURNED": design_document(said, seen)})
     check(json.loads(dumps(document)), schema(), schema()["$defs"], "report")
     pictures = {"TURNED": {} if seen is None else design_figures.pictures(seen)}
-    return html.render(document, pictures)
+    return html.html_page(document, pictures)
 
 
 def words_of(page):
@@ -85,7 +85,7 @@ def test_everything_that_is_stated_is_told(run):
 def test_other_dies_and_reports_say_nothing_of_a_design(run):
     document = to_document(run.report, run.plate, run.camera)
     assert all("design" not in die for die in document["dies"])
-    assert "<h3>Design</h3>" not in html.render(document, {})
+    assert "<h3>Design</h3>" not in html.html_page(document, {})
     assert page_of(run, Stated(FULL, 8.0)).count("<h3>Design</h3>") == 1
 
 

@@ -22,7 +22,7 @@ def document(run):
 
 @pytest.fixture(scope="module")
 def page(run, document):
-    return html.render(document, die_figures.pictures(run.plate, run.optics, document))
+    return html.html_page(document, die_figures.pictures(run.plate, run.optics, document))
 
 
 class Reader(HTMLParser):
@@ -88,7 +88,7 @@ def test_front_says_fail_and_how_to_mend_it(page):
 
 def test_passing_report_says_pass_and_lists_no_failures(run, document):
     good = [check for check in document["checks"] if check["passed"]]
-    page = html.render({**document, "verdict": "pass", "checks": good}, {})
+    page = html.html_page({**document, "verdict": "pass", "checks": good}, {})
     front = page[: page.index("</header>")]
     assert "✓ PASS" in front
     assert "What failed" not in front
@@ -107,12 +107,12 @@ def test_tables_carry_full_values_and_units(page):
 
 def test_page_does_not_tell_the_time(run, document, page):
     slower = to_document(replace(run.report, seconds={"export": 99.0}), run.plate, run.camera)
-    assert html.render(slower, die_figures.pictures(run.plate, run.optics, slower)) == page
+    assert html.html_page(slower, die_figures.pictures(run.plate, run.optics, slower)) == page
 
 
 def test_page_without_pictures_dies_or_checks_still_reads(document):
     empty = {**document, "dies": [], "plate": [], "checks": [], "files": [], "seeds": {}}
-    assert "No check was requested" in html.render(empty, {})
+    assert "No check was requested" in html.html_page(empty, {})
 
 
 @pytest.mark.parametrize(
@@ -132,7 +132,7 @@ def test_page_without_pictures_dies_or_checks_still_reads(document):
     ],
 )
 def test_numbers_have_few_digits(value, text):
-    assert html.number(value) == text
+    assert html.rounded(value) == text
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_numbers_have_few_digits(value, text):
     ],
 )
 def test_limits_say_on_which_side_to_be(value, bound, passed, text):
-    assert html.limit({"value": value, "limit": bound, "passed": passed}) == text
+    assert html.limit_text({"value": value, "limit": bound, "passed": passed}) == text
 
 
 def row(name: str, value: float, line: float | None = None, passed: bool | None = None) -> dict:
@@ -170,7 +170,7 @@ def test_wavelengths_stand_side_by_side_and_rare_rows_are_folded_unless_they_fai
         row("orders_lowest_five_transmitted", 0.75),
     ]
     die = {**document["dies"][0], "quantities": rows}
-    page = html.render({**document, "dies": [die], "checks": []}, {})
+    page = html.html_page({**document, "dies": [die], "checks": []}, {})
     section = page[page.index('<section class="die"') : page.index('<section id="checks"')]
     read(page)
     often, rarely = section.split("<details>")
@@ -202,7 +202,7 @@ def test_rows_of_files_are_folded_unless_they_failed(document):
         row("solid_strangers", 1, passed=False),
     ]
     die = {**document["dies"][0], "quantities": rows}
-    page = html.render({**document, "dies": [die], "plate": plate, "checks": []}, {})
+    page = html.html_page({**document, "dies": [die], "plate": plate, "checks": []}, {})
     read(page)
     named = r'<td title="(\w+)">'
     of_plate = page[page.index('<section id="plate"') : page.index('<section id="checks"')].split(
@@ -226,8 +226,8 @@ def test_what_is_not_modelled_stands_apart_the_largest_first(run):
     with_bar = replace(run.report, dies={**run.report.dies, name: (*run.report.dies[name], *bar)})
     document = to_document(with_bar, run.plate, run.camera)
     assert [row["name"] for row in document["dies"][0]["quantities"][-len(bar) :]] == [each.name for each in bar]
-    page = html.render(document, {})
+    page = html.html_page(document, {})
     (section,) = re.findall(r"<h3>Not modelled, by size</h3>.*?</table>", page, re.DOTALL)
     assert re.findall(r'<td title="(model_\w+)">', section) == [each.name for each in bar]
     assert page.count('title="model_chrome_leak"') == 1
-    assert "Not modelled" not in html.render(to_document(run.report, run.plate, run.camera), {})
+    assert "Not modelled" not in html.html_page(to_document(run.report, run.plate, run.camera), {})

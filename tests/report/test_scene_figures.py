@@ -13,7 +13,7 @@ import pytest
 from maskfab.report import html
 from maskfab.report.data import to_document
 from maskfab.report.plots import scene_figures
-from maskfab.report.plots.number_text import number
+from maskfab.report.plots.number_text import rounded
 
 
 @pytest.fixture(scope="module")
@@ -29,7 +29,7 @@ def words(image: str) -> list[str]:
 
 
 def page(run, scenes, pictures) -> str:
-    return html.render(to_document(run.report, run.plate, run.camera, scenes), {"TURNED": pictures})
+    return html.html_page(to_document(run.report, run.plate, run.camera, scenes), {"TURNED": pictures})
 
 
 def test_every_place_shows_its_residual_and_its_change(seen, drawn):
@@ -38,12 +38,12 @@ def test_every_place_shows_its_residual_and_its_change(seen, drawn):
     assert len(views) == 25
     for view in views:
         for value in (view.residual, view.change):
-            assert (number(value, 2) if value else "0") in said
+            assert (rounded(value, 2) if value else "0") in said
     assert {"−5.66", "0", "5.66"} <= set(said)  # millimetres: 8 mm along the diagonal
 
 
 def test_the_depth_names_its_distances_and_the_colours_their_bands(seen, drawn):
-    assert {"30 mm", "infinity", number(seen[0].depth[0].residual, 2)} <= set(words(drawn["scene_depth"]))
+    assert {"30 mm", "infinity", rounded(seen[0].depth[0].residual, 2)} <= set(words(drawn["scene_depth"]))
     assert {"blue, mean 450 nm", "<red>, mean 550 nm"} <= set(words(drawn["scene_colours"]))
 
 

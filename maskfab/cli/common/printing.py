@@ -20,7 +20,7 @@ _UNSEEN = re.compile(
 )
 
 
-def plain(text: object) -> str:
+def one_line(text: object) -> str:
     """The text in one line, as a terminal shows it: names in files from elsewhere may hold what it would obey."""
     return _UNSEEN.sub(lambda found: json.dumps(found[0])[1:-1], str(text))
 
@@ -34,7 +34,7 @@ def leave(passed: bool) -> None:
 def print_json(document: dict[str, Any]) -> None:
     """The one JSON document of a command."""
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
-    typer.echo("\n".join(map(plain, text.split("\n"))))
+    typer.echo("\n".join(map(one_line, text.split("\n"))))
 
 
 def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:
@@ -42,7 +42,7 @@ def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:
     from maskfab.report.quantities import table_lines
 
     for line in table_lines(quantities, dies=dies):
-        typer.echo(plain(line))
+        typer.echo(one_line(line))
 
 
 def print_methods(title: str, quantities: Sequence[Quantity]) -> None:
@@ -52,7 +52,7 @@ def print_methods(title: str, quantities: Sequence[Quantity]) -> None:
     for line in [f"{title}:"] if rows else []:
         typer.echo(line)
     for name, value, method in rows:
-        typer.echo(plain(f"{name.ljust(widths[0])}  {value.rjust(widths[1])}  {method}"))
+        typer.echo(one_line(f"{name.ljust(widths[0])}  {value.rjust(widths[1])}  {method}"))
 
 
 def summarise(checks: Sequence[Quantity]) -> None:
@@ -64,7 +64,7 @@ def summarise(checks: Sequence[Quantity]) -> None:
             tell_notes([check])
         elif not check.passed:
             told = f"{check.name}{_place(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
-            typer.echo(plain(f"FAIL {told}"), err=True)
+            typer.echo(one_line(f"FAIL {told}"), err=True)
     verdict = "FAIL" if failed else "PASS"
     typer.echo(f"{verdict}: {len(judged) - len(failed)} of {len(judged)} checks pass", err=True)
 
@@ -73,7 +73,7 @@ def tell_notes(notes: Iterable[Quantity]) -> None:
     """Quantities without a verdict that a user must see, on stderr."""
     for note in notes:
         told = f"{note.name}{_place(note)} = {f'{note.value} {note.unit}'.rstrip()}: {note.method}"
-        typer.echo(plain(f"NOTE {told}"), err=True)
+        typer.echo(one_line(f"NOTE {told}"), err=True)
 
 
 def _place(quantity: Quantity) -> str:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import typer
 
-from maskfab.cli.common.printing import plain
+from maskfab.cli.common.printing import one_line
 
 if TYPE_CHECKING:
     from maskfab.mask_shops.judge import Finding
@@ -16,12 +16,12 @@ if TYPE_CHECKING:
 def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> None:
     """A line for each rule, and the verdict on stderr."""
     for finding in findings:
-        typer.echo(plain(finding))
+        typer.echo(one_line(finding))
     refused = [each for each in findings if each.passed is False]
     for source in dict.fromkeys(each.source for each in refused if each.source):
-        typer.echo(plain(f"source of the rules: {source}"), err=True)
+        typer.echo(one_line(f"source of the rules: {source}"), err=True)
     verdict = "PASS" if passed else "REFUSED"
-    typer.echo(plain(f"{verdict}: {len(refused)} of {len(findings)} rules of {shop} broken"), err=True)
+    typer.echo(one_line(f"{verdict}: {len(refused)} of {len(findings)} rules of {shop} broken"), err=True)
 
 
 def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:

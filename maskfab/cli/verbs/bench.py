@@ -26,8 +26,7 @@ def bench(
     """Time every PSF method and compare each with the exact one, or run the hard cases."""
     from maskfab.api.benchmarking import bench as race
     from maskfab.benchmark import accuracy_page
-    from maskfab.benchmark.cases import CASES
-    from maskfab.benchmark.cases import run as run_cases
+    from maskfab.benchmark.cases import CASES, run_cases
 
     if hard:
         outcomes = []

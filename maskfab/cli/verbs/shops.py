@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from maskfab.cli.common.options import Json
-from maskfab.cli.common.printing import plain, print_json
+from maskfab.cli.common.printing import one_line, print_json
 
 if TYPE_CHECKING:
     from maskfab.jobfile.shop_profile import Shop
@@ -43,7 +43,7 @@ def shops(
         rows.append((shop.name, formats, "-" if least is None else f"{least:g} um", shop.title))
     widths = [max(len(row[k]) for row in rows) for k in range(4)]
     for row in rows:
-        typer.echo(plain("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()))
+        typer.echo(one_line("  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip()))
 
 
 def _document(shop: Shop) -> dict[str, Any]:
@@ -57,16 +57,16 @@ def _document(shop: Shop) -> dict[str, Any]:
 
 
 def _show(shop: Shop) -> None:
-    typer.echo(plain(f"{shop.name}: {shop.title}"))
+    typer.echo(one_line(f"{shop.name}: {shop.title}"))
     said = shop.model_dump(mode="python", exclude_none=True)
     for section in _SECTIONS:
         for key, value in said[section].items():
             if value not in ((), {}):
-                typer.echo(plain(f"  {section}.{key} = {_told(value)}"))
+                typer.echo(one_line(f"  {section}.{key} = {_told(value)}"))
     for source in shop.sources:
-        typer.echo(plain(f"  source {source}"))
+        typer.echo(one_line(f"  source {source}"))
     for key in shop.third_party:
-        typer.echo(plain(f"  not from a page of the house: {key}"))
+        typer.echo(one_line(f"  not from a page of the house: {key}"))
 
 
 def _told(value: object) -> str:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from maskfab.cli.common.options import Json, Quiet, Unit, unit_um
-from maskfab.cli.common.printing import leave, plain, print_json, print_table, summarise
+from maskfab.cli.common.printing import leave, one_line, print_json, print_table, summarise
 from maskfab.cli.common.watch import watched
 
 if TYPE_CHECKING:
@@ -134,7 +134,7 @@ def _foreign(
             }
         )
     else:
-        typer.echo(plain(_read_as(found)))
+        typer.echo(one_line(_read_as(found)))
         print_table(found.quantities, dies=True)
         summarise(checks)
     leave(passed)

@@ -18,7 +18,7 @@ from maskfab.comparison.foreign.dxf_unit import in_drawn_unit
 from maskfab.comparison.foreign.layer_choice import LayersRead, StatedLayers, clear_only, draws
 from maskfab.comparison.foreign.layer_rules import asked, rules_of_like, rules_of_unlike
 from maskfab.comparison.foreign.optics_agreement import optics_of_like, optics_of_unlike
-from maskfab.comparison.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare
+from maskfab.comparison.roundtrip import CdCheck, RoundTrip, clear_length_nm, compare_layout
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.plate_layout import DBU_UM, clear_box, layer_info, plate_layout, region
 from maskfab.geometry.shape_limits import count_shapes, left_out
@@ -172,7 +172,7 @@ def check_foreign(
     cds = _own_cds(plate, design, read, alignment)
     laid = _laid(plate, read, alignment)
     progress("compare", 0, 1)
-    trip = compare(plate, design, laid, path, tolerance_nm=how.tolerance_nm, dots_prove=True)
+    trip = compare_layout(plate, design, laid, path, tolerance_nm=how.tolerance_nm, dots_prove=True)
     quantities += _of_geometry(replace(trip, cds=cds), limits, how.tolerance_nm)
     progress("rules", 0, 1)
     quantities += rules_of_like(plate, design, laid, trip.slivers.faults, wanted)

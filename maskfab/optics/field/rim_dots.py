@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.optics.field.interval_nodes import nodes_for
-from maskfab.optics.field.waves import Positions, points
+from maskfab.optics.field.waves import Positions, point_sources
 from maskfab.optics.functions.bessel import spherical_bessel_bounds
 from maskfab.optics.pupil.pupil import Pupil
 
@@ -120,7 +120,7 @@ def _side(edges: Floats, index: NDArray[np.intp], highest: float, orders: int) -
     low, high = edges[held], edges[held + 1]
     nodes = nodes_for(float(low[0]), float(high[-1]), highest)
     moments = nodes.moments(low, high, orders, orders + 2)
-    return _Side(points(nodes.position_um), held, moments)
+    return _Side(point_sources(nodes.position_um), held, moments)
 
 
 def _folded(index: NDArray[np.intp], count: int) -> NDArray[np.intp]:

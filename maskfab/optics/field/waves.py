@@ -69,7 +69,7 @@ class Positions:
         return even.reshape(-1, frequency.size)[kept], odd.reshape(-1, frequency.size)[kept]
 
 
-def points(position_um: Floats) -> Positions:
+def point_sources(position_um: Floats) -> Positions:
     """Point sources anywhere."""
     return Positions(np.zeros(1), position_um, None, 0, position_um.size)
 

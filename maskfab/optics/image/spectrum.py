@@ -183,7 +183,7 @@ class Band:
         panel = np.minimum((middles * (panels / ends[-1])).astype(np.intp), panels - 1)
         starts = np.flatnonzero(np.diff(panel, prepend=-1)) * nodes.size
         found, shares = gauss_rules(places.ravel(), energies.ravel(), starts, _NODES_PER_PANEL)
-        return lines(found.ravel(), shares.ravel(), self.name)
+        return line_spectrum(found.ravel(), shares.ravel(), self.name)
 
     def _lit(self) -> tuple[Floats, Floats]:
         """Ends of the intervals between the curves' samples on which there is light, [k] each."""
@@ -209,7 +209,7 @@ class Quadrature:
     error: float
 
 
-def lines(
+def line_spectrum(
     wavelengths_nm: Floats | list[float], weights: Floats | list[float] | None = None, name: str = ""
 ) -> Spectrum:
     """A spectrum of lines, weights in any scale; equal energies if there are none.

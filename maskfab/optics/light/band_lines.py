@@ -19,7 +19,7 @@ from maskfab.optics.field.methods import PRUNED, Task, admissible, precise_enoug
 from maskfab.optics.field.parity import SampledField
 from maskfab.optics.field.waves import Reals
 from maskfab.optics.image.psf import cutoff, image_scale_um2
-from maskfab.optics.image.spectrum import Band, Spectrum, lines
+from maskfab.optics.image.spectrum import Band, Spectrum, line_spectrum
 from maskfab.optics.light.rays import RAYS_ERROR, Rays, beyond
 from maskfab.optics.pupil.pupil import Pupil
 
@@ -33,7 +33,7 @@ _LEAST_SAMPLES = 64
 def band_lines(band: Band, count: int) -> Spectrum:
     """A band as so many lines: one at its mean wavelength, or four in each panel of :meth:`Band.quadrature`."""
     if count == 1:
-        return lines([band.centroid_nm], name=band.name)
+        return line_spectrum([band.centroid_nm], name=band.name)
     return band.quadrature(count // 4)
 
 

@@ -72,7 +72,7 @@ def sampling_camera(camera: Camera, scene: Scene) -> Camera:
     return replace(camera, wavelengths_nm=tuple(dict.fromkeys(wavelength_range_nm(camera, scene))))
 
 
-def prices(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> CostModel:
+def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> CostModel:
     """Everything that pricing needs; arguments and errors as for :func:`plan`."""
     check_accuracy(accuracy)
     _check_field(panel, camera, scene)
@@ -106,7 +106,7 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         JobError: MF104 for an accuracy, a distance or an aberration out of range; MF114 if the panel does not cover the
             stop from the edge of the field; MF115 if nothing that maskfab can compute meets the accuracy.
     """
-    known = prices(panel, camera, scene, accuracy)
+    known = cost_model(panel, camera, scene, accuracy)
     priced = list(known.priced())
     fitting = [each for each in priced if each[1].error <= accuracy]
     if not fitting:
@@ -218,7 +218,7 @@ def document(die: str, found: Plan) -> dict[str, object]:
     }
 
 
-def table(die: str, found: Plan) -> list[str]:
+def plan_table(die: str, found: Plan) -> list[str]:
     """A die's plan as lines of text."""
     choice, price = found.choice, found.price
     rows = [("ingredient", "", "error without", "counted", "method")]

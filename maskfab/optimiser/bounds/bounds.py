@@ -24,7 +24,7 @@ from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.transfer import at_lags, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
-from maskfab.optimiser.bounds.error_bound import tables
+from maskfab.optimiser.bounds.error_bound import dual_tables
 from maskfab.optimiser.bounds.frame_bound import frame_bound
 from maskfab.optimiser.bounds.map_bound import layout_bound
 from maskfab.optimiser.bounds.residue_bound import Residues, residue_error, residues
@@ -184,7 +184,7 @@ def _unit_bound(
 ) -> tuple[float, ...]:
     least = [np.inf] * len(levels)
     for epsilon in EPSILONS:
-        table = tables(inner, epsilon, ratio)
+        table = dual_tables(inner, epsilon, ratio)
         for k, level in enumerate(levels):
             cost = table.cost(inner.variance(level, ratio))
             least[k] = min(least[k], residue_error(table.nodes, cost, classes, ratio, periodic=periodic, refined=True))

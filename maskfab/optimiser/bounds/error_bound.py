@@ -65,7 +65,7 @@ class Tables:
         return _lowered(value, variance * self.noise_dip + self.bias_dip)
 
 
-def tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0) -> Tables:
+def dual_tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0) -> Tables:
     """Prepare the dual's minima for lags' A from 0 to ``most`` times the open stop's."""
     # Closer where modulations of displays lie: the chord's error goes with the square of the step.
     nodes = _nodes(grey, most)

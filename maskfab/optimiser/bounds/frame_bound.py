@@ -31,7 +31,7 @@ from dataclasses import replace
 import numpy as np
 
 from maskfab.camera.protocol import EPSILONS, LEVELS
-from maskfab.optimiser.bounds.error_bound import tables
+from maskfab.optimiser.bounds.error_bound import dual_tables
 from maskfab.optimiser.bounds.residue_bound import residue_error, residues
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.interior import Interior
@@ -90,7 +90,7 @@ def frame_bound(
     classes = residues(own, periodic=periodic, mirrored=not periodic)
     least = np.full(len(levels), np.inf)
     for epsilon in EPSILONS:
-        table = tables(own, epsilon, ratio)
+        table = dual_tables(own, epsilon, ratio)
         for k, level in enumerate(levels):
             cost = table.cost(own.variance(level, ratio))
             found = residue_error(table.nodes, cost, classes, ratio, periodic=periodic, refined=True)

@@ -29,7 +29,7 @@ from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine
 from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.emitters.rectangles import rectangle_footprints
-from maskfab.display.wires.flow import DIRECTIONS, Net, lines
+from maskfab.display.wires.flow import DIRECTIONS, Net, most_lines
 from maskfab.display.wires.ports import ports
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
 from maskfab.errors import JobError, OpeningError
@@ -370,7 +370,7 @@ class Constraints:
     def _flow(self, unit: Mask) -> str | None:
         wanted = self.wire_flow or 0
         for direction in DIRECTIONS:
-            found = lines(~unit, direction, dot_nm=self.dot_nm)
+            found = most_lines(~unit, direction, dot_nm=self.dot_nm)
             if found.count < wanted:
                 return f"{found.count} {direction} lines, least {wanted}; {found.certificate.statement}"
         return None

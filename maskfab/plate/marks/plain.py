@@ -21,7 +21,7 @@ _CD_MULTIPLES = (1, 2, 5)
 _CD_LENGTH_NM = 500_000
 
 
-def plain(setting: Setting) -> DrawnMarks:
+def plain_marks(setting: Setting) -> DrawnMarks:
     """Title, labels, a fiducial in each corner, parity mark, CD bars and outlines, in the order in which they are
     written."""
     corner = setting.writable_nm // 2 - MARGIN_NM

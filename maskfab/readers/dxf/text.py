@@ -43,12 +43,12 @@ class Entity:
         """Width of a line, its first where it has several."""
         if b"40" not in self._first and b"43" not in self._first:
             return 0.0
-        return next(number(value) for code, value in self._tags if code in {b"43", b"40"})
+        return next(number_of(value) for code, value in self._tags if code in {b"43", b"40"})
 
     @property
     def bulges(self) -> bool:
         """Whether an edge of a line is an arc."""
-        return b"42" in self._first and any(code == b"42" and number(value) != 0 for code, value in self._tags)
+        return b"42" in self._first and any(code == b"42" and number_of(value) != 0 for code, value in self._tags)
 
     def text(self, code: int, default: str = "") -> str:
         """The first value under a group code."""
@@ -58,7 +58,7 @@ class Entity:
     def number(self, code: int, default: float = 0.0) -> float:
         """The first value under a group code; 0 if it is no number."""
         said = self._first.get(b"%d" % code)
-        return default if said is None else number(said)
+        return default if said is None else number_of(said)
 
     def points(self) -> tuple[list[float], list[float]]:
         """x and y of all vertices of a line, in units of the drawing."""
@@ -75,7 +75,7 @@ def codes(*numbers: int) -> frozenset[bytes]:
     return frozenset(b"%d" % each for each in numbers)
 
 
-def number(text: bytes) -> float:
+def number_of(text: bytes) -> float:
     """A value as a number; 0 if it is none, or has no end."""
     try:
         value = float(text)
@@ -88,7 +88,7 @@ def _numbers(texts: list[bytes]) -> list[float]:
     try:
         return list(map(float, texts))
     except ValueError:
-        return [number(text) for text in texts]
+        return [number_of(text) for text in texts]
 
 
 def entities(data: bytes) -> Iterator[Entity]:

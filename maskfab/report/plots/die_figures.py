@@ -22,9 +22,9 @@ from numpy.typing import NDArray
 from maskfab.cell_size import CellSize
 from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
 from maskfab.report.plots import png
-from maskfab.report.plots.number_text import number
+from maskfab.report.plots.number_text import rounded
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, draw_psf, img, place, styled
-from maskfab.report.plots.workers import Task, drawn
+from maskfab.report.plots.workers import Task, draw_all
 from maskfab.units import NM_PER_MM, NM_PER_UM
 
 Item = TypeVar("Item", Psf, Mtf)
@@ -72,7 +72,7 @@ def pictures(
     tasks: list[tuple[str, Task]] = [(item.die.name, (of_die, (item, field_nm))) for item in dies]
     tasks += more
     found: dict[str, dict[str, str]] = {PLATE: whole} | {name: {} for name, _ in tasks}
-    for (name, _), drawings in zip(tasks, drawn([task for _, task in tasks], workers), strict=True):
+    for (name, _), drawings in zip(tasks, draw_all([task for _, task in tasks], workers), strict=True):
         found[name] |= drawings
     return found
 
@@ -280,7 +280,7 @@ def _draw_mtf(axes: Axes, mtf: Mtf) -> None:
                 mtf.frequency_cy_per_mm, mtf.cuts[name], color=colour, linestyle=style, linewidth=width, label=label
             )
     _dress_mtf(axes, mtf)
-    axes.set_title(f"{mtf.wavelength_nm:g} nm (± {number(float(mtf.uncertainty), 2)})", pad=30)
+    axes.set_title(f"{mtf.wavelength_nm:g} nm (± {rounded(float(mtf.uncertainty), 2)})", pad=30)
 
 
 def _pooled(

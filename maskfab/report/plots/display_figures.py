@@ -55,7 +55,7 @@ def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
     wires = found.wiring
     if wires is not None and (wires.tracks or wires.failed is not None):
         proofs = (*(() if wires.failed is None else (wires.failed,)), *found.stranded)
-        drawn["display_wires"] = wiring(panel, proofs, found.reaches)
+        drawn["display_wires"] = wiring_picture(panel, proofs, found.reaches)
     if panel.emitters is not None:
         drawn["display_lit"] = lit(panel)
     return drawn
@@ -96,7 +96,7 @@ def placement(panel: Panel, certificate: Certificate | None = None, broken: Iter
 
 
 @styled
-def wiring(panel: Panel, certificates: Iterable[Certificate] = (), reaches: Iterable[Reach] = ()) -> str:
+def wiring_picture(panel: Panel, certificates: Iterable[Certificate] = (), reaches: Iterable[Reach] = ()) -> str:
     """The wires of one pixel and of a few, and the cuts that bound how many there can be, as an ``<img>``.
 
     A thin white line is an emitter's way to the pixel's side.

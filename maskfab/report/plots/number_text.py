@@ -7,7 +7,7 @@ import math
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 
-def number(value: float | str | None, digits: int = 4) -> str:
+def rounded(value: float | str | None, digits: int = 4) -> str:
     """A value with that many significant digits, two fewer beside a power of ten; text stays as it is."""
     if value is None:
         return "–"
@@ -24,8 +24,8 @@ def number(value: float | str | None, digits: int = 4) -> str:
 
 
 def short(value: float | str | None, digits: int = 4) -> str:
-    """As :func:`number`, without zeros that say nothing: for limits and settings, which are exact."""
-    text = number(value, digits)
+    """As :func:`rounded`, without zeros that say nothing: for limits and settings, which are exact."""
+    text = rounded(value, digits)
     if isinstance(value, str) or "." not in text:
         return text
     mantissa, power, exponent = text.partition(" × ")

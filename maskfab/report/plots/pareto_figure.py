@@ -25,13 +25,13 @@ _MOST_IN_LEGEND = 22
 
 
 @styled
-def png(found: Pareto) -> bytes:
+def pareto_png(found: Pareto) -> bytes:
     """The figure as a PNG file."""
     return bitmap(_drawn(found))
 
 
 @styled
-def drawing(found: Pareto) -> Drawing:
+def pareto_drawing(found: Pareto) -> Drawing:
     """The figure, to be looked at or saved."""
     return Drawing(_drawn(found), f"Restored PSNR against footprint of emitters, {len(found.curves)} curves")
 

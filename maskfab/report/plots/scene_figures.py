@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from maskfab.measurement.scene_result import PointView, SceneOptics, distance
 from maskfab.model import Psf
 from maskfab.report.plots import png
-from maskfab.report.plots.number_text import number
+from maskfab.report.plots.number_text import rounded
 from maskfab.report.plots.sheet import INK, bitmap, image, place, styled
 from maskfab.units import UM_PER_MM
 
@@ -176,7 +176,7 @@ def _pair(
 
 
 def _told(value: float, centre: bool) -> str:
-    return "0" if centre else number(value, 2)
+    return "0" if centre else rounded(value, 2)
 
 
 def _log(psf: Psf, pixels: int) -> Floats:

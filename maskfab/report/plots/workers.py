@@ -25,7 +25,7 @@ Task = tuple[Callable[..., Pictures], tuple[Any, ...]]
 """A function of a module, and its arguments."""
 
 
-def drawn(tasks: Sequence[Task], workers: int) -> list[Pictures]:
+def draw_all(tasks: Sequence[Task], workers: int) -> list[Pictures]:
     """Pictures of every task, in order; drawn by this process if one is enough.
 
     Raises:
@@ -77,7 +77,7 @@ def _work() -> None:
     # What is printed on the way must not get among the answer.
     stdout, sys.stdout = sys.stdout.buffer, sys.stderr
     tasks: list[Task] = pickle.load(sys.stdin.buffer)
-    stdout.write(pickle.dumps(drawn(tasks, 1)))
+    stdout.write(pickle.dumps(draw_all(tasks, 1)))
 
 
 if __name__ == "__main__":
