@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from hypothesis import settings
-from once import BOUNDS, FIGURES, once
+from once import BOUNDS, FIGURES, dimmed, leaves, once
 from small_job import finished, write_job
 
+from maskfab.camera import scenes
 from maskfab.export.gds import write_gdsii
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import plate_layout
@@ -70,6 +71,15 @@ def small_plate() -> Plate:
         ),
         notes=(Note("job 0123abcd", (0, -4_000_000)),),
     )
+
+
+@pytest.fixture(scope="session", autouse=True)
+def scenes_drawn_once() -> Iterator[None]:
+    """The scenes of whoever has no photographs, a second each, which every run and every search would draw again."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(scenes, "dead_leaves", leaves)
+        patch.setattr(scenes, "indoors", dimmed)
+        yield
 
 
 @pytest.fixture

@@ -1,7 +1,7 @@
 """What is dear and follows from its arguments alone, done once of equal ones, for tests that are about something else.
 
-Drawing figures takes more than half of a small run, and the bounds of an opening most of a short design. Where one
-argument differs in anything, the work is done.
+Drawing figures takes more than half of a small run and of a package, and the bounds of an opening most of a short
+design. Where one argument differs in anything, the work is done.
 """
 
 from __future__ import annotations
@@ -19,14 +19,21 @@ from typing import Any
 
 import pytest
 
-from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.scenes import dead_leaves, indoors
 from maskfab.report.plots.workers import read_only
 
-FIGURES = ("maskfab.report.plots.die_figures.pictures", "maskfab.report.plots.die_figures.overview")
+FIGURES = (
+    "maskfab.report.plots.die_figures.pictures",
+    "maskfab.report.plots.die_figures.overview",
+    "maskfab.delivery.papers.drawing_sheet",
+)
 BOUNDS = ("maskfab.optimiser.result.bounds",)
 
 leaves = cache(dead_leaves)
 """The scene of a seed and a size, drawn once by each process. Nobody writes into it."""
+
+dimmed = cache(indoors)
+"""The same scene indoors."""
 
 _KNOWN: dict[tuple[str, bytes], Any] = {}
 

@@ -7,11 +7,11 @@ import json
 
 import numpy as np
 import pytest
+from once import leaves
 from small_job import OPENING, command, write_job
 
 import maskfab as mf
 from maskfab.api.camera import F1
-from maskfab.camera.scenes import dead_leaves
 from maskfab.cli.app import app
 from maskfab.errors import JobError, OutputError
 from maskfab.export.pictures import write_png
@@ -89,7 +89,7 @@ def test_a_simulation_prints_gains_and_keeps_pictures_if_asked(tmp_path):
         mf.Opening.of(mask, pitch="168 um", name=name) for mask, name in ((dots, "small"), (~dots, "large"))
     )
     panels = {each.name.upper(): mf.Panel.tile(each, "random", seed=1, size="4.2 mm") for each in (small, large)}
-    write_png(dead_leaves(3, 832, 832).values, tmp_path / "leaves.png", white=1.0)
+    write_png(leaves(3, 832, 832).values, tmp_path / "leaves.png", white=1.0)
     found = mf.simulate(mf.Plate.of(panels), images=tmp_path, reference="SMALL")
     gains = {gain.level_db: gain.psnr for gain in found.table.gains("SMALL")}
     assert set(gains) == {24, 32, 40}
@@ -197,7 +197,7 @@ def test_a_design_of_a_job_takes_nothing_that_the_job_says(tmp_path, stated, nam
 @pytest.mark.slow
 def test_a_design_says_the_call_that_repeats_it(tmp_path):
     """The call in the provenance, run again, gives the same file."""
-    write_png(dead_leaves(3, 1024, 1536).values, tmp_path / "leaves.png", white=1.0)
+    write_png(leaves(3, 1024, 1536).values, tmp_path / "leaves.png", white=1.0)
     camera = mf.Camera("9 mm", stop="3.6 mm", pixel="2 um", wavelengths=[610, 530, 470])
     found = mf.design(dots=4, pitch="168 um", clear_dots=5, camera=camera, map="none", images=tmp_path, anneal=0)
     assert found.map is None

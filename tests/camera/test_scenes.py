@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.fft
+from once import leaves
 
 from maskfab.camera.photographs import LONG, SHORT
 from maskfab.camera.scenes import bundled, dead_leaves, indoors
@@ -36,8 +37,9 @@ def test_scenes_alternate_between_daylight_and_indoors() -> None:
 
 
 def test_a_scene_follows_from_its_seed_and_more_scenes_begin_with_the_same() -> None:
-    assert np.array_equal(dead_leaves(3).values, bundled(3)[2].values)
-    assert np.array_equal(bundled(2)[1].values, indoors(dead_leaves(2)).values)
+    drawn = bundled(3)
+    assert np.array_equal(dead_leaves(3).values, drawn[2].values)
+    assert np.array_equal(drawn[1].values, indoors(leaves(2)).values)
 
 
 def test_indoors_keeps_the_mean_and_turns_with_the_scene() -> None:

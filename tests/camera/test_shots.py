@@ -8,17 +8,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.fft
+from once import leaves
 
 from maskfab.camera import protocol
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.quality import psnr
-from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.shots import Crop, shots, truth_of
 from maskfab.camera.transfer import lay
 from maskfab.errors import JobError
 
-SCENE = dead_leaves(1, 832, 832)
 SENSOR = Crop(320, 320)
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return leaves(1, 832, 832)
 
 
 @pytest.fixture(scope="module")
@@ -29,12 +33,12 @@ def design():
 
 
 @pytest.fixture(scope="module")
-def taken(design):
-    return shots(design, SCENE, (40, 24), SENSOR)
+def taken(design, scene):
+    return shots(design, scene, (40, 24), SENSOR)
 
 
-def test_the_picture_shown_has_the_psnr_told(taken):
-    true = truth_of(SCENE, SENSOR)
+def test_the_picture_shown_has_the_psnr_told(taken, scene):
+    true = truth_of(scene, SENSOR)
     assert [shot.score.level_db for shot in taken] == [24, 40]
     for shot in taken:
         assert psnr(shot.picture, true) == pytest.approx(shot.score.psnr, abs=1e-9)
@@ -42,19 +46,19 @@ def test_the_picture_shown_has_the_psnr_told(taken):
     assert taken[0].score.psnr < taken[1].score.psnr
 
 
-def test_showing_changes_no_score(design, taken):
-    scores = evaluate([design], [SCENE], [SCENE], (24, 40)).scores
+def test_showing_changes_no_score(design, taken, scene):
+    scores = evaluate([design], [scene], [scene], (24, 40)).scores
     assert all(0 < score.ssim < 1 and 0 < score.ssim_inner < 1 for score in scores)
     unlike = {"ssim": math.nan, "ssim_inner": math.nan}
     assert [vars(score) | unlike for score in scores] == [vars(shot.score) for shot in taken]
 
 
-def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, monkeypatch):
-    scene, transforms, tried = replace(SCENE, name="fresh"), [], []
+def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, scene, monkeypatch):
+    fresh, transforms, tried = replace(scene, name="fresh"), [], []
     transform, wiener = scipy.fft.rfft2, protocol.wiener
 
     def transformed(values, *given, **more):
-        transforms.append(values is scene.values)
+        transforms.append(values is fresh.values)
         return transform(values, *given, **more)
 
     def filtered(transfer, prior, epsilon):
@@ -66,19 +70,19 @@ def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, mo
     chosen = []
     for level in (24, 32):
         tried.clear()
-        chosen.append(shots(design, scene, (level,), SENSOR)[0].score.epsilon)
+        chosen.append(shots(design, fresh, (level,), SENSOR)[0].score.epsilon)
         assert len(tried) == len(set(tried)) > 2
     assert len(set(chosen)) == 2
     assert sum(transforms) == 1
 
 
-def test_a_scene_kept_for_the_constant_changes_no_picture_of_another(design):
+def test_a_scene_kept_for_the_constant_changes_no_picture_of_another(design, scene):
     """Pictures of the scenes that ε is chosen on are at hand, those of others are made."""
-    other = dead_leaves(2, 832, 832)
-    both = evaluate([design], [other, SCENE], [SCENE], (32,), ssim=False).scores
-    alone = evaluate([design], [other], [SCENE], (32,), ssim=False).scores
+    other = leaves(2, 832, 832)
+    both = evaluate([design], [other, scene], [scene], (32,), ssim=False).scores
+    alone = evaluate([design], [other], [scene], (32,), ssim=False).scores
     assert vars(both[0]) == vars(alone[0])
-    assert vars(both[1]) == vars(evaluate([design], [SCENE], [SCENE], (32,), ssim=False).scores[0])
+    assert vars(both[1]) == vars(evaluate([design], [scene], [scene], (32,), ssim=False).scores[0])
 
 
 def test_a_crop_is_the_middle_and_a_copy():

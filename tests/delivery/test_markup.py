@@ -20,6 +20,7 @@ import gdstk
 import pytest
 from klayout import db
 from lxml import etree
+from once import FIGURES, once
 from small_job import command, write_job
 from sweeps import in_turns, sweep
 
@@ -28,6 +29,8 @@ from maskfab.delivery.pack import pack
 from maskfab.job import load
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.pipeline import draw_files
+
+pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
 
 MARKUP = {
     "script": "<script>alert(1)</script>",
@@ -165,7 +168,8 @@ def finished(tmp_path_factory) -> tuple[Path, Path]:
     ):
         folder = tmp_path_factory.mktemp(name)
         job = spoken_job(folder, title, label, facts)
-        assert run_command_line(["run", str(job), "--out", str(folder / "out"), "--quiet"]) == 0
+        with once(*FIGURES):
+            assert run_command_line(["run", str(job), "--out", str(folder / "out"), "--quiet"]) == 0
         results.append(folder / "out")
     return results[0], results[1]
 

@@ -16,12 +16,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db
+from once import FIGURES, once
 from small_job import command, listing, write_job
 from sweeps import sweep
 
 from maskfab.delivery.pack import PACKED, pack, verify_package
 from maskfab.job import load
 from maskfab.mask_shops.profiles import load_shop, shop_names
+
+pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
 
 FRAME = """\
 .......
@@ -273,7 +276,8 @@ def whole_gerber(tmp_path_factory) -> tuple[Path, Path]:
 
 def _whole(folder: Path, kind: str) -> tuple[Path, Path]:
     job, path = write_job(folder), folder / "p.zip"
-    assert pack(load(job), load_shop("ualberta_mla150"), path, (kind,)).path == path
+    with once(*FIGURES):
+        assert pack(load(job), load_shop("ualberta_mla150"), path, (kind,)).path == path
     return job, path
 
 

@@ -10,12 +10,15 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from once import FIGURES, once
 from small_job import command, write_job
 
 from maskfab.delivery.pack import pack
 from maskfab.job import load
 from maskfab.jobfile.shop_profile import parse_shop
 from maskfab.mask_shops.profiles import load_shop
+
+pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
 
 OWN = """\
 title = "A house"
@@ -35,7 +38,8 @@ def packed_by_own(tmp_path_factory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("own")
     job, path, profile = write_job(folder), folder / "p.zip", folder / "mine.toml"
     profile.write_text(OWN, encoding="utf-8")
-    assert pack(load(job), load_shop(str(profile)), path).path == path
+    with once(*FIGURES):
+        assert pack(load(job), load_shop(str(profile)), path).path == path
     profile.unlink()
     return job, path
 

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import pytest
 from hostile_files import overlapping
+from once import FIGURES, once
 from small_job import command, write_job
 
 from maskfab.delivery.archive import safe_stem
@@ -19,6 +20,8 @@ from maskfab.job import load
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
+
+pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
 
 
 def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):
@@ -136,7 +139,8 @@ def packed(tmp_path_factory):
     """A job and its package for a shop."""
     folder = tmp_path_factory.mktemp("packed")
     job, path = write_job(folder), folder / "p.zip"
-    assert pack(load(job), load_shop("generic-chrome"), path, ("gdsii", "oasis")).path == path
+    with once(*FIGURES):
+        assert pack(load(job), load_shop("generic-chrome"), path, ("gdsii", "oasis")).path == path
     return job, path
 
 

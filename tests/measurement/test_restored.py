@@ -7,10 +7,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from once import leaves
 
 from maskfab.camera.laid_panel import laid_panel
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS, evaluate
-from maskfab.camera.scenes import dead_leaves
 from maskfab.job import load
 from maskfab.measurement.restored import CROP, RESIDUAL_DB, SHOWN_LEVELS, photographer
 from maskfab.model import Die, Tiling
@@ -18,7 +19,10 @@ from maskfab.optimiser.model import expected_psnr
 from maskfab.optimiser.model.expected_psnr import surrogate
 
 LAYOUTS = Path(__file__).parents[2] / "layouts"
-SCENES = (dead_leaves(1),)
+
+
+def scenes() -> tuple[Photograph, ...]:
+    return (leaves(1),)
 
 
 def _values(take, die: Die) -> list[float]:
@@ -40,7 +44,7 @@ def take(dies):
         replace(toled, name="SMALL", panel=replace(toled.panel, orientations=small, tiling=Tiling.RANDOM, seed=1)),
         replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000)),
     ]
-    return photographer([*dies.values(), *others], SCENES)
+    return photographer([*dies.values(), *others], scenes())
 
 
 def test_a_die_is_judged_if_it_covers_the_stop_in_square_cells(take):
@@ -49,26 +53,26 @@ def test_a_die_is_judged_if_it_covers_the_stop_in_square_cells(take):
 
 def test_numbers_are_the_surrogates_of_the_repeated_and_of_the_turned_opening(take, dies):
     unit, toled = dies["TOLED"].panel.opening.mask, dies["TOLED"]
-    estimate = surrogate(SCENES)
+    estimate = surrogate(scenes())
     turned = replace(toled, name="RANDOM", panel=replace(toled.panel, tiling=Tiling.RANDOM, seed=1))
     assert _values(take, toled) == list(estimate(unit, periodic=True))
     assert _values(take, turned) == list(estimate(unit))
     gutter = replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000))
-    wide = surrogate(SCENES, 23, dot_nm=8000)(np.pad(unit, 1), periodic=True)
+    wide = surrogate(scenes(), 23, dot_nm=8000)(np.pad(unit, 1), periodic=True)
     assert _values(take, gutter) == list(wide)
 
 
 def test_scenes_are_looked_at_once_for_cells_of_every_size(dies, monkeypatch):
     seen, spectrum = [], expected_psnr._spectrum
 
-    def once(scenes):
-        seen.append(len(scenes))
-        return spectrum(scenes)
+    def once(given):
+        seen.append(len(given))
+        return spectrum(given)
 
     monkeypatch.setattr(expected_psnr, "_spectrum", once)
     toled = dies["TOLED"]
     wide = replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000))
-    assert len(photographer([toled, wide], SCENES).estimates) == 2
+    assert len(photographer([toled, wide], scenes()).estimates) == 2
     assert seen == [1]
 
 
@@ -93,7 +97,7 @@ def test_rows_state_level_method_and_error(take, dies):
 def test_a_photograph_is_near_its_prediction(take, dies):
     """On one scene the surrogate is about as good as on all."""
     rows = {row.level_db: row for row in take(dies["OURS"], photographs=False).quantities}
-    table = evaluate([laid_panel("OURS", dies["OURS"].panel)], SCENES, SCENES, (40,))
+    table = evaluate([laid_panel("OURS", dies["OURS"].panel)], scenes(), scenes(), (40,))
     assert table.scores[0].psnr == pytest.approx(rows[40].value, abs=2 * RESIDUAL_DB[40])
 
 
