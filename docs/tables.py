@@ -1,4 +1,4 @@
-"""What maskfab itself says, on the site: tables of verbs, keys of a job, quantities and error codes, and docstrings."""
+"""What maskfab itself says, on the site: tables of verbs, keys, design rules, quantities and codes, and docstrings."""
 
 from __future__ import annotations
 
@@ -12,7 +12,8 @@ import typer
 
 from maskfab.cli.app import app
 from maskfab.error_codes import explained, grouped
-from maskfab.jobfile.reference import tables
+from maskfab.jobfile.reference import keys_of, tables
+from maskfab.optimiser.rules.registry import RULES
 from maskfab.quantities import QUANTITIES
 
 _ROOT = Path(__file__).parents[1]
@@ -78,6 +79,16 @@ def _quantities() -> Iterator[str]:
     )
 
 
+def _rules() -> Iterator[str]:
+    yield from _table(
+        ("rule", "meaning", "unit", "refused before the search if"),
+        (
+            (f"`{rule.name}`", _plain(keys_of(rule.where)[0].meaning), rule.unit, _plain(rule.refused_if))
+            for rule in RULES
+        ),
+    )
+
+
 def _rooms() -> Iterator[str]:
     """Every floor from the top, and each room on it by the sentence that its own file begins with."""
     settings = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
@@ -97,6 +108,7 @@ _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "keys": _keys,
     "codes": _codes,
     "verbs": _verbs,
+    "rules": _rules,
     "quantities": _quantities,
     "rooms": _rooms,
 }

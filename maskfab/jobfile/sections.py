@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from maskfab.errors import JobError
-from maskfab.jobfile.design_values import Method, ObjectiveName, Weight
+from maskfab.jobfile.design_values import Kissing, Method, ObjectiveName, Symmetry, Weight
 from maskfab.jobfile.display_values import Area, ThreeColours
 from maskfab.jobfile.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, Formats, SignedLength
 from maskfab.jobfile.pareto_values import Counts
@@ -228,11 +228,11 @@ class RulesSection(Section):
     """Narrowest clear shape, dots."""
     min_space_dots: int = Field(default=1, ge=1)
     """Narrowest closed space, dots."""
-    kissing: Literal["allowed", "cell", "neighbours"] = "allowed"
+    kissing: Kissing = "allowed"
     """Corners that only touch: allowed, none within a cell, or none between neighbours either."""
     rim_dots: int = Field(default=0, ge=0)
     """Closed dots all round the cell; neighbours meet with twice as many between their openings."""
-    symmetry: Literal["d4", "mirror", "rot180"] | None = None
+    symmetry: Symmetry | None = None
     """Symmetry that the opening must have."""
     footprint: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
     """Least share of the pixel that each colour's emitter covers."""

@@ -215,13 +215,7 @@ def rules_of(
         JobError: MF104, MF106, MF107 for numbers; MF105 for an opening on another grid; MF117, MF118 for the emitters'
             rules.
     """
-    asked = section.rules
-    # Rules for the emitters come last: those that [design] takes itself need not suit the pixel.
-    others = section.model_copy(update={"rules": asked.model_copy(update={"footprint": None, "centroid_px": None})})
-    rules = constraints_of(others)
-    rules = replace(
-        rules, emitters=emitters or rules.emitters, footprint=asked.footprint, centroid_px=asked.centroid_px
-    )
+    rules = constraints_of(section, emitters=emitters)
     for opening in compared:
         if (opening.dots, opening.dot_nm) != (rules.dots, rules.dot_nm):
             raise JobError(
@@ -353,13 +347,14 @@ class _Sweep:
             progress=lambda _, done, total: self.progress(f"{count} clear dots: shapes", done, total),
         )
         best, measured = self._steps(found.ranked, count)
-        if rules.footprint is not None:
-            best = [each for each in best if each.footprint >= rules.footprint - _ROUNDING]
+        wanted = rules["footprint"]
+        if wanted is not None:
+            best = [each for each in best if each.footprint >= wanted - _ROUNDING]
         if not best:
             raise JobError(
                 "MF123",
-                f"none of {found.evaluated} openings of {count} clear dots leaves room for {rules.footprint or 0:.1%} "
-                "of each colour",
+                f"none of {found.evaluated} openings of {count} clear dots leaves room for {wanted or 0:.1%} of each "
+                "colour",
                 where="design.rules.footprint",
                 cure="Lower it, or add families",
             )
@@ -408,7 +403,7 @@ class _Sweep:
             walk = anneal(
                 start.unit,
                 self.objective,
-                replace(rules, footprint=max(0.0, start.footprint - _ROUNDING)),
+                rules.asking(footprint=max(0.0, start.footprint - _ROUNDING)),
                 evaluations=self.pareto.anneal,
                 seed=self.section.seed,
                 budget_s=clock.left(1 / (len(places) - done)),

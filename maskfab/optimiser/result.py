@@ -13,7 +13,6 @@ from maskfab import __version__
 from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
-from maskfab.display.circuit import CircuitRules
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import JobError
 from maskfab.jobfile import DesignSection
@@ -22,8 +21,10 @@ from maskfab.opening.openings import dot_of_pitch
 from maskfab.optimiser.bounds.bounds import Gap, bounds, optimality_gap
 from maskfab.optimiser.maps.orientation_map import DesignedMap
 from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.rules import registry
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Prices
+from maskfab.optimiser.rules.price import Prices
+from maskfab.optimiser.rules.rule import price_key
 from maskfab.plate.maps import CellMap
 from maskfab.units import NM_PER_UM, to_nm
 
@@ -70,7 +71,9 @@ class Designed:
     cut: bool = False
 
 
-def constraints_of(section: DesignSection, *, where: str = "design") -> Constraints:
+def constraints_of(
+    section: DesignSection, *, where: str = "design", emitters: EmitterRules | None = None
+) -> Constraints:
     """The section's rules.
 
     Raises:
@@ -87,51 +90,22 @@ def constraints_of(section: DesignSection, *, where: str = "design") -> Constrai
             ("min_width", 2 * dot_nm / NM_PER_UM if asked.min_width is None else asked.min_width),
         )
     )
-    if asked.circuit == 0:
-        raise JobError(
-            "MF104",
-            "a circuit of 0 um2 has no effect",
-            where=f"{where}.rules.circuit",
-            cure="Give its area, or remove the key",
-        )
+    own = EmitterRules(gap_nm, colour_nm, width_nm)
     try:
         return Constraints(
             section.clear_dots,
             dots=section.dots,
             dot_nm=dot_nm,
-            min_feature_dots=asked.min_feature_dots,
-            min_space_dots=asked.min_space_dots,
-            kissing=asked.kissing,
-            rim_dots=asked.rim_dots,
             orientations=(0,) if section.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS)),
-            symmetry=asked.symmetry,
-            keep_out=None
-            if asked.keep_out is None
-            else _kept_out(asked.keep_out, section.dots, f"{where}.rules.keep_out"),
-            emitters=EmitterRules(gap_nm, colour_nm, width_nm),
-            footprint=asked.footprint,
-            circuit=None if asked.circuit is None else CircuitRules(asked.circuit, min_width_nm=width_nm),
-            wire_flow=asked.wire_flow,
-            ports=asked.ports,
-            centroid_px=asked.centroid_px,
+            emitters=emitters or own,
+            asked={rule.name: rule.read(getattr(asked, rule.name), section, own, where) for rule in registry.RULES},
         )
     except JobError as error:
         # The rules of emitters and circuits are told by the names that they have among a display's.
-        place = error.where.replace("emitters.", f"{where}.rules.").replace("circuit.", f"{where}.rules.")
+        place = error.where.replace("circuit.", f"{where}.rules.")
+        if emitters is None:
+            place = place.replace("emitters.", f"{where}.rules.")
         raise JobError(error.code, error.what, where=place, cure=error.cure) from None
-
-
-def _kept_out(drawing: str, dots: int, where: str) -> NDArray[np.bool_]:
-    """Dots that stay closed, row 0 the lowest; MF105 for anything but ``dots`` rows of as many x and dots."""
-    rows = drawing.split()
-    if len(rows) != dots or any(len(row) != dots or set(row) - {"x", "."} for row in rows):
-        raise JobError(
-            "MF105",
-            f"the drawing is not {dots} rows of {dots} signs, each x or .",
-            where=where,
-            cure="Draw the cell, the top row first: x stays closed, . is free",
-        )
-    return np.array([[sign == "x" for sign in row] for row in reversed(rows)])
 
 
 def appraised(
@@ -177,7 +151,7 @@ def by_level(name: str, values: Sequence[float]) -> Facts:
 def of_prices(found: Prices) -> Facts:
     """Costs of the rules, as provenance."""
     facts: Facts = {"rules_cost_db": round(found.together, 3) + 0.0}
-    facts.update({f"price_{each.rule}_db": round(each.last, 3) + 0.0 for each in found.each})
+    facts.update({price_key(each.rule): round(each.last, 3) + 0.0 for each in found.each})
     return facts
 
 

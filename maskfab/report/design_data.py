@@ -16,6 +16,7 @@ from maskfab.camera.protocol import LEVELS
 from maskfab.job import Job
 from maskfab.measurement.restored import Restored
 from maskfab.model import Opening, Quantity
+from maskfab.optimiser.rules.rule import priced_rule
 from maskfab.plate import maps
 from maskfab.units import NM_PER_UM
 
@@ -155,13 +156,9 @@ def _designed(facts: Facts) -> bool:
 
 def _prices(facts: Facts) -> list[Document]:
     """Costs of the rules, in the order in which they are stated."""
-    names = [key for key in map(str, facts) if key.startswith("price_") and key.endswith("_db")]
-    told = []
-    for name in names[:_MOST_PRICES]:
-        price = _number(facts, name)
-        if price is not None:
-            told.append({"rule": _plain(name[len("price_") : -len("_db")].replace("_", " ")), "price": price})
-    return told
+    rules = {key: rule for key in map(str, facts) if (rule := priced_rule(key)) is not None}
+    priced = [(rule, _number(facts, key)) for key, rule in list(rules.items())[:_MOST_PRICES]]
+    return [{"rule": _plain(rule.replace("_", " ")), "price": price} for rule, price in priced if price is not None]
 
 
 def _number(facts: Facts, key: str) -> float | int | None:

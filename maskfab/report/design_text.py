@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from maskfab.optimiser.bounds.bounds import Gap
     from maskfab.optimiser.maps.orientation_map import DesignedMap
     from maskfab.optimiser.result import Designed
-    from maskfab.optimiser.rules.discrete import Prices
+    from maskfab.optimiser.rules.price import Prices
 
 
 def lines(found: Designed, notes: Sequence[str]) -> list[str]:

@@ -9,8 +9,9 @@ import pytest
 
 from maskfab.errors import InternalError, JobError, OpeningError
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import MOVES, ExpectedPsnr, State, anneal, prices, scan
+from maskfab.optimiser.rules.discrete import MOVES, ExpectedPsnr, State, anneal, scan
 from maskfab.optimiser.rules.families import Candidate, bars, discs
+from maskfab.optimiser.rules.price import prices
 
 
 def tightness(unit):
@@ -101,7 +102,7 @@ def test_constraints_hold_at_every_step(held):
         seen.append(held.allows(unit))
         return tightness(unit)
 
-    first = scan(discs(held.dots, 24, symmetry=held.symmetry, free=held.free), leftness, held).best.unit
+    first = scan(discs(held.dots, 24, symmetry=held["symmetry"], free=held.free), leftness, held).best.unit
     found = anneal(first, watched, held, evaluations=60, seed=1, temperature=(1.0, 0.1))
     assert all(seen)
     assert len(seen) == 61

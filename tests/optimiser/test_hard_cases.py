@@ -32,7 +32,8 @@ from maskfab.optimiser.relax.tiled_stop import TiledStop, invertibility_of, tile
 from maskfab.optimiser.relax.top_residual import TopResidual, top_residual
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, State, anneal, scan
-from maskfab.optimiser.rules.families import FAMILIES, Candidate, bars, discs, orbits
+from maskfab.optimiser.rules.families import FAMILIES, Candidate, bars, discs
+from maskfab.optimiser.rules.orbits import orbits
 
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
 CELLS = np.random.default_rng(3).integers(8, size=(8, 8)).astype(np.int8)

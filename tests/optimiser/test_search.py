@@ -230,7 +230,7 @@ def test_the_emitters_of_a_rule_are_the_jobs_own() -> None:
     stated = {"gap_to_opening": "1 um", "colour_gap": "7 um", "min_width": "14 um", "circuit": "1985 um^2"}
     rules = constraints_of(section(rules=stated))
     assert rules.emitters == EmitterRules(1000, 7000, 14_000)
-    assert rules.circuit == CircuitRules(1985.0, min_width_nm=14_000)
+    assert rules["circuit"] == CircuitRules(1985.0, min_width_nm=14_000)
     assert "circuit" in rules.active
     narrow, wide = (
         constraints_of(section(rules={"footprint": 0.17, "colour_gap": gap, "min_width": "7 um"}))

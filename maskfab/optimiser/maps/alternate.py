@@ -169,10 +169,7 @@ def require_places(constraints: Constraints) -> None:
     Raises:
         JobError: MF123 for any of these.
     """
-    asked = set(constraints.active) & {"min_space_dots", "circuit", "wire_flow", "ports", "footprint"}
-    if constraints.kissing == "neighbours":
-        asked.add("kissing")
-    if asked:
+    if asked := constraints.one_place:
         raise JobError(
             "MF123",
             f"an opening at several places in its cell cannot be shown to keep {' and '.join(sorted(asked))}",

@@ -25,7 +25,7 @@ from maskfab.errors import InternalError, JobError
 from maskfab.model import ORIENTATIONS, frozen, orient
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.families import Candidate, orbits
+from maskfab.optimiser.rules.families import Candidate
 from maskfab.progress import Progress, silent
 
 Mask = NDArray[np.bool_]
@@ -196,60 +196,6 @@ def scan(
     return Scan(tuple(found), dict(refused), repeated, len(found), complete)
 
 
-@dataclass(frozen=True)
-class Price:
-    """Cost of one constraint, in the objective's unit.
-
-    Attributes:
-        rule: its name.
-        alone: the best of all, less the best that keeps this rule; inf if none does.
-        last: the best that keeps all others, less the best that keeps all; inf if none keeps all.
-    """
-
-    rule: str
-    alone: float
-    last: float
-
-
-@dataclass(frozen=True)
-class Prices:
-    """Prices of all constraints together (inf if no candidate keeps them) and of each."""
-
-    together: float
-    each: tuple[Price, ...]
-
-
-def prices(candidates: Iterable[Candidate], objective: Objective, constraints: Constraints) -> Prices:
-    """Costs of the constraints among these candidates, all of the asked count; others are left out.
-
-    Prices are differences between the best of the candidates, so give those that searches with and without each rule
-    found.
-
-    Raises:
-        JobError: MF105 without any candidate of the count.
-    """
-    judged = [(objective(c.unit), constraints.broken(c.unit)) for c in candidates]
-    known = [(value, broken) for value, broken in judged if "clear_dots" not in broken]
-    if not known:
-        raise JobError(
-            "MF105",
-            "no candidate has the asked count",
-            where="design",
-            cure="Add candidates with that number of clear dots",
-        )
-
-    def best(allowed: Callable[[frozenset[str]], bool]) -> float:
-        return max((value for value, broken in known if allowed(broken)), default=-math.inf)
-
-    top, all_kept = best(lambda _: True), best(lambda broken: not broken)
-    found = []
-    for rule in constraints.active:
-        others = best(lambda broken, rule=rule: broken <= {rule})  # type: ignore[misc]
-        alone = best(lambda broken, rule=rule: rule not in broken)  # type: ignore[misc]
-        found.append(Price(rule, top - alone, math.inf if all_kept == -math.inf else others - all_kept))
-    return Prices(top - all_kept, tuple(found))
-
-
 @dataclass(frozen=True, eq=False)
 class State:
     """Where an annealing stands; enough to go on as if it had not stopped.
@@ -413,7 +359,7 @@ class _Proposals:
     """Moves that keep the count and the symmetry; whether they keep the rest is judged by others."""
 
     def __init__(self, constraints: Constraints) -> None:
-        self._orbits = orbits(constraints.dots, constraints.symmetry)
+        self._orbits = constraints.orbits
         self._orbit_of = np.empty(constraints.dots**2, dtype=np.intp)
         for k, orbit in enumerate(self._orbits):
             self._orbit_of[orbit] = k

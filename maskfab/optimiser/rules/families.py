@@ -9,23 +9,17 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError
-from maskfab.model import frozen, orient
+from maskfab.jobfile.design_values import Symmetry
+from maskfab.model import frozen
+from maskfab.optimiser.rules.orbits import orbits, sums
 
 Mask = NDArray[np.bool_]
-Symmetry = Literal["d4", "mirror", "rot180"]
 
-_ELEMENTS: dict[Symmetry | None, tuple[int, ...]] = {
-    None: (0,),
-    "mirror": (0, 4),
-    "rot180": (0, 2),
-    "d4": tuple(range(8)),
-}
 _SETS_OF_BLOBS = 1000
 
 
@@ -43,37 +37,6 @@ class Candidate:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "unit", frozen(np.asarray(self.unit, dtype=np.bool_)))
-
-
-def orbits(dots: int, symmetry: Symmetry | None) -> tuple[NDArray[np.intp], ...]:
-    """Dots that a symmetry maps onto each other, as flat indices, in order of their first.
-
-    Args:
-        dots: along a side.
-        symmetry: ``d4`` all eight elements, ``mirror`` left to right, ``rot180`` half a turn; None leaves each alone.
-
-    Raises:
-        JobError: MF105 for another symmetry.
-    """
-    if symmetry not in _ELEMENTS:
-        raise JobError(
-            "MF105",
-            f"there is no symmetry {symmetry!r}",
-            where="design.symmetry",
-            cure=f"Use {', '.join(k for k in _ELEMENTS if k)}, or leave it out",
-        )
-    number = np.arange(dots * dots).reshape(dots, dots)
-    images = np.stack([orient(number, k).ravel() for k in _ELEMENTS[symmetry]])
-    first = images.min(axis=0)
-    return tuple(np.unique(images[:, k]) for k in np.flatnonzero(first == number.ravel()))
-
-
-def reachable(sizes: Sequence[int]) -> int:
-    """Every sum of some of the sizes, as a number whose bit k is set if k is one of them."""
-    sums = 1
-    for size in sizes:
-        sums |= sums << size
-    return sums
 
 
 def bars(dots: int, clear_dots: int) -> Iterator[Candidate]:
@@ -111,15 +74,15 @@ def discs(
         raise JobError(
             "MF105",
             f"the free area has {allowed.size} dots, the cell {dots} x {dots}",
-            where="design.keep_out",
+            where="design.rules.keep_out",
             cure="Give one value per dot",
         )
     members = [orbit for orbit in orbits(dots, symmetry) if allowed[orbit].all()]
-    if not reachable([len(orbit) for orbit in members]) >> clear_dots & 1:
+    if not sums([len(orbit) for orbit in members])[-1] >> clear_dots & 1:
         raise OpeningError(
             "MF204",
             f"no choice of orbits under {symmetry} has {clear_dots} clear dots",
-            where="design.symmetry",
+            where="design.rules.symmetry",
             cure="Choose another number of clear dots, or another symmetry",
         )
     seen: set[bytes] = set()
@@ -236,9 +199,7 @@ def _check(dots: int, clear_dots: int) -> None:
 
 def _choice(sizes: Sequence[int], total: int) -> list[int]:
     """The first places of ``sizes`` that sum to ``total``, those left out without which the rest still can."""
-    following = [1]
-    for size in reversed(sizes):
-        following.append(following[-1] | following[-1] << size)
+    following = sums(sizes)
     chosen, left = [], total
     for k, size in enumerate(sizes):
         if size <= left and following[len(sizes) - k - 1] >> (left - size) & 1:

@@ -36,7 +36,8 @@ from maskfab.optimiser.result import (
     run_key,
 )
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal, prices
+from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal
+from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.auc_search import best_for_auc
 from maskfab.optimiser.search.finish import map_seed, mapped
