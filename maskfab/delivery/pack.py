@@ -12,8 +12,8 @@ from typing import Any
 
 from maskfab import __version__, provenance
 from maskfab.comparison.files import compare_mask, read_mask
-from maskfab.comparison.foreign.extents import file_box
 from maskfab.delivery.archive import MANIFEST, safe_stem, unpack, write_package
+from maskfab.delivery.extents import file_box
 from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
 from maskfab.errors import InputError, JobError, OutputError, SourceError
 from maskfab.export.cell_polygons import CUT

@@ -5,7 +5,6 @@ dumps back to text that loads to the same spec.
 """
 
 from maskfab.jobfile.checks import check_die, check_lens, check_optics, even_nm
-from maskfab.jobfile.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, FileFormat
 from maskfab.jobfile.read import parse_section, read, validate
 from maskfab.jobfile.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
 from maskfab.jobfile.sections import (
@@ -31,7 +30,7 @@ from maskfab.jobfile.sections import (
     StopSection,
     WiresSection,
 )
-from maskfab.jobfile.values import check_name
+from maskfab.jobfile.values import MASK_FORMATS, MOST_DOTS_PER_UM, FileFormat, check_name
 
 __all__ = [
     "ACCURACIES",

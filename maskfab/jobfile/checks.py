@@ -7,8 +7,8 @@ from collections import Counter
 
 from maskfab import units
 from maskfab.errors import JobError
-from maskfab.jobfile.design_values import METHODS
 from maskfab.jobfile.sections import DesignSection, DieSection, JobSpec, RelaxSection, SearchSection
+from maskfab.jobfile.values import METHODS
 from maskfab.model import Camera, Tiling
 from maskfab.units import NM_PER_UM, UM_PER_NM
 

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from maskfab import resources
 from maskfab.errors import JobError, SourceError
 from maskfab.jobfile.checks import check_design, check_dies, check_display, check_film, check_method, check_scene
 from maskfab.jobfile.problems import first_problem
@@ -30,7 +31,7 @@ def read(path: Path) -> JobSpec:
         raise SourceError(
             "MF301",
             f"there is no job file {path}",
-            cure="Give the path of a job file (.toml), such as layouts/upc12.toml",
+            cure=f"Give the path of a job file (.toml); the shipped ones are in {resources.path('layouts')}",
         )
     data = path.read_bytes()
     if not data.strip():

@@ -10,14 +10,30 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 
 from maskfab.errors import JobError
-from maskfab.jobfile.design_values import Kissing, Method, ObjectiveName, Symmetry, Weight
-from maskfab.jobfile.display_values import Area, ThreeColours
-from maskfab.jobfile.export_values import MASK_FORMATS, MOST_DOTS_PER_UM, Formats, SignedLength
-from maskfab.jobfile.pareto_values import Counts
 from maskfab.jobfile.problems import refusing
 from maskfab.jobfile.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, Spectrum
 from maskfab.jobfile.stop_values import Corners
-from maskfab.jobfile.values import DrawnText, Length, LengthOrZero, Name, Pitch, PlateLength, Wavelength
+from maskfab.jobfile.values import (
+    MASK_FORMATS,
+    MOST_DOTS_PER_UM,
+    Area,
+    Counts,
+    DrawnText,
+    Formats,
+    Kissing,
+    Length,
+    LengthOrZero,
+    Method,
+    Name,
+    ObjectiveName,
+    Pitch,
+    PlateLength,
+    SignedLength,
+    Symmetry,
+    ThreeColours,
+    Wavelength,
+    Weight,
+)
 from maskfab.model import Camera, Glass, MaskBlank, Process, Stop, StopShape, Tiling
 
 

@@ -1,11 +1,13 @@
-"""Values of a job file and their types: lengths and wavelengths with their units, names, text on the plate."""
+"""Values of a job file and their types: lengths and areas with their units, names, text, formats, counts, colours."""
 
 from __future__ import annotations
 
+import math
 import re
-from typing import Annotated
+from itertools import islice
+from typing import Annotated, Literal, TypeAlias, get_args
 
-from pydantic import BeforeValidator, PlainSerializer
+from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer
 
 from maskfab import units
 from maskfab.errors import JobError
@@ -13,8 +15,26 @@ from maskfab.jobfile.problems import refusing
 
 _NAME = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,23}")
 _DEVICE = re.compile(r"(?i)con|prn|aux|nul|(?:com|lpt)[0-9]")
+_AREA = re.compile(r"\s*(\S+?)\s*(nm|um|µm|mm)(?:\^2|2|²)\s*")
 _LONGEST_UM = 1e9
 _LARGEST_PLATE_UM = 2e6
+_MOST_COUNTS = 64
+
+Method = Literal["search", "relax"]
+METHODS: tuple[str, ...] = get_args(Method)
+Symmetry = Literal["d4", "mirror", "rot180"]
+Kissing = Literal["allowed", "cell", "neighbours"]
+ObjectiveName = Literal["invertibility", "top_residual", "expected_error", "boundary_leak", "mtf_auc", "area"]
+Weight = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
+
+FileFormat: TypeAlias = Literal[
+    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff", "exr"
+]
+MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
+"""Default formats of a plate, and those from which its optics can be measured."""
+
+MOST_DOTS_PER_UM = 100
+"""Pixels of a PNG or a TIFF in a micrometre."""
 
 
 def check_name(name: object, *, where: str = "") -> str:
@@ -95,6 +115,80 @@ def _drawn(text: object) -> object:
     return text
 
 
+def _area(value: object) -> float:
+    """Square micrometres of an area such as ``"1985 um^2"``."""
+    match = _AREA.fullmatch(value) if isinstance(value, str) else None
+    if match is None:
+        raise JobError("MF103", f"{value!r} is not an area with its unit", cure='Write it as "1985 um^2"')
+    # A number times a unit squared is a length in that unit, times the unit once more.
+    once = units.parse_length_um(f"{match[1]} {match[2]}", zero_allowed=True)
+    return float(f"{once * units.parse_length_um(f'1 {match[2]}'):.15g}")
+
+
+def _area_text(value: float) -> str:
+    return f"{value:.15g} um^2"
+
+
+def _three(value: object) -> tuple[float, float, float]:
+    """Three finite positive numbers, for red, green and blue."""
+    parts = value if isinstance(value, list | tuple) else ()
+    numbers = [part for part in parts if isinstance(part, int | float) and not isinstance(part, bool)]
+    if len(parts) != 3 or len(numbers) != 3 or not all(math.isfinite(part) and part > 0 for part in numbers):
+        raise JobError(
+            "MF116", f"{value!r} is not three positive numbers", cure="Give red, green and blue, such as [1, 1, 2]"
+        )
+    red, green, blue = (float(part) for part in numbers)
+    return red, green, blue
+
+
+def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
+    """Refuse formats of which the first is no layout, or one is named twice.
+
+    Raises:
+        JobError: MF105.
+    """
+    if formats[0] not in MASK_FORMATS:
+        raise JobError(
+            "MF105",
+            f"{list(formats)}: the optics are measured from the first file, and {formats[0]} cannot be measured",
+            cure=f"Put one of {', '.join(MASK_FORMATS)} first",
+        )
+    if len(set(formats)) < len(formats):
+        raise JobError("MF105", f"{list(formats)}: a format is named twice", cure="Name each once")
+    return formats
+
+
+def signed_length_um(value: object) -> float:
+    """Micrometres of a length that may be negative; raises as :func:`length_um`."""
+    if not (isinstance(value, str) and value.strip().startswith("-")):
+        return length_um(value, zero_allowed=True)
+    try:
+        return -length_um(value.strip()[1:], zero_allowed=True)
+    except JobError as error:
+        what = f"{value!r} is no finite length of at most 1 km, with one sign and a unit"
+        raise JobError(error.code, what, cure='Write it as "-0.1 um"') from error
+
+
+def _listed_counts(value: object) -> object:
+    """A table of ``from``, ``to`` and ``step`` as the list that it stands for; anything else as it is."""
+    if not isinstance(value, dict):
+        return value
+    asked = {"step": 1, **value}
+    if (
+        asked.keys() != {"from", "to", "step"}
+        or not all(type(each) is int for each in asked.values())
+        or not 1 <= asked["from"] <= asked["to"]
+        or asked["step"] < 1
+    ):
+        raise JobError(
+            "MF105",
+            f"{value!r} is not a range of whole numbers from 1 upwards",
+            cure="Write { from = 60, to = 110, step = 10 }, or a list",
+        )
+    # One more than may be is enough to be refused.
+    return list(islice(range(asked["from"], asked["to"] + 1, asked["step"]), _MOST_COUNTS + 1))
+
+
 Length = Annotated[float, BeforeValidator(lambda v: refusing(length_um, v)), PlainSerializer(um_text)]
 LengthOrZero = Annotated[
     float,
@@ -108,3 +202,16 @@ Wavelength = Annotated[
 ]
 DrawnText = Annotated[str, BeforeValidator(lambda v: refusing(_drawn, v))]
 Name = Annotated[str, BeforeValidator(lambda v: refusing(check_name, v))]
+Area = Annotated[float, BeforeValidator(lambda v: refusing(_area, v)), PlainSerializer(_area_text)]
+ThreeColours = Annotated[tuple[float, float, float], BeforeValidator(lambda v: refusing(_three, v))]
+SignedLength = Annotated[float, BeforeValidator(lambda v: refusing(signed_length_um, v)), PlainSerializer(um_text)]
+Formats = Annotated[
+    tuple[FileFormat, ...],
+    Field(min_length=1, strict=False),
+    AfterValidator(lambda v: refusing(checked_formats, v)),
+]
+Counts = Annotated[
+    tuple[Annotated[int, Field(ge=1)], ...],
+    Field(min_length=1, max_length=_MOST_COUNTS, strict=False),
+    BeforeValidator(lambda v: refusing(_listed_counts, v)),
+]

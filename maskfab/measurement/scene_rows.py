@@ -24,10 +24,16 @@ from maskfab.optics.numbers import metrics
 from maskfab.optics.numbers.metrics import NOISE_TO_SIGNAL, relative_difference
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.scene.field_grid import deblurring_residual, field_places, residual_blur
 from maskfab.optics.scene.model_bar import rows_of, scene_bar
-from maskfab.optics.scene.off_axis import sagittal_cut, tangential_cut, window_modulation
 from maskfab.optics.scene.omission_error import PLACES
+from maskfab.optics.scene.over_field import (
+    deblurring_residual,
+    field_places,
+    residual_blur,
+    sagittal_cut,
+    tangential_cut,
+    window_modulation,
+)
 from maskfab.optics.scene.plan import Plan, sampling_camera
 from maskfab.optics.scene.plan import plan as plan_scene
 from maskfab.optics.scene.scene import Scene

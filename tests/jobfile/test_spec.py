@@ -11,7 +11,7 @@ import pytest
 from small_job import JOB, write_job
 
 from maskfab import resources
-from maskfab.errors import JobError
+from maskfab.errors import JobError, SourceError
 from maskfab.jobfile import CameraSection, check_name, check_optics, even_nm, parse_section, read, validate
 from maskfab.model import Camera, Process, Stop, Tiling
 
@@ -173,6 +173,14 @@ def with_export(text: str) -> str:
 
 def with_process(text: str) -> str:
     return f"{JOB}\n[process]\n{text}\n"
+
+
+def test_who_names_no_file_learns_where_jobs_to_start_from_lie(tmp_path: Path):
+    """Beside an installed package there is no layouts/."""
+    with pytest.raises(SourceError, match="MF301") as refused:
+        read(tmp_path / "layouts" / "upc12.toml")
+    shipped = Path(refused.value.cure.rpartition(" in ")[2])
+    assert read(shipped / "upc12.toml").job.name == read(resources.path("layouts/upc12.toml")).job.name
 
 
 def test_a_job_without_export_or_process_says_nothing_of_them():

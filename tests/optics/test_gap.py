@@ -18,7 +18,7 @@ from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.scene.field_grid import deblurring_residual, field_places, psf_over_field, residual_blur
+from maskfab.optics.scene.over_field import deblurring_residual, field_places, psf_over_field, residual_blur
 from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import focused_psf, image_distance_um

@@ -169,7 +169,7 @@ class Net:
         return np.stack(pair, axis=1).astype(np.intp)
 
 
-def most_lines(closed: Mask, direction: Direction, *, capacity: int = 1, dot_nm: int = 0) -> Lines:
+def line_flow(closed: Mask, direction: Direction, *, capacity: int = 1, dot_nm: int = 0) -> Lines:
     """The most lines between opposite sides of a pixel.
 
     Args:

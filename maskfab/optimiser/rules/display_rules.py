@@ -19,7 +19,7 @@ from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine
 from maskfab.display.emitters.placement import Footprint, Verdict
 from maskfab.display.emitters.rectangles import rectangle_footprints
-from maskfab.display.wires.flow import DIRECTIONS, Net, most_lines
+from maskfab.display.wires.flow import DIRECTIONS, Net, line_flow
 from maskfab.display.wires.ports import ports
 from maskfab.errors import JobError
 from maskfab.jobfile.sections import DesignSection
@@ -79,7 +79,7 @@ def _few_lines_quickly(constraints: Constraints, unit: Mask) -> str | None:
 def _few_lines(constraints: Constraints, unit: Mask) -> str | None:
     wanted = constraints["wire_flow"]
     for direction in DIRECTIONS:
-        found = most_lines(~unit, direction, dot_nm=constraints.dot_nm)
+        found = line_flow(~unit, direction, dot_nm=constraints.dot_nm)
         if found.count < wanted:
             return f"{found.count} {direction} lines, least {wanted}; {found.certificate.statement}"
     return None

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError
-from maskfab.jobfile.design_values import Symmetry
+from maskfab.jobfile.values import Symmetry
 from maskfab.model import frozen
 from maskfab.optimiser.rules.orbits import orbits, sums
 

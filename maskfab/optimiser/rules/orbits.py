@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.jobfile.design_values import Symmetry
+from maskfab.jobfile.values import Symmetry
 from maskfab.model import ORIENTATIONS, orient
 
 ELEMENTS: dict[Symmetry | None, tuple[int, ...]] = {

@@ -9,7 +9,7 @@ import numpy as np
 
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
 from maskfab.errors import JobError
-from maskfab.jobfile.design_values import Kissing
+from maskfab.jobfile.values import Kissing
 from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from maskfab.display.wires.flow import DIRECTIONS, Net, most_lines
+from maskfab.display.wires.flow import DIRECTIONS, Net, line_flow
 from maskfab.display.wires.gutter import WireRules, dot_capacity, gutter_for, lines_per_layer
 from maskfab.display.wires.ports import ports
 from maskfab.display.wires.reach import reaches
@@ -18,7 +18,7 @@ from maskfab.model import ORIENTATIONS, Emitters, orient
 @pytest.mark.parametrize("direction", DIRECTIONS)
 def test_lines_equal_the_barrier_and_are_disjoint(seed: int, direction: str) -> None:
     closed = np.random.default_rng(seed).random((11, 11)) < 0.5 + 0.02 * seed
-    found = most_lines(closed, direction)  # type: ignore[arg-type]
+    found = line_flow(closed, direction)  # type: ignore[arg-type]
     axis = 0 if direction == "vertical" else 1
     used = np.zeros(closed.shape, dtype=int)
     for path in found.paths:
@@ -39,14 +39,14 @@ def test_lines_equal_the_barrier_and_are_disjoint(seed: int, direction: str) -> 
 def test_slit_corners_and_capacity() -> None:
     slit = np.ones((21, 21), dtype=bool)
     slit[:, 8:13] = False
-    assert (most_lines(slit, "vertical").count, most_lines(slit, "horizontal").count) == (16, 0)
+    assert (line_flow(slit, "vertical").count, line_flow(slit, "horizontal").count) == (16, 0)
     assert ports(slit).count == 0
-    assert most_lines(np.eye(5, dtype=bool), "vertical").count == 0
-    assert most_lines(np.ones((4, 4), dtype=bool), "vertical", capacity=3).count == 12
-    assert most_lines(np.zeros((4, 4), dtype=bool), "vertical").count == 0
+    assert line_flow(np.eye(5, dtype=bool), "vertical").count == 0
+    assert line_flow(np.ones((4, 4), dtype=bool), "vertical", capacity=3).count == 12
+    assert line_flow(np.zeros((4, 4), dtype=bool), "vertical").count == 0
     for wrong, capacity in ((np.ones((3, 4), dtype=bool), 1), (np.ones((3, 3), dtype=bool), 0)):
         with pytest.raises(JobError, match="MF120"):
-            most_lines(wrong, "vertical", capacity=capacity)
+            line_flow(wrong, "vertical", capacity=capacity)
 
 
 def test_ports_hold_in_every_orientation_and_no_larger_set_does() -> None:

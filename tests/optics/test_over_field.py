@@ -12,7 +12,7 @@ from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import presampled_mtf
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.image.spectrum import pixel_transfer
-from maskfab.optics.scene.off_axis import sagittal_cut, tangential_cut, window_modulation
+from maskfab.optics.scene.over_field import sagittal_cut, tangential_cut, window_modulation
 
 
 @given(st.floats(0, 7), st.floats(0.01, 400))
