@@ -66,25 +66,26 @@ def test_places_are_chosen_for_what_they_add():
         best_places(worth, 0)
 
 
-def test_a_map_with_places_keeps_the_light_and_restores_better(error):
-    still = design_map(BAR, error, kicks=0)
-    moving = design_map(BAR, error, kicks=0, positions=5)
+def test_a_map_with_places_keeps_the_light_and_restores_better(coarse):
+    still = design_map(BAR, coarse, kicks=0)
+    moving = design_map(BAR, coarse, kicks=0, positions=5)
     assert still.shifts == ()
     assert len(moving.shifts) == len(set(moving.shifts)) == 5
     assert moving.shifts[0] == (0, 0)
-    pupil = lay("map", np.stack([shifted(BAR, shift) for shift in moving.shifts]), moving.orientations).pupil
+    units = np.stack([shifted(BAR, shift) for shift in moving.shifts])
+    pupil = lay("map", units, moving.orientations, dot_nm=48_000).pupil
     assert pupil.sum() == moving.clear_dots
     assert moving.start_clear_dots == still.start_clear_dots
     assert abs(moving.clear_dots / moving.start_clear_dots - 1) <= LIGHT_TOLERANCE
     assert moving.start_psnr == still.start_psnr
     assert np.mean(moving.gain_db) > np.mean(still.gain_db)
-    given = design_map(BAR, error, kicks=0, shifts=moving.shifts)
+    given = design_map(BAR, coarse, kicks=0, shifts=moving.shifts)
     assert np.array_equal(given.orientations, moving.orientations)
 
 
-def test_a_map_goes_on_from_where_it_was(error):
-    once = design_map(BAR, error, kicks=0)
-    again = design_map(BAR, error, kicks=0, start=once.orientations)
+def test_a_map_goes_on_from_where_it_was(coarse):
+    once = design_map(BAR, coarse, kicks=0)
+    again = design_map(BAR, coarse, kicks=0, start=once.orientations)
     assert np.mean(again.psnr) >= np.mean(once.psnr)
     assert again.fields < once.fields
     assert again.start_psnr == once.start_psnr

@@ -115,7 +115,7 @@ def test_opening_and_map_in_turns_never_lose(scenes: tuple[Photograph, ...]) -> 
 
 
 def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Photograph, ...]) -> None:
-    found = search(section(map="equal_light", density=0.35), scenes, "x", budget_s=1.0)
+    found = search(section(pitch="336 um", map="equal_light", density=0.35), scenes, "x", budget_s=1.0)
     assert found.outer is not None
     assert found.cells is not None
     assert found.outer.clear_dots < 9 < found.opening.clear_dots == 13

@@ -94,10 +94,11 @@ def next_size(bound: float, ratio: tuple[float, float, float]) -> tuple[float, f
     return red, green, blue
 
 
-def test_no_placement_on_small_grids_exceeds_the_bound() -> None:
+@pytest.mark.parametrize("count", [400, pytest.param(2000, marks=pytest.mark.slow)])
+def test_no_placement_on_small_grids_exceeds_the_bound(count: int) -> None:
     rng = np.random.default_rng(5)
     sharp = excluded = feasible = 0
-    for i in range(2000):
+    for i in range(count):
         width, gap = 1 + i % 2, i // 2 % 4
         region = small_region(rng, width)
         ratio = EQUAL if i % 3 else tuple(float(v) for v in rng.choice([0.5, 1.0, 1.5, 2.0], 3))
@@ -112,8 +113,8 @@ def test_no_placement_on_small_grids_exceeds_the_bound() -> None:
         excluded += tight == 0
         sharp += tight > 0 and every.three(tuple(tight * part - 1e-6 for part in ratio))
     # There is something to check: most bounds are reached, and many regions hold no three.
-    assert feasible > 400
-    assert excluded > 400
+    assert feasible > count / 5
+    assert excluded > count / 5
     assert sharp > 0.8 * feasible
 
 
@@ -277,6 +278,6 @@ def test_colours_may_be_in_any_order() -> None:
 def test_a_fine_grid_takes_seconds_at_most() -> None:
     rng = np.random.default_rng(2)
     region = rng.random((84, 84)) < 0.97
-    started = time.perf_counter()
+    started = time.process_time()
     upper_bound(region, rules(84, 8, 5), EQUAL)
-    assert time.perf_counter() - started < 10
+    assert time.process_time() - started < 10

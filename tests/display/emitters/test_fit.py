@@ -7,6 +7,7 @@ import time
 import numpy as np
 import pytest
 from display.emitters.shapes import bar, broken_rules, cells, published
+from sweeps import in_turns, sweep
 
 from maskfab.display.emitters.across_borders import border_margin, facing_squares, three_facing_squares
 from maskfab.display.emitters.borders import borders
@@ -130,8 +131,7 @@ def test_every_colour_order(ratio):
     assert (answer.found.labels == large).sum() == 168
 
 
-@pytest.mark.parametrize("gap", [1, 2, 3])
-@pytest.mark.parametrize("used", [EVERY, (0,), (0, 1, 2, 3)])
+@pytest.mark.parametrize(("gap", "used"), sweep(in_turns([2, 3, 1], [EVERY, (0,), (0, 1, 2, 3)]), 3))
 def test_neighbours_keep_the_colours_apart_in_every_orientation(gap, used):
     opening = fitted()
     answer = checked(opening, DOT, GUTTER, used, rules(to_opening=2, gap=gap))
