@@ -1,4 +1,4 @@
-"""What maskfab itself says, on the site: tables of verbs, keys, design rules, quantities and codes, and docstrings."""
+"""Pages that maskfab itself writes: tables of verbs, keys of a job, design rules, quantities and error codes."""
 
 from __future__ import annotations
 

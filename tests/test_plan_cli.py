@@ -12,6 +12,7 @@ from small_job import command, write_job
 from maskfab.job import load
 from maskfab.jobfile import SceneSection, read, validate
 from maskfab.optics.light.response import GENERIC_RGB
+from maskfab.optics.scene.distortion import Distortion
 from maskfab.optics.scene.scene import Scene
 
 PLATE = "[plate]"
@@ -29,6 +30,7 @@ FULL = (
     'gap = "1 um"',
     "aberrations = [[4, 0.001], [11, 0]]",
     "saturation = true",
+    'distortion = { ratio = 1e-5, height = "1 mm" }',
     'spectrum = "lines"',
 )
 
@@ -37,7 +39,8 @@ def test_a_scene_is_read_and_kept(tmp_path: Path) -> None:
     spec = read(scene(tmp_path, *FULL))
     assert spec.scene is not None
     assert spec.scene.accuracy == 1e-2
-    assert Scene.of(spec.scene) == Scene(1e7, math.inf, math.inf, 50.0, 1.0, ((4, 0.001), (11, 0.0)), True)
+    lens = Distortion(1e-5, 1000.0)
+    assert Scene.of(spec.scene) == Scene(1e7, math.inf, math.inf, 50.0, 1.0, ((4, 0.001), (11, 0.0)), True, (), lens)
     assert validate(spec.dump(), where="again") == spec
 
 
@@ -89,6 +92,12 @@ def test_accuracies(tmp_path: Path, stated: str, value: float) -> None:
         ("aberrations = [[4, 0.1], [4, 0.2]]", "MF105", "repeats Noll's term 4"),
         ("aberrations = [4, 0.1]", "MF105", "not a pair"),
         ("aberrations = 4", "MF105", "not a list"),
+        ("distortion = 0.02", "MF105", "not a distortion and the image height"),
+        ('distortion = { ratio = 0.02, height = "2 mm", at = 1 }', "MF105", "not a distortion and the image height"),
+        ('distortion = { ratio = "2 %", height = "2 mm" }', "MF105", "not a ratio"),
+        ('distortion = { ratio = 0.4, height = "2 mm" }', "MF104", "beyond 0.3"),
+        ('distortion = { ratio = nan, height = "2 mm" }', "MF104", "beyond 0.3"),
+        ('distortion = { ratio = 0.02, height = "2" }', "MF103", "no unit"),
         ("saturation = 1", "MF105", "saturation"),
         ('spectrum = "white"', "MF105", "spectrum"),
         ('distance = "1 m"', "MF102", "unknown key"),

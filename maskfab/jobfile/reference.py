@@ -38,6 +38,7 @@ _FORMS: Mapping[str, str] = MappingProxyType(
         "Accuracy": '"draft", "standard", "certify" or a number',
         "Depth": 'pair of distances, such as ["1 m", "inf"]',
         "Distance": 'length, or "inf"',
+        "LensDistortion": '{ ratio, height }, such as { ratio = 0.02, height = "2 mm" }',
         "Aberrations": "list of pairs, such as [[11, 0.02]]",
         "Spectrum": '"lines", "rgb" or a file',
         "Illuminant": '"equal", a temperature such as "6500 K", or a file',

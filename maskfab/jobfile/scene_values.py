@@ -21,6 +21,9 @@ COLDEST_K, HOTTEST_K = 1000.0, 100_000.0
 ACCURACIES: Mapping[str, float] = MappingProxyType({"draft": 1e-2, "standard": 1e-3, "certify": 1e-6})
 """Admissible relative L2 error of the PSF, by name."""
 
+MOST_DISTORTION = 0.3
+"""Beyond it a barrel folds the picture within the height at which it is stated."""
+
 _TEMPERATURE = re.compile(r"\s*([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf))\s*(\S*)\s*")
 _HIGHEST_NOLL = 66
 
@@ -78,6 +81,19 @@ def _aberrations(value: object) -> tuple[tuple[int, float], ...]:
     return tuple(found)
 
 
+def _distortion(value: object) -> tuple[float, float]:
+    """Relative displacement, and the image height where it was measured, in micrometres."""
+    cure = 'Write it as { ratio = 0.02, height = "2 mm" }'
+    if not isinstance(value, Mapping) or set(value) != {"ratio", "height"}:
+        raise JobError("MF105", f"{value!r} is not a distortion and the image height where it was measured", cure=cure)
+    ratio = value["ratio"]
+    if type(ratio) not in (int, float):
+        raise JobError("MF105", f"{ratio!r} is not a ratio", cure=cure)
+    if not abs(ratio) <= MOST_DISTORTION:
+        raise JobError("MF104", f"a distortion of {ratio!r} is beyond {MOST_DISTORTION:g}", cure="Write 0.02 for 2 %")
+    return float(ratio), length_um(value["height"])
+
+
 def is_table(name: str) -> bool:
     """Whether a text names a file of curves."""
     return Path(name).suffix.lower() == ".csv"
@@ -125,3 +141,8 @@ Depth = Annotated[
 ]
 Accuracy = Annotated[float, BeforeValidator(lambda v: refusing(_accuracy, v))]
 Aberrations = Annotated[tuple[tuple[int, float], ...], BeforeValidator(lambda v: refusing(_aberrations, v))]
+LensDistortion = Annotated[
+    tuple[float, float],
+    BeforeValidator(lambda v: refusing(_distortion, v)),
+    PlainSerializer(lambda v: {"ratio": v[0], "height": um_text(v[1])}),
+]

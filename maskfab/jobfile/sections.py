@@ -11,7 +11,7 @@ from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_val
 
 from maskfab.errors import JobError
 from maskfab.jobfile.problems import refusing
-from maskfab.jobfile.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, Spectrum
+from maskfab.jobfile.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, LensDistortion, Spectrum
 from maskfab.jobfile.stop_values import Corners
 from maskfab.jobfile.values import (
     MASK_FORMATS,
@@ -465,6 +465,8 @@ class SceneSection(Section):
     """Distance from the panel to the stop."""
     aberrations: Aberrations = ()
     """Pairs of Noll's number and waves at the first wavelength."""
+    distortion: LensDistortion | None = None
+    """Relative displacement of the image at a height, positive for a pincushion: { ratio = 0.02, height = "2 mm" }."""
     saturation: bool = False
     """Highlights clip at the sensor; left to the capture, adds nothing to the PSF."""
     spectrum: Spectrum = "lines"

@@ -75,7 +75,7 @@ def peak_bytes(die: Die, camera: Camera, scene: Scene, plan: Plan) -> float:
 
 def scene_reach_um(camera: Camera, scene: Scene) -> float:
     """Half the side of the square of openings that light on its way to the stop can meet."""
-    moved = scene.gap_um * scene.field_um / camera.focal_um
+    moved = scene.gap_um * max(scene.field_um, scene.steepest_um) / camera.focal_um
     return camera.stop.diameter_um / 2 + moved + _LARGEST_SLOPE * scene.gap_um
 
 
@@ -118,7 +118,7 @@ class _Shown:
     @property
     def corner(self) -> Place:
         reach = self.scene.field_um / math.sqrt(2)
-        return (reach, reach) if self.scene.gap_um else AXIS
+        return (reach, reach) if self.scene.differs_off_axis else AXIS
 
     @property
     def farthest_off(self) -> float | None:
@@ -174,7 +174,7 @@ class _Shown:
         )
 
     def over_field(self) -> tuple[tuple[PointView, ...], ...]:
-        if self.corner == AXIS or self.plan.choice.places == 1:
+        if self.corner == AXIS or not (self.plan.choice.places > 1 or self.plan.choice.distortion):
             return ()
         focus = self.scene.focus_um
         centre = self.view(AXIS, focus, None)

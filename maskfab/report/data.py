@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from types import MappingProxyType
 from typing import Any, get_args
 
@@ -204,12 +205,13 @@ def _scene_schema(quantities: Document) -> Document:
         **dict.fromkeys(("nearest_um", "farthest_um", "focus_um"), distance),
         **dict.fromkeys(("field_um", "gap_um"), number),
         "aberrations": {"type": "array", "items": pair},
+        "distortion": _object({"ratio": number, "height_um": number}),
         "saturation": flag,
         "bands": {"type": "array", "items": band},
     }
     return _object(
         {
-            "asked": _object(asked),
+            "asked": _object(asked, optional=("distortion",)),
             "plan": _object(plan),
             "field": {"type": "array", "items": {"type": "array", "items": view}},
             "depth": {"type": "array", "items": view},
@@ -280,6 +282,7 @@ def _scene(optics: SceneOptics) -> Document:
             "field_um": scene.field_um,
             "gap_um": scene.gap_um,
             "aberrations": scene.aberrations,
+            **({} if scene.distortion is None else {"distortion": asdict(scene.distortion)}),
             "saturation": scene.saturation,
             "bands": [
                 {"name": band.name, "low_nm": band.range_nm[0], "high_nm": band.range_nm[1]} for band in scene.bands

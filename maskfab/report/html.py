@@ -317,6 +317,9 @@ def _asked(asked: Row) -> list[tuple[str, str]]:
     if asked["aberrations"]:
         waves = ", ".join(f"Z{term:g} {short(size)}" for term, size in asked["aberrations"])
         said.append(("Aberrations", f"{waves} (waves at the first wavelength, Noll's numbers)"))
+    if "distortion" in asked:
+        ratio, height = asked["distortion"]["ratio"], asked["distortion"]["height_um"] / UM_PER_MM
+        said.append(("Distortion", f"{ratio:+.3g} of the image height at {short(height)} mm"))
     if asked["bands"]:
         bands = ", ".join(f"{band['name']} {band['low_nm']:g} to {band['high_nm']:g} nm" for band in asked["bands"])
         said.append(("Light", bands))
@@ -354,15 +357,17 @@ def _not_shown(scene: Row) -> list[str]:
     if not scene["field"]:
         if not asked["field_um"]:
             reasons.append("No PSFs over the field: the scene asks for the axis only.")
-        elif not asked["gap_um"]:
+        elif not (asked["gap_um"] or asked.get("distortion", {}).get("ratio")):
             reasons.append(
-                "No PSFs over the field: without a gap between panel and stop every place on the sensor has one PSF."
+                "No PSFs over the field: without a gap between panel and stop, and without a distortion of the lens, "
+                "every place on the sensor has one PSF."
             )
         else:
-            left = rounded(errors["shift through the gap"], 2)
-            reasons.append(
-                f"No PSFs over the field: the plan leaves the shift through the gap out, for an error of {left}."
+            causes = ("shift through the gap", "lens distortion")
+            left = ", and ".join(
+                f"the {cause} out, for an error of {rounded(errors[cause], 2)}" for cause in causes if errors[cause]
             )
+            reasons.append(f"No PSFs over the field: the plan leaves {left}.")
     if not scene["depth"]:
         if asked["nearest_um"] == asked["farthest_um"] == asked["focus_um"]:
             reasons.append("No PSFs over the depth: the scene asks for objects in focus only.")

@@ -13,12 +13,11 @@ from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.errors import JobError
-from maskfab.model import Camera, Stop
+from maskfab.model import Stop
 from maskfab.optics.field.parity import parity_field
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.pupil import Pupil
-from maskfab.optics.scene.distortion import Distortion, distorted_psf
 from maskfab.optics.wavefront.aberration import (
     HIGHEST_TERM,
     NOLL,
@@ -225,41 +224,6 @@ def test_what_cannot_be_done_is_refused() -> None:
         phased(source, Wavefront(((4, 1e5),), LINE).waves(source.stop, LINE), 0.02, 1e-12)
     with pytest.raises(JobError, match="MF104"):
         phased(source, lambda x, y: flat(x, y) + math.inf, 0.02)
-    with pytest.raises(JobError, match="MF104"):
-        Distortion(0.5, 100.0)
-    with pytest.raises(JobError, match="MF104"):
-        Distortion(0.1, 0.0)
-
-
-def test_distortion_moves_points_and_stretches_what_is_near() -> None:
-    lens = Distortion(0.02, 1000.0)
-    x, y = lens.displaced(np.array([600.0]), np.array([800.0]))
-    assert (x[0], y[0]) == pytest.approx((612.0, 816.0))
-    numerical = np.array(
-        [
-            [(lens.displaced(600.0 + dx, 800.0 + dy)[k] - lens.displaced(600.0, 800.0)[k]) / 1e-3 for dx, dy in steps]
-            for k, steps in enumerate([((1e-3, 0), (0, 1e-3))] * 2)
-        ]
-    )
-    np.testing.assert_allclose(lens.jacobian(600.0, 800.0), numerical, rtol=1e-5, atol=1e-6)
-    scales = np.linalg.eigvalsh(lens.jacobian(600.0, 800.0))
-    np.testing.assert_allclose(scales, [1.02, 1.06])
-
-
-def test_distorted_psf_is_the_psf_of_a_scaled_camera() -> None:
-    """On a diagonal field point nothing is simple; on the axis of x, isotropic k is a different scale per axis."""
-    lens = Distortion(0.02, 1000.0)
-    setting = Camera(10_000.0, Stop("circle", 200.0), (LINE,), 2.0, 96.0)
-    source = pupil(panel(noise(5, 0.4, 3), cells=6, seed=2), setting.stop)
-    found = distorted_psf(point_psf(source, setting, LINE), lens, 1000.0, 0.0)
-    scale, step = LINE * 1e-3 * setting.focal_um, found.step_um
-    frequency = step * np.arange(found.values.shape[0] // 2 + 1) / scale
-    exact = parity_field(source, frequency / 1.06, frequency / 1.02).intensity()
-    exact = exact / (scale**2 * source.energy_um2 * 1.06 * 1.02)
-    inside = slice(4, -4)
-    difference = found.values[inside, inside] - exact[inside, inside]
-    assert np.linalg.norm(difference) < 1e-2 * np.linalg.norm(exact)
-    assert found.energy_in_window == pytest.approx(exact.sum() * step**2, rel=5e-3)
 
 
 def test_window_frequency() -> None:

@@ -12,6 +12,7 @@ from maskfab.errors import JobError, MaskfabError
 from maskfab.jobfile import COLDEST_K, HOTTEST_K, SceneSection, parse_section
 from maskfab.model import Camera, Stop
 from maskfab.optics.light.response import black_body, generic_rgb
+from maskfab.optics.scene.distortion import Distortion
 from maskfab.optics.scene.scene import Scene
 
 CAMERA = "wavelength_nm,left,right\n400,0,0\n500,1,0\n600,0,1\n700,0,0\n"
@@ -35,9 +36,16 @@ def test_the_default_scene_asks_for_nothing() -> None:
 
 def test_lengths_and_flags_are_passed_on() -> None:
     found = scene(
-        depth=["1 m", "3 m"], focus="2 m", field="1 mm", gap="0.2 mm", aberrations=[[11, 0.1]], saturation=True
+        depth=["1 m", "3 m"],
+        focus="2 m",
+        field="1 mm",
+        gap="0.2 mm",
+        aberrations=[[11, 0.1]],
+        saturation=True,
+        distortion={"ratio": -0.02, "height": "2 mm"},
     )
-    assert found == Scene(1e6, 3e6, 2e6, 1e3, 200.0, ((11, 0.1),), True)
+    lens = Distortion(-0.02, 2e3)
+    assert found == Scene(1e6, 3e6, 2e6, 1e3, 200.0, ((11, 0.1),), True, distortion=lens)
     camera = Camera(5e3, Stop("circle", 400.0), (530.0, 470.0), 2.0, 64.0)
     assert (found.wavefront(camera).terms, found.wavefront(camera).reference_nm) == (((11, 0.1),), 530.0)
 

@@ -42,6 +42,8 @@ def analyse(
     focus: Annotated[str | None, typer.Option(help="Scene: focus distance; default: infinity.")] = None,
     aberration: Annotated[list[str] | None, typer.Option(help="Scene: Zernike term (Noll) and waves, such as "
                                                          "'4:0.05' (repeatable).")] = None,
+    distortion: Annotated[str | None, typer.Option(help="Scene: relative displacement at an image height, positive for "
+                                                   "a pincushion, such as '0.02:2 mm'.")] = None,
     spectrum: Annotated[str | None, typer.Option(help="Scene: lines, rgb or a table (.csv).")] = None,
     illuminant: Annotated[str | None, typer.Option(help="Scene: equal, a temperature such as '6500 K' or a table "
                                                    "(.csv).")] = None,
@@ -71,6 +73,7 @@ def analyse(
         "depth": None if depth is None else [end.strip() for end in depth.split(",")],
         "focus": focus,
         "aberrations": [_aberration(pair) for pair in aberration] if aberration else None,
+        "distortion": None if distortion is None else _distortion(distortion),
         "spectrum": spectrum,
         "illuminant": illuminant,
         "accuracy": None if accuracy is None else _ratio(accuracy),
@@ -139,6 +142,19 @@ def _table(text: str, option: str) -> dict[str, Any]:
     if not isinstance(found, dict):
         raise JobError("MF105", f"{text!r} is not a table", where=option, cure="Write it as --help shows")
     return found
+
+
+def _distortion(pair: str) -> dict[str, float | str]:
+    ratio, stated, height = pair.partition(":")
+    try:
+        return {"ratio": float(ratio), "height": height.strip()} if stated else {"ratio": float(pair + ":")}
+    except ValueError as error:
+        raise JobError(
+            "MF105",
+            f"{pair!r} is not a ratio and an image height",
+            where="--distortion",
+            cure="Write 0.02:2 mm for a displacement of 2 % at 2 mm",
+        ) from error
 
 
 def _aberration(pair: str) -> list[int | float]:

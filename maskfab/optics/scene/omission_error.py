@@ -20,6 +20,7 @@ Notes:
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -38,6 +39,7 @@ from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.pupil.stop_shape import stop_strehl, widest_um
+from maskfab.optics.scene.distortion import DistortedWindow
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.aberration import Wavefront, aberration_error, marechal_strehl, noll_degrees
 from maskfab.optics.wavefront.depth import clear_stop_strehl, defocus_error, edge_defocus_waves, scale_error
@@ -54,6 +56,7 @@ GAP_SAFETY = 2.2
 PHASE_SAFETY = 3.0
 SCALE_SAFETY = 1.25
 RIM_SAFETY = 1.2
+DISTORTION_SAFETY = 1.5
 ORDER_SAFETY = 2.0
 
 PLACES = (1, 3, 5, 9, 17, 33)
@@ -83,8 +86,8 @@ class Estimates:
     """The errors of all omissions.
 
     Attributes:
-        scale, defocus, aberrations, shift, diffraction, rim, layout: see :func:`estimate`; the layout's is None where
-            nothing else asks for the mean over layouts.
+        scale, defocus, aberrations, distortion, shift, diffraction, rim, layout: see :func:`estimate`; the layout's is
+            None where nothing else asks for the mean over layouts.
         pilot: the PSF at infinity at the shortest wavelength.
         places: what is left when every image point borrows the PSF of the nearest of n x n places, by n.
         bands: the error of replacing each band by so many lines, by their number; 1 line first.
@@ -97,6 +100,7 @@ class Estimates:
     scale: Estimate
     defocus: Estimate
     aberrations: Estimate
+    distortion: Estimate
     shift: Estimate
     diffraction: Estimate
     rim: Estimate
@@ -157,12 +161,14 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
     bands = band_errors(pupil, camera, scene.bands, target / 4)
     counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
-    moved = math.hypot(*shift_um(camera, scene.gap_um, (scene.field_um, 0.0)))
+    moved = math.hypot(*shift_um(camera, scene.gap_um, (max(scene.field_um, scene.steepest_um), 0.0)))
 
     @cache
     def openings() -> Aperture:
         return panel_aperture(panel, camera.stop.diameter_um / 2 + moved + panel.cell_size.pitch_um)
 
+    lens_moves = abs(scene.steepest_um - scene.field_um)
+    turned = _shift(means, openings(), pupil, sampled, scene, lens_moves).error if moved and lens_moves else 0.0
     blur = math.sqrt(UM_PER_NM * max(ends) * scene.gap_um)
     crowding = rim_crowding(openings(), pupil, blur) if blur else 1.0
     uneven = panel.cell_size.pitch_um / camera.stop.diameter_um if not panel.tiling.independent else 0.0
@@ -172,6 +178,7 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
         aberrations=_aberrations(
             means, sampled, scene.wavefront(camera), min(1.0, uneven + _defocus_share(sampled, scene))
         ),
+        distortion=_distortion(pilots, scene, turned),
         shift=_shift(means, openings(), pupil, sampled, scene, scene.field_um) if moved else NOTHING,
         diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
         rim=_rim(pupil, pilots, sampled, precision, own),
@@ -251,6 +258,19 @@ def _aberrations(means: list[MeanPsf], camera: Camera, wavefront: Wavefront, une
         for mean in means
     )
     return Estimate(PHASE_SAFETY * worst, "Marechal's Strehl ratio on the mean PSF", PHASE_SAFETY)
+
+
+def _distortion(pilots: list[Psf], scene: Scene, turned: float) -> Estimate:
+    """The PSF where the lens puts it; ``turned`` is the error of the light's other angle, which moves the openings."""
+    lens, reach = scene.distortion, scene.field_um
+    if lens is None or not lens.ratio or not reach:
+        return NOTHING
+    errors = []
+    for pilot, place in itertools.product(pilots, ((reach, 0.0), (reach / math.sqrt(2), reach / math.sqrt(2)))):
+        window = DistortedWindow.about(lens, place, pilot.step_um, pilot.values.shape[0] // 2)
+        errors.append(relative_difference(window.of(pilot, pilot.step_um), pilot))
+    method = "PSF at infinity as it lands at the largest image height"
+    return Estimate(math.hypot(DISTORTION_SAFETY * max(errors), turned), method, DISTORTION_SAFETY)
 
 
 def _strehl(wavefront: Wavefront, stop: Stop, wavelength_nm: float) -> float:

@@ -8,11 +8,13 @@ priced and none is passed over.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel
@@ -20,7 +22,18 @@ from maskfab.optics.field.methods import Task
 from maskfab.optics.image.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
-from maskfab.optics.scene.cost import DEPTHS, GAP_SAMPLES, PHASE_SHARE, PHASED, Choice, CostModel, Ingredient, SceneCost
+from maskfab.optics.scene.cost import (
+    DEPTHS,
+    GAP_SAMPLES,
+    PHASE_SHARE,
+    PHASED,
+    RESAMPLED,
+    Choice,
+    CostModel,
+    Ingredient,
+    SceneCost,
+)
+from maskfab.optics.scene.distortion import DistortedWindow
 from maskfab.optics.scene.omission_error import check_accuracy, estimate, wavelength_range_nm
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um, nearest_object_um
@@ -79,16 +92,30 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     sampled = sampling_camera(camera, scene)
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     estimates = estimate(panel, pupil, camera, scene, accuracy)
-    step = point_step_um(sampled)
-    reach = step * np.arange(odd_samples(camera.window_um, step) // 2 + pixel_margin(sampled) + 1, dtype=np.float64)
     tasks = {}
-    for scale in (False, True):
+    for scale, finer in itertools.product((False, True), (0, *RESAMPLED) if estimates.distortion.error else (0,)):
         distance = image_distance_um(camera.focal_um, scene.focus_um if scale else math.inf)
-        frequency = reach / (estimates.range_nm[0] * UM_PER_NM * distance)
+        frequency = _reach_um(sampled, scene, finer) / (estimates.range_nm[0] * UM_PER_NM * distance)
         exact = Task.of(pupil, frequency, frequency)
-        tasks[False, scale], tasks[True, scale] = exact, replace(exact, rim=0)
+        tasks[False, scale, finer], tasks[True, scale, finer] = exact, replace(exact, rim=0)
     lines, steepest = len(camera.wavelengths_nm), _steepest(camera, scene, estimates.range_nm[0])
     return CostModel(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
+
+
+def _reach_um(sampled: Camera, scene: Scene, finer: int) -> NDArray[np.float64]:
+    """Places along half a side of a PSF that is computed for the window, or for what a distorting lens shows there."""
+    step = point_step_um(sampled)
+    half = odd_samples(sampled.window_um, step) // 2 + pixel_margin(sampled)
+    if finer and scene.distortion is not None:
+        window = DistortedWindow.about(scene.distortion, (scene.field_um, 0.0), step, half)
+        step = point_step_um(finer_camera(sampled, finer))
+        half = window.half(step)
+    return step * np.arange(half + 1, dtype=np.float64)
+
+
+def finer_camera(camera: Camera, times: int) -> Camera:
+    """The camera with lines that ask for so many times finer samples."""
+    return replace(camera, wavelengths_nm=tuple(line / times for line in camera.wavelengths_nm))
 
 
 def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
@@ -138,7 +165,8 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
 
 
 def _check_field(panel: Panel, camera: Camera, scene: Scene) -> None:
-    moved = shift_um(camera, scene.gap_um, (scene.field_um, scene.field_um))
+    farthest = max(scene.field_um, scene.steepest_um)
+    moved = shift_um(camera, scene.gap_um, (farthest, farthest))
     if moved[0]:
         moved_pupil(panel_aperture(panel), camera.stop, moved)
 
@@ -178,7 +206,7 @@ def _fullness(priced: tuple[Choice, SceneCost]) -> tuple[float, ...]:
     choice, price = priced
     asked = (choice.diffraction, choice.defocus, choice.aberrations, choice.scale, not choice.grey_rim)
     # Less of an error of its own: more samples, double precision; among equals, less time.
-    return sum(asked), choice.places, choice.lines, -price.error, -price.seconds
+    return sum(asked) + (choice.distortion > 0), choice.places, choice.lines, -price.error, -price.seconds
 
 
 def document(die: str, found: Plan) -> dict[str, object]:

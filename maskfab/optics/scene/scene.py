@@ -7,11 +7,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
 
+import numpy as np
+
 from maskfab.errors import JobError
 from maskfab.jobfile import SceneSection
 from maskfab.model import Camera, MaskBlank
 from maskfab.optics.image.spectrum import Band, Curve
 from maskfab.optics.light.response import black_body, camera_bands, generic_rgb, parse_curves
+from maskfab.optics.scene.distortion import Distortion
 from maskfab.optics.wavefront.aberration import Wavefront
 
 _NONE: Mapping[str, str] = MappingProxyType({})
@@ -27,6 +30,7 @@ class Scene:
         field_um: largest image height.
         gap_um: from the panel to the stop, in air that spreads light as much.
         aberrations: pairs of Noll's number and waves at the camera's first line.
+        distortion: of the lens; None for an image height of f tan θ.
         saturation: whether highlights clip, which is left to the capture and adds nothing to the PSF.
         bands: one for each colour, response times illuminant; empty for the camera's own lines.
     """
@@ -39,6 +43,7 @@ class Scene:
     aberrations: tuple[tuple[int, float], ...] = ()
     saturation: bool = False
     bands: tuple[Band, ...] = ()
+    distortion: Distortion | None = None
 
     @classmethod
     def of(cls, section: SceneSection | None, curves: Mapping[str, str] = _NONE, *, where: str = "") -> Scene:
@@ -60,13 +65,25 @@ class Scene:
         near, far = section.depth
         return cls(
             near, far, section.focus, section.field, section.gap, section.aberrations, section.saturation,
-            _bands(section, curves, where),
+            _bands(section, curves, where), section.distortion and Distortion(*section.distortion),
         )  # fmt: skip
 
     def through(self, blank: MaskBlank) -> Scene:
         """The scene behind the plate's glass: with the chrome away from the lens, its t/n adds to the gap."""
         glass = blank.glass
         return self if glass is None or not glass.gap_um else replace(self, gap_um=self.gap_um + glass.gap_um)
+
+    @property
+    def differs_off_axis(self) -> bool:
+        """Whether image points off the axis have another PSF."""
+        return bool(self.field_um and (self.gap_um or (self.distortion is not None and self.distortion.ratio)))
+
+    @property
+    def steepest_um(self) -> float:
+        """The image height, without distortion, of the largest field: its object's angle times the focal length."""
+        if self.distortion is None:
+            return self.field_um
+        return float(self.distortion.undistorted(np.array(self.field_um), np.zeros(()))[0])
 
     def wavefront(self, camera: Camera) -> Wavefront:
         """The aberrations; their waves are of the camera's first line."""

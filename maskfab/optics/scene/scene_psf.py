@@ -20,8 +20,9 @@ from maskfab.optics.image.spectrum import Band
 from maskfab.optics.light.band_lines import band_lines
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.scene.cost import DEPTHS, PHASE_SHARE, PHASED, SPECTRUM, Choice, SceneCost
+from maskfab.optics.scene.distortion import DistortedWindow
 from maskfab.optics.scene.omission_error import PLACES, grey
-from maskfab.optics.scene.plan import Plan, sampling_camera
+from maskfab.optics.scene.plan import Plan, finer_camera, sampling_camera
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um
 from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_pupil
@@ -156,9 +157,36 @@ def _psfs(
     object_um: float | None,
     margin: int,
 ) -> Iterator[Psf]:
-    """PSFs at lines, the pupil made ready once."""
+    """PSFs at lines on the plan's samples, as the lens distorts them if that is modelled."""
     sampled = sampling_camera(camera, scene)
     _check(sampled, scene, plan, min(wavelengths_nm), image_um, object_um)
+    finer, lens = plan.choice.distortion, scene.distortion
+    if not finer or lens is None:
+        yield from _undistorted(openings, camera, sampled, scene, plan, wavelengths_nm, image_um, object_um, margin)
+        return
+    step = point_step_um(sampled)
+    half = odd_samples(camera.window_um, step) // 2 + margin
+    window = DistortedWindow.about(lens, image_um, step, half)
+    sampled = finer_camera(sampled, finer)
+    fine = point_step_um(sampled)
+    beyond = max(0, window.half(fine) - odd_samples(camera.window_um, fine) // 2)
+    place = window.middle_um
+    for psf in _undistorted(openings, camera, sampled, scene, plan, wavelengths_nm, place, object_um, beyond):
+        yield window.of(psf, step)
+
+
+def _undistorted(
+    openings: Aperture,
+    camera: Camera,
+    sampled: Camera,
+    scene: Scene,
+    plan: Plan,
+    wavelengths_nm: Sequence[float],
+    image_um: Place,
+    object_um: float | None,
+    margin: int,
+) -> Iterator[Psf]:
+    """PSFs at lines on the samples of the camera ``sampled``, the pupil made ready once."""
     choice = plan.choice
     place = nearest_place(choice, scene, image_um)
     distance = image_distance_um(camera.focal_um, scene.focus_um if choice.scale else math.inf)
