@@ -136,12 +136,14 @@ def check(
         JobError: MF105 for a job without [emitters], or a die or a format that there is not.
         OutputError: MF420 or MF421 for the shop.
     """
-    said = {"die": die, "largest": largest, "largest_gap": largest_gap} if shop is not None else {"formats": formats}
-    for name, value in said.items():
-        if value:
-            beside = "a shop's rules" if shop is not None else "a display; it is for a shop"
-            raise JobError("MF105", f"{name} does not apply to {beside}", where=name, cure="Leave it out")
+    if formats and shop is None:
+        cure = "Name a shop, or leave formats out"
+        raise JobError("MF105", "formats applies to a shop's rules only", where="formats", cure=cure)
     if shop is not None:
+        for name, value in {"die": die, "largest": largest, "largest_gap": largest_gap}.items():
+            if value:
+                cure = f"Leave {name} out, or the shop"
+                raise JobError("MF105", f"{name} does not apply to a shop's rules", where=name, cure=cure)
         return _check_for_shop(job, shop, formats, progress)
     loaded = job_of(job)
     rules = loaded.display_rules

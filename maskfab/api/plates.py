@@ -170,11 +170,11 @@ def check_applies(stated: Mapping[str, object], subject: Path, spelt: Callable[[
 
 
 def _refuse_strangers(strangers: Sequence[str], subject: str, spelt: Callable[[str], str]) -> None:
-    cure = "Leave it out"
+    told = " ".join(map(spelt, strangers))
+    cure = f"Leave {told} out"
     if "against" in strangers:
         cure += ": a finished directory is held against the job in it. Or name one of its mask files"
     if strangers:
-        told = " ".join(map(spelt, strangers))
         raise JobError("MF105", f"{told} does not apply to {subject}", where=spelt(strangers[0]), cure=cure)
 
 

@@ -91,7 +91,7 @@ class Distortion:
         return x_um * inward, y_um * inward
 
     def magnification(self, x_um: Floats, y_um: Floats) -> Floats:
-        """How many times larger a small area about a point of the undistorted picture becomes.
+        """Factor by which a small area about a point of the undistorted picture grows.
 
         Along the radius the scale is 1 + 3 k (r / h)², across it 1 + k (r / h)².
         """

@@ -23,7 +23,7 @@ _ELSEWHERE = 4 | 8
 """Flags of a block whose content is another file's, or is laid over from there."""
 
 _SPREADING = codes(41, 42, 44, 45, 70, 71)
-"""What makes an array of a reference, or places its block at another scale."""
+"""Attributes that make an array of a reference, or place its block at another scale."""
 
 _DRAWING = "\n"
 """Stands for the drawing itself; no name of a block ends a line."""
