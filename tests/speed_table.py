@@ -14,8 +14,6 @@ import numpy as np
 import torch
 from benchmark.published_step import WAVELENGTHS_NM, published_step
 from numpy.typing import NDArray
-from optics.published_recipe import Recipe, published_autograd
-from optics.test_torch_field import full_size, published_loss
 from threadpoolctl import threadpool_limits
 
 from maskfab.benchmark.accuracy import absent, gemm_bound_ms, race, standard_workload
@@ -144,23 +142,6 @@ def any_lag() -> Row:
     return "MTF exact at any lag, three colours, over that of mean transmissions", f"{exact / means:.2f}x", "2x"
 
 
-def gradients() -> list[Row]:
-    rows = []
-    for name, dtype in (("double", torch.float64), ("single", torch.float32)):
-        gradient = published_loss(Recipe(), dtype)
-        recipe = published_autograd(21, full_size()[0].orientations, Recipe())
-        unit = torch.rand(21, 21, dtype=dtype, generator=torch.Generator().manual_seed(0))
-        ours, first, theirs = medians(
-            7,
-            lambda g=gradient, u=unit: g(u),
-            lambda d=dtype, u=unit: published_loss(Recipe(), d)(u),
-            lambda r=recipe, u=unit: r.gradient(u),
-        )
-        rows.append((f"loss and gradient, {name}, faster than published autograd", f"{theirs / ours:.1f}x", "15x"))
-        rows.append(("the same, set-up and first call against a later one of theirs", f"{theirs / first:.1f}x", "4x"))
-    return rows
-
-
 def design_step() -> list[Row]:
     """Three colours, the whole stop, invertibility loss as published; the published step has no pictures either."""
     turned = orientations(Tiling.RANDOM, 24, 24, 0)
@@ -226,7 +207,6 @@ def main() -> None:
             pixels(),
             polychromatic(),
             any_lag(),
-            *gradients(),
             *design_step(),
             *fine_dots(),
             *polygons(),

@@ -1,1 +1,0 @@
-"""The far field and its gradient in torch, for optimisers."""
