@@ -12,6 +12,8 @@ from maskfab.geometry.plate_layout import layer_info, plate_layout
 from maskfab.measurement.apertures import axis_nm, light_box, sees_light
 from maskfab.model import CLEAR, UNSTATED, Die, Plate, Stop
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 STOP = Stop("circle", 200.0)
 SETTING = camera(STOP.diameter_um, window_um=32.0)
 

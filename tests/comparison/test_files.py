@@ -28,6 +28,8 @@ from maskfab.progress import silent
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 MASKS = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg")
 SOLIDS = ("step", "glb", "3mf", "stl")
 PICTURES = ("png", "tiff")

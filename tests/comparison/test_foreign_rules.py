@@ -18,6 +18,8 @@ from maskfab.comparison.foreign.foreign_mask import check_foreign
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 DOT = 8000
 KISSES = 100
 """The small opening has one kiss in each of 10 x 10 cells of a periodic die."""

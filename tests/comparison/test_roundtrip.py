@@ -15,6 +15,8 @@ from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.model import CLEAR, Gauge
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 FORMATS = ("gds", "oas", "R12.dxf", "R2010.dxf")
 
 

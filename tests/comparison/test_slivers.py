@@ -15,6 +15,8 @@ from klayout import db
 
 from maskfab.comparison.slivers import sift
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 
 def kinds(*shapes, tolerance=1.0):
     found = sift(db.Region([db.Polygon(shape) for shape in shapes]).merged(), tolerance)
