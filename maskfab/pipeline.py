@@ -6,7 +6,7 @@ import json
 import os
 import shutil
 import time
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
@@ -16,13 +16,12 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from klayout import db
 
 from maskfab import __version__, provenance, resources
-from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.comparison.bitmaps import check_pixels
 from maskfab.comparison.files import read_back
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.display.place import Populated
 from maskfab.drc import RuleResult, check_plate
-from maskfab.errors import JobError, UnknownNameError
+from maskfab.errors import UnknownNameError
 from maskfab.export.markers import write_markers
 from maskfab.export.outputs import TITLES
 from maskfab.export.psf_exr import PsfFile, psf_files
@@ -41,18 +40,17 @@ from maskfab.measurement.apertures import light_box
 from maskfab.measurement.as_written import Written, measure_written
 from maskfab.measurement.display_rows import display_quantities
 from maskfab.measurement.features import judged, limits_as_rules, smallest_features
-from maskfab.measurement.optics import measure, reach_box, read_openings
-from maskfab.measurement.restored import Restored, not_judged, photographer
+from maskfab.measurement.optics import measure_with_bar, reach_box, read_openings
+from maskfab.measurement.restored import Restored, restore_photographs
 from maskfab.measurement.scene_result import SceneOptics
 from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.image.mtf import area_under_radial_min
-from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.optics.scene.plan import Plan
+from maskfab.processes import Alone, Given, Pair, Task
 from maskfab.progress import Progress, silent
 from maskfab.report import data, design_data, html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
-from maskfab.report.plots.workers import Task
 from maskfab.report.quantities import Quantities
 from maskfab.threads import one_thread
 
@@ -74,8 +72,8 @@ _SCENE_BYTES = 6e9
 """As much memory as the scenes of dies that are measured at once may take."""
 
 
-_DIES_A_PROCESS = 3
-"""Dies whose figures take longer than starting a process that draws them."""
+_FEWEST_SHARED = 4
+"""Dies that take longer than starting a process that shares them."""
 
 
 @dataclass(frozen=True, repr=False)
@@ -156,50 +154,114 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     place = check_target(Path(out), force=force)
     named_shop(job)
     clock = _Clock()
-    with clock.stage("layout"):
-        plate = job.plate()
-        check_processes(job, plate)
-        check_pictures(job, plate)
-        built = job.displays_of(plate, progress, largest=True)
-        plate = built.plate
-    with clock.stage("draw"):
-        made = draw_files(job, plate)
-    with clock.stage("plan"):
-        plans = plan_scenes(job, plate, progress)
-    # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
-    with clock.stage("process"):
-        written = measure_process(job, plate, progress, clock.seconds)
-    with staged(place) as folder:
-        with clock.stage("write"):
-            files = write_files(job, made, folder, progress)
-        with clock.stage("read back"):
-            back = read_back(made, folder, progress)
-        with clock.stage("optics"):
+    with crew_of(job) as crew:
+        with clock.stage("layout"):
+            plate = job.plate()
+            check_processes(job, plate)
+            check_pictures(job, plate)
+            photographs = begin_photographs(job, plate, crew)
+            built = job.displays_of(plate, progress, largest=True)
+            plate = built.plate
+        with clock.stage("draw"):
+            made = draw_files(job, plate)
+        with clock.stage("plan"):
+            plans = plan_scenes(job, plate, progress)
+        # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
+        with clock.stage("process"):
+            written = measure_process(job, plate, progress, clock.seconds)
+        with staged(place) as folder:
+            with clock.stage("write"):
+                files = write_files(job, made, folder, progress)
+            with clock.stage("read back"):
+                back = read_back(made, folder, progress)
             layout = back.trips[0].layout
-            optics = measure_dies(plate, job.camera, layout, progress, clock.seconds, job.blank)
-            psfs = psfs_as_files(job, made, optics)
-            files += write_psfs(psfs, folder)
-        with clock.stage("scene"):
-            scenes = measure_scenes(job, plate, plans, back.trips[0].layout, progress, clock.seconds)
-        read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
-        checked = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
-        stated = design_data.stated(job)
-        with clock.stage("photographs"):
-            restored = restore_photographs(plate, job.camera, stated, progress, clock.seconds)
-        report = assemble(job, built, checked, optics, scenes, restored, written, files, clock.seconds)
-        designs = {name: design_data.design_document(said, restored.get(name)) for name, said in stated.items()}
-        with clock.stage("figures"):
-            progress("figures", 0, 1)
-            document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
-            pictures = draw_pictures(built, optics, document, scenes, restored, written)
-            (folder / OVERVIEW).write_bytes(draw_overview(plate, optics, document))
-            progress("figures", 1, 1)
-        document = data.to_document(report, plate, job.camera, scenes, built.found, designs)
-        (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
-        (folder / PAGE).write_text(html.html_page(document, pictures), encoding="utf-8")
-        _write_manifest(job, files, folder)
-        (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
+            with clock.stage("optics"):
+                optics = measure_dies(plate, job.camera, layout, progress, clock.seconds, job.blank, crew)
+                psfs = psfs_as_files(job, made, optics)
+                files += write_psfs(psfs, folder)
+            with clock.stage("scene"):
+                scenes = measure_scenes(job, plate, plans, layout, progress, clock.seconds)
+            read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
+            read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
+            with clock.stage("photographs"):
+                restored = photographs.result(progress)
+            found = Findings(job, built, read, optics, scenes, restored, written)
+            report = found.report(files, clock.seconds)
+            with clock.stage("figures"):
+                progress("figures", 0, 1)
+                document = found.document(report)
+                overview, pictures = draw_pictures(found, document, crew)
+                progress("figures", 1, 1)
+            document = found.document(report)
+            (folder / OVERVIEW).write_bytes(overview)
+            (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
+            (folder / PAGE).write_text(html.html_page(document, pictures), encoding="utf-8")
+            _write_manifest(job, files, folder)
+            (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
     return Result(place.asked, report)
+
+
+def crew_of(job: Job) -> Alone:
+    """Who makes a plate: two processes where there are two processors, and dies enough to be worth starting one."""
+    return Pair() if (os.cpu_count() or 1) > 1 and len(job.spec.die) >= _FEWEST_SHARED else Alone()
+
+
+@dataclass(frozen=True, eq=False)
+class Findings:
+    """All that was found out about a plate.
+
+    Attributes:
+        job: that asks for it.
+        built: the plate, and its displays.
+        read: rows of what reading files back has shown, and the shop's rules.
+        optics: of every die.
+        scenes: through every die; none for a job without a scene.
+        restored: photographs, by die.
+        written: dies as their writer makes them, by name.
+    """
+
+    job: Job
+    built: Populated
+    read: Sequence[Quantity]
+    optics: Sequence[DieOptics]
+    scenes: Sequence[SceneOptics]
+    restored: Mapping[str, Restored]
+    written: Mapping[str, Written]
+
+    @property
+    def plate(self) -> Plate:
+        """With its displays."""
+        return self.built.plate
+
+    def report(self, files: tuple[WrittenFile, ...], seconds: dict[str, float]) -> Report:
+        """Everything gathered; every judged quantity is also a check."""
+        job, built = self.job, self.built
+        of_dies = {item.die.name: die_quantities(item, self.read, job) for item in self.optics}
+        of_plate = tuple(quantity for quantity in self.read if quantity.die is None)
+        for die in built.plate.dies:
+            if die.name in built.found and die.name in of_dies:
+                of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)
+        for name, photographs in self.restored.items():
+            of_dies[name] += photographs.quantities
+        for name, process in self.written.items():
+            of_dies[name] += process.quantities
+        for name, note in design_data.camera_notes(job).items():
+            if name in of_dies:
+                of_dies[name] += (note,)
+        everything = [*of_plate]
+        of_scenes = {scene.die.name: scene.quantities for scene in self.scenes}
+        for name, quantities in of_dies.items():
+            everything += [*quantities, *of_scenes.get(name, ())]
+        checks = tuple(quantity for quantity in everything if quantity.passed is not None)
+        return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
+
+    def document(self, report: Report) -> data.Document:
+        """The content of report.json."""
+        designs = {
+            name: design_data.design_document(said, self.restored.get(name))
+            for name, said in design_data.stated(self.job).items()
+        }
+        return data.to_document(report, self.plate, self.job.camera, self.scenes, self.built.found, designs)
 
 
 def draw_files(job: Job, plate: Plate) -> PlateFiles:
@@ -262,21 +324,25 @@ def measure_dies(
     progress: Progress,
     seconds: dict[str, float] | None = None,
     blank: MaskBlank = UNSTATED,
+    crew: Alone | None = None,
 ) -> list[DieOptics]:
-    """The optics of every die from a layout that was read back of a plate made of
-    ``blank``, and what they leave out; dies in parallel, one BLAS thread each.
+    """The optics of every die from a layout that was read back of a plate made of ``blank``, and what they leave out.
 
-    With one thread each sum is done in one order, which makes equal runs equal to the last bit. The time of every die
+    Every sum is done in one order, by one thread, which makes equal runs equal to the last bit. The time of every die
     is added to ``seconds``.
     """
+    masks = [_mask(die) for die in plate.dies]
 
-    def one(die: Die) -> DieOptics:
-        mask = _mask(die)
-        found = measure(mask, camera, clear_shapes(layout, light_box(die, camera.stop)), blank)
-        bar = bar_of_panel(mask.panel, camera, blank, die.name)
-        return replace(found, quantities=(*found.quantities, *bar))
+    def given(die: Die) -> Given:
+        return lambda: (die, camera, clear_shapes(layout, light_box(die, camera.stop)), blank)
 
-    return _each(plate.dies, one, "optics", progress, seconds, os.cpu_count() or 1)
+    progress("optics", 0, len(masks))
+    calls = [(measure_with_bar, given(die)) for die in masks]
+    tasks = (crew or Alone()).each(calls, lambda done: progress("optics", done, len(masks)))
+    for die, task in zip(masks, tasks, strict=True):
+        if seconds is not None:
+            seconds[f"optics {die.name}"] = round(task.seconds, 3)
+    return [replace(task.result(), die=die) for die, task in zip(masks, tasks, strict=True)]
 
 
 def plan_scenes(job: Job, plate: Plate, progress: Progress) -> dict[str, Plan]:
@@ -389,31 +455,10 @@ def measure_process(
     return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
 
 
-def restore_photographs(
-    plate: Plate,
-    camera: Camera,
-    designed: Collection[str],
-    progress: Progress,
-    seconds: dict[str, float] | None = None,
-) -> dict[str, Restored]:
-    """Restored photographs behind dies that can be judged so: expected PSNRs; taken through ``designed`` ones."""
-    try:
-        seen = PhotoCamera.of(camera)
-    except JobError as refusal:
-        return {die.name: not_judged(die, refusal) for die in plate.dies}
-    take = photographer(plate.dies, camera=seen)
-    if take is None:
-        return {}
-    dies = [die for die in plate.dies if die.name in take.laid]
-    notes = dict(take.refused)
-    if not dies:
-        return notes
-
-    def one(die: Die) -> Restored:
-        return take(die, photographs=die.name in designed)
-
-    found = _each(dies, one, "photographs", progress, seconds, os.cpu_count() or 1)
-    return notes | {die.name: restored for die, restored in zip(dies, found, strict=True)}
+def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Task[dict[str, Restored]]:
+    """Photographs through the dies of a plate, which need nothing of its files."""
+    designed = frozenset(design_data.stated(job))
+    return crew.submit(restore_photographs, lambda: (plate.dies, job.camera, designed), tells=True)
 
 
 def _mask(die: Die) -> Die:
@@ -448,62 +493,24 @@ def _each(
     return results
 
 
-def assemble(
-    job: Job,
-    built: Populated,
-    read: Sequence[Quantity],
-    optics: Sequence[DieOptics],
-    scenes: Sequence[SceneOptics],
-    restored: Mapping[str, Restored],
-    written: Mapping[str, Written],
-    files: tuple[WrittenFile, ...],
-    seconds: dict[str, float],
-) -> Report:
-    """Gather what was measured; every judged quantity is also a check."""
-    of_dies = {item.die.name: die_quantities(item, read, job) for item in optics}
-    of_plate = tuple(quantity for quantity in read if quantity.die is None)
-    for die in built.plate.dies:
-        if die.name in built.found and die.name in of_dies:
-            of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)
-    for name, photographs in restored.items():
-        of_dies[name] += photographs.quantities
-    for name, process in written.items():
-        of_dies[name] += process.quantities
-    for name, note in design_data.camera_notes(job).items():
-        if name in of_dies:
-            of_dies[name] += (note,)
-    everything = [*of_plate]
-    of_scenes = {scene.die.name: scene.quantities for scene in scenes}
-    for name, quantities in of_dies.items():
-        everything += [*quantities, *of_scenes.get(name, ())]
-    checks = tuple(quantity for quantity in everything if quantity.passed is not None)
-    return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
-
-
 def draw_pictures(
-    built: Populated,
-    optics: Sequence[DieOptics],
-    document: data.Document,
-    scenes: Sequence[SceneOptics],
-    restored: Mapping[str, Restored],
-    written: Mapping[str, Written],
-) -> dict[str, dict[str, str]]:
-    """Every figure of the report, by die and figure."""
-    more: list[tuple[str, Task]] = [(scene.die.name, (scene_figures.pictures, (scene,))) for scene in scenes]
-    for die in built.plate.dies:
-        if die.name in built.found:
-            more.append((die.name, (display_figures.pictures, (die.panel, built.found[die.name]))))
-        if die.name in restored:
-            more.append((die.name, (design_figures.pictures, (restored[die.name],))))
-        if die.name in written:
-            more.append((die.name, (written_figures.pictures, (written[die.name],))))
-    workers = min(os.cpu_count() or 1, len(optics) // _DIES_A_PROCESS)
-    return die_figures.pictures(built.plate, optics, document, more, workers)
-
-
-def draw_overview(plate: Plate, optics: Sequence[DieOptics], document: data.Document) -> bytes:
-    """The picture of the whole plate, as PNG."""
-    return die_figures.overview(plate, document, _most_invertible(optics))
+    found: Findings, document: data.Document, crew: Alone
+) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
+    """The picture of the whole plate, as PNG, and every figure of the report, by die and figure."""
+    Figures, built = die_figures.Figures, found.built
+    more = [Figures(scene.die.name, scene_figures.pictures, (scene,)) for scene in found.scenes]
+    for die in found.plate.dies:
+        name = die.name
+        if name in built.found:
+            more.append(Figures(name, display_figures.pictures, (die.panel, built.found[name])))
+        if name in found.restored:
+            more.append(Figures(name, design_figures.pictures, (found.restored[name],)))
+        if name in found.written:
+            more.append(Figures(name, written_figures.pictures, (found.written[name],)))
+    best = _most_invertible(found.optics)
+    overview = crew.submit(die_figures.overview, lambda: (found.plate, document, best))
+    pictures = die_figures.pictures(found.plate, found.optics, document, more, crew)
+    return overview.result(), pictures
 
 
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:

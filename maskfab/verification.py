@@ -32,26 +32,27 @@ from maskfab.pipeline import (
     OVERVIEW,
     PAGE,
     REPORT,
+    Findings,
     aids,
-    assemble,
+    begin_photographs,
+    crew_of,
     die_quantities,
     draw_files,
-    draw_overview,
     draw_pictures,
     measure_dies,
     measure_process,
     measure_scenes,
     plan_scenes,
     psfs_as_files,
-    restore_photographs,
     shop_quantities,
 )
 from maskfab.plate.plate import compose
+from maskfab.processes import Alone
 from maskfab.progress import Progress, silent
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.readers.sandbox.bounded import bounded
-from maskfab.report import again, data, design_data, html
+from maskfab.report import again, data, html
 from maskfab.threads import one_thread
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
@@ -87,57 +88,58 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
     checks += fast_lens(job.camera)
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
-    refused: list[tuple[str, InputError]] = []
-    back = read_back(made, folder, progress, refused)
-    checks += [_failed("readable", f"{name}: {error}") for name, error in refused]
-    trips, read = back.trips, [*back.quantities, *made.account(), *of_shop]
-    checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
-    if not trips:
-        return tuple(checks)
-    seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
-    lit = replace(plate, dies=tuple(seen))
-    optics = measure_dies(lit, job.camera, trips[0].layout, progress, None, job.blank)
-    for psf in psfs_as_files(job, made, optics, str(manifest["maskfab_version"])):
-        try:
-            read += check_psf_file(psf, folder)
-        except InputError as error:
-            refused.append((psf.name, error))
-            checks.append(_failed("readable", f"{psf.name}: {error}"))
-    scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), trips[0].layout, progress)
-    for measured in (
-        *(die_quantities(item, read, job) for item in optics),
-        *(scene.quantities for scene in scenes),
-    ):
-        checks += [quantity for quantity in measured if quantity.passed is not None]
-    blind = [die.name for die in plate.dies if die not in seen]
-    checks += [quantity for quantity in read if quantity.passed is not None and quantity.die in blind]
-    checks += [_failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind]
-    if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
-        # Of files that differ from the design the numbers differ as well; what differs is told above.
-        stated = design_data.stated(job)
-        restored = restore_photographs(plate, job.camera, stated, progress)
-        written = measure_process(job, plate, progress)
-        now = data.to_document(
-            assemble(job, built, read, optics, scenes, restored, written, _listed(manifest), {}),
-            plate,
-            job.camera,
-            scenes,
-            built.found,
-            {name: design_data.design_document(said, restored.get(name)) for name, said in stated.items()},
-        )
-        now["maskfab_version"] = manifest["maskfab_version"]
-        told = list(_reported(folder, now))
-        checks += told
-        alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
-        alike = alike and not any(each.name == _SCHEMA for each in told)
-        pictures = draw_pictures(built, optics, now, scenes, restored, written)
-        for name, differs in (
-            *_aids_differ(folder, job, plate),
-            *_page_differs(folder, now, pictures, held=all(each.passed is not False for each in told)),
-            *_overview_differs(folder, draw_overview(plate, optics, now)),
+    with crew_of(job) as crew:
+        photographs = begin_photographs(job, plate, crew)
+        refused: list[tuple[str, InputError]] = []
+        back = read_back(made, folder, progress, refused)
+        checks += [_failed("readable", f"{name}: {error}") for name, error in refused]
+        trips, read = back.trips, [*back.quantities, *made.account(), *of_shop]
+        checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
+        if not trips:
+            return tuple(checks)
+        seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
+        lit = replace(plate, dies=tuple(seen))
+        optics = measure_dies(lit, job.camera, trips[0].layout, progress, None, job.blank, crew)
+        for psf in psfs_as_files(job, made, optics, str(manifest["maskfab_version"])):
+            try:
+                read += check_psf_file(psf, folder)
+            except InputError as error:
+                refused.append((psf.name, error))
+                checks.append(_failed("readable", f"{psf.name}: {error}"))
+        scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), trips[0].layout, progress)
+        for measured in (
+            *(die_quantities(item, read, job) for item in optics),
+            *(scene.quantities for scene in scenes),
         ):
-            checks.append(_again(name, differs, judged=alike and differs != _PHOTOGRAPHS))
+            checks += [quantity for quantity in measured if quantity.passed is not None]
+        blind = [die.name for die in plate.dies if die not in seen]
+        checks += [quantity for quantity in read if quantity.passed is not None and quantity.die in blind]
+        checks += [
+            _failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind
+        ]
+        if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
+            # Of files that differ from the design the numbers differ as well; what differs is told above.
+            restored, written = photographs.result(progress), measure_process(job, plate, progress)
+            found = Findings(job, built, read, optics, scenes, restored, written)
+            checks += _made_again(folder, manifest, found, crew)
     return tuple(checks)
+
+
+def _made_again(folder: Path, manifest: Mapping[str, Any], found: Findings, crew: Alone) -> Iterator[Quantity]:
+    """Report, page and pictures of a folder against the same made again."""
+    now = found.document(found.report(_listed(manifest), {}))
+    now["maskfab_version"] = manifest["maskfab_version"]
+    told = list(_reported(folder, now))
+    yield from told
+    alike = manifest["maskfab_version"] == __version__ and manifest.get("versions") == provenance.versions()
+    alike = alike and not any(each.name == _SCHEMA for each in told)
+    overview, pictures = draw_pictures(found, now, crew)
+    for name, differs in (
+        *_aids_differ(folder, found.job, found.plate),
+        *_page_differs(folder, now, pictures, held=all(each.passed is not False for each in told)),
+        *_overview_differs(folder, overview),
+    ):
+        yield _again(name, differs, judged=alike and differs != _PHOTOGRAPHS)
 
 
 @one_thread

@@ -20,7 +20,7 @@ from typing import Any
 import pytest
 
 from maskfab.camera.scenes import dead_leaves, indoors
-from maskfab.report.plots.workers import read_only
+from maskfab.processes import read_only
 
 FIGURES = (
     "maskfab.report.plots.die_figures.pictures",

@@ -26,6 +26,7 @@ from maskfab.optics.numbers.orders import order_quantities
 from maskfab.optics.numbers.psf_metrics import peak_to_side_lobe
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
+from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
 
@@ -78,6 +79,12 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
         quantities += order_quantities(die.panel, die.name)
     found = measure_pupils(pupil, design_pupil, lit, outline, camera, limit, partial(_difference, die.name), die.name)
     return DieOptics(die, found.psfs, found.mtfs, (*quantities, *found.quantities))
+
+
+def measure_with_bar(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATED) -> DieOptics:
+    """:func:`measure`, and how far the PSF may be from the truth by what is not modelled."""
+    found = measure(die, camera, shapes, blank)
+    return replace(found, quantities=(*found.quantities, *bar_of_panel(die.panel, camera, blank, die.name)))
 
 
 def _pupils(

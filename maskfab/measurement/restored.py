@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from types import MappingProxyType
 
@@ -17,8 +17,10 @@ from maskfab.camera.scenes import bundled
 from maskfab.camera.shots import Crop, Shot, shots, truth_of
 from maskfab.camera.transfer import CELLS, FEWEST_CELLS, PITCH_UM, CellGrid, Laid
 from maskfab.errors import JobError
-from maskfab.model import Die, Panel, Quantity, Tiling, refined
+from maskfab.files.release_memory import give_back
+from maskfab.model import Camera, Die, Panel, Quantity, Tiling, refined
 from maskfab.optimiser.model.expected_psnr import SceneStatistics, Surrogate
+from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
 
 SHOWN_LEVELS = (24, 40)
@@ -57,6 +59,28 @@ class Restored:
     scene: str | None = None
     truth: NDArray[np.float32] | None = None
     shots: tuple[Shot, ...] = ()
+
+
+def restore_photographs(
+    dies: Sequence[Die], camera: Camera, designed: Collection[str], progress: Progress = silent
+) -> dict[str, Restored]:
+    """Restored photographs behind dies that can be judged so: expected PSNRs; taken through ``designed`` ones."""
+    try:
+        seen = PhotoCamera.of(camera)
+    except JobError as refusal:
+        return {die.name: not_judged(die, refusal) for die in dies}
+    take = photographer(dies, camera=seen)
+    if take is None:
+        return {}
+    found = dict(take.refused)
+    judged = [die for die in dies if die.name in take.laid]
+    for done, die in enumerate(judged):
+        progress("photographs", done, len(judged))
+        found[die.name] = take(die, photographs=die.name in designed)
+        give_back()
+    if judged:
+        progress("photographs", len(judged), len(judged))
+    return found
 
 
 @dataclass(frozen=True, eq=False)

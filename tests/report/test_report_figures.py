@@ -14,6 +14,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
 from maskfab.model import Psf
+from maskfab.processes import Pair
 from maskfab.report.data import to_document
 from maskfab.report.plots import die_figures
 
@@ -38,6 +39,16 @@ def test_every_die_and_the_plate_have_their_pictures(run, drawn):
     assert set(drawn) == {die_figures.PLATE, "PLAIN", "TURNED"}
     assert set(drawn[die_figures.PLATE]) == {"drawing", "mtf"}
     assert set(drawn["PLAIN"]) == {"opening", "panel", "psf", "mtf", "panel_small", "psf_small"}
+
+
+def test_which_process_draws_does_not_show(run, drawn):
+    document = to_document(run.report, run.plate, run.camera)
+    more = [die_figures.Figures(item.die.name, dict, ({"more": item.die.label},)) for item in run.optics]
+    with Pair() as crew:
+        shared = die_figures.pictures(run.plate, run.optics, document, more, crew)
+    told = {name: images.pop("more", None) for name, images in shared.items()}
+    assert shared == drawn
+    assert told == {die_figures.PLATE: None} | {item.die.name: item.die.label for item in run.optics}
 
 
 def test_pictures_are_images_with_words_and_ask_for_nothing_outside(drawn):

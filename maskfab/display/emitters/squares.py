@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +17,20 @@ from numpy.typing import NDArray
 
 def _spread(bits: int, step: int, times: int) -> int:
     """The union of the bits shifted 0 to ``times`` steps up."""
-    have = 1
+    for shift in _shifts(step, times):
+        bits |= bits << shift
+    return bits
+
+
+@cache
+def _shifts(step: int, times: int) -> tuple[int, ...]:
+    """As few shifts as there can be: each is as wide as what is filled so far."""
+    shifts, have = [], 1
     while have <= times:
         more = min(have, times + 1 - have)
-        bits |= bits << step * more
+        shifts.append(step * more)
         have += more
-    return bits
+    return tuple(shifts)
 
 
 def _pack(cells: NDArray[np.bool_], stride: int) -> int:

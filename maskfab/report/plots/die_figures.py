@@ -6,7 +6,8 @@ An SVG inside ``<img>`` cannot run scripts, cannot load anything, and its ids ca
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from types import MappingProxyType
 from typing import Any, TypeVar
 
@@ -21,10 +22,10 @@ from numpy.typing import NDArray
 
 from maskfab.cell_size import CellSize
 from maskfab.model import Die, DieOptics, Mtf, Opening, Panel, Plate, Polygon, Psf, Tiling
+from maskfab.processes import Alone
 from maskfab.report.plots import png
 from maskfab.report.plots.number_text import rounded
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, draw_psf, img, place, styled
-from maskfab.report.plots.workers import Task, draw_all
 from maskfab.units import NM_PER_MM, NM_PER_UM
 
 Item = TypeVar("Item", Psf, Mtf)
@@ -53,8 +54,8 @@ def pictures(
     plate: Plate,
     dies: Sequence[DieOptics],
     document: Mapping[str, Any],
-    more: Sequence[tuple[str, Task]] = (),
-    workers: int = 1,
+    more: Sequence[Figures] = (),
+    crew: Alone | None = None,
 ) -> dict[str, dict[str, str]]:
     """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
 
@@ -62,19 +63,45 @@ def pictures(
         plate: what is on it.
         dies: those that were measured.
         document: the report's.
-        more: what else there is to draw, each with its die.
-        workers: how many processes draw.
+        more: what else there is to draw.
+        crew: who draws.
     """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
-    whole = {"drawing": plate_drawing(plate, _failed_dies(document)).img()}
+    drawn = [Figures(PLATE, of_plate, (plate, _failed_dies(document), dies))]
+    drawn += [Figures(item.die.name, of_die, (item, field_nm)) for item in dies]
+    drawn += more
+    found: dict[str, dict[str, str]] = {each.die: {} for each in drawn}
+    tasks = (crew or Alone()).each([(each.function, each.arguments) for each in drawn])
+    for each, task in zip(drawn, tasks, strict=True):
+        found[each.die] |= task.result()
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Figures:
+    """Figures of one die that are still to be drawn.
+
+    Attributes:
+        die: its name, or :data:`PLATE`.
+        function: of a module; finds ``<img>`` elements by the names of figures.
+        given: its arguments.
+    """
+
+    die: str
+    function: Callable[..., dict[str, str]]
+    given: tuple[Any, ...]
+
+    def arguments(self) -> tuple[Any, ...]:
+        """The same, for a task."""
+        return self.given
+
+
+def of_plate(plate: Plate, failed: frozenset[str], dies: Sequence[DieOptics]) -> dict[str, str]:
+    """The figures of a whole plate, dies that ``failed`` a check marked."""
+    whole = {"drawing": plate_drawing(plate, failed).img()}
     if dies:
         whole["mtf"] = mtf_comparison(dies).img()
-    tasks: list[tuple[str, Task]] = [(item.die.name, (of_die, (item, field_nm))) for item in dies]
-    tasks += more
-    found: dict[str, dict[str, str]] = {PLATE: whole} | {name: {} for name, _ in tasks}
-    for (name, _), drawings in zip(tasks, draw_all([task for _, task in tasks], workers), strict=True):
-        found[name] |= drawings
-    return found
+    return whole
 
 
 def of_die(item: DieOptics, field_nm: int) -> dict[str, str]:

@@ -1,0 +1,282 @@
+"""Tasks that this process shares with a second one, so that two processors are kept busy.
+
+    with Pair() as crew:
+        photographs = crew.submit(restore_photographs, lambda: (plate, camera), tells=True)
+        ...
+        restored = photographs.result(progress)
+
+Most of the work holds the interpreter, so that threads would only take turns. A task is a function of a module; it, its
+arguments and what it finds are pickled. What it finds depends on its arguments alone, so that which process did it does
+not show. The second process reads tasks from stdin and answers on stdout until there are no more.
+"""
+
+from __future__ import annotations
+
+import copyreg
+import io
+import os
+import pickle
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+import traceback
+from collections import deque
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, ExitStack, suppress
+from queue import SimpleQueue
+from threading import Condition, Thread
+from types import MappingProxyType, TracebackType
+from typing import Any, Generic, Literal, TypeAlias, TypeVar
+
+from maskfab.errors import InternalError
+from maskfab.files.release_memory import give_back
+from maskfab.progress import Progress, silent
+from maskfab.threads import one_thread_by_default
+
+Found = TypeVar("Found")
+Given: TypeAlias = Callable[[], tuple[Any, ...]]
+"""Makes the arguments of a task when it begins: those of all tasks may not fit into memory."""
+
+_Kind: TypeAlias = Literal["told", "kept", "raised", "found"]
+
+
+class Task(Generic[Found]):
+    """Something to be found, by whichever process begins it.
+
+    Attributes:
+        seconds: that it took, once it is found.
+    """
+
+    def __init__(
+        self, function: Callable[..., Found], given: Given, begin: Callable[[Task[Any]], bool], *, tells: bool = False
+    ) -> None:
+        self._function, self._given, self._begin, self._tells = function, given, begin, tells
+        self._news: SimpleQueue[tuple[_Kind, Any]] = SimpleQueue()
+        self._outcome: tuple[_Kind, Any] | None = None
+        self.ended = False
+        self.seconds = 0.0
+
+    def attempt(self, progress: Progress = silent) -> None:
+        """Do it here, unless it has begun."""
+        if self._begin(self):
+            self._work(progress)
+
+    def message(self) -> bytes:
+        """The task for the second process.
+
+        Raises:
+            TypeError: for arguments that no other process can be given.
+        """
+        return _pickled((self._function, self._given(), self._tells))
+
+    def tell(self, kind: _Kind, content: Any) -> None:
+        """Take what the second process says of it."""
+        self.ended = kind in ("raised", "found")
+        self._news.put((kind, content))
+
+    def result(self, progress: Progress = silent) -> Found:
+        """What is found, once it is.
+
+        Raises:
+            Exception: whatever the task raises; InternalError MF901 if the second process ends before it has answered.
+        """
+        self.attempt(progress)
+        while self._outcome is None:
+            kind, content = self._news.get()
+            if kind == "told":
+                progress(*content)
+            elif kind == "kept":
+                self._work(progress)
+            elif kind == "found":
+                found, self.seconds = content
+                self._outcome = kind, found
+            else:
+                self._outcome = kind, content
+        kind, content = self._outcome
+        if kind == "raised":
+            raise content
+        return content  # type: ignore[no-any-return]
+
+    def _work(self, progress: Progress) -> None:
+        start = time.perf_counter()
+        try:
+            self._outcome = "found", self._function(*self._given(), *([progress] if self._tells else []))
+        except Exception as error:
+            self._outcome = "raised", error
+        self.ended, self.seconds = True, time.perf_counter() - start
+        give_back()
+
+
+class Alone(AbstractContextManager["Alone"]):
+    """One process does every task itself, when it is asked what is found."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Nothing is left behind."""
+
+    def submit(self, function: Callable[..., Found], given: Given, *, tells: bool = False) -> Task[Found]:
+        """A task that may begin at once.
+
+        Args:
+            function: of a module.
+            given: its arguments.
+            tells: whether it takes one more, which is told of its progress.
+        """
+        return self._offered(Task(function, given, self._begin, tells=tells))
+
+    def each(
+        self, calls: Sequence[tuple[Callable[..., Found], Given]], done: Callable[[int], None] = lambda _: None
+    ) -> list[Task[Found]]:
+        """Tasks that have ended, in the order of the calls.
+
+        Args:
+            calls: functions of modules, and their arguments.
+            done: told how many have ended.
+
+        Raises:
+            Exception: that of the first that fails, in their order.
+        """
+        tasks = [self._offered(Task(function, given, self._begin)) for function, given in calls]
+        # The second process begins with the first, this one with the last: they meet where little is left.
+        for task in reversed(tasks):
+            task.attempt()
+            done(sum(each.ended for each in tasks))
+        for task in tasks:
+            task.result()
+            done(sum(each.ended for each in tasks))
+        return tasks
+
+    def _offered(self, task: Task[Found]) -> Task[Found]:
+        return task
+
+    def _begin(self, task: Task[Any]) -> bool:
+        """Whether a task has not begun; now it has."""
+        return not task.ended
+
+
+class Pair(Alone):
+    """This process and a second one, which begins what is submitted while this one goes on."""
+
+    def __enter__(self) -> Pair:
+        self._waiting: deque[Task[Any]] = deque()
+        self._changed = Condition()
+        self._closed = False
+        with ExitStack() as stack:
+            self._said = stack.enter_context(tempfile.TemporaryFile())
+            command = [sys.executable, "-P", "-c", f"from {__name__} import work; work()"]
+            pipe = subprocess.PIPE
+            self._process = stack.enter_context(subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._said))
+            stack.callback(self._process.kill)
+            thread = Thread(target=self._lend, daemon=True)
+            thread.start()
+            stack.callback(thread.join)
+            self._left = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        with self._changed:
+            self._closed = True
+            self._waiting.clear()
+            self._changed.notify()
+        self._process.kill()
+        self._left.close()
+
+    def _offered(self, task: Task[Found]) -> Task[Found]:
+        with self._changed:
+            self._waiting.append(task)
+            self._changed.notify()
+        return task
+
+    def _begin(self, task: Task[Any]) -> bool:
+        with self._changed, suppress(ValueError):
+            self._waiting.remove(task)
+            return True
+        return False
+
+    def _lend(self) -> None:
+        """Hand tasks to the second process, one after the other."""
+        while True:
+            with self._changed:
+                self._changed.wait_for(lambda: self._waiting or self._closed)
+                if self._closed:
+                    return
+                task = self._waiting.popleft()
+            try:
+                message = task.message()
+            except TypeError:
+                task.tell("kept", None)
+                continue
+            except Exception as error:
+                task.tell("raised", error)
+                continue
+            try:
+                self._hand_over(task, message)
+            except (OSError, EOFError):
+                task.tell("raised", InternalError("MF901", f"the second process ended with {self._last_words()}"))
+                return
+            except Exception as error:
+                task.tell("raised", error)
+
+    def _hand_over(self, task: Task[Any], message: bytes) -> None:
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(message)
+        self._process.stdin.flush()
+        kind: _Kind = "told"
+        while kind == "told":
+            kind, content = pickle.load(self._process.stdout)
+            task.tell(kind, content)
+
+    def _last_words(self) -> str:
+        self._said.seek(0)
+        lines = self._said.read().decode(errors="replace").strip().splitlines()
+        return lines[-1] if lines else "nothing"
+
+
+def read_only(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
+    """A read-only view for unpickling, where its own class has no name to be found by."""
+    return MappingProxyType(content)
+
+
+def _pickled(content: object) -> bytes:
+    buffer = io.BytesIO()
+    pickler = pickle.Pickler(buffer, protocol=pickle.HIGHEST_PROTOCOL)
+    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda view: (read_only, (dict(view),))}
+    pickler.dump(content)
+    return buffer.getvalue()
+
+
+def work() -> None:
+    """The life of the second process."""
+    one_thread_by_default()
+    # An interrupt is the affair of who waits, who ends this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    # What is printed on the way must not get among the answers.
+    answers = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
+
+    def say(kind: _Kind, content: object) -> None:
+        answers.write(_pickled((kind, content)))
+        answers.flush()
+
+    def tell(stage: str, done: int, total: int) -> None:
+        say("told", (stage, done, total))
+
+    with suppress(EOFError):
+        while True:
+            function, given, tells = pickle.load(sys.stdin.buffer)
+            start = time.perf_counter()
+            try:
+                found = function(*given, *([tell] if tells else []))
+            except Exception as error:
+                error.add_note(traceback.format_exc())
+                say("raised", error)
+            else:
+                say("found", (found, time.perf_counter() - start))
+                del found
+            give_back()
