@@ -6,7 +6,7 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,10 +16,13 @@ from maskfab.api.lengths import Length, length_text
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import write_text
 from maskfab.opening import decode, openings, shapes
+from maskfab.progress import Progress, silent
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
+from maskfab.threads import one_thread
 from maskfab.units import NM_PER_UM, parse_pitch_um
 
 if TYPE_CHECKING:
+    from maskfab.api.camera import Camera
     from maskfab.report.plots.sheet import Drawing
 
 
@@ -80,6 +83,57 @@ class Opening(model.Opening):
     def pitch_um(self) -> float:
         """Side of the pixel at its nominal size, without a gutter."""
         return self.dots * self.dot_nm / NM_PER_UM
+
+    @one_thread
+    def reduced(
+        self,
+        clear_dots: int,
+        camera: Camera | None = None,
+        *,
+        tiling: Literal["random", "periodic"] = "random",
+        images: str | Path | None = None,
+        progress: Progress = silent,
+    ) -> Opening:
+        """The opening with fewer clear dots, to compare it at equal light with one that has no more.
+
+        One after the other the dot is closed that restored photographs are expected to miss least.
+
+        Args:
+            clear_dots: how many stay clear.
+            camera: that looks through it; by default that of protocol F1.
+            tiling: how pixels are turned.
+            images: folder of photographs that count; synthetic scenes if None.
+            progress: told where the work stands.
+
+        Raises:
+            JobError: MF104 for more clear dots than there are, MF105 for another tiling, MF135 for dots too coarse for
+                the camera's stop.
+            OpeningError: MF203 for none.
+            SourceError: for photographs that cannot be read.
+        """
+        from maskfab.api.camera import F1
+        from maskfab.camera import scenes
+        from maskfab.camera.photo_camera import PhotoCamera, camera_line
+        from maskfab.camera.photographs import folder
+        from maskfab.optimiser.reduction import reduced_opening, require_count
+
+        if tiling not in ("random", "periodic"):
+            cure = "Use random or periodic"
+            raise JobError("MF105", f"no opening is reduced for the tiling {tiling!r}", where="tiling", cure=cure)
+        count = _whole(clear_dots, "clear_dots")
+        require_count(self.mask, count)
+        stated = "" if camera is None else f", camera={camera_line(camera.model)!r}"
+        stated += "" if images is None else f", images={str(images)!r}"
+        found = reduced_opening(
+            self,
+            count,
+            PhotoCamera.of((camera or F1).model),
+            scenes.bundled() if images is None else folder(Path(images)),
+            f"maskfab.Opening.reduced({count}, tiling={tiling!r}{stated})",
+            periodic=tiling == "periodic",
+            progress=progress,
+        )
+        return Opening.of_model(found)
 
     def save(self, path: str | Path) -> Path:
         """Write it as a readable file (.toml); an earlier file is replaced.
