@@ -82,13 +82,6 @@ def relative_life(density: float, reference: float, exponent: float = LightDeman
     return float((density / reference) ** -exponent)
 
 
-def equal_density_split(light: LightDemand) -> Triple:
-    """Shares of the emitting area, summing to 1, at which all three colours run at one current density."""
-    parts = [share / efficacy for share, efficacy in zip(light.shares, light.efficacy_cd_per_a, strict=True)]
-    red, green, blue = (part / math.fsum(parts) for part in parts)
-    return red, green, blue
-
-
 def _check(name: str, values: tuple[float, ...], highest: float = math.inf) -> None:
     for value in values:
         if not (math.isfinite(value) and 0 < value <= highest):

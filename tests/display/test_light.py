@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from maskfab.display.light import LightDemand, current_density, equal_density_split, relative_life
+from maskfab.display.light import LightDemand, current_density, relative_life
 from maskfab.errors import JobError
 
 
@@ -26,14 +26,6 @@ def test_life(area: float, lives: tuple[float, float, float]) -> None:
 
 def test_vendor_claim_gives_three_lives() -> None:
     assert relative_life(1 / 60, 1 / 28) == pytest.approx(3, rel=2e-3)
-
-
-def test_equal_split_has_one_density() -> None:
-    split = equal_density_split(LightDemand())
-    assert math.fsum(split) == pytest.approx(1)
-    assert split == pytest.approx((0.23, 0.32, 0.45), abs=0.0051)
-    density = current_density(LightDemand(), split)
-    assert max(density) == pytest.approx(min(density))
 
 
 def test_bad_numbers() -> None:

@@ -26,8 +26,6 @@ from maskfab.optics.numbers.centroid import luminance_centroid
 from maskfab.optics.numbers.colour import LUMINANCE
 
 Labels = NDArray[np.int8]
-Order = tuple[int, int, int]
-Orders = tuple[Order, ...]
 
 _PLACES = 12
 """Places of each cut that are looked at; more makes no centroid better by what can be seen."""
@@ -188,60 +186,3 @@ class _Light:
     def _other(y: float, x: float) -> tuple[float, float]:
         """Of the sides across, the one that the light leans to."""
         return math.copysign(abs(x), y), math.copysign(abs(y), x)
-
-
-def colour_orders(
-    emitters: Emitters, grid: EmitterGrid, ratio: Ratio, elements: Iterable[int] = range(ORIENTATIONS)
-) -> Orders:
-    """Which colour goes where in each of the eight orientations, so that the light moves about least; exact.
-
-    Colours can change places only if they have equal areas. As neighbours then meet in any colours, emitters must keep
-    the margin along the borders that makes every pair legal; else, and for unequal ratios, all colours stay.
-
-    Args:
-        emitters: of orientation 0.
-        grid: their cells and rules.
-        ratio: relative areas of red, green and blue.
-        elements: the orientations in use, equally likely; the others keep their colours.
-
-    Returns:
-        Eight permutations: in orientation k, the area labelled j has colour ``orders[k][j - 1]``.
-    """
-    same: Order = (1, 2, 3)
-    chosen = [same] * ORIENTATIONS
-    used = sorted({k % ORIENTATIONS for k in elements})
-    margin = border_margin(grid)
-    inner = emitters.labels[margin : grid.cells - margin, margin : grid.cells - margin]
-    if not used or max(ratio) - min(ratio) > 1e-9 or np.count_nonzero(inner) < np.count_nonzero(emitters.labels):
-        return tuple(chosen)
-    every = list(permutations(same))
-    spots = np.array(
-        [
-            [
-                luminance_centroid(
-                    Emitters(np.array([0, *order], dtype=np.int8)[orient(emitters.labels, k)], emitters.cell_nm),
-                    grid.pitch_nm,
-                )
-                for order in every
-            ]
-            for k in used
-        ]
-    )
-    x, y, squared = (_sums(part) for part in (spots[..., 0], spots[..., 1], (spots**2).sum(axis=-1)))
-    off = x**2 + y**2
-    variance = (squared - off / len(used)).round(12)
-    # Of those that move least, the ones with the mean nearest to the centre, too, and the first of these.
-    least = np.flatnonzero(variance == variance.min())
-    at = int(least[off[least].round(12).argmin()])
-    for k, which in zip(used, np.unravel_index(at, (len(every),) * len(used)), strict=True):
-        a, b, c = every[int(which)]
-        chosen[k] = (a, b, c)
-    return tuple(chosen)
-
-
-def _sums(parts: NDArray[np.float64]) -> NDArray[np.float64]:
-    """The sum over rows for every choice of one entry per row; the last row's choice runs fastest."""
-    sums = np.zeros(1)
-    for row in parts:
-        sums = (sums[:, None] + row).ravel()
-    return sums

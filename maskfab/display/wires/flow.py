@@ -175,7 +175,7 @@ def line_flow(closed: Mask, direction: Direction, *, capacity: int = 1, dot_nm: 
     Args:
         closed: bool [n, n], y up, True where a line may run.
         direction: vertical from bottom to top, horizontal from left to right.
-        capacity: lines that a dot carries, see :func:`maskfab.display.wires.gutter.dot_capacity`.
+        capacity: lines that a dot carries.
         dot_nm: side of a dot, for the certificate.
 
     Raises:

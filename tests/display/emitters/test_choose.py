@@ -12,14 +12,14 @@ from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published
 from scipy import ndimage
 from sweeps import in_turns, sweep
 
-from maskfab.display.emitters.assign import centred, colour_orders, wander
+from maskfab.display.emitters.assign import centred, wander
 from maskfab.display.emitters.borders import borders
 from maskfab.display.emitters.emitter_rules import EmitterRules, grid_of
 from maskfab.display.emitters.fit import footprint
 from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import cut_triples, guillotine, shaved
 from maskfab.display.emitters.squares import Squares
-from maskfab.model import Emitters, Opening, Tiling, orient
+from maskfab.model import Emitters, Opening, Tiling
 from maskfab.opening.openings import parse
 from maskfab.optics.numbers.centroid import luminance_centroid
 from maskfab.plate.tiling import orientations
@@ -159,44 +159,3 @@ def test_shaving_moves_the_middle_away_from_the_side(towards: tuple[float, float
     middle = np.argwhere(squares.picture(rest)).mean(axis=0) - 4
     assert middle @ np.array(towards) < -0.5
     assert shaved(squares, whole, towards, 14, 49) == whole
-
-
-def wandered(emitters: Emitters, pitch_nm: int, orders: tuple[tuple[int, int, int], ...], used: list[int]) -> float:
-    places = np.array(
-        [
-            luminance_centroid(
-                Emitters(np.array([0, *orders[k]], dtype=np.int8)[orient(emitters.labels, k)], 1000), pitch_nm
-            )
-            for k in used
-        ]
-    )
-    return float(((places - places.mean(axis=0)) ** 2).sum())
-
-
-@pytest.mark.parametrize("used", [[0], [0, 2], [0, 3, 5], list(range(8))])
-def test_no_colour_order_moves_the_light_less(used: list[int]) -> None:
-    rng = np.random.default_rng(6)
-    grid = cells(6)
-    labels = rng.integers(0, 4, (6, 6)).astype(np.int8)
-    emitters = Emitters(labels, 1000)
-    orders = colour_orders(emitters, grid, ALIKE, used)
-    assert len(orders) == 8
-    least = wandered(emitters, 6000, orders, used)
-    every = list(itertools.permutations((1, 2, 3)))
-    picks = itertools.product(every, repeat=len(used)) if len(used) < 4 else rng.choice(every, (200, 8)).tolist()
-    for pick in picks:
-        other = [(1, 2, 3)] * 8
-        for k, order in zip(used, pick, strict=True):
-            other[k] = tuple(order)
-        assert least <= wandered(emitters, 6000, tuple(other), used) + 1e-9
-    assert least <= wander(emitters, 6000, used) ** 2 * len(used) + 1e-9
-
-
-def test_colours_that_may_not_change_places_do_not() -> None:
-    labels = np.zeros((6, 6), dtype=np.int8)
-    labels[:, 0], labels[:, 2], labels[:, 4] = 1, 2, 3
-    same = ((1, 2, 3),) * 8
-    assert colour_orders(Emitters(labels, 1000), cells(6), ALIKE) != same
-    assert colour_orders(Emitters(labels, 1000), cells(6), (0.9, 1.0, 1.1)) == same
-    # The gap of two cells asks for a margin, which red does not keep.
-    assert colour_orders(Emitters(labels, 1000), cells(6, gap=2), ALIKE) == same

@@ -7,7 +7,7 @@ import pytest
 from scipy import ndimage
 
 from maskfab.display.wires.flow import DIRECTIONS, Net, line_flow
-from maskfab.display.wires.gutter import WireRules, dot_capacity, gutter_for, lines_per_layer
+from maskfab.display.wires.gutter import WireRules, lines_per_layer
 from maskfab.display.wires.ports import ports
 from maskfab.display.wires.reach import reaches
 from maskfab.errors import JobError
@@ -76,18 +76,8 @@ def test_gutters() -> None:
     rules = WireRules()
     assert lines_per_layer(8000, rules) == 1
     assert lines_per_layer(7999, rules) == 0
-    assert [gutter_for(3, 1, rules), gutter_for(3, 2, rules), gutter_for(5, 1, rules), gutter_for(5, 2, rules)] == [
-        20_000,
-        14_000,
-        32_000,
-        20_000,
-    ]
-    assert all(lines_per_layer(gutter_for(n, 1, rules), rules) == n for n in range(20))
-    assert (dot_capacity(8000, rules), dot_capacity(16_000, rules)) == (1, 2)
     with pytest.raises(JobError, match="MF120"):
         WireRules(line_nm=0)
-    with pytest.raises(JobError, match="MF120"):
-        gutter_for(1, 0, rules)
 
 
 def test_emitters_reach_the_gutter_or_sit_on_an_island() -> None:
