@@ -17,29 +17,29 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from maskfab.api.analysing import analyse as analyse
-    from maskfab.api.benchmarking import bench as bench
     from maskfab.api.camera import Camera as Camera
     from maskfab.api.curves import Mtf as Mtf
     from maskfab.api.curves import Psf as Psf
-    from maskfab.api.designing import Design as Design
-    from maskfab.api.designing import design as design
-    from maskfab.api.displays import check as check
-    from maskfab.api.displays import render as render
-    from maskfab.api.explaining import explain as explain
     from maskfab.api.opening import Opening as Opening
     from maskfab.api.opening import read_opening as read_opening
     from maskfab.api.panel import Panel as Panel
-    from maskfab.api.photographs import simulate as simulate
-    from maskfab.api.planning import plan as plan
     from maskfab.api.plate import Plate as Plate
-    from maskfab.api.plates import run as run
-    from maskfab.api.plates import verify as verify
-    from maskfab.api.shapes import shape as shape
-    from maskfab.api.shapes import shapes as shapes
-    from maskfab.api.shops import package as package
-    from maskfab.api.shops import shops as shops
-    from maskfab.api.sweeping import pareto as pareto
+    from maskfab.api.verbs.analysing import analyse as analyse
+    from maskfab.api.verbs.benchmarking import bench as bench
+    from maskfab.api.verbs.designing import Design as Design
+    from maskfab.api.verbs.designing import design as design
+    from maskfab.api.verbs.displays import check as check
+    from maskfab.api.verbs.displays import render as render
+    from maskfab.api.verbs.explaining import explain as explain
+    from maskfab.api.verbs.photographs import simulate as simulate
+    from maskfab.api.verbs.planning import plan as plan
+    from maskfab.api.verbs.plates import run as run
+    from maskfab.api.verbs.plates import verify as verify
+    from maskfab.api.verbs.shapes import shape as shape
+    from maskfab.api.verbs.shapes import shapes as shapes
+    from maskfab.api.verbs.shops import package as package
+    from maskfab.api.verbs.shops import shops as shops
+    from maskfab.api.verbs.sweeping import pareto as pareto
     from maskfab.errors import MaskfabError as MaskfabError
     from maskfab.job import load as load_job
     from maskfab.plate.maps import load as read_map
@@ -49,7 +49,7 @@ __version__ = "0.1.0"
 
 _WHERE = {
     "Camera": "maskfab.api.camera",
-    "Design": "maskfab.api.designing",
+    "Design": "maskfab.api.verbs.designing",
     "MaskfabError": "maskfab.errors",
     "Mtf": "maskfab.api.curves",
     "Opening": "maskfab.api.opening",
@@ -57,24 +57,24 @@ _WHERE = {
     "Plate": "maskfab.api.plate",
     "Psf": "maskfab.api.curves",
     "Quantities": "maskfab.report.quantities",
-    "analyse": "maskfab.api.analysing",
-    "bench": "maskfab.api.benchmarking",
-    "check": "maskfab.api.displays",
-    "design": "maskfab.api.designing",
-    "explain": "maskfab.api.explaining",
+    "analyse": "maskfab.api.verbs.analysing",
+    "bench": "maskfab.api.verbs.benchmarking",
+    "check": "maskfab.api.verbs.displays",
+    "design": "maskfab.api.verbs.designing",
+    "explain": "maskfab.api.verbs.explaining",
     "load_job": "maskfab.job:load",
-    "package": "maskfab.api.shops",
-    "pareto": "maskfab.api.sweeping",
-    "plan": "maskfab.api.planning",
+    "package": "maskfab.api.verbs.shops",
+    "pareto": "maskfab.api.verbs.sweeping",
+    "plan": "maskfab.api.verbs.planning",
     "read_map": "maskfab.plate.maps:load",
     "read_opening": "maskfab.api.opening",
-    "render": "maskfab.api.displays",
-    "run": "maskfab.api.plates",
-    "shape": "maskfab.api.shapes",
-    "shapes": "maskfab.api.shapes",
-    "shops": "maskfab.api.shops",
-    "simulate": "maskfab.api.photographs",
-    "verify": "maskfab.api.plates",
+    "render": "maskfab.api.verbs.displays",
+    "run": "maskfab.api.verbs.plates",
+    "shape": "maskfab.api.verbs.shapes",
+    "shapes": "maskfab.api.verbs.shapes",
+    "shops": "maskfab.api.verbs.shops",
+    "simulate": "maskfab.api.verbs.photographs",
+    "verify": "maskfab.api.verbs.plates",
 }
 """Module of every public name, and its name there where that differs."""
 

@@ -53,8 +53,8 @@ def analyse(
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Compute PSF, MTF and invariants of an opening or a mask file."""
-    from maskfab.api.analysing import analyse as analyse_file
     from maskfab.api.camera import Camera
+    from maskfab.api.verbs.analysing import analyse as analyse_file
     from maskfab.jobfile import CameraSection, parse_section
     from maskfab.optics.numbers.metrics import fast_lens
     from maskfab.optics.scene.model_bar import MODEL_BAR

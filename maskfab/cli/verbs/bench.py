@@ -24,7 +24,7 @@ def bench(
     quiet: Quiet = False,
 ) -> None:
     """Time every PSF method and compare each with the exact one, or run the hard cases."""
-    from maskfab.api.benchmarking import bench as race
+    from maskfab.api.verbs.benchmarking import bench as race
     from maskfab.benchmark import accuracy_page
     from maskfab.benchmark.cases import CASES, run_cases
 

@@ -30,7 +30,7 @@ def check(
     quiet: Quiet = False,
 ) -> None:
     """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not."""
-    from maskfab.api.displays import check as check_job
+    from maskfab.api.verbs.displays import check as check_job
     from maskfab.cli.common.shop_verdict import print_findings
 
     with named_as_options(context), watched(quiet) as progress:

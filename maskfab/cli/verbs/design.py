@@ -36,7 +36,7 @@ def design(
     quiet: Quiet = False,
 ) -> None:
     """Find the opening through which photographs restore best, by shape search or gradient descent."""
-    from maskfab.api.designing import design as design_job
+    from maskfab.api.verbs.designing import design as design_job
     from maskfab.files.staging import check_file, write_text
     from maskfab.jobfile import read
 
@@ -63,7 +63,7 @@ def design(
 
 def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
     """Where the opening goes, and the outer one and the map where there will be any."""
-    from maskfab.api.designing import beside
+    from maskfab.api.verbs.designing import beside
     from maskfab.jobfile import SearchSection
     from maskfab.optimiser.design import section_of
 

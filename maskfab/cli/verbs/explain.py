@@ -21,7 +21,7 @@ def explain(
     as_json: Json = False,
 ) -> None:
     """Explain an error code (meaning, example, usual cause, cure) or a key of a job (form, default, meaning)."""
-    from maskfab.api.explaining import explain as explained
+    from maskfab.api.verbs.explaining import explain as explained
 
     found = explained(code)
     if as_json:

@@ -25,7 +25,7 @@ def package(
     quiet: Quiet = False,
 ) -> None:
     """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
-    from maskfab.api.shops import package as pack_job
+    from maskfab.api.verbs.shops import package as pack_job
     from maskfab.mask_shops.profiles import load_shop
 
     profile = load_shop(shop)

@@ -24,7 +24,7 @@ def pareto(
     quiet: Quiet = False,
 ) -> None:
     """Find the Pareto front of restored PSNR against emitter footprint."""
-    from maskfab.api.sweeping import pareto as sweep
+    from maskfab.api.verbs.sweeping import pareto as sweep
     from maskfab.files.staging import check_target
 
     command = f"maskfab pareto {job.as_posix()} --out {out.as_posix()}"

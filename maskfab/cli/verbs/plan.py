@@ -16,7 +16,7 @@ def plan(
     as_json: Json = False,
 ) -> None:
     """Plan the model of the job's [scene]: effects to include, error of those omitted, time and memory."""
-    from maskfab.api.planning import plan as plan_job
+    from maskfab.api.verbs.planning import plan as plan_job
 
     found = plan_job(job, die=die)
     if as_json:

@@ -30,7 +30,7 @@ def render(
     quiet: Quiet = False,
 ) -> None:
     """Render pictures on the panels as the eye sees them, with S-CIELAB difference, grain and colour fringes."""
-    from maskfab.api.displays import render as render_job
+    from maskfab.api.verbs.displays import render as render_job
 
     if out is not None:
         from maskfab.files.staging import check_target

@@ -38,7 +38,7 @@ def shape(
     as_json: Json = False,
 ) -> None:
     """Draw a parametric opening, or the opening of a display with its emitters."""
-    from maskfab.api.shapes import shape as drawn
+    from maskfab.api.verbs.shapes import shape as drawn
     from maskfab.files.staging import check_file, write_text
     from maskfab.opening import display_layouts
     from maskfab.opening.openings import dumps

@@ -23,7 +23,7 @@ def shops(
     as_json: Json = False,
 ) -> None:
     """List the mask shops with published rules, or show the rules of one with their sources."""
-    from maskfab.api.shops import shops as known
+    from maskfab.api.verbs.shops import shops as known
 
     if name is not None:
         shop = known(name)

@@ -30,7 +30,7 @@ def simulate(
     quiet: Quiet = False,
 ) -> None:
     """Simulate noisy photographs through each die, restore and score them: PSNR, SSIM, gain over a reference."""
-    from maskfab.api.photographs import simulate as simulate_job
+    from maskfab.api.verbs.photographs import simulate as simulate_job
     from maskfab.files.staging import check_file, write_bytes
 
     if picture is not None:

@@ -41,7 +41,7 @@ def verify(
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Repeat every check on a finished run or package, or compare a mask file with a job."""
-    from maskfab.api.plates import check_applies, is_dark
+    from maskfab.api.verbs.plates import check_applies, is_dark
     from maskfab.delivery.archive import is_package
 
     check_applies(

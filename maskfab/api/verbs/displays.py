@@ -157,7 +157,7 @@ def check(
 
 
 def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Progress) -> ShopCheck:
-    from maskfab.api.shops import formats_of
+    from maskfab.api.verbs.shops import formats_of
 
     profile, sent = load_shop(shop), formats_of(formats)
     loaded = job_of(job)
