@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from pydantic import Field
 
+from maskfab.api.verbs.explaining import explain
 from maskfab.display.circuit import CircuitRules
 from maskfab.errors import InputError, JobError
 from maskfab.jobfile import RulesSection, SearchSection, parse_section
@@ -127,6 +128,18 @@ def test_every_key_of_the_rules_is_a_rule_or_of_its_emitters() -> None:
         assert key.name == rule.name
         assert not rule.asks(rule.default)
     assert Constraints(9, **{rule.name: rule.default for rule in RULES}).active == ()
+
+
+def test_explaining_a_rule_says_when_it_is_refused() -> None:
+    told = explain("design.rules.wire_flow").text
+    assert "Refused if:  Every line closes a dot of each row" in told
+    assert "Refused if" not in explain("design.rules.rim_dots").text
+
+
+def test_words_are_those_of_the_key() -> None:
+    for name, words in (("symmetry", "d4, mirror, rot180"), ("kissing", "allowed, cell, neighbours")):
+        with pytest.raises(JobError, match=rf"MF105.*{name} = 'x'.*design\.rules\.{name}.*Use {words}"):
+            Constraints(9, **{name: "x"})
 
 
 def test_a_price_is_found_under_the_key_that_it_was_stated_by() -> None:

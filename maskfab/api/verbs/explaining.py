@@ -63,12 +63,20 @@ def _of_keys(path: str) -> Answer:
     from maskfab.jobfile.reference import keys_of
 
     keys = keys_of(path)
+    refused = _refused_if() if any(key.section == "design.rules" for key in keys) else {}
     told = []
     for key in keys:
         default = "required" if key.default is None else key.default or "none"
-        parts = _parts(("Meaning", key.meaning), ("Form", key.form), ("Default", default))
+        parts = _parts(("Meaning", key.meaning), ("Form", key.form), ("Default", default), *refused.get(key.path, ()))
         told.append(key.path + key.section.partition(" ")[1] + key.section.partition(" ")[2] + "\n" + parts)
     return Answer("\n\n".join(told), {"keys": [asdict(key) for key in keys]})
+
+
+def _refused_if() -> dict[str, tuple[tuple[str, str]]]:
+    """By the keys of design rules, when a design is refused for them before it is searched for."""
+    from maskfab.optimiser.rules.registry import RULES
+
+    return {rule.where: (("Refused if", rule.refused_if),) for rule in RULES if rule.refused_if}
 
 
 def _parts(*parts: tuple[str, str]) -> str:

@@ -22,10 +22,11 @@ from scipy import ndimage
 
 from maskfab.camera.protocol import LEVELS
 from maskfab.errors import InternalError, JobError
-from maskfab.model import ORIENTATIONS, frozen, orient
+from maskfab.model import ORIENTATIONS, frozen
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.families import Candidate
+from maskfab.optimiser.rules.orbits import turned_key
 from maskfab.progress import Progress, silent
 
 Mask = NDArray[np.bool_]
@@ -155,11 +156,13 @@ def scan(
     found: list[Ranked] = []
     done, repeated, complete = 0, 0, True
 
+    turns = range(ORIENTATIONS) if turned_alike else range(1)
+
     def kept() -> Iterator[Candidate]:
         nonlocal done, repeated
         for candidate in candidates:
             done += 1
-            key = _key(candidate.unit, turned_alike)
+            key = turned_key(candidate.unit, turns)
             if key in seen:
                 repeated += 1
                 continue
@@ -409,11 +412,6 @@ def _run(starts: Mask, within: Mask, length: int, rng: np.random.Generator) -> N
         return None
     run = first + (n if upwards else 1) * np.arange(length, dtype=np.intp)
     return run if within.ravel()[run].all() else None
-
-
-def _key(unit: Mask, turned_alike: bool) -> bytes:
-    turns = range(ORIENTATIONS) if turned_alike else (0,)
-    return min(np.packbits(orient(unit, k)).tobytes() for k in turns)
 
 
 def _number(value: float) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,11 @@ def orbits(dots: int, symmetry: Symmetry | None) -> tuple[NDArray[np.intp], ...]
     images = np.stack([orient(number, k).ravel() for k in ELEMENTS[symmetry]])
     first = images.min(axis=0)
     return tuple(np.unique(images[:, k]) for k in np.flatnonzero(first == number.ravel()))
+
+
+def turned_key(unit: NDArray[np.bool_], turns: Iterable[int] = range(ORIENTATIONS)) -> bytes:
+    """Key that openings have in common which elements of D4 map onto each other, all of them if none are named."""
+    return min(np.packbits(orient(unit, k)).tobytes() for k in turns)
 
 
 def sums(sizes: Sequence[int]) -> list[int]:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError
-from maskfab.model import ORIENTATIONS, orient
+from maskfab.optimiser.rules.orbits import turned_key
 from maskfab.plate.maps import Shift, shifted
 
 Floats = NDArray[np.float64]
@@ -42,10 +42,10 @@ def places(unit: NDArray[np.bool_], most: int = _MOST_CANDIDATES) -> tuple[Shift
     while True:
         ups = _steps(-int(rows[0]), len(mask) - 1 - int(rows[-1]), step)
         rights = _steps(-int(columns[0]), len(mask) - 1 - int(columns[-1]), step)
-        found: dict[bytes, Shift] = {_key(mask): (0, 0)}
+        found: dict[bytes, Shift] = {turned_key(mask): (0, 0)}
         for up in ups:
             for right in rights:
-                found.setdefault(_key(shifted(mask, (right, up))), (right, up))
+                found.setdefault(turned_key(shifted(mask, (right, up))), (right, up))
         # With the widest step the corners are left, which may be too many still.
         if len(found) <= most or step >= len(mask):
             return tuple(found.values())[:most]
@@ -81,7 +81,3 @@ def _steps(low: int, high: int, step: int) -> list[int]:
         return list(range(low, high + 1))
     spread = np.linspace(low, high, 1 + -(-(high - low) // step))
     return sorted({0, *(round(float(value)) for value in spread)})
-
-
-def _key(mask: NDArray[np.bool_]) -> bytes:
-    return min(np.packbits(orient(mask, k)).tobytes() for k in range(ORIENTATIONS))

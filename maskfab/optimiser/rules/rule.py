@@ -6,7 +6,7 @@ import inspect
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
@@ -116,12 +116,21 @@ class Rule:
         )
         return (least[0], most[0] if most else math.inf) if least else None
 
+    @property
+    def words(self) -> tuple[str, ...]:
+        """Those that it may be; empty for a rule that is no word."""
+        kind = self.section.model_fields[self.name].annotation
+        return next((get_args(each) for each in (kind, *get_args(kind)) if get_origin(each) is Literal), ())
+
     def value(self, constraints: Constraints, given: Any) -> Any:
         """The value that constraints hold, from the one that they were given.
 
         Raises:
-            JobError: MF104 for a number out of range, and as ``checked``.
+            JobError: MF104 for a number out of range, MF105 for a word that is none of its key's, and as ``checked``.
         """
+        if self.words and given not in self.words:
+            what = f"{self.name} = {given!r} is not a rule"
+            raise JobError("MF105", what, where=self.where, cure=f"Use {', '.join(self.words)}")
         if (limits := self.range) is not None and not limits[0] <= given <= limits[1]:
             raise out_of_range(self.name, given, *limits, where=self.where)
         return self.checked(constraints, given)

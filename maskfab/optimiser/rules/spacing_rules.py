@@ -3,28 +3,15 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
-from maskfab.errors import JobError
-from maskfab.jobfile.values import Kissing
 from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
 
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints
-
-
-def _known_kissing(constraints: Constraints, given: Any) -> Any:
-    if given not in get_args(Kissing):
-        raise JobError(
-            "MF105",
-            f"kissing = {given!r} is not a rule",
-            where=KISSING.where,
-            cure="Use allowed, cell or neighbours",
-        )
-    return given
 
 
 def _kisses(constraints: Constraints, unit: Mask) -> str | None:
@@ -103,6 +90,6 @@ def _space(constraints: Constraints, units: Mask) -> float:
     return least
 
 
-KISSING = Rule("kissing", "", _kisses, beside=_kiss_beside, one_place=_among_neighbours, checked=_known_kissing)
+KISSING = Rule("kissing", "", _kisses, beside=_kiss_beside, one_place=_among_neighbours)
 FEATURE = Rule("min_feature_dots", "dots", _narrow, proof=_by_width, counted=True)
 SPACE = Rule("min_space_dots", "dots", _close, beside=_close_beside, one_place=lambda _: True)
