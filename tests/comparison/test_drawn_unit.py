@@ -6,11 +6,14 @@ import ezdxf
 import pytest
 from klayout import db
 from small_job import command, write_job
+from sweeps import sweep
 
 from maskfab.comparison.foreign.foreign_mask import How, check_foreign
 from maskfab.errors import JobError
 from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
+
+pytestmark = pytest.mark.usefixtures("read_here")
 
 MICROMETRES, MILLIMETRES, INCHES = 13, 4, 1
 
@@ -45,13 +48,16 @@ def told(job, path, **how):
 
 @pytest.mark.parametrize(
     ("um_per_unit", "header", "said", "unit"),
-    [
-        (25400.0, None, "drawn in inches, taken for micrometres (state --unit in)", "in"),
-        (25400.0, MILLIMETRES, "drawn in inches, taken for millimetres (state --unit in)", "in"),
-        (1000.0, MICROMETRES, "1000 times too small (state --unit mm)", "mm"),
-        (1.0, 12, "1000 times too small (state --unit um)", "um"),
-        (1000.0, INCHES, "drawn in millimetres, taken for inches (state --unit mm)", "mm"),
-    ],
+    sweep(
+        [
+            (25400.0, None, "drawn in inches, taken for micrometres (state --unit in)", "in"),
+            (1.0, 12, "1000 times too small (state --unit um)", "um"),
+            (1000.0, INCHES, "drawn in millimetres, taken for inches (state --unit mm)", "mm"),
+            (25400.0, MILLIMETRES, "drawn in inches, taken for millimetres (state --unit in)", "in"),
+            (1000.0, MICROMETRES, "1000 times too small (state --unit mm)", "mm"),
+        ],
+        3,
+    ),
 )
 def test_another_unit_is_told_and_undone_before_anything_is_rounded(
     job, polygons, tmp_path, um_per_unit, header, said, unit

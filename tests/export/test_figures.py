@@ -15,6 +15,8 @@ from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR, NOTE, OUTLINE, Die, Furniture, Note, Opening, Panel, Plate, Tiling
 from maskfab.readers.layout_file import read_layout
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 EVERY = [
     PolygonOptions(hierarchy=hierarchy, holes=holes, corners=corners, max_vertices=most)
     for hierarchy, holes, corners, most in [

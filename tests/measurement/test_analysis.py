@@ -20,6 +20,8 @@ from maskfab.measurement.analysis import Request, analyse
 from maskfab.model import Camera, Stop, Tiling
 from maskfab.provenance import sha256_of_file
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (530.0,), 2.0, 64.0)
 OF_BOTH = ("stop_open_ratio", "auc_radial_min", "mtf50", "mtf30", "mtf10", "psf_energy_in_window", "peak_strehl")
 
