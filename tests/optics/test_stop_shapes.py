@@ -274,6 +274,24 @@ def test_a_stop_that_is_none_is_refused(code, text):
     assert "camera.stop" in str(caught.value) or "stop" in caught.value.where
 
 
+def test_a_corner_on_a_straight_side_is_no_way_back():
+    corners = '[["-1 mm", "-1 mm"], ["0 mm", "-1 mm"], ["1 mm", "-1 mm"], ["0 mm", "1 mm"]]'
+    stop = camera_of(f'{{ shape = "polygon", corners = {corners} }}').camera().stop
+    assert stop.area_um2 == pytest.approx(2e6)
+
+
+@pytest.mark.parametrize("count", [256, 257])
+def test_a_polygon_has_256_corners_at_most(count):
+    angles = 2 * np.pi * np.arange(count) / count
+    corners = [[f"{1000 * np.cos(a):.3f} um", f"{1000 * np.sin(a):.3f} um"] for a in angles]
+    text = f'{{ shape = "polygon", corners = {json.dumps(corners)} }}'
+    if count == 256:
+        assert len(camera_of(text).camera().stop.corners_um) == count
+    else:
+        with pytest.raises(JobError, match="MF115 257 corners are more than 256"):
+            camera_of(text)
+
+
 @pytest.mark.parametrize(
     "stop",
     [
