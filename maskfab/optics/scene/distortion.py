@@ -10,8 +10,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.ndimage import map_coordinates
 
 from maskfab.errors import JobError
 from maskfab.jobfile.scene_values import MOST_DISTORTION
@@ -138,5 +138,5 @@ class DistortedWindow:
         """
         middle = psf.values.shape[0] // 2
         places = [self.y_um / psf.step_um + middle, self.x_um / psf.step_um + middle]
-        values = map_coordinates(psf.values, places, order=5, mode="constant")
+        values = scipy.ndimage.map_coordinates(psf.values, places, order=5, mode="constant")
         return Psf(values / self.magnification, step_um, psf.wavelength_nm, psf.kind)
