@@ -183,8 +183,8 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
                 scenes = measure_scenes(job, plate, plans, layout, progress, clock.seconds)
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
-            with clock.stage("photographs"):
-                restored = photographs.result(progress)
+            restored = photographs.result(progress)
+            clock.seconds["photographs"] = round(photographs.seconds, 3)
             found = Findings(job, built, read, optics, scenes, restored, written)
             report = found.report(files, clock.seconds)
             with clock.stage("figures"):

@@ -39,8 +39,12 @@ def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Photograph
         part = values[:, top : int(y + radius) + 3, left : int(x + radius) + 3]
         up = np.arange(top, top + part.shape[1], dtype=np.float32)[:, None] - np.float32(y)
         across = np.arange(left, left + part.shape[2], dtype=np.float32) - np.float32(x)
-        cover = np.clip(np.float32(radius + 0.5) - np.hypot(up, across), 0, 1)
-        part += cover * (colour[:, None, None] - part)
+        cover = np.hypot(up, across)
+        np.subtract(np.float32(radius + 0.5), cover, out=cover)
+        np.minimum(np.maximum(cover, 0, out=cover), 1, out=cover)
+        change = colour[:, None, None] - part
+        change *= cover
+        part += change
     return Photograph(f"leaves{seed}", seed, np.clip(values, 0, 1))
 
 

@@ -87,9 +87,10 @@ def wiener_filter(transfer: NDArray[Real], noise_to_signal: NDArray[Real] | Real
 
     Designs descend along its slope by :func:`maskfab.optimiser.model.layout_error.wiener_tensor`, the same on tensors.
     """
-    below = transfer**2 + noise_to_signal
-    filtered: NDArray[Real] = np.divide(transfer, below, out=np.zeros_like(below), where=below > 0)
-    return filtered
+    below: NDArray[Real] = np.asarray(transfer**2 + noise_to_signal)
+    if below.min(initial=1) > 0:  # nearly always; nothing then needs to be asked, or filled, element by element
+        return np.asarray(np.divide(transfer, below, out=below))
+    return np.asarray(np.divide(transfer, below, out=np.zeros_like(below), where=below > 0))
 
 
 def wiener_response(modulation: Floats, noise_to_signal: float) -> Floats:
