@@ -49,6 +49,7 @@ from maskfab.optics.image.mtf import area_under_radial_min
 from maskfab.optics.scene.plan import Plan
 from maskfab.processes import Alone, Given, Pair, Task
 from maskfab.progress import Progress, silent
+from maskfab.readers.gerber import require_gerbonara
 from maskfab.report import data, design_data, html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.quantities import Quantities
@@ -164,6 +165,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             plate = built.plate
         with clock.stage("draw"):
             made = draw_files(job, plate)
+            check_readers(made)
         with clock.stage("plan"):
             plans = plan_scenes(job, plate, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
@@ -433,6 +435,16 @@ def check_pictures(job: Job, plate: Plate) -> None:
     section = job.spec.export
     if section is not None and not {"png", "tiff"}.isdisjoint(section.formats or ()):
         check_pixels(plate.dies, section.dots_per_um, job.where)
+
+
+def check_readers(made: PlateFiles) -> None:
+    """Refuse files that this installation could not read back, before any is written.
+
+    Raises:
+        SourceError: MF308.
+    """
+    if "gerber" in made.formats:
+        require_gerbonara(made.plate.name)
 
 
 def measure_process(

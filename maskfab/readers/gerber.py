@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -40,6 +41,21 @@ def read_gerber(path: Path) -> db.Layout:
     runs, curves = read_apart(path, Path(__file__).with_name("gerber_process.py"), seconds=seconds)
     with library_errors(path):
         return _Drawing(curves).layout(runs)
+
+
+def require_gerbonara(name: str) -> None:
+    """Refuse to write a Gerber file that this installation could not read back.
+
+    Raises:
+        SourceError: MF308.
+    """
+    if find_spec("gerbonara") is None:
+        raise SourceError(
+            "MF308",
+            f"the Gerber file of {name} could be written, but not read back without gerbonara",
+            where="export.formats",
+            cure="Run pip install 'maskfab[gerber]', or leave gerber out",
+        )
 
 
 class _Drawing:

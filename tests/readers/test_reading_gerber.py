@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import sys
 import time
 import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
+from small_job import write_job
 
+from maskfab import pipeline
 from maskfab.errors import SourceError
 from maskfab.geometry.shape_limits import left_out
 from maskfab.readers import gerber, gerber_process
@@ -171,3 +174,13 @@ def test_a_vertex_takes_few_bytes(tmp_path):
     tracemalloc.stop()
     # As pairs of numbers of Python a vertex took 120 bytes, besides the text and what is worked on.
     assert peak / (count * len(comb)) < 110
+
+
+def test_a_plate_that_could_not_be_read_back_is_not_begun(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gerbonara", None)
+    job = write_job(tmp_path, ("[[die]]", '[export]\nformats = ["gdsii", "gerber"]\n\n[[die]]'))
+    told = []
+    with pytest.raises(SourceError, match=r"MF308 .*maskfab\[gerber\]"):
+        pipeline.run(job, tmp_path / "out", progress=lambda stage, *_: told.append(stage))
+    assert "write files" not in told
+    assert not (tmp_path / "out").exists()
