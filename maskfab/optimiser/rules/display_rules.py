@@ -188,7 +188,7 @@ def _always(constraints: Constraints) -> bool:
     return True
 
 
-CIRCUIT = Rule("circuit", "um2", _no_room, proof=_by_closed_area, one_place=_always, read=_circuits, checked=_on_dots)
+CIRCUIT = Rule("circuit", "um^2", _no_room, proof=_by_closed_area, one_place=_always, read=_circuits, checked=_on_dots)
 WIRES = Rule("wire_flow", "lines", _few_lines, _few_lines_quickly, _by_wires, one_place=_always)
 PORTS = Rule("ports", "ports", _few_ports, proof=_by_ports, one_place=_always, slow=True)
 FOOTPRINT = Rule(
