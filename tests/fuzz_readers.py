@@ -49,7 +49,7 @@ from maskfab.eye import picture
 from maskfab.eye.picture import on_pixels
 from maskfab.files.silence_stdout import quiet
 from maskfab.job import load as load_job
-from maskfab.mask_shops.drawing import drawing_sheet
+from maskfab.mask_shops.drawing_sheet import drawing_sheet
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.opening import openings
 from maskfab.plate import maps

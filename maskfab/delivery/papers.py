@@ -15,7 +15,7 @@ from maskfab.delivery.archive import MANIFEST
 from maskfab.export.cell_polygons import Figures
 from maskfab.job import Job
 from maskfab.jobfile.shop_profile import Format, Shop, dump_shop
-from maskfab.mask_shops.drawing import drawing_sheet
+from maskfab.mask_shops.drawing_sheet import drawing_sheet
 from maskfab.mask_shops.judge import Finding
 from maskfab.mask_shops.order_sheet import PARITY, TONE, order_sheet
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
