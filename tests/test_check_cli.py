@@ -65,7 +65,7 @@ def test_a_display_that_fits(capsys, tmp_path):
     assert found["borders"]["sufficient_margin_um"] == 0
     assert found["borders"]["side_violations"] == found["borders"]["diagonal_violations"] == 0
     assert (die["broken"], found["proofs"], die["largest_gap"]) == ([], [], None)
-    # Three circuits of 200 um2; everything closed is as wide as a dot.
+    # Three circuits of 200 um^2; everything closed is as wide as a dot.
     assert die["circuits"] == {"room_um2": 42 * 64, "closed_um2": 42 * 64, "need_um2": 600}
     assert die["light"]["centroid_px"] == found["emitters"]["centroid_px"]
     assert die["light"]["wander_px"] == 0
@@ -159,7 +159,7 @@ def test_the_text_says_everything_and_nothing_is_written(capsys, tmp_path):
     }  # fmt: skip
     assert told["rectangles"] == "14.06 %"
     assert told["footprint"].endswith("required 14.00 %")
-    assert told["circuits"] == "2688 um2 available, 600 um2 needed"
+    assert told["circuits"] == "2688 um^2 available, 600 um^2 needed"
     assert told["rules broken"].startswith("none")
     assert listing(tmp_path) == before
 
@@ -171,7 +171,7 @@ def test_every_proof_is_printed(capsys, tmp_path):
     proofs = [row for row in answer.stdout.splitlines() if row.startswith("  proof ")]
     assert len(proofs) == 2
     assert "square of 24 um" in proofs[0]
-    assert "need 2700 um2" in proofs[1]
+    assert "need 2700 um^2" in proofs[1]
 
 
 def test_dies_keep_the_order_of_the_plate(capsys, tmp_path):

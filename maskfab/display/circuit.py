@@ -26,7 +26,7 @@ class CircuitRules:
     """Area rules of the drive circuits.
 
     Attributes:
-        need_um2: area of the circuit and lines of one subpixel. 1985 um2 is derived from a panel on sale: BOE
+        need_um2: area of the circuit and lines of one subpixel. 1985 um^2 is derived from a panel on sale: BOE
             BF060Y8M, a pixel pitch of 63 um with two subpixels each (green beside red or blue), 63² / 2.
         circuits: how many of them one pixel holds.
         shared_by: pixels that share one circuit between them, in turn.
@@ -125,8 +125,8 @@ def _room(name: str, cells: Mask, cell_nm: int, width: int, need_um2: float) -> 
     if area >= need_um2 * (1 - 1e-12):
         return Room(area, closed, need_um2, None)
     statement = (
-        f"{name} holds {area:.0f} um2 at least {width * cell_nm / NM_PER_UM:g} um wide ({closed:.0f} um2 in all); "
-        f"the circuits need {need_um2:.0f} um2"
+        f"{name} holds {area:.0f} um^2 at least {width * cell_nm / NM_PER_UM:g} um wide ({closed:.0f} um^2 in all); "
+        f"the circuits need {need_um2:.0f} um^2"
     )
     numbers = {"area_um2": area, "closed_um2": closed, "need_um2": need_um2}
     return Room(area, closed, need_um2, Certificate(Proof.CIRCUIT_AREA, statement, numbers, wide, cell_nm))

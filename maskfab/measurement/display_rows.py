@@ -78,7 +78,7 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
             "leads to the pixel's side, and no transparent wire does",
             die=name,
         )
-    broken = "; ".join(f"{each.rule}, {each.area_um2:g} um2" for each in found.broken[:3])
+    broken = "; ".join(f"{each.rule}, {each.area_um2:g} um^2" for each in found.broken[:3])
     yield Quantity(
         "emitter_rules_broken",
         len(found.broken),

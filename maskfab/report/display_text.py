@@ -38,7 +38,7 @@ def _placement(found: Feasibility) -> Iterator[Line]:
     yield (
         "areas",
         ", ".join(f"{letter} {area:.10g}" for letter, area in zip("RGB", found.emitters.areas_um2, strict=True))
-        + " um2",
+        + " um^2",
     )
     borders = found.borders
     if borders is not None:
@@ -52,12 +52,12 @@ def _placement(found: Feasibility) -> Iterator[Line]:
         yield "rules broken", "none, measured from the polygons"
     for each in found.broken:
         x, y = (along / NM_PER_UM for along in each.place_nm)
-        yield "rules broken", f"{each.rule}: {each.area_um2:g} um2 near ({x:g}, {y:g}) um"
+        yield "rules broken", f"{each.rule}: {each.area_um2:g} um^2 near ({x:g}, {y:g}) um"
 
 
 def _circuits(found: Feasibility) -> Iterator[Line]:
     room = found.room
-    yield "circuits", f"{_round(room.area_um2)} um2 available, {_round(room.need_um2)} um2 needed"
+    yield "circuits", f"{_round(room.area_um2)} um^2 available, {_round(room.need_um2)} um^2 needed"
 
 
 def _wires(found: Feasibility) -> Iterator[Line]:

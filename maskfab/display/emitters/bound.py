@@ -211,7 +211,7 @@ def _certificate(
     line = f"; every line of cells that parts it so has at least {cut} of them" if cut else ""
     others = "; the other pieces cannot hold the rest" if most and len(pieces) > 1 else ""
     text = (
-        f"emitters above {bound:g} cells ({bound * unit:.0f} um2, {share:.2%} of the pixel) times their ratio "
+        f"emitters above {bound:g} cells ({bound * unit:.0f} um^2, {share:.2%} of the pixel) times their ratio "
         f"do not fit: the largest piece of the region has {piece.total} cells{line}, so {len(tried)} of them with "
         f"gaps of {grid.colour_gap} cells would take {taken} or more{others}"
     )

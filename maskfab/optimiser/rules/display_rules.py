@@ -37,7 +37,7 @@ def _circuits(need_um2: Any, section: DesignSection, emitters: EmitterRules, whe
     if need_um2 == 0:
         raise JobError(
             "MF104",
-            "a circuit of 0 um2 has no effect",
+            "a circuit of 0 um^2 has no effect",
             where=f"{where}.rules.circuit",
             cure="Give its area, or remove the key",
         )
@@ -62,7 +62,7 @@ def _by_closed_area(constraints: Constraints) -> Conflict | None:
         return None
     return Conflict(
         ("circuit", "clear_dots"),
-        f"{asked.circuits} circuits of {asked.need_um2:g} um2 need more than the {closed:g} um2 of the pixel that are "
+        f"{asked.circuits} circuits of {asked.need_um2:g} um^2 need more than the {closed:g} um^2 of the pixel that are "
         "closed",
     )
 
