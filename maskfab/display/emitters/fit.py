@@ -169,8 +169,8 @@ def three_squares(region: NDArray[np.bool_], grid: EmitterGrid) -> Certificate |
     most_fit = ("none fits", "one fits", "two fit")[count]
     return Certificate(
         Proof.NO_THREE_SQUARES,
-        f"Every emitter holds a square of {w:g} um; of squares {gap:g} um apart in the {free:g} um^2 where emitters may "
-        f"lie, {most_fit}, and three do not",
+        f"Every emitter holds a square of {w:g} um; of squares {gap:g} um apart in the {free:g} um^2 where emitters "
+        f"may lie, {most_fit}, and three do not",
         {"squares": count, "width_um": w, "gap_um": gap, "free_um2": free},
         squares.picture(placed),
         grid.cell_nm,

@@ -62,8 +62,8 @@ def _by_closed_area(constraints: Constraints) -> Conflict | None:
         return None
     return Conflict(
         ("circuit", "clear_dots"),
-        f"{asked.circuits} circuits of {asked.need_um2:g} um^2 need more than the {closed:g} um^2 of the pixel that are "
-        "closed",
+        f"{asked.circuits} circuits of {asked.need_um2:g} um^2 need more than the {closed:g} um^2 of the pixel that "
+        "are closed",
     )
 
 
