@@ -25,6 +25,8 @@ from maskfab.pipeline import Result, check_rules, draw_files, write_files
 from maskfab.progress import silent
 from maskfab.provenance import sha256_of_file
 
+pytestmark = pytest.mark.usefixtures("read_here")
+
 PITCH = 'dot = "8 um"\npitch = "56 um"'
 ONE_FILE = ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]')
 LIMITS = '[limits]\ncorner_touches = {}\nmin_feature = "{}"\nmin_space = "{}"\n\n[plate]'

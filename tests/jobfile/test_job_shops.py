@@ -14,7 +14,7 @@ from maskfab.job import load
 from maskfab.jobfile.shop_profile import dump_shop, parse_shop, read_shop
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
+pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
 
 PROFILE = """\
 title = "A house"

@@ -19,7 +19,7 @@ APART = ("gdsii", "oasis", "gerber", "step")
 """maskfab starts a process for each of these, for which one that is copied for every file stands here."""
 
 
-@pytest.mark.parametrize("share", [3, pytest.param(1, marks=pytest.mark.slow)], ids=["third", "all"])
+@pytest.mark.parametrize("share", [6, pytest.param(1, marks=pytest.mark.slow)], ids=["sixth", "all"])
 @pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)
 def test_damaged_files_are_refused_or_seen(reader, share, tmp_path):
     numbers = range(max(6, FEWER.get(reader, SLICE) // share))
@@ -38,7 +38,9 @@ def test_damaged_files_are_refused_or_seen(reader, share, tmp_path):
     assert refused > len(numbers) / 3
 
 
-@pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)
+@pytest.mark.parametrize(
+    "reader", [pytest.param(each, marks=[pytest.mark.slow] * (each == "step")) for each in fuzz_originals.SUFFIXES]
+)
 def test_what_is_damaged_was_whole_before(reader, tmp_path):
     path = tmp_path / fuzz_originals.file_name(reader)
     if reader == "job":
