@@ -75,6 +75,11 @@ def test_a_scene_is_planned_without_what_only_files_wires_and_designs_need(tmp_p
     assert imported(code) & later == set()
 
 
+def test_an_opening_is_analysed_without_what_only_displays_and_designs_need():
+    later = {"torch", "matplotlib", "scipy.sparse", "maskfab.display", "maskfab.optimiser"}
+    assert imported("import maskfab.api.verbs.analysing") & later == set()
+
+
 def test_a_plate_is_made_and_verified_without_what_only_designs_and_solids_need():
     later = {"torch", "OCP", "cadquery", "trimesh", "manifold3d", "gerbonara"}
     assert imported("import maskfab.pipeline, maskfab.verification") & later == set()

@@ -21,6 +21,7 @@ from maskfab.optics.scene.plan import AT_MOST
 from maskfab.optics.scene.plan import document as plan_document
 from maskfab.report.design_data import design_schema
 from maskfab.report.display_data import display_document, display_schema
+from maskfab.report.quantities import quantity_document
 from maskfab.units import NM_PER_UM
 
 SCHEMA_VERSION = 2
@@ -307,29 +308,6 @@ def _view(view: PointView) -> Document:
 
 def _distance(length_um: float) -> float | None:
     return None if math.isinf(length_um) else length_um
-
-
-def quantity_document(quantity: Quantity) -> Document:
-    """One quantity as report.json writes it."""
-    row: Document = {
-        "name": quantity.name,
-        "symbol": quantity.symbol,
-        "value": quantity.value,
-        "unit": quantity.unit,
-        "uncertainty": quantity.uncertainty,
-        "method": quantity.method,
-        "limit": quantity.limit,
-        "passed": quantity.passed,
-    }
-    if quantity.wavelength_nm is not None:
-        row["wavelength_nm"] = quantity.wavelength_nm
-    if quantity.level_db is not None:
-        row["level_db"] = quantity.level_db
-    if quantity.at_most:
-        row["at_most"] = True
-    if quantity.die is not None:
-        row["die"] = quantity.die
-    return row
 
 
 def _file(file: WrittenFile) -> Document:

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any, overload
 
 from maskfab.errors import OutputError, UnknownNameError
 from maskfab.model import Quantity
-from maskfab.report.data import quantity_document
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -161,3 +160,26 @@ def _rows(quantities: Iterable[Quantity], dies: bool) -> list[tuple[str, ...]]:
 
 def _value(value: object) -> str:
     return "-" if value is None else f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def quantity_document(quantity: Quantity) -> dict[str, Any]:
+    """One quantity as report.json writes it."""
+    row: dict[str, Any] = {
+        "name": quantity.name,
+        "symbol": quantity.symbol,
+        "value": quantity.value,
+        "unit": quantity.unit,
+        "uncertainty": quantity.uncertainty,
+        "method": quantity.method,
+        "limit": quantity.limit,
+        "passed": quantity.passed,
+    }
+    if quantity.wavelength_nm is not None:
+        row["wavelength_nm"] = quantity.wavelength_nm
+    if quantity.level_db is not None:
+        row["level_db"] = quantity.level_db
+    if quantity.at_most:
+        row["at_most"] = True
+    if quantity.die is not None:
+        row["die"] = quantity.die
+    return row

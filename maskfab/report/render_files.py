@@ -15,8 +15,8 @@ from maskfab.eye.display_light import show
 from maskfab.eye.side_by_side import SeenPanel
 from maskfab.files.staging import check_target, staged
 from maskfab.progress import Progress, silent
-from maskfab.report.data import quantity_document
 from maskfab.report.plots.render_figure import comparison
+from maskfab.report.quantities import quantity_document
 from maskfab.units import UM_PER_MM, dpi
 
 SCHEMA_VERSION = 1

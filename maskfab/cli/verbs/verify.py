@@ -94,7 +94,7 @@ def _tell(checks: Sequence[Quantity], said: dict[str, Any], as_json: bool) -> No
     """Print checks, and leave by their verdict."""
     passed = all(check.passed is not False for check in checks)
     if as_json:
-        from maskfab.report.data import quantity_document
+        from maskfab.report.quantities import quantity_document
 
         rows = [quantity_document(quantity) for quantity in checks]
         print_json({"verdict": "pass" if passed else "fail", **said, "checks": rows})
@@ -119,7 +119,7 @@ def _foreign(
     checks = [quantity for quantity in found.quantities if quantity.passed is not None]
     passed = all(check.passed for check in checks)
     if as_json:
-        from maskfab.report.data import quantity_document
+        from maskfab.report.quantities import quantity_document
 
         print_json(
             {
