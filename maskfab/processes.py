@@ -77,7 +77,7 @@ class Task(Generic[Found]):
         self._news.put((kind, content))
 
     def result(self, progress: Progress = silent) -> Found:
-        """What is found, once it is.
+        """The finding, once the task has ended.
 
         Raises:
             Exception: whatever the task raises; InternalError MF901 if the second process ends before it has answered.

@@ -92,7 +92,7 @@ class Figures:
     given: tuple[Any, ...]
 
     def arguments(self) -> tuple[Any, ...]:
-        """The same, for a task."""
+        """Arguments of the function, for a task."""
         return self.given
 
 
