@@ -175,7 +175,7 @@ def design(
         lens = (camera or F1).section.model_dump(mode="json", exclude_none=True)
         section = _with_defaults(given)
         spec = validate({"camera": lens, "design": section}, where=where)
-        command = _call("maskfab.design", section, camera=None if camera is None else lens, images=images)
+        command = _call(section, camera=None if camera is None else lens, images=images)
     found = design_spec(
         spec,
         command,
@@ -212,7 +212,7 @@ def _with_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
     return section
 
 
-def _call(function: str, section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:
+def _call(section: Mapping[str, Any], *, camera: Mapping[str, Any] | None, images: object) -> str:
     """The call that repeats a design, for its provenance."""
     arguments = [f"{key}={value!r}" for key, value in section.items()]
     if "map" not in section:
@@ -221,4 +221,4 @@ def _call(function: str, section: Mapping[str, Any], *, camera: Mapping[str, Any
         arguments.append(f"camera=maskfab.Camera({', '.join(f'{key}={value!r}' for key, value in camera.items())})")
     if images is not None:
         arguments.append(f"images={str(images)!r}")
-    return f"{function}({', '.join(arguments)})"
+    return f"maskfab.design({', '.join(arguments)})"

@@ -145,9 +145,9 @@ def _table(text: str, option: str) -> dict[str, Any]:
 
 
 def _distortion(pair: str) -> dict[str, float | str]:
-    ratio, stated, height = pair.partition(":")
     try:
-        return {"ratio": float(ratio), "height": height.strip()} if stated else {"ratio": float(pair + ":")}
+        ratio, height = pair.split(":")
+        return {"ratio": float(ratio), "height": height.strip()}
     except ValueError as error:
         raise JobError(
             "MF105",
