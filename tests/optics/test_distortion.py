@@ -15,7 +15,7 @@ from maskfab.errors import JobError
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
-from maskfab.optics.scene.cost import RESAMPLED
+from maskfab.optics.scene.cost import FINEST, RESAMPLED, resamplings
 from maskfab.optics.scene.distortion import DistortedWindow, Distortion
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Scene
@@ -98,7 +98,19 @@ def test_what_is_left_out_and_what_is_resampled_err_no_more_than_stated(
     for finer, error in RESAMPLED.items():
         assert relative_difference(seen(finer), best) <= error
     assert row.modelled == (row.error > each.accuracy)
-    assert full_plan(found).choice.distortion
+    assert full_plan(found).choice.distortion == FINEST
+    assert found.fullest_error >= RESAMPLED[FINEST]
+
+
+@pytest.mark.parametrize(
+    ("left_out", "accuracy", "tried"),
+    [(0.0, 1e-2, (0,)), (0.3, 1e-2, (2,)), (0.3, 0.05, (1, 2)), (0.3, 1e-3, (2, 4)), (5e-4, 1e-3, (0, 2, 4)),
+     (0.3, 1e-6, (4,)), (1e-8, 1e-9, (0, 4))],
+)  # fmt: skip
+def test_no_more_samples_are_tried_than_an_accuracy_can_tell(
+    left_out: float, accuracy: float, tried: tuple[int, ...]
+) -> None:
+    assert resamplings(left_out, accuracy) == tried
 
 
 def test_behind_a_gap_light_comes_from_the_undistorted_angle() -> None:

@@ -57,6 +57,12 @@ The most seen was 4.2e-3, 1.7e-5 and 1.8e-7, in stops of 0.6 to 3.4 mm, dense an
 at distortions of -5, 2 and 20 %.
 """
 
+FINEST = max(RESAMPLED)
+"""Of a PSF that others are held against."""
+
+# Share of the accuracy that an error may take without a choice against it.
+_HARDLY = 0.01
+
 DEPTHS = 2
 """Distances that stand for a range of depths: its ends."""
 
@@ -180,7 +186,7 @@ class CostModel:
             _options(known.aberrations),
             gap,
             (0, *GAP_SAMPLES) if any(gap) else (0,),
-            (0, *RESAMPLED) if known.distortion.error else (0,),
+            resamplings(known.distortion.error, self.accuracy),
             known.places,
         )
         for path, precision, grey, scale, defocus, aberrations, diffraction, samples, finer, places in options:
@@ -337,6 +343,20 @@ class CostModel:
             + (_TURN * middle**2 if choice.defocus or choice.aberrations else 0.0)
         )
         return _GAP_FLOP * flops, 16.0 * 4 * count**2
+
+
+def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
+    """Values of :attr:`Choice.distortion` that may be the best: none finer than one that hardly counts.
+
+    Args:
+        left_out: error of leaving the distortion out.
+        accuracy: admissible error.
+    """
+    if not left_out:
+        return (0,)
+    enough = next((finer for finer, error in RESAMPLED.items() if error <= _HARDLY * accuracy), FINEST)
+    fine = tuple(finer for finer, error in RESAMPLED.items() if finer == enough or accuracy > error > RESAMPLED[enough])
+    return (0, *fine) if left_out <= max(accuracy, RESAMPLED[enough]) else fine
 
 
 def _options(known: Estimate) -> tuple[bool, ...]:

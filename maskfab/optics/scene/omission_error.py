@@ -268,7 +268,7 @@ def _distortion(pilots: list[Psf], scene: Scene, turned: float) -> Estimate:
     errors = []
     for pilot, place in itertools.product(pilots, ((reach, 0.0), (reach / math.sqrt(2), reach / math.sqrt(2)))):
         window = DistortedWindow.about(lens, place, pilot.step_um, pilot.values.shape[0] // 2)
-        errors.append(relative_difference(window.of(pilot, pilot.step_um), pilot))
+        errors.append(relative_difference(window.of(pilot, pilot.step_um, order=3), pilot))
     method = "PSF at infinity as it lands at the largest image height"
     return Estimate(math.hypot(DISTORTION_SAFETY * max(errors), turned), method, DISTORTION_SAFETY)
 

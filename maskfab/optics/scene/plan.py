@@ -24,6 +24,7 @@ from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.optics.scene.cost import (
     DEPTHS,
+    FINEST,
     GAP_SAMPLES,
     PHASE_SHARE,
     PHASED,
@@ -32,6 +33,7 @@ from maskfab.optics.scene.cost import (
     CostModel,
     Ingredient,
     SceneCost,
+    resamplings,
 )
 from maskfab.optics.scene.distortion import DistortedWindow
 from maskfab.optics.scene.omission_error import check_accuracy, estimate, wavelength_range_nm
@@ -93,9 +95,10 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     estimates = estimate(panel, pupil, camera, scene, accuracy)
     tasks = {}
-    for scale, finer in itertools.product((False, True), (0, *RESAMPLED) if estimates.distortion.error else (0,)):
+    reaches = {finer: _reach_um(sampled, scene, finer) for finer in resamplings(estimates.distortion.error, accuracy)}
+    for scale, (finer, reach) in itertools.product((False, True), reaches.items()):
         distance = image_distance_um(camera.focal_um, scene.focus_um if scale else math.inf)
-        frequency = _reach_um(sampled, scene, finer) / (estimates.range_nm[0] * UM_PER_NM * distance)
+        frequency = reach / (estimates.range_nm[0] * UM_PER_NM * distance)
         exact = Task.of(pupil, frequency, frequency)
         tasks[False, scale, finer], tasks[True, scale, finer] = exact, replace(exact, rim=0)
     lines, steepest = len(camera.wavelengths_nm), _steepest(camera, scene, estimates.range_nm[0])
@@ -160,7 +163,7 @@ def plan(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> Plan:
         PHASE_SHARE * accuracy if choice.path == PHASED else 0.0,
         nearest_object_um(known.estimates.pilot, camera, accuracy),
         fullest,
-        known.own_error(fullest),
+        known.own_error(fullest) + (RESAMPLED[FINEST] if fullest.distortion else 0.0),
     )
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,7 +20,7 @@ from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.image.spectrum import Band
 from maskfab.optics.light.band_lines import band_lines
 from maskfab.optics.pupil.aperture import Aperture
-from maskfab.optics.scene.cost import DEPTHS, PHASE_SHARE, PHASED, SPECTRUM, Choice, SceneCost
+from maskfab.optics.scene.cost import DEPTHS, FINEST, PHASE_SHARE, PHASED, SPECTRUM, Choice, SceneCost
 from maskfab.optics.scene.distortion import DistortedWindow
 from maskfab.optics.scene.omission_error import PLACES, grey
 from maskfab.optics.scene.plan import Plan, finer_camera, sampling_camera
@@ -120,6 +121,8 @@ def full_plan(plan: Plan) -> Plan:
     if choice.lines:
         # The most that were priced were held against twice as many.
         choice = replace(choice, lines=max(2 * choice.lines, _FULL_LINES))
+    if choice.distortion:
+        choice = replace(choice, distortion=FINEST)
     return replace(
         plan,
         choice=choice,
@@ -161,29 +164,29 @@ def _psfs(
     sampled = sampling_camera(camera, scene)
     _check(sampled, scene, plan, min(wavelengths_nm), image_um, object_um)
     finer, lens = plan.choice.distortion, scene.distortion
+    undistorted = partial(_undistorted, openings, camera, scene, plan, wavelengths_nm, object_um)
     if not finer or lens is None:
-        yield from _undistorted(openings, camera, sampled, scene, plan, wavelengths_nm, image_um, object_um, margin)
+        yield from undistorted(sampled, image_um, margin)
         return
     step = point_step_um(sampled)
     half = odd_samples(camera.window_um, step) // 2 + margin
     window = DistortedWindow.about(lens, image_um, step, half)
-    sampled = finer_camera(sampled, finer)
-    fine = point_step_um(sampled)
+    denser = finer_camera(sampled, finer)
+    fine = point_step_um(denser)
     beyond = max(0, window.half(fine) - odd_samples(camera.window_um, fine) // 2)
-    place = window.middle_um
-    for psf in _undistorted(openings, camera, sampled, scene, plan, wavelengths_nm, place, object_um, beyond):
+    for psf in undistorted(denser, window.middle_um, beyond):
         yield window.of(psf, step)
 
 
 def _undistorted(
     openings: Aperture,
     camera: Camera,
-    sampled: Camera,
     scene: Scene,
     plan: Plan,
     wavelengths_nm: Sequence[float],
-    image_um: Place,
     object_um: float | None,
+    sampled: Camera,
+    image_um: Place,
     margin: int,
 ) -> Iterator[Psf]:
     """PSFs at lines on the samples of the camera ``sampled``, the pupil made ready once."""
