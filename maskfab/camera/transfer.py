@@ -29,6 +29,7 @@ from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient, side_by_side
+from maskfab.opening.clear_dots import closed
 from maskfab.optics.pupil.stop_shape import stop_dots
 from maskfab.units import NM_PER_UM
 
@@ -218,9 +219,7 @@ def lay(
             cure="Threshold the opening to 0 (opaque) and 1 (clear)",
         )
     if not stack.any():
-        raise OpeningError(
-            "MF203", "no dot of the opening is clear", where=name, cure="Give an opening with at least 1 clear dot"
-        )
+        raise closed(0, stack.size, where=name, cure="Give an opening with at least 1 clear dot")
     kinds = ORIENTATIONS * len(stack)
     room = lattice(stack.shape[1], dot_nm, where=name) if room is None else room
     size = room.cells, room.cells

@@ -36,6 +36,7 @@ from maskfab.jobfile import check_name
 from maskfab.jobfile.toml import loads
 from maskfab.model import Opening
 from maskfab.opening import decode, drawn_emitters
+from maskfab.opening.clear_dots import closed
 from maskfab.units import NM_PER_UM, parse_pitch_um, to_nm
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
@@ -217,11 +218,8 @@ def checked(
     """The opening of a mask, if its name is one that layouts take and something of it is clear (MF110, MF203)."""
     check_name(name, where=_at(where, "name"))
     if not mask.any():
-        raise OpeningError(
-            "MF203",
-            f"0 of {mask.size} dots are clear; at least 1 must be",
-            where=where,
-            cure=f"Draw clear dots with {decode.CLEAR!r}; in images bright is clear",
+        raise closed(
+            0, mask.size, where=where, cure=f"Draw clear dots with {decode.CLEAR!r}; in images bright is clear"
         )
     return Opening(name, mask, dot_nm, MappingProxyType(dict(provenance)))
 

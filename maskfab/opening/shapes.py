@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, OpeningError
+from maskfab.opening.clear_dots import closed
 from maskfab.opening.decode import MAX_DOTS, Mask
 
 Level = NDArray[np.float64]
@@ -114,12 +115,7 @@ def _grown(shape: str, level: Level, clear_dots: int) -> Mask:
 def _unreachable(shape: str, clear_dots: int, dots: int, reachable: NDArray[np.int_]) -> OpeningError:
     total = dots * dots
     if clear_dots <= 0:
-        return OpeningError(
-            "MF203",
-            f"{shape}: {clear_dots} of {total} dots clear; at least 1 must be",
-            where="clear_dots",
-            cure=f"The smallest is {reachable[0]} dots",
-        )
+        return closed(clear_dots, total, where="clear_dots", cure=f"The smallest is {reachable[0]} dots")
     nearest = reachable[np.argsort(np.abs(reachable - clear_dots), kind="stable")[:2]]
     named = " or ".join(f"{n} (open ratio {n / total:.4f})" for n in sorted(int(n) for n in nearest))
     return OpeningError(

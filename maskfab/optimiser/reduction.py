@@ -11,8 +11,9 @@ from maskfab import __version__
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice
-from maskfab.errors import JobError, OpeningError
+from maskfab.errors import JobError
 from maskfab.model import Opening, frozen
+from maskfab.opening.clear_dots import closed
 from maskfab.optimiser.model.expected_psnr import surrogate_behind
 from maskfab.optimiser.result import camera_facts
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, Objective
@@ -89,8 +90,7 @@ def require_count(unit: NDArray[np.bool_], clear_dots: int) -> None:
     """
     where, count = "clear_dots", int(unit.sum())
     if clear_dots < 1:
-        cure = "Set clear_dots to 1 or more"
-        raise OpeningError("MF203", f"{clear_dots} dots are to be clear", where=where, cure=cure)
+        raise closed(clear_dots, unit.size, where=where)
     if clear_dots > count:
         what = f"{clear_dots} dots are to be clear, and the opening has {count}"
         raise JobError("MF104", what, where=where, cure=f"Set clear_dots to {count} or fewer")

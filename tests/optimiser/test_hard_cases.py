@@ -21,8 +21,10 @@ from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.transfer import MOST_DOTS, lattice, lay, pupil_autocorrelation, transfer_grid
-from maskfab.errors import CATALOGUE, InputError, MaskfabError
+from maskfab.errors import CATALOGUE, InputError, MaskfabError, OpeningError
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling, refined
+from maskfab.opening.shapes import diamond_discs
+from maskfab.optimiser.bounds.bounds import bounds
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
 from maskfab.optimiser.relax.descent import Descent, Outcome, descend
 from maskfab.optimiser.relax.expected_error import ExpectedError, expected_error
@@ -34,6 +36,7 @@ from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, State, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES, Candidate, bars, discs
 from maskfab.optimiser.rules.orbits import orbits
+from maskfab.optimiser.search.auc_search import best_for_auc
 
 SMALL = Camera(1000.0, Stop("circle", 400.0), (610.0, 530.0, 470.0), 2.0, 256.0)
 CELLS = np.random.default_rng(3).integers(8, size=(8, 8)).astype(np.int8)
@@ -319,6 +322,22 @@ def test_no_clear_dots_are_refused_everywhere(today: Surrogate) -> None:
         ("MF104", lambda: today(corner(21, 2, 2), levels=(33,))),
     ):
         refused(code, work)
+
+
+def test_a_count_of_clear_dots_is_refused_in_the_same_words_everywhere(today: Surrogate) -> None:
+    doors = lambda n: list(bars(21, n)), lambda n: bounds(today, n), lambda n: best_for_auc(21, n)
+    drawn = lambda n: today(np.zeros((21, 21), dtype=np.bool_)), lambda n: lay("x", np.zeros((21, 21), dtype=np.bool_))
+    ruled = lambda n: Constraints(n, dots=21).require_possible(), lambda n: diamond_discs(21, n)
+    assert {refusal(door, 0) for door in (*doors, *drawn, *ruled)} == {
+        ("MF203", "0 of 441 dots are clear; at least 1 must be")
+    }
+    assert {refusal(door, 442) for door in doors} == {("MF204", "442 of 441 dots cannot be clear")}
+
+
+def refusal(door: Callable[[int], object], count: int) -> tuple[str, str]:
+    with pytest.raises(OpeningError) as caught:
+        door(count)
+    return caught.value.code, caught.value.what
 
 
 def today_mean(known: Surrogate) -> ExpectedPsnr:

@@ -23,6 +23,7 @@ from maskfab.camera.capture import ELECTRONS
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.transfer import at_lags, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
+from maskfab.opening.clear_dots import require_clear_dots
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
 from maskfab.optimiser.bounds.error_bound import dual_tables
 from maskfab.optimiser.bounds.frame_bound import frame_bound
@@ -110,12 +111,7 @@ def bounds(
         JobError: MF104 for a level that there is not.
     """
     total = estimate.dots**2
-    if clear_dots < 1:
-        raise OpeningError(
-            "MF203", f"{clear_dots} dots are clear", where="clear_dots", cure="Set clear_dots to 1 or more"
-        )
-    if clear_dots > total:
-        raise OpeningError("MF204", f"{clear_dots} clear dots of {total}", where="clear_dots", cure=f"Use 1 to {total}")
+    require_clear_dots(clear_dots, total, where="clear_dots")
     for level in levels:
         if level not in ELECTRONS:
             known = ", ".join(map(str, ELECTRONS))

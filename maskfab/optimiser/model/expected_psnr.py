@@ -35,8 +35,9 @@ from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.restore import PRIOR_CY_PER_PX, wiener
 from maskfab.camera.transfer import CellGrid, OpenStop, lattice
-from maskfab.errors import JobError, OpeningError
+from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, orient
+from maskfab.opening.clear_dots import closed
 
 Floats = NDArray[np.float64]
 
@@ -130,9 +131,7 @@ class Surrogate:
                 cure="Give one value per dot",
             )
         if not unit.any():
-            raise OpeningError(
-                "MF203", "0 dots of the opening are clear", where="design.clear_dots", cure="Open at least 1 dot"
-            )
+            raise closed(0, unit.size)
         if unknown := [level for level in levels if level not in ELECTRONS]:
             raise JobError(
                 "MF104",

@@ -27,7 +27,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from maskfab.errors import InternalError, JobError, OpeningError
+from maskfab.errors import InternalError, JobError
+from maskfab.opening.clear_dots import closed
 from maskfab.optimiser.checkpoint import load, save
 from maskfab.optimiser.relax.objective import AreaPenalty, Objective
 from maskfab.optimiser.relax.tiled_stop import DTYPES, Precision
@@ -427,7 +428,7 @@ def _device(objective: Objective) -> torch.device:
 
 def _check(how: Descent) -> None:
     if how.clear_dots == 0:
-        raise OpeningError("MF203", "0 dots are to be clear", where="design.clear_dots", cure="Open at least 1 dot")
+        raise closed(0, how.dots**2)
     limits: tuple[tuple[str, float, float, float], ...] = (
         ("dots", how.dots, 1, 512),
         ("clear_dots", how.clear_dots, 0, how.dots**2),

@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules, grid_of
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, Opening, frozen, orient
+from maskfab.opening.clear_dots import closed
 from maskfab.optimiser.rules import registry
 from maskfab.optimiser.rules.orbits import orbits, sums
 from maskfab.optimiser.rules.rule import Conflict, Mask, Rule, out_of_range
@@ -237,7 +238,7 @@ class Constraints:
             JobError: MF123 for other contradictions.
         """
         if self.clear_dots == 0:
-            raise OpeningError("MF203", "0 dots are to be clear", where="design.clear_dots", cure="Open at least 1 dot")
+            raise closed(0, self.dots**2)
         found = self.conflict()
         if found is None:
             return

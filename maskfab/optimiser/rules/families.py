@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from maskfab.errors import JobError, OpeningError
 from maskfab.jobfile.values import Symmetry
 from maskfab.model import frozen
+from maskfab.opening.clear_dots import require_clear_dots
 from maskfab.optimiser.rules.orbits import orbits, sums
 
 Mask = NDArray[np.bool_]
@@ -186,15 +187,7 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[Candidate]]] = {
 def _check(dots: int, clear_dots: int) -> None:
     if dots < 1:
         raise JobError("MF104", f"{dots} dots make no cell", where="design.dots", cure="Set dots to 1 or more")
-    if clear_dots == 0:
-        raise OpeningError("MF203", "0 dots are to be clear", where="design.clear_dots", cure="Open at least 1 dot")
-    if not 0 < clear_dots <= dots * dots:
-        raise OpeningError(
-            "MF204",
-            f"{clear_dots} clear dots cannot be reached with {dots} x {dots} dots",
-            where="design.clear_dots",
-            cure=f"Choose 1 to {dots * dots}",
-        )
+    require_clear_dots(clear_dots, dots**2)
 
 
 def _choice(sizes: Sequence[int], total: int) -> list[int]:

@@ -10,7 +10,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.errors import JobError, OpeningError
+from maskfab.errors import JobError
+from maskfab.opening.clear_dots import closed
 from maskfab.optimiser.rules.orbits import turned_key
 from maskfab.plate.maps import Shift, shifted
 
@@ -31,12 +32,7 @@ def places(unit: NDArray[np.bool_], most: int = _MOST_CANDIDATES) -> tuple[Shift
     """
     mask = np.asarray(unit, dtype=np.bool_)
     if not mask.any():
-        raise OpeningError(
-            "MF203",
-            "no dot of the opening is clear",
-            where="positions",
-            cure="Give an opening with at least 1 clear dot",
-        )
+        raise closed(0, mask.size, where="positions", cure="Give an opening with at least 1 clear dot")
     rows, columns = np.flatnonzero(mask.any(axis=1)), np.flatnonzero(mask.any(axis=0))
     step = 1
     while True:

@@ -36,8 +36,9 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.camera.transfer import CellGrid, lattice
-from maskfab.errors import JobError, OpeningError
+from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, orient
+from maskfab.opening.clear_dots import require_clear_dots
 from maskfab.optimiser.bounds.auc_bound import Rings, rings
 from maskfab.progress import Progress, silent
 
@@ -91,14 +92,7 @@ def best_for_auc(
     for name, value, least in (("dots", dots, 1), ("steps", steps or 0, 0), ("scatter", scatter, 0)):
         if not least <= value < math.inf:
             raise JobError("MF104", f"{name} = {value}", where=f"design.{name}", cure=f"Give {least} or more")
-    if clear_dots < 1:
-        raise OpeningError(
-            "MF203", f"{clear_dots} dots are clear", where="design.clear_dots", cure="Set clear_dots to 1 or more"
-        )
-    if clear_dots > total:
-        raise OpeningError(
-            "MF204", f"{clear_dots} clear dots of {total}", where="design.clear_dots", cure=f"Use 1 to {total}"
-        )
+    require_clear_dots(clear_dots, total)
     draw = np.random.default_rng(seed)
     if clear_dots == total:
         return np.ones((dots, dots), dtype=np.bool_)
