@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Mapping
 from numbers import Real
 
-from maskfab.jobfile.values import um_text
+from pydantic import BaseModel
+
+from maskfab.jobfile.values import length_keys, um_text
 
 Length = str | float
 """``"168 um"``, ``"0.168 mm"``, or 168.0 micrometres."""
@@ -18,8 +20,9 @@ def length_text(value: object) -> object:
     return um_text(float(value)) if _is_number(value) else value  # type: ignore[arg-type]
 
 
-def lengths_as_text(stated: Mapping[str, object], lengths: Collection[str]) -> dict[str, object]:
-    """Keys of a job file's section, with those named in ``lengths`` as a job file has them."""
+def lengths_as_text(stated: Mapping[str, object], section: type[BaseModel]) -> dict[str, object]:
+    """Keys of a section of a job file, with its lengths as a job file has them."""
+    lengths = length_keys(section)
     return {key: length_text(value) if key in lengths else value for key, value in stated.items()}
 
 

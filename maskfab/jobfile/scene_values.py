@@ -13,7 +13,7 @@ from pydantic import BeforeValidator, PlainSerializer
 
 from maskfab.errors import JobError
 from maskfab.jobfile.problems import refusing
-from maskfab.jobfile.values import length_um, um_text
+from maskfab.jobfile.values import distance_text, length_um, um_text
 
 COLDEST_K, HOTTEST_K = 1000.0, 100_000.0
 """Temperatures of black bodies, kelvins."""
@@ -31,10 +31,6 @@ _HIGHEST_NOLL = 66
 def _distance(value: object) -> float:
     """Micrometres of a length, or infinity for ``"inf"``."""
     return math.inf if value == "inf" else length_um(value)
-
-
-def _distance_text(value: float) -> str:
-    return "inf" if math.isinf(value) else um_text(value)
 
 
 def _depth(value: object) -> tuple[float, float]:
@@ -133,11 +129,11 @@ Illuminant = Annotated[
     BeforeValidator(lambda v: refusing(_illuminant, v)),
     PlainSerializer(lambda v: f"{v:.15g} K" if isinstance(v, float) else v),
 ]
-Distance = Annotated[float, BeforeValidator(lambda v: refusing(_distance, v)), PlainSerializer(_distance_text)]
+Distance = Annotated[float, BeforeValidator(lambda v: refusing(_distance, v)), PlainSerializer(distance_text)]
 Depth = Annotated[
     tuple[float, float],
     BeforeValidator(lambda v: refusing(_depth, v)),
-    PlainSerializer(lambda v: [_distance_text(each) for each in v]),
+    PlainSerializer(lambda v: [distance_text(each) for each in v]),
 ]
 Accuracy = Annotated[float, BeforeValidator(lambda v: refusing(_accuracy, v))]
 Aberrations = Annotated[tuple[tuple[int, float], ...], BeforeValidator(lambda v: refusing(_aberrations, v))]

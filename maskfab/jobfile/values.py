@@ -7,7 +7,7 @@ import re
 from itertools import islice
 from typing import Annotated, Literal, TypeAlias, get_args
 
-from pydantic import AfterValidator, BeforeValidator, Field, PlainSerializer
+from pydantic import AfterValidator, BaseModel, BeforeValidator, Field, PlainSerializer
 
 from maskfab import units
 from maskfab.errors import JobError
@@ -67,6 +67,11 @@ def check_name(name: object, *, where: str = "") -> str:
 def um_text(value: float) -> str:
     """Micrometres as a job file writes them."""
     return f"{value:.15g} um"
+
+
+def distance_text(value: float) -> str:
+    """A distance, which may be infinite, as a job file writes it."""
+    return "inf" if math.isinf(value) else um_text(value)
 
 
 def _nm_text(value: float) -> str:
@@ -139,6 +144,16 @@ def _three(value: object) -> tuple[float, float, float]:
         )
     red, green, blue = (float(part) for part in numbers)
     return red, green, blue
+
+
+def length_keys(section: type[BaseModel]) -> frozenset[str]:
+    """Keys of a job file's section that hold one length each: those that are written as lengths."""
+    return frozenset(
+        key
+        for key, field in section.model_fields.items()
+        for each in (*field.metadata, *(mark for kind in get_args(field.annotation) for mark in get_args(kind)[1:]))
+        if isinstance(each, PlainSerializer) and each.func in (um_text, distance_text)
+    )
 
 
 def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:

@@ -11,8 +11,19 @@ import pytest
 from small_job import JOB, write_job
 
 from maskfab import resources
+from maskfab.api.lengths import lengths_as_text
 from maskfab.errors import JobError, SourceError
-from maskfab.jobfile import CameraSection, check_name, check_optics, even_nm, parse_section, read, validate
+from maskfab.jobfile import (
+    CameraSection,
+    RulesSection,
+    SceneSection,
+    check_name,
+    check_optics,
+    even_nm,
+    parse_section,
+    read,
+    validate,
+)
 from maskfab.model import Camera, Process, Stop, Tiling
 
 SHIPPED = sorted(resources.path("layouts").glob("*.toml"))
@@ -292,3 +303,18 @@ def test_what_process_refuses(text, code, key):
     if (stated := text.partition('"')[2].rstrip('"')) and code != "MF102":
         assert repr(stated) in refused(code, with_process(text)).what
     assert refused(code, with_process(text)).where == f"job.toml: {key}"
+
+
+@pytest.mark.parametrize("section", [RulesSection, SceneSection])
+def test_numbers_are_lengths_of_the_keys_that_read_a_length_and_of_no_other(section):
+    def reads_a_length(key: str) -> bool:
+        try:
+            return getattr(parse_section(section, {key: "20 um"}, where="x"), key) == 20.0
+        except JobError:
+            return False
+
+    keys = {key for key in section.model_fields if reads_a_length(key)}
+    assert len(keys) == 3
+    assert lengths_as_text(dict.fromkeys(section.model_fields, 20), section) == {
+        key: "20 um" if key in keys else 20 for key in section.model_fields
+    }

@@ -20,9 +20,6 @@ from maskfab.units import parse_length_um, parse_pitch_um
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-_LENGTHS = frozenset({"gap", "field", "focus"})
-"""Keys of [scene] that are one length."""
-
 
 class Analysis(analysis.Analysis):
     """PSF, MTF and invariants of one opening or file; ``analysis["mtf50", 530]`` is a number."""
@@ -96,7 +93,7 @@ def analyse(
     """
     if tiling is not None and tiling not in set(Tiling):
         raise JobError("MF105", f"there is no tiling {tiling!r}", where="tiling", cure=f"Use {', '.join(Tiling)}")
-    section = parse_section(SceneSection, lengths_as_text(scene or {}, _LENGTHS), where="scene")
+    section = parse_section(SceneSection, lengths_as_text(scene or {}, SceneSection), where="scene")
     request = Request(
         camera=(camera or F1).model,
         pitch_um=None if pitch is None else parse_pitch_um(length_text(pitch), where="pitch"),

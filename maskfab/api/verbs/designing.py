@@ -13,7 +13,7 @@ from maskfab.api.opening import Opening
 from maskfab.camera.protocol import LEVELS
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, write_text
-from maskfab.jobfile import read, validate
+from maskfab.jobfile import RulesSection, read, validate
 from maskfab.opening import openings
 from maskfab.optimiser.design import design as design_spec
 from maskfab.optimiser.result import Designed
@@ -161,7 +161,7 @@ def design(
         "clear_dots": clear_dots,
         "tiling": tiling,
         "map": map,
-        "rules": None if rules is None else lengths_as_text(rules, _LENGTHS),
+        "rules": None if rules is None else lengths_as_text(rules, RulesSection),
         **keys,
     }
     given = {key: value for key, value in stated.items() if value is not None}
@@ -186,10 +186,6 @@ def design(
         checkpoint=None if checkpoint is None else Path(checkpoint),
     )
     return Design(found)
-
-
-_LENGTHS = frozenset({"gap_to_opening", "colour_gap", "min_width"})
-"""Keys of design.rules that are lengths."""
 
 
 def _refuse_beside_job(given: Sequence[str]) -> None:
