@@ -29,6 +29,7 @@ from maskfab.mask_shops.plate_files import PlateFiles, files_for_shop
 from maskfab.model import Box, Quantity, WrittenFile
 from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
+from maskfab.readers.gerber import require_gerbonara
 from maskfab.readers.sandbox.bounded import bounded, seconds_of
 
 PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
@@ -76,6 +77,7 @@ def pack(
         OutputError: MF401 or MF402 if ``target`` cannot be written.
         JobError: MF105 for a target that is no .zip or a format that no package holds, and whatever laying out the job
             refuses.
+        SourceError: MF308 for Gerber that this installation could not read back.
     """
     zipped = Path(target)
     sent = tuple(dict.fromkeys(formats)) or tuple(each for each in shop.formats if each in PACKED)[:1]
@@ -83,6 +85,8 @@ def pack(
     for each in sent:
         if each not in PACKED:
             raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
+    if "gerber" in sent:
+        require_gerbonara(zipped.name, where="format", cure="choose other formats")
     whole = job.plate()
     plate = fitted(whole, shop)
     options = drawing_options(plate, shop)

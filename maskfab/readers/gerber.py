@@ -43,8 +43,13 @@ def read_gerber(path: Path) -> db.Layout:
         return _Drawing(curves).layout(runs)
 
 
-def require_gerbonara(name: str) -> None:
+def require_gerbonara(name: str, *, where: str = "export.formats", cure: str = "leave gerber out") -> None:
     """Refuse to write a Gerber file that this installation could not read back.
+
+    Args:
+        name: of what the file belongs to.
+        where: it was asked for.
+        cure: what else could be done.
 
     Raises:
         SourceError: MF308.
@@ -53,8 +58,8 @@ def require_gerbonara(name: str) -> None:
         raise SourceError(
             "MF308",
             f"the Gerber file of {name} could be written, but not read back without gerbonara",
-            where="export.formats",
-            cure="Run pip install 'maskfab[gerber]', or leave gerber out",
+            where=where,
+            cure=f"Run pip install 'maskfab[gerber]', or {cure}",
         )
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import multiprocessing
+import sys
 import time
 import zipfile
 from dataclasses import replace
@@ -47,6 +48,21 @@ def test_a_refused_plate_leaves_no_package(capsys, tmp_path):
     assert answer.code == 1
     assert "REFUSED blank" in answer.stdout
     assert not list(tmp_path.glob("*.zip"))
+
+
+def test_a_package_that_could_not_be_read_back_is_not_begun(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "gerbonara", None)
+    job, told = write_job(tmp_path), []
+    with pytest.raises(SourceError, match=r"MF308 .*p\.zip.*maskfab\[gerber\]"):
+        pack(
+            load(job),
+            load_shop("generic-chrome"),
+            tmp_path / "p.zip",
+            ("gdsii", "gerber"),
+            progress=lambda *stage: told.append(stage),
+        )
+    assert not told
+    assert not (tmp_path / "p.zip").exists()
 
 
 @pytest.mark.parametrize("name", ["../../etc/passwd", "a\\b", "/root", "..", "CON", ""])
