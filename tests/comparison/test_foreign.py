@@ -12,6 +12,7 @@ from klayout import db
 from PIL import Image
 from small_job import command, edited, write_job
 
+import maskfab as mf
 from maskfab.comparison.foreign.foreign_mask import How, check_foreign, only_die
 from maskfab.comparison.foreign.layer_choice import StatedLayers, clear_only
 from maskfab.comparison.foreign.optics_agreement import optics_of_like, optics_of_unlike
@@ -485,7 +486,17 @@ def test_the_first_line_and_the_document_tell_layer_and_tone(capsys, two_layers,
     assert keys == ["verdict", "layer", "tone", "other_layers"]
     assert [answer.document[key] for key in keys] == ["pass", "1/0 CLEAR", "clear", []]
     grey = command(capsys, "verify", two_layers, "--against", job, "--tone", "grey", "--json")
-    assert (grey.code, grey.document["error"]["code"]) == (2, "MF105")
+    assert (grey.code, grey.document["error"]["code"], grey.document["error"]["where"]) == (2, "MF105", "--tone")
+
+
+def test_the_function_tells_layer_and_tone_as_the_command_does(two_layers, tmp_path):
+    job = write_job(tmp_path)
+    found = mf.verify(two_layers, against=job)
+    assert (found.layer, found.tone, found.other_layers) == ("1/0 CLEAR", "clear", ("1/5",))
+    assert not found.passed
+    assert mf.verify(two_layers, against=job, ignore=["1/5"]).other_layers == ()
+    with pytest.raises(JobError, match=r"MF103 .*\(tolerance\)"):
+        mf.verify(two_layers, against=job, tolerance="1 furlong")
 
 
 def test_who_holds_one_die_against_a_plate_is_told_how(job, plate, tmp_path):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import overload
 
@@ -18,6 +18,7 @@ from maskfab.delivery.pack import verify_package
 from maskfab.errors import JobError
 from maskfab.job import Job
 from maskfab.mask_shops.profiles import load_shop
+from maskfab.model import Quantity
 from maskfab.pipeline import Result
 from maskfab.progress import Progress, silent
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
@@ -66,6 +67,27 @@ def run(
     return pipeline.run(job_of(job, camera), out, force=force, progress=progress)
 
 
+class Verification(Quantities):
+    """Checks of a run, a package or a mask file; of a file also how it was read.
+
+    Attributes:
+        layer: of a layout, what was compared; None for a picture, a run or a package.
+        tone: "clear" or "dark", what the file draws; None for a run or a package.
+        other_layers: with shapes, which were not compared.
+    """
+
+    def __init__(
+        self,
+        checks: Iterable[Quantity],
+        *,
+        layer: str | None = None,
+        tone: str | None = None,
+        other_layers: Sequence[str] = (),
+    ) -> None:
+        super().__init__(checks)
+        self.layer, self.tone, self.other_layers = layer, tone, tuple(other_layers)
+
+
 def verify(
     subject: str | Path,
     *,
@@ -80,7 +102,7 @@ def verify(
     ignore: Sequence[str] = (),
     tolerance: Length | None = None,
     progress: Progress = silent,
-) -> Quantities:
+) -> Verification:
     """Repeat every check of a finished run or package, or compare a mask file from any source with a plate.
 
     Args:
@@ -106,23 +128,28 @@ def verify(
         path,
     )  # fmt: skip
     if is_package(path):
-        job = None if against is None else job_of(against)
-        return Quantities(verify_package(path, job, None if shop is None else load_shop(shop)))
+        profile, job = None if shop is None else load_shop(shop), None if against is None else job_of(against)
+        progress("package", 0, 1)
+        checks = verify_package(path, job, profile)
+        progress("package", 1, 1)
+        return Verification(checks)
     if against is None:
-        return Quantities(verification.verify(path, progress))
-    slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="verify: tolerance")
-    how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), is_dark(tone), slivers * NM_PER_UM)
-    return Quantities(verification.verify_file(path, job_of(against), die, how, progress).quantities)
+        return Verification(verification.verify(path, progress))
+    slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="tolerance")
+    how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), _is_dark(tone), slivers * NM_PER_UM)
+    found = verification.verify_file(path, job_of(against), die, how, progress)
+    return Verification(
+        found.quantities,
+        layer=found.layers.clear or None,
+        tone="dark" if found.dark else "clear",
+        other_layers=found.layers.others,
+    )
 
 
-def is_dark(tone: str | None, where: str = "verify: tone") -> bool:
-    """Whether polygons are said to draw the chrome; they draw what is clear unless stated.
-
-    Raises:
-        JobError: MF105 for another tone.
-    """
+def _is_dark(tone: str | None) -> bool:
+    """Whether polygons are said to draw the chrome; they draw what is clear unless stated (MF105 for another tone)."""
     if tone not in {None, "clear", "dark"}:
-        raise JobError("MF105", f"there is no tone {tone!r}", where=where, cure="Use clear or dark")
+        raise JobError("MF105", f"there is no tone {tone!r}", where="tone", cure="Use clear or dark")
     return tone == "dark"
 
 

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from maskfab.cli.common.options import Json, Quiet, Unit, unit_um
+from maskfab.cli.common.options import Json, Quiet, Unit, named_as_options, unit_um
 from maskfab.cli.common.printing import leave, one_line, print_json, print_table, summarise
 from maskfab.cli.common.watch import watched
 
 if TYPE_CHECKING:
-    from maskfab.comparison.foreign.foreign_mask import Foreign, How
-    from maskfab.model import Quantity
+    from maskfab.api.verbs.plates import Verification
 
 
 def verify(
+    context: typer.Context,
     subject: Annotated[Path, typer.Argument(metavar="DIR|PACKAGE|FILE", help="The --out of a finished run, a .zip that "
                                             "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) "
                                             "from any source.")],
@@ -41,34 +40,27 @@ def verify(
     quiet: Quiet = False,
 ) -> None:  # fmt: skip
     """Repeat every check on a finished run or package, or compare a mask file with a job."""
-    from maskfab.api.verbs.plates import check_applies, is_dark
+    from maskfab.api.verbs import plates
     from maskfab.delivery.archive import is_package
 
-    check_applies(
-        {
-            "against": against, "shop": shop, "die": die, "layer": layer, "cell": cell, "dots_per_um": dots_per_um,
-            "unit_um": unit, "tone": tone, "ignore": ignore or None, "tolerance": tolerance,
-        },
-        subject,
-        _option,
-    )  # fmt: skip
-    if is_package(subject):
-        _package(subject, against, shop, as_json, quiet)
+    stated = {
+        "against": against, "shop": shop, "die": die, "layer": layer, "cell": cell, "dots_per_um": dots_per_um,
+        "unit_um": unit_um(unit), "tone": tone, "ignore": ignore or None, "tolerance": tolerance,
+    }  # fmt: skip
+    plates.check_applies(stated, subject, _option)
+    given: dict[str, Any] = {name: value for name, value in stated.items() if value is not None}
+    with named_as_options(context), watched(quiet) as progress:
+        found = plates.verify(subject, **given, progress=progress)
+    if found.tone is not None:
+        _tell_file(found, subject, against, die, as_json)
         return
-    if against is not None:
-        from maskfab.comparison.foreign.foreign_mask import How
-        from maskfab.units import NM_PER_UM, parse_length_um
-
-        wide = 0.0 if tolerance is None else NM_PER_UM * parse_length_um(tolerance, where="--tolerance")
-        dark = is_dark(tone, "--tone")
-        how = How(layer, cell, dots_per_um, unit_um(unit), tuple(ignore or ()), dark, wide)
-        _foreign(subject, against, die, how, as_json, quiet)
-        return
-    from maskfab.verification import verify as verify_directory
-
-    with watched(quiet) as progress:
-        checks = verify_directory(subject, progress)
-    _tell(checks, {}, as_json)
+    if as_json:
+        names = {"package": subject, "against": against, "shop": shop} if is_package(subject) else {}
+        said = {name: None if value is None else str(value) for name, value in names.items()}
+        print_json({"verdict": _verdict(found), **said, "checks": found.to_dict()})
+    else:
+        summarise(found)
+    leave(found.passed)
 
 
 def _option(argument: str) -> str:
@@ -76,73 +68,34 @@ def _option(argument: str) -> str:
     return "--unit" if argument == "unit_um" else f"--{argument.replace('_', '-')}"
 
 
-def _package(path: Path, against: Path | None, shop: str | None, as_json: bool, quiet: bool) -> None:
-    from maskfab.delivery.pack import verify_package
-    from maskfab.job import load
-    from maskfab.mask_shops.profiles import load_shop
-
-    profile, job = None if shop is None else load_shop(shop), None if against is None else load(against)
-    with watched(quiet) as progress:
-        progress("package", 0, 1)
-        checks = verify_package(path, job, profile)
-        progress("package", 1, 1)
-    said = {"package": str(path), "against": None if against is None else str(against), "shop": shop}
-    _tell(checks, said, as_json)
+def _verdict(found: Verification) -> str:
+    return "pass" if found.passed else "fail"
 
 
-def _tell(checks: Sequence[Quantity], said: dict[str, Any], as_json: bool) -> None:
-    """Print checks, and leave by their verdict."""
-    passed = all(check.passed is not False for check in checks)
+def _tell_file(found: Verification, path: Path, against: Path | None, die: str | None, as_json: bool) -> None:
+    """Print what is known of a mask file, and leave by its verdict."""
     if as_json:
-        from maskfab.report.quantities import quantity_document
-
-        rows = [quantity_document(quantity) for quantity in checks]
-        print_json({"verdict": "pass" if passed else "fail", **said, "checks": rows})
-    else:
-        summarise(checks)
-    leave(passed)
-
-
-def _foreign(
-    path: Path,
-    against: Path,
-    die: str | None,
-    how: How,
-    as_json: bool,
-    quiet: bool,
-) -> None:
-    from maskfab.job import load
-    from maskfab.verification import verify_file
-
-    with watched(quiet) as progress:
-        found = verify_file(path, load(against), die, how, progress)
-    checks = [quantity for quantity in found.quantities if quantity.passed is not None]
-    passed = all(check.passed for check in checks)
-    if as_json:
-        from maskfab.report.quantities import quantity_document
-
         print_json(
             {
-                "verdict": "pass" if passed else "fail",
-                "layer": found.layers.clear or None,
-                "tone": "dark" if found.dark else "clear",
-                "other_layers": list(found.layers.others),
+                "verdict": _verdict(found),
+                "layer": found.layer,
+                "tone": found.tone,
+                "other_layers": list(found.other_layers),
                 "file": str(path),
                 "against": str(against),
                 "die": die,
-                "quantities": [quantity_document(quantity) for quantity in found.quantities],
+                "quantities": found.to_dict(),
             }
         )
     else:
-        typer.echo(one_line(_read_as(found)))
-        print_table(found.quantities, dies=True)
-        summarise(checks)
-    leave(passed)
+        typer.echo(one_line(_read_as(found, path)))
+        print_table(found, dies=True)
+        summarise([quantity for quantity in found if quantity.passed is not None])
+    leave(found.passed)
 
 
-def _read_as(found: Foreign) -> str:
+def _read_as(found: Verification, path: Path) -> str:
     """Layer and tone with which a file was read, in one line."""
-    layers = found.layers
-    of_layer = f" on layer {layers.clear}" if layers.clear else ""
-    beside = f"; ignored layers with shapes: {', '.join(layers.others)}" if layers.others else ""
-    return f"{found.path.name}: polygons{of_layer} are {'opaque' if found.dark else 'clear'}{beside}"
+    of_layer = f" on layer {found.layer}" if found.layer else ""
+    beside = f"; ignored layers with shapes: {', '.join(found.other_layers)}" if found.other_layers else ""
+    return f"{path.name}: polygons{of_layer} are {'opaque' if found.tone == 'dark' else 'clear'}{beside}"
