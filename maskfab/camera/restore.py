@@ -74,3 +74,19 @@ def restore(mirrored: NDArray[np.complex64], filtered: Singles, margin: Margin) 
         margin: of the scene.
     """
     return np.clip(margin.blurred(mirrored, filtered), 0.0, 1.0)
+
+
+def spectral_error(
+    mirrored: NDArray[np.complex64], true: NDArray[np.complex64], transfer: Singles, noise_to_signal: Singles
+) -> float:
+    """Squared error of what the Wiener filter restores, by Parseval's theorem: needs no transform, clips nothing.
+
+    Args:
+        mirrored: spectrum of the record, of :meth:`Margin.mirrored`.
+        true: spectrum of the true picture, mirrored likewise.
+        transfer: H at the same frequencies.
+        noise_to_signal: ε (f / 0.1)² at them.
+    """
+    missed = mirrored * wiener_filter(transfer, noise_to_signal)
+    missed -= true
+    return float(np.vdot(missed, missed).real)

@@ -13,6 +13,7 @@ from once import leaves
 from maskfab.camera import protocol
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.quality import psnr
+from maskfab.camera.restore import spectral_error
 from maskfab.camera.shots import Crop, shots, truth_of
 from maskfab.camera.transfer import lay
 from maskfab.errors import JobError
@@ -74,6 +75,37 @@ def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, sc
         assert len(tried) == len(set(tried)) > 2
     assert len(set(chosen)) == 2
     assert sum(transforms) == 1
+
+
+def test_the_constant_is_the_best_and_few_others_are_tried(design, monkeypatch):
+    """An estimate from the spectra tells where to look: the best and its neighbours, one step more if it is off."""
+    scene, restored, tried = leaves(1, 1024, 1536), protocol.restore, []
+    known = protocol._prepare(scene)
+    seen = protocol._Design(design, {known.margin.shape})
+    record = seen.record(known, 40)
+    means = {each: psnr(seen.restored(known, record, each), known.true) for each in protocol.EPSILONS[::3]}
+    monkeypatch.setattr(protocol, "restore", lambda *given: (tried.append(1), restored(*given))[1])
+    assert shots(design, scene, (40,), SENSOR)[0].score.epsilon == max(means, key=means.__getitem__)
+    assert len(tried) <= 4
+
+
+@pytest.mark.parametrize("best", range(len(protocol.EPSILONS)))
+def test_a_climb_ends_on_the_peak_wherever_it_begins_and_asks_nothing_twice(best):
+    for start in range(len(protocol.EPSILONS)):
+        asked = []
+        found = protocol._climb(lambda k, asked=asked: (asked.append(k), -abs(k - best))[1], start)
+        assert found == best
+        assert len(asked) == len(set(asked)) <= abs(start - best) + 3
+
+
+def test_a_spectral_error_is_that_of_the_whole_mirrored_picture():
+    true, seen = np.random.default_rng(5).random((2, 1, 24, 40)).astype(np.float32)
+    distance = np.hypot(scipy.fft.fftfreq(24)[:, None], scipy.fft.rfftfreq(40)).astype(np.float32)
+    transfer, ratio = 1 - distance, np.float32(0.3) * distance**2
+    spectra = [scipy.fft.rfft2(each) for each in (seen, true)]
+    restored = scipy.fft.irfft2(spectra[0] * transfer / (transfer**2 + ratio), (24, 40))
+    missed = abs(scipy.fft.fft2(restored - true)[..., :21]) ** 2
+    assert spectral_error(*spectra, transfer, ratio) == pytest.approx(missed.sum(), rel=1e-5)
 
 
 def test_a_scene_kept_for_the_constant_changes_no_picture_of_another(design, scene):
