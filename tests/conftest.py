@@ -6,6 +6,7 @@ import os
 from collections.abc import Iterator
 from pathlib import Path
 
+import copies
 import numpy as np
 import pytest
 from hypothesis import settings
@@ -20,6 +21,7 @@ from maskfab.job import Job, load
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 from maskfab.readers import layout_file
 from maskfab.readers.gdstk_process import content
+from maskfab.readers.sandbox import child_process
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
 settings.register_profile("fixed", max_examples=30, derandomize=True, deadline=None)
@@ -79,6 +81,14 @@ def scenes_drawn_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scenes, "dead_leaves", leaves)
         patch.setattr(scenes, "indoors", dimmed)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def readers_in_copies() -> Iterator[None]:
+    """The scripts that read a file apart, in a copy of this process instead of a new one."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(child_process, "subprocess", copies.FORKING)
         yield
 
 

@@ -13,6 +13,7 @@ foreign is worked with as the command line does, within the limits of :mod:`mask
 
 from __future__ import annotations
 
+import faulthandler
 import io
 import math
 import os
@@ -232,6 +233,12 @@ class Findings:
             said = "FINDING"
         self.outcomes[said] += 1
 
+    def take(self, number: int, answer: str) -> None:
+        """An outcome and what it took, as :func:`apart` tells it; nothing of the latter where the process ended."""
+        said, _, cost = answer.partition("\t")
+        seconds, size = (float(each) for each in cost.split()) if cost else (0.0, 0.0)
+        self.note(number, said, seconds, size)
+
 
 class Worker:
     """A process that reads damaged files, one after the other, and may be ended."""
@@ -297,9 +304,7 @@ def fuzz(reader: str, numbers: range) -> Findings:
     found = Findings(reader)
     worker = Worker(reader)
     for number in numbers:
-        said, _, cost = worker.outcome(number).partition("\t")
-        seconds, size = (float(each) for each in cost.split()) if cost else (0.0, 0.0)
-        found.note(number, said, seconds, size)
+        found.take(number, worker.outcome(number))
     worker.close()
     return found
 
@@ -318,7 +323,7 @@ def work(reader: str) -> None:
         print("ready", flush=True)
         for line in sys.stdin:
             path.write_bytes(damaged(reader, int(line)))
-            print(_apart(reader, path), flush=True)
+            print(apart(reader, path), flush=True)
 
 
 def in_one_process() -> None:
@@ -354,11 +359,12 @@ def draw_once() -> None:
     papers.drawing_sheet = remembered  # type: ignore[assignment]
 
 
-def _apart(reader: str, path: Path) -> str:
+def apart(reader: str, path: Path) -> str:
     """The outcome, from a copy of this process that may end, and what it took: seconds and bytes after a tab."""
     back, to = os.pipe()
     copy = os.fork()
     if not copy:
+        faulthandler.disable()
         os.close(back)
         resource.setrlimit(resource.RLIMIT_CPU, (2 * int(SECONDS), 2 * int(SECONDS)))
         if reader in MAY_END:

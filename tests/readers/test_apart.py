@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 
+import fuzz_originals
 import pytest
 
 from maskfab.errors import OpeningError, SourceError
+from maskfab.readers.layout_file import read_layout
+from maskfab.readers.sandbox import child_process
 from maskfab.readers.sandbox.child_process import read_apart
 
 HEAD = "import os, pickle, signal, sys, time, warnings\n"
@@ -94,3 +98,27 @@ def test_nothing_is_imported_from_where_the_file_lies(tmp_path, monkeypatch):
     (tmp_path / "json.py").write_text("raise SystemExit('read from the folder')", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     assert answer(tmp_path, "import json; pickle.dump(json.__name__, sys.stdout.buffer)") == "json"
+
+
+@pytest.mark.parametrize("reader", ["gdsii", "gerber"])
+@pytest.mark.parametrize("whole", [True, False])
+def test_a_new_process_reads_and_refuses_as_the_copy_of_this_one_does_in_other_tests(
+    tmp_path, monkeypatch, reader, whole
+):
+    path = tmp_path / f"x{fuzz_originals.SUFFIXES[reader]}"
+    content = fuzz_originals.originals(reader)[0]
+    path.write_bytes(content if whole else content.replace(b"D01*", b"D09*"))
+    if not whole and reader == "gdsii":
+        path.write_bytes(content + b"anything")
+
+    def told():
+        try:
+            layout = read_layout(path)
+        except SourceError as error:
+            return str(error)
+        return [(cell.name, str(cell.dbbox()), cell.child_instances()) for cell in layout.each_cell()]
+
+    copied = told()
+    assert isinstance(copied, str) is not whole
+    monkeypatch.setattr(child_process, "subprocess", subprocess)
+    assert told() == copied

@@ -5,33 +5,49 @@ from __future__ import annotations
 import subprocess
 import sys
 import time
+from importlib import import_module
 
 import fuzz_originals
 import fuzz_readers
 import pytest
 from small_job import OPENING
 
+from maskfab.readers import gerber, layout_file, step
+
 SLICE = 150
 FEWER = {"gdsii": 30, "oasis": 30, "dxf": 15, "gerber": 40, "step": 6, "package": 40}
 """These are read by libraries of others, or hold long text or many files."""
 
 APART = ("gdsii", "oasis", "gerber", "step")
-"""maskfab starts a process for each of these, for which one that is copied for every file stands here."""
+"""maskfab starts a process for each of these, for which a copy of this one stands here."""
 
 
+@pytest.fixture
+def one_process(monkeypatch):
+    """The readers as they are in a worker of the fuzzer, for this process to be copied for every file."""
+    for module in (layout_file, gerber, step):
+        monkeypatch.setattr(module, "read_apart", module.read_apart)
+    fuzz_readers.in_one_process()
+    import_module("gerbonara")
+
+
+@pytest.mark.usefixtures("one_process")
 @pytest.mark.parametrize("share", [6, pytest.param(1, marks=pytest.mark.slow)], ids=["sixth", "all"])
 @pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)
 def test_damaged_files_are_refused_or_seen(reader, share, tmp_path):
     numbers = range(max(6, FEWER.get(reader, SLICE) // share))
-    if reader in APART:
-        found = fuzz_readers.fuzz(reader, numbers)
-    else:
-        found = fuzz_readers.Findings(reader)
-        path = tmp_path / fuzz_originals.file_name(reader)
-        if reader == "job":
-            (tmp_path / "ring.toml").write_text(OPENING, encoding="utf-8")
-        for number in numbers:
-            path.write_bytes(fuzz_readers.damaged(reader, number))
+    found = fuzz_readers.Findings(reader)
+    path = tmp_path / fuzz_originals.file_name(reader)
+    if reader == "job":
+        (tmp_path / "ring.toml").write_text(OPENING, encoding="utf-8")
+    # What is imported and drawn on the way is so once, not in every copy.
+    path.write_bytes(fuzz_originals.originals(reader)[0])
+    assert fuzz_readers.outcome(reader, path) == "same"
+    for number in numbers:
+        path.write_bytes(fuzz_readers.damaged(reader, number))
+        if reader in APART:
+            found.take(number, fuzz_readers.apart(reader, path))
+        else:
             found.note(number, fuzz_readers.outcome(reader, path), 0, 0)
     assert found.findings == {}
     refused = sum(times for said, times in found.outcomes.items() if said.startswith("refused"))
@@ -48,6 +64,18 @@ def test_what_is_damaged_was_whole_before(reader, tmp_path):
     for original in fuzz_originals.originals(reader):
         path.write_bytes(original)
         assert fuzz_readers.outcome(reader, path) == "same"
+
+
+@pytest.mark.slow
+def test_a_worker_finds_what_a_copy_of_this_process_finds(one_process, tmp_path):
+    found = fuzz_readers.fuzz("gerber", range(8))
+    here = fuzz_readers.Findings("gerber")
+    path = tmp_path / "x.gbr"
+    for number in range(8):
+        path.write_bytes(fuzz_readers.damaged("gerber", number))
+        here.take(number, fuzz_readers.apart("gerber", path))
+    assert found.outcomes == here.outcomes
+    assert found.outcomes.total() == 8
 
 
 def test_a_process_that_hangs_is_ended_and_told(monkeypatch):
@@ -97,7 +125,7 @@ def test_time_and_memory_are_those_of_the_reading_process(tmp_path, monkeypatch)
         return "seen"
 
     monkeypatch.setattr(fuzz_readers, "outcome", costly)
-    said, cost = fuzz_readers._apart("dxf", tmp_path / "x.dxf").split("\t")
+    said, cost = fuzz_readers.apart("dxf", tmp_path / "x.dxf").split("\t")
     seconds, size = map(float, cost.split())
     assert said == "seen"
     assert 0.3 <= seconds < 3
