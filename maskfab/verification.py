@@ -57,6 +57,8 @@ from maskfab.threads import one_thread
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
 _SCHEMA = "report_schema"
+_FORMER_UNITS = {"um^2": "um2"}
+"""Units as reports of earlier versions spell them."""
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
@@ -266,24 +268,34 @@ def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
 
 
 def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
-    """Everything that report.json says against what is measured now; a note first if its schema is an earlier one."""
+    """Everything that report.json says against what is measured now; notes first on an earlier schema or unit."""
     try:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
         stated, present = then["schema_version"], now["schema_version"]
         earlier = type(stated) is int and 1 <= stated < present
         expected = {**now, "schema_version": stated} if earlier else now
-        differences = [
-            _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
-            for place, new, old in _differences(_lasting(expected), _lasting(then), ())
-        ]
+        found = list(_differences(_lasting(expected), _lasting(then), ()))
     except (OSError, ValueError, TypeError, KeyError, RecursionError) as error:
         yield _failed("report", f"{REPORT} cannot be read: {error}")
         return
     if earlier:
         told = f"{REPORT} was written by schema {stated}, before the present {present}: all that it says is compared"
         yield Quantity(_SCHEMA, stated, told)
+    renamed = [old for place, new, old in found if _former_unit(place, new, old)]
+    if renamed:
+        told = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
+        yield Quantity("report_units", renamed[0], told)
+    differences = [
+        _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
+        for place, new, old in found
+        if not _former_unit(place, new, old)
+    ]
     yield from differences
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
+
+
+def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:
+    return place[-1] == "unit" and isinstance(now, str) and _FORMER_UNITS.get(now) == then
 
 
 def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:

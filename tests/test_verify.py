@@ -287,6 +287,23 @@ def test_a_report_of_an_earlier_schema_is_said_to_be_one_and_compared(out, state
     assert {check.name for check in found if check.passed is False} == {"reported", "reported_differences"}
 
 
+def test_a_unit_that_an_earlier_version_spelt_otherwise_is_a_note(out):
+    def edit(report: dict) -> None:
+        rows = [*report["checks"], *report["plate"], *(row for die in report["dies"] for row in die["quantities"])]
+        areas = [row for row in rows if row["unit"] == "um^2"]
+        assert areas
+        for row in areas:
+            row["unit"] = "um2"
+
+    edit_report(out, edit)
+    forged(out / "report.html", lambda text: text.replace("µm²", "um2"))
+    correct_manifest(out)
+    found = failures(out)
+    assert [(check.name, check.value, check.passed) for check in found] == [("report_units", "um2", None)]
+    edit_report(out, lambda report: report["checks"][0].update(unit="um3"))
+    assert "reported" in {check.name for check in failures(out) if check.passed is False}
+
+
 def test_a_die_that_was_emptied_is_found_and_named(out):
     library = gdstk.read_gds(out / "SMALL.gds")
     cell = next(cell for cell in library.cells if cell.name == "PLAIN")
