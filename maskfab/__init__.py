@@ -41,8 +41,8 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.shops import shops as shops
     from maskfab.api.verbs.sweeping import pareto as pareto
     from maskfab.errors import MaskfabError as MaskfabError
-    from maskfab.job import load as load_job
-    from maskfab.plate.maps import load as read_map
+    from maskfab.job import load_job as load_job
+    from maskfab.plate.maps import read_map as read_map
     from maskfab.report.quantities import Quantities as Quantities
 
 __version__ = "0.1.0"
@@ -62,11 +62,11 @@ _WHERE = {
     "check": "maskfab.api.verbs.displays",
     "design": "maskfab.api.verbs.designing",
     "explain": "maskfab.api.verbs.explaining",
-    "load_job": "maskfab.job:load",
+    "load_job": "maskfab.job",
     "package": "maskfab.api.verbs.shops",
     "pareto": "maskfab.api.verbs.sweeping",
     "plan": "maskfab.api.verbs.planning",
-    "read_map": "maskfab.plate.maps:load",
+    "read_map": "maskfab.plate.maps",
     "read_opening": "maskfab.api.opening",
     "render": "maskfab.api.verbs.displays",
     "run": "maskfab.api.verbs.plates",
@@ -76,7 +76,7 @@ _WHERE = {
     "simulate": "maskfab.api.verbs.photographs",
     "verify": "maskfab.api.verbs.plates",
 }
-"""Module of every public name, and its name there where that differs."""
+"""Module of every public name."""
 
 __all__ = [
     "Camera",
@@ -114,8 +114,7 @@ def __getattr__(name: str) -> Any:
     """Import a room only when one of its names is asked for."""
     if name not in _WHERE:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    module, _, attribute = _WHERE[name].partition(":")
-    return getattr(import_module(module), attribute or name)
+    return getattr(import_module(_WHERE[name]), name)
 
 
 def __dir__() -> list[str]:

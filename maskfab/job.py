@@ -96,7 +96,7 @@ class Job:
         return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest)
 
 
-def load(path: str | Path) -> Job:
+def load_job(path: str | Path) -> Job:
     """Read a job file and every file it names; nothing is computed yet.
 
     Raises:
@@ -123,7 +123,7 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     for i, die in enumerate(stated.die):
         check_alike(found[die.name], f"{path}: die[{i}].others")
         for opening in found[die.name]:
-            _keep(texts, opening.name, openings.dumps(opening), "openings", f"{path}: die[{i}].opening")
+            _keep(texts, opening.name, openings.opening_text(opening), "openings", f"{path}: die[{i}].opening")
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
     named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
     resolved = _with_shop(_with_curves(named, path), path)
@@ -152,8 +152,10 @@ def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
             dies.append(die)
             continue
         given = stated.maps.get(die.map)
-        cells = maps.load(path.parent / die.map) if given is None else maps.parse(given, f"{path}: maps.{die.map}")
-        _keep(texts, cells.name, maps.dumps(cells), "maps", f"{path}: die[{i}].map")
+        cells = (
+            maps.read_map(path.parent / die.map) if given is None else maps.parse_map(given, f"{path}: maps.{die.map}")
+        )
+        _keep(texts, cells.name, maps.map_text(cells), "maps", f"{path}: die[{i}].map")
         dies.append(die.model_copy(update={"map": cells.name}))
     return stated.model_copy(update={"die": tuple(dies), "maps": texts})
 
@@ -165,7 +167,7 @@ def _moved(resolved: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Pa
         if die.map is not None:
             where = f"{path}: die[{i}].map"
             held[die.name] = maps.shifted_openings(
-                maps.parse(resolved.maps[die.map], where), held[die.name], where=where
+                maps.parse_map(resolved.maps[die.map], where), held[die.name], where=where
             )
     return held
 
@@ -234,10 +236,10 @@ def check_alike(held: tuple[Opening, ...], where: str) -> None:
 def _opening(name: str, die: DieSection, number: int, stated: JobSpec, path: Path) -> Opening:
     where = f"{path}: die[{number}]"
     if name in stated.openings:
-        return openings.parse(stated.openings[name], f"{path}: openings.{name}")
+        return openings.parse_opening(stated.openings[name], f"{path}: openings.{name}")
     source = path.parent / name
     if source.suffix.lower() == ".toml":
-        return openings.load(source)
+        return openings.load_opening(source)
     dot_nm = units.to_nm(die.dot, where=f"{where}.dot", name="dot")
     dots = None if die.pitch is None else CellSize.filling(die.pitch, dot_nm, units.to_nm(die.gutter)).dots
-    return openings.load(source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell)
+    return openings.load_opening(source, dots=dots, dot_nm=dot_nm, layer=die.opening_layer, cell=die.opening_cell)

@@ -30,7 +30,7 @@ from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
 from maskfab.geometry.plate_layout import clear_shapes, plate_names
 from maskfab.geometry.writer_model import check_process
-from maskfab.job import Job, load
+from maskfab.job import Job, load_job
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import blank_of
 from maskfab.mask_shops.judge import check_written
@@ -151,7 +151,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     Raises:
         InputError: for bad input, before anything is written.
     """
-    job = job if isinstance(job, Job) else load(job)
+    job = job if isinstance(job, Job) else load_job(job)
     place = check_target(Path(out), force=force)
     named_shop(job)
     clock = _Clock()
@@ -196,7 +196,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
                 progress("figures", 1, 1)
             document = found.document(report)
             (folder / OVERVIEW).write_bytes(overview)
-            (folder / REPORT).write_text(data.dumps(document), encoding="utf-8")
+            (folder / REPORT).write_text(data.report_text(document), encoding="utf-8")
             (folder / PAGE).write_text(html.html_page(document, pictures), encoding="utf-8")
             _write_manifest(job, files, folder)
             (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")

@@ -22,7 +22,7 @@ from maskfab.errors import InputError, OutputError
 from maskfab.files.finished import RESULT_MARK, TIMES
 from maskfab.files.staging import put_back
 from maskfab.geometry.plate_layout import clear_shapes
-from maskfab.job import Job, load
+from maskfab.job import Job, load_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box, sees_light
 from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
@@ -78,7 +78,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
     manifest = _manifest(folder)
     checks = [*_hashes(folder, manifest), *_unlisted(folder, manifest)]
     try:
-        job = load(folder / JOB_COPY)
+        job = load_job(folder / JOB_COPY)
         # A later version would sign its plates differently, which is no fault of this one.
         signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
         plate = compose(job.spec, job.openings, signature, where=job.where)

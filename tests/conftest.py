@@ -17,7 +17,7 @@ from maskfab.camera import scenes
 from maskfab.export.gds import write_gdsii
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import plate_layout
-from maskfab.job import Job, load
+from maskfab.job import Job, load_job
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 from maskfab.readers import layout_file
 from maskfab.readers.gdstk_process import content
@@ -120,7 +120,7 @@ def small_result(tmp_path_factory) -> Path:
 
 @pytest.fixture(scope="module")
 def job(tmp_path_factory) -> Job:
-    return load(write_job(tmp_path_factory.mktemp("job")))
+    return load_job(write_job(tmp_path_factory.mktemp("job")))
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ from maskfab.display.wires.wiring import WireDemand
 from maskfab.eye import drawn_scenes, grain, side_by_side
 from maskfab.eye.viewing import Viewing
 from maskfab.model import Opening, Panel, Tiling
-from maskfab.opening.openings import load
+from maskfab.opening.openings import load_opening
 from maskfab.plate.tiling import orientations
 from maskfab.resources import path
 
@@ -84,7 +84,7 @@ def enumerated() -> Iterator[Row]:
 
 def of_masks() -> Iterator[Row]:
     """On the shipped openings and, where it is at hand, the authors' mask."""
-    masks = {"slit": bar(21, 5, 8), "toled": load(path("layouts/openings/toled.toml")).mask}
+    masks = {"slit": bar(21, 5, 8), "toled": load_opening(path("layouts/openings/toled.toml")).mask}
     if (PUBLISHED / "L2Inv_Random.png").exists():
         masks["L2Inv_Random"] = published("L2Inv_Random")
     grid = cells(21, 2, 1, gutter=1)
@@ -124,7 +124,7 @@ def of_masks() -> Iterator[Row]:
 
 
 def timed() -> Iterator[Row]:
-    mask = load(path("layouts/openings/paper_inv_random.toml")).mask
+    mask = load_opening(path("layouts/openings/paper_inv_random.toml")).mask
     for per_dot, limit in ((2, 0.5), (4, 3.0)):
         gap = 8000 if per_dot == 2 else 6000
         emitters = EmitterRules(4000, gap, 8000, required=0.05)
@@ -143,7 +143,7 @@ def timed() -> Iterator[Row]:
     yield "placement alone at 21 x 21 cells", second_of_two(placed), 0.01, "s"
     broken = count = 0
     for name, (gutter, gap) in itertools.product(NAMES, ((0, 8000), (8000, 8000), (8000, 16000))):
-        shipped = load(path(f"layouts/openings/{name}.toml"))
+        shipped = load_opening(path(f"layouts/openings/{name}.toml"))
         rules = DisplayRules(EmitterRules(4000, gap, 8000), 0.75, CircuitRules(), LightDemand(), None)
         for dot in (shipped.dot_nm, shipped.dot_nm // 2):
             found = feasibility(panel_of(shipped, dot, gutter), rules)
@@ -178,7 +178,7 @@ def seen() -> Iterator[Row]:
     told = {row.name: float(row.value) for row in side_by_side.judge("still", still, flat, 21, viewing).quantities}
     yield "even field of a periodic panel, mean dE", told["flat_delta_e_mean"], 1e-9, "dE"
     start = time.process_time()
-    side_by_side.judge("all", panel, side_by_side.pictures(100), 21, viewing)
+    side_by_side.judge("all", panel, side_by_side.target_pictures(100), 21, viewing)
     yield "five pictures of 100 x 100 pixels, 21 samples, all numbers", time.process_time() - start, 10, "s"
     yield "peak memory of all this", resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e6, 1.5, "GB"
 

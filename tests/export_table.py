@@ -27,7 +27,7 @@ from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.solid.mesh import write_3mf, write_glb
 from maskfab.export.solid.step import write_step
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.model import Die, Opening, Panel, Plate, Quantity, Tiling
 from maskfab.pipeline import REPORT
 from maskfab.readers.layout_file import read_layout
@@ -119,7 +119,7 @@ def rules(folder: Path) -> Iterator[Row]:
 
 def plates(folder: Path) -> Iterator[Row]:
     """Twelve dies in every format, every file read back and every check made, in a process of their own."""
-    spec = load(path("layouts/all_formats.toml")).spec.dump()
+    spec = load_job(path("layouts/all_formats.toml")).spec.dump()
     formats = spec["export"]["formats"]
     without = [each for each in formats if each != "step"]
     drawn = {key: value for key, value in spec.items() if key != "process"}

@@ -17,8 +17,7 @@ from maskfab.delivery.pack import pack
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.plate_layout import plate_layout
-from maskfab.job import Job
-from maskfab.job import load as load_job
+from maskfab.job import Job, load_job
 from maskfab.jobfile import ExportSection
 from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
 from maskfab.mask_shops.profiles import load_shop

@@ -49,7 +49,7 @@ from maskfab.errors import InputError, SourceError
 from maskfab.eye import picture
 from maskfab.eye.picture import on_pixels
 from maskfab.files.silence_stdout import quiet
-from maskfab.job import load as load_job
+from maskfab.job import load_job
 from maskfab.mask_shops.drawing_sheet import drawing_sheet
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.opening import openings
@@ -79,7 +79,7 @@ MAY_END = ("step",)
 LAYOUTS = ("gdsii", "oasis", "dxf", "gerber")
 PICTURES = ("png", "tiff")
 TEXTS: dict[str, Callable[[Path], str]] = {
-    "map": lambda path: maps.dumps(maps.load(path)),
+    "map": lambda path: maps.map_text(maps.read_map(path)),
     "template": lambda path: repr(load_template(path)),
     "shop": lambda path: repr(load_shop(str(path)).model_copy(update={"name": "any"})),
 }
@@ -175,9 +175,9 @@ def _picture_outcome(path: Path) -> str:
 
 def _exr_outcome(path: Path) -> str:
     """As a photograph and as an opening."""
-    light = on_pixels(picture.read(path), 7, 7)
+    light = on_pixels(picture.read_picture(path), 7, 7)
     same = light.shape == (7, 7, 3) and bool(((light > 0.5).all(axis=2) == mask()).all())
-    return "same" if same and bool((openings.load(path, dot_nm=8000).mask == mask()).all()) else "seen"
+    return "same" if same and bool((openings.load_opening(path, dot_nm=8000).mask == mask()).all()) else "seen"
 
 
 @cache
@@ -205,7 +205,7 @@ def _package_outcome(path: Path) -> str:
 
 
 def _opening_outcome(reader: str, path: Path) -> str:
-    opening = openings.load(path) if reader == "toml" else openings.load(path, dot_nm=8000)
+    opening = openings.load_opening(path) if reader == "toml" else openings.load_opening(path, dot_nm=8000)
     same = opening.mask.shape == mask().shape and bool((opening.mask == mask()).all())
     return "same" if same and opening.dot_nm == 8000 else "seen"
 

@@ -19,7 +19,7 @@ from scipy.special import j1
 
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.plate_layout import plate_layout
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.model import Stop
 from maskfab.optics.field.parity import parity_field
 from maskfab.optics.image.psf import image_scale_um2, point_psf
@@ -64,7 +64,7 @@ def main() -> None:
         ("PSF of the open stop against Airy, D = 4 mm", airy_error(4000.0), 1e-4, "relative L2"),
         ("PSF of the open stop against Airy, D = 0.1 mm", airy_error(100.0), 1e-4, "relative L2"),
     ]
-    job = load(path("layouts/upc12.toml"))
+    job = load_job(path("layouts/upc12.toml"))
     with tempfile.TemporaryDirectory() as folder:
         first, second = Path(folder) / "first", Path(folder) / "second"
         start = time.perf_counter()

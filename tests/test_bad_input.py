@@ -11,7 +11,7 @@ from klayout import db
 from small_job import DRAWING, JOB, LOOK, OPENING, Answer, command, listing, write_job
 
 from maskfab.errors import CATALOGUE
-from maskfab.opening.openings import load
+from maskfab.opening.openings import load_opening
 
 PITCH = 'dot = "8 um"\npitch = "56 um"'
 OPENING_KEY = 'opening = "ring.toml"'
@@ -589,5 +589,5 @@ def test_an_opening_is_not_overwritten_without_force(capsys, tmp_path):
     assert answer.stderr.startswith("error: MF402 ")
     assert target.read_bytes() == first
     assert command(capsys, "shape", "stripe", "--width-dots", "7", "--out", target, "--force").code == 0
-    assert load(target).clear_dots == 7 * 21
+    assert load_opening(target).clear_dots == 7 * 21
     assert listing(tmp_path).keys() == {"o.toml"}

@@ -13,7 +13,7 @@ from small_job import Answer, command, finished, listing, write_job
 
 from maskfab.display import place
 from maskfab.display.emitters.placement import Verdict
-from maskfab.report.check_data import document_schema
+from maskfab.report.check_data import check_schema
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
 
@@ -37,7 +37,7 @@ def checked(capsys: pytest.CaptureFixture[str], job: Path, *more: str) -> Answer
     """The first die of a job, as JSON that keeps to its schema."""
     answer = command(capsys, "check", job, "--die", "PLAIN", "--json", "--quiet", *more)
     assert answer.stderr == ""
-    rules = document_schema()
+    rules = check_schema()
     conform(answer.document, rules, rules["$defs"], "check")
     return answer
 
@@ -188,7 +188,7 @@ def test_a_sheet_without_pixels_has_nothing_to_check(capsys, tmp_path):
     answer = command(capsys, "check", job, "--die", "TURNED", "--quiet", "--largest-gap")
     assert (answer.code, answer.stdout) == (0, "TURNED: no pixels to place emitters in\n")
     document = command(capsys, "check", job, "--die", "TURNED", "--quiet", "--json").document
-    rules = document_schema()
+    rules = check_schema()
     conform(document, rules, rules["$defs"], "check")
     assert document["dies"][0]["display"] is None
 
@@ -267,7 +267,7 @@ def test_check_has_help_with_an_example(capsys):
 
 def test_the_schema_refuses_what_it_does_not_know(capsys, tmp_path):
     document = checked(capsys, display(tmp_path)).document
-    rules = document_schema()
+    rules = check_schema()
     for part in (document, document["dies"][0], document["dies"][0]["light"]):
         part["surplus"] = 1
         with pytest.raises(AssertionError):

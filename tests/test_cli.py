@@ -19,8 +19,8 @@ from small_job import JOB, LOOK, MASK, OPENING, command, listing, write_job
 import maskfab
 from maskfab import resources
 from maskfab.errors import CATALOGUE
-from maskfab.job import load as load_job
-from maskfab.opening.openings import load, parse
+from maskfab.job import load_job
+from maskfab.opening.openings import load_opening, parse_opening
 from maskfab.units import parse_pitch_um, to_nm
 
 pytestmark = pytest.mark.usefixtures("drawn_once", "bound_once", "read_here")
@@ -244,7 +244,7 @@ def test_a_relaxed_design_writes_an_opening_beside_its_job(capsys, tmp_path, few
     assert answer.stdout.splitlines()[-1] == str(tmp_path / "found.toml")
     assert "3/3" in answer.stderr
     assert "best loss" in answer.stderr
-    found = load(tmp_path / "found.toml")
+    found = load_opening(tmp_path / "found.toml")
     assert (found.name, found.dots, found.dot_nm, found.clear_dots) == ("found", 7, 8000, 14)
     assert listing(tmp_path).keys() == {"design.toml", "found.toml"}
     again = ("design", tmp_path / "design.toml", "--out", tmp_path / "again.toml", "--json", "--quiet")
@@ -331,7 +331,7 @@ def test_some_shipped_openings_are_shapes():
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
 def test_shipped_openings_load_and_their_facts_hold(path):
     facts = tomllib.loads(path.read_text(encoding="utf-8"))
-    opening = load(path)
+    opening = load_opening(path)
     assert opening.name == facts["name"] == path.stem
     assert opening.mask.shape == (facts["dots"], facts["dots"])
     assert round(opening.open_ratio, 4) == facts["open_ratio"]
@@ -359,7 +359,7 @@ def test_shape_tells_its_opening_as_json(capsys, tmp_path):
     assert answer.document["clear_dots"] == 90
     assert answer.document["path"] == str(target)
     assert answer.document["provenance"]["command"] == f"maskfab shape stripe --clear-dots 90 --out {target}"
-    assert load(target).clear_dots == 90
+    assert load_opening(target).clear_dots == 90
 
 
 # --- explain, help, and what goes wrong ------------------------------------------------------------------------------
@@ -470,4 +470,4 @@ def test_the_installed_program_passes_its_exit_code_on(tmp_path):
 
 
 def test_the_drawing_of_the_tests_is_read_as_they_think():
-    assert np.array_equal(parse(OPENING).mask, MASK)
+    assert np.array_equal(parse_opening(OPENING).mask, MASK)

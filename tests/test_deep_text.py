@@ -9,7 +9,7 @@ import pytest
 from small_job import write_job
 
 from maskfab.errors import InputError, OutputError
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.opening import openings
 from maskfab.plate import maps
@@ -18,10 +18,10 @@ from maskfab.verification import verify
 
 DEPTH = 100_000
 READERS = {
-    "job.toml": load,
-    "job.json": load,
-    "map.toml": maps.load,
-    "opening.toml": openings.load,
+    "job.toml": load_job,
+    "job.json": load_job,
+    "map.toml": maps.read_map,
+    "opening.toml": openings.load_opening,
     "template.toml": load_template,
     "shop.toml": lambda path: load_shop(str(path)),
 }

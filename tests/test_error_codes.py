@@ -13,7 +13,7 @@ import maskfab
 from maskfab import resources
 from maskfab.error_codes import explained, grouped
 from maskfab.errors import CATALOGUE, MaskfabError
-from maskfab.job import load
+from maskfab.job import load_job
 
 PACKAGE = Path(maskfab.__file__).parent
 LAYOUTS = resources.path("layouts")
@@ -63,5 +63,5 @@ def test_a_job_line_that_is_an_example_raises_its_code(tmp_path, code):
     job = tmp_path / "job.toml"
     job.write_text(f"{before}{heading}\n{line}\n{section}{''.join(rest)}", encoding="utf-8")
     with pytest.raises(MaskfabError) as caught:
-        load(job).plate()
+        load_job(job).plate()
     assert caught.value.code == code, caught.value

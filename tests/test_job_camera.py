@@ -13,7 +13,7 @@ from maskfab.camera.photographs import Photograph
 from maskfab.cli import run_command_line
 from maskfab.cli.verbs.design import _targets
 from maskfab.export.pictures import write_png
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.jobfile import read
 from maskfab.measurement.restored import OTHER_RESIDUAL_DB, photographer
 from maskfab.model import Tiling
@@ -102,7 +102,7 @@ def test_photographs_are_taken_by_the_jobs_camera_and_by_f1s_where_that_is_asked
     psnr = {name: [score["psnr"] for score in found["scores"]] for name, found in by.items()}
     assert min(abs(np.subtract(psnr["phone"], psnr["fast"]))) > 0.1
     assert by["phone"]["protocol"] is None
-    assert by["phone"]["camera"] == camera_line(load(folder / "phone.toml").camera)
+    assert by["phone"]["camera"] == camera_line(load_job(folder / "phone.toml").camera)
 
 
 def test_a_die_that_does_not_cover_the_stop_of_f1_is_not_judged_by_it(folder, capsys):
@@ -116,8 +116,8 @@ def test_a_design_follows_the_camera_and_states_it(folder, capsys):
     for name in ("phone", "fast"):
         target = folder / f"only_{name}.toml"
         told(capsys, "design", folder / f"{name}.toml", "--out", target, "--images", folder / "photographs")
-        facts = openings.load(target).provenance
-        assert facts["camera"] == camera_line(load(folder / f"{name}.toml").camera)
+        facts = openings.load_opening(target).provenance
+        assert facts["camera"] == camera_line(load_job(folder / f"{name}.toml").camera)
         assert facts["protocol"] == "another camera at the levels of F1"
         found[name] = facts["expected_psnr_32"]
     assert abs(found["phone"] - found["fast"]) > 0.1
@@ -131,8 +131,8 @@ def test_a_map_has_the_cells_of_its_camera_and_lies_beside_its_opening(folder, c
         target, job = folder / f"by_{name}.toml", folder / f"map_{name}.toml"
         job.write_text(with_map((folder / f"{name}.toml").read_text()))
         told(capsys, "design", job, "--out", target, "--images", folder / "photographs")
-        opening, cells = openings.load(target), maps.load(folder / f"by_{name}_map.toml")
-        camera = load(folder / f"{name}.toml").camera
+        opening, cells = openings.load_opening(target), maps.read_map(folder / f"by_{name}_map.toml")
+        camera = load_job(folder / f"{name}.toml").camera
         for facts in (opening.provenance, cells.provenance):
             assert facts["camera"] == camera_line(camera)
         found[name] = len(cells.cells)
@@ -155,16 +155,16 @@ def test_a_sweep_judges_behind_the_jobs_camera(folder, capsys):
     for name in ("phone", "fast"):
         out = folder / f"pareto_{name}"
         told(capsys, "pareto", folder / f"{name}.toml", "--out", out, *images)
-        files = [openings.load(path) for path in sorted(out.rglob("*.toml"))]
+        files = [openings.load_opening(path) for path in sorted(out.rglob("*.toml"))]
         best[name] = max(each.provenance["expected_psnr_32"] for each in files)
-        assert all(each.provenance["camera"] == camera_line(load(folder / f"{name}.toml").camera) for each in files)
+        assert all(each.provenance["camera"] == camera_line(load_job(folder / f"{name}.toml").camera) for each in files)
     assert abs(best["phone"] - best["fast"]) > 0.1
 
 
 def test_a_report_predicts_behind_the_jobs_camera(folder):
     values = {}
     for name in ("phone", "fast"):
-        job = load(folder / f"{name}.toml")
+        job = load_job(folder / f"{name}.toml")
         die = job.plate().dies[0]
         take = photographer([die], [picture()], PhotoCamera.of(job.camera))
         rows = take(die, photographs=False).quantities
@@ -203,15 +203,15 @@ def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judg
 def test_an_opening_for_another_camera_is_noted(folder, tmp_path, facts, noted):
     (tmp_path / "bar.toml").write_text(BAR + facts)
     (tmp_path / "job.toml").write_text((folder / "phone.toml").read_text())
-    found = camera_notes(load(tmp_path / "job.toml"))
+    found = camera_notes(load_job(tmp_path / "job.toml"))
     assert found.get("BAR") is None if noted is None else found["BAR"].value == noted
-    same = DESIGNED + f'camera = "{camera_line(load(tmp_path / "job.toml").camera)}"\n'
+    same = DESIGNED + f'camera = "{camera_line(load_job(tmp_path / "job.toml").camera)}"\n'
     (tmp_path / "bar.toml").write_text(BAR + same)
-    assert camera_notes(load(tmp_path / "job.toml")) == {}
+    assert camera_notes(load_job(tmp_path / "job.toml")) == {}
 
 
 def test_shipped_openings_of_f1_are_at_home_in_shipped_jobs():
-    job = load(ROOT / "layouts" / "upc12.toml")
+    job = load_job(ROOT / "layouts" / "upc12.toml")
     assert PhotoCamera.of(job.camera) == F1
     assert camera_notes(job) == {}
     assert any(die.tiling is Tiling.MAP for die in job.spec.die)

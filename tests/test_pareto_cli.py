@@ -11,7 +11,7 @@ from once import leaves
 
 from maskfab.camera import scenes
 from maskfab.cli import run_command_line
-from maskfab.opening.openings import load
+from maskfab.opening.openings import load_opening
 
 JOB = """
 [design]
@@ -62,7 +62,7 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
     rows = list(csv.DictReader((out / "pareto.csv").read_text().splitlines()))
     assert [row["name"] for row in rows] == [*(each["name"] for each in found), "given"]
     for each, row in zip(found, rows, strict=False):
-        assert load(out / each["opening"]).clear_dots == each["clear_dots"]
+        assert load_opening(out / each["opening"]).clear_dots == each["clear_dots"]
         assert float(row["footprint"]) == pytest.approx(each["footprint"], abs=1e-6)
         assert row["best"] == str(int(each["best"]))
     (given,) = told["compared"]

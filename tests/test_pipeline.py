@@ -19,7 +19,7 @@ from small_job import OPENING, command, finished, listing, write_job
 import maskfab
 from maskfab import resources
 from maskfab.errors import JobError, OutputError
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.model import Quantity
 from maskfab.pipeline import Result, check_rules, draw_files, write_files
 from maskfab.progress import silent
@@ -97,7 +97,7 @@ def test_every_artefact_names_its_job(out, report, name):
 
 def test_every_mask_file_is_the_plate(out):
     """All four, read by klayout alone, against the dots themselves, of both dies."""
-    job = load(out / "job.json")
+    job = load_job(out / "job.json")
     plate = job.plate()
     assert {path.name for path in out.iterdir()} >= {product.name for product in draw_files(job, plate).products}
     for die in plate.dies:
@@ -197,7 +197,7 @@ def test_a_crash_in_the_middle_leaves_an_earlier_result(out, tmp_path, monkeypat
 
 
 def digest(folder: Path, *edits: tuple[str, str], opening: str = OPENING) -> str:
-    return load(write_job(folder, *edits, opening=opening)).digest
+    return load_job(write_job(folder, *edits, opening=opening)).digest
 
 
 SAME = {
@@ -258,11 +258,11 @@ def test_the_hash_does_not_depend_on_where_the_opening_lies(tmp_path):
     moved = write_job(tmp_path / "a", ('"ring.toml"', '"deep/ring.toml"'), ('"ring.toml"', '"deep/ring.toml"'))
     (moved.parent / "deep").mkdir()
     (moved.parent / "ring.toml").rename(moved.parent / "deep" / "ring.toml")
-    assert load(moved).digest == digest(tmp_path / "b")
+    assert load_job(moved).digest == digest(tmp_path / "b")
 
 
 def test_the_kept_job_is_the_job(out, report, tmp_path):
-    kept = load(out / "job.json")
+    kept = load_job(out / "job.json")
     assert kept.digest == report["job_hash"] == digest(tmp_path)
     assert kept.spec.dump() == json.loads((out / "job.json").read_text(encoding="utf-8"))
     assert kept.seeds == {"TURNED": 3}
@@ -273,10 +273,10 @@ def test_two_openings_of_one_name_are_refused_if_they_differ(tmp_path):
     head, plain, turned = job.read_text().split("[[die]]")
     job.write_text("[[die]]".join([head, plain, turned.replace("ring.toml", "other.toml")]))
     (tmp_path / "other.toml").write_text(OPENING)
-    assert len(load(job).openings) == 2
+    assert len(load_job(job).openings) == 2
     (tmp_path / "other.toml").write_text(OPENING.replace(".##.#..", ".##.##.", 1))
     with pytest.raises(JobError, match="MF109 two different openings have the name 'ring'"):
-        load(job)
+        load_job(job)
 
 
 # --- from Python -----------------------------------------------------------------------------------------------------
@@ -300,7 +300,7 @@ def test_run_takes_a_loaded_job_and_tells_where_it_stands(tmp_path):
 
 
 def test_the_shipped_plate_is_laid_out():
-    job = load(resources.path("layouts/upc12.toml"))
+    job = load_job(resources.path("layouts/upc12.toml"))
     plate = job.plate()
     assert len(plate.dies) == 12
     assert len({die.name for die in plate.dies}) == 12
@@ -395,7 +395,7 @@ def test_two_processes_write_the_same_bytes_in_every_format(tmp_path):
     other = subprocess.Popen(
         [sys.executable, "-c", WRITE, path, there], env={**os.environ, "PYTHONHASHSEED": seed, "TZ": "Asia/Tokyo"}
     )
-    job = load(path)
+    job = load_job(path)
     here.mkdir()
     write_files(job, draw_files(job, job.plate()), here, silent)
     assert other.wait(timeout=120) == 0
@@ -422,7 +422,7 @@ def test_pictures_that_cannot_carry_the_design_are_refused_before_any_work(capsy
 
 
 def test_markers_place_a_thousand_violations_and_count_all(tmp_path):
-    job = load(write_job(tmp_path, ("[plate]", '[limits]\nmin_feature = "9 um"\n\n[plate]')))
+    job = load_job(write_job(tmp_path, ("[plate]", '[limits]\nmin_feature = "9 um"\n\n[plate]')))
     plate = job.plate()
     results = [result for result in check_rules(job, plate) if not result.passed]
     assert max(result.count for result in results) > 100
@@ -543,7 +543,7 @@ def test_what_a_shop_refuses_fails_the_run_and_its_files_are_there(capsys, tmp_p
 
 def one_die(folder: Path, section: str) -> Result:
     """The job's turned die alone, with a section more, run."""
-    job = load(write_job(folder, ("[plate]", f"{section}\n\n[plate]")))
+    job = load_job(write_job(folder, ("[plate]", f"{section}\n\n[plate]")))
     return maskfab.run(replace(job, spec=job.spec.model_copy(update={"die": job.spec.die[1:]})), folder / "out")
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from small_job import command, write_job
 
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.jobfile import SceneSection, read, validate
 from maskfab.optics.light.response import GENERIC_RGB
 from maskfab.optics.scene.distortion import Distortion
@@ -45,7 +45,7 @@ def test_a_scene_is_read_and_kept(tmp_path: Path) -> None:
 
 
 def test_without_a_scene_nothing_extra_is_asked_for_and_old_jobs_keep_their_hash(tmp_path: Path) -> None:
-    plain, empty = load(write_job(tmp_path / "plain")), load(scene(tmp_path / "empty"))
+    plain, empty = load_job(write_job(tmp_path / "plain")), load_job(scene(tmp_path / "empty"))
     assert plain.spec.scene is None
     assert "scene" not in plain.spec.dump()
     assert Scene.of(plain.spec.scene) == Scene.of(empty.spec.scene) == Scene()
@@ -209,7 +209,7 @@ def test_what_no_plan_models_is_weighed_against_the_accuracy(
 
 def test_glass_away_from_the_lens_is_planned_as_a_gap(tmp_path: Path) -> None:
     glass = 'glass = { thickness = "29.2 um", index = 1.46, chrome = "away" }'
-    scene_of = load(plated(tmp_path, glass)).scene
+    scene_of = load_job(plated(tmp_path, glass)).scene
     assert scene_of is not None
     assert scene_of.gap_um == pytest.approx(20.0)
 

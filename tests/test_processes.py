@@ -18,7 +18,7 @@ from small_job import write_job
 from maskfab import pipeline
 from maskfab.camera.capture import gain
 from maskfab.errors import InternalError, JobError
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.processes import Alone, Pair, Task
 
 
@@ -119,7 +119,7 @@ def test_nobody_is_waited_for_when_the_work_is_given_up():
 
 
 def test_a_second_process_is_started_for_many_dies_on_two_processors(tmp_path, monkeypatch):
-    few = load(write_job(tmp_path))
+    few = load_job(write_job(tmp_path))
     many = few.__class__(few.spec.model_copy(update={"die": few.spec.die * 4}), few.openings, few.digest, few.where)
     for processors, job, kind in ((2, many, Pair), (1, many, Alone), (None, many, Alone), (2, few, Alone)):
         monkeypatch.setattr(os, "cpu_count", lambda count=processors: count)

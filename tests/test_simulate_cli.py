@@ -14,7 +14,7 @@ from maskfab.camera.protocol import ASSUMED
 from maskfab.camera.transfer import lay
 from maskfab.cli import run_command_line
 from maskfab.export.pictures import write_png
-from maskfab.job import load
+from maskfab.job import load_job
 
 ROOT = Path(__file__).parents[1]
 JOB = ROOT / "layouts" / "upc12.toml"
@@ -49,5 +49,5 @@ def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFi
 
 
 def test_a_random_die_is_drawn_as_the_protocol_draws_it() -> None:
-    panel = next(die.panel for die in load(JOB).plate().dies if die.name == "TOLED_R150")
+    panel = next(die.panel for die in load_job(JOB).plate().dies if die.name == "TOLED_R150")
     assert np.array_equal(laid_panel("x", panel).pupil, lay("x", panel.opening.mask).pupil)

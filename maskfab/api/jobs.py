@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 from maskfab.errors import JobError
-from maskfab.job import Job, load
+from maskfab.job import Job, load_job
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
@@ -32,7 +32,7 @@ def job_of(job: AnyJob, camera: Camera | None = None) -> Job:
             where="camera",
             cure="Give no camera, or change the one in the job",
         )
-    return job if isinstance(job, Job) else load(job)
+    return job if isinstance(job, Job) else load_job(job)
 
 
 def dies_of(asked: str | Sequence[str] | None, names: Collection[str]) -> tuple[str, ...]:

@@ -145,7 +145,7 @@ class Opening(model.Opening):
         if target.suffix.lower() != ".toml":
             problem = f"no opening is written with the suffix {target.suffix!r}"
             raise OutputError("MF430", problem, where=str(target), cure="Use .toml")
-        write_text(target, openings.dumps(self))
+        write_text(target, openings.opening_text(self))
         return target
 
     def plot(self) -> Drawing:
@@ -191,13 +191,15 @@ def read_opening(
         return Opening.of(source, _stated(pitch, "pitch", "the array"), name=name or "opening")
     path = Path(source)
     if path.suffix.lower() == ".toml":
-        found = openings.load(path, dots=dots, name=name)
+        found = openings.load_opening(path, dots=dots, name=name)
         return Opening.of_model(found if pitch is None else _repitched(found, pitch))
     if path.suffix.lower() in LAYOUT_SUFFIXES:
         wanted = _whole(_stated(dots, "dots", path.name), "dots")
         dot_nm = _dot_nm(_stated(pitch, "pitch", path.name), wanted, "read_opening: pitch")
-        return Opening.of_model(openings.load(path, dots=wanted, dot_nm=dot_nm, layer=layer, cell=cell, name=name))
-    found = openings.load(path, dots=dots, dot_nm=1, name=name)
+        return Opening.of_model(
+            openings.load_opening(path, dots=wanted, dot_nm=dot_nm, layer=layer, cell=cell, name=name)
+        )
+    found = openings.load_opening(path, dots=dots, dot_nm=1, name=name)
     return Opening.of_model(_repitched(found, _stated(pitch, "pitch", path.name)))
 
 

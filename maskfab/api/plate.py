@@ -151,9 +151,9 @@ class Plate:
         texts: dict[str, dict[str, str]] = {"openings": {}, "maps": {}}
         for die, panel in self.panels.items():
             for opening in panel.held:
-                _keep(texts["openings"], opening.name, openings.dumps(opening), "openings", die)
+                _keep(texts["openings"], opening.name, openings.opening_text(opening), "openings", die)
             if panel.cells is not None:
-                _keep(texts["maps"], panel.cells.name, maps.dumps(panel.cells), "maps", die)
+                _keep(texts["maps"], panel.cells.name, maps.map_text(panel.cells), "maps", die)
         document = {
             "job": _plain(self.heading),
             "camera": _plain((camera or F1).section),

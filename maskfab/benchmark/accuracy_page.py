@@ -108,7 +108,7 @@ def case_document(outcomes: Sequence[CaseResult]) -> dict[str, Any]:
     return {"verdict": "pass" if all(o.passed for o in outcomes) else "fail", "cases": rows}
 
 
-def write(target: Path, document: dict[str, Any], figure: bytes) -> list[Path]:
+def write_accuracy(target: Path, document: dict[str, Any], figure: bytes) -> list[Path]:
     """Put a race's figure and numbers into a new directory."""
     with staged(check_target(target, force=False)) as folder:
         (folder / "bench.json").write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

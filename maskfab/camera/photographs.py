@@ -17,7 +17,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
-from maskfab.eye.picture import read
+from maskfab.eye.picture import read_picture
 
 SHORT, LONG = 1024, 1536
 SMALLEST = 832
@@ -84,11 +84,11 @@ def folder(path: str | Path) -> tuple[Photograph, ...]:
     """Every photograph of a folder, by name.
 
     Raises:
-        SourceError: MF301 if there is no folder or no photograph in it, and as :func:`maskfab.eye.picture.read`.
+        SourceError: MF301 without a folder or a photograph in it, and as :func:`maskfab.eye.picture.read_picture`.
         JobError: MF121 for one that is too small or holds linear light.
     """
     where = Path(path)
     files = sorted(p for p in where.iterdir() if p.suffix.lower() in _SUFFIXES) if os.path.isdir(where) else []
     if not files:
         raise SourceError("MF301", f"there are no photographs in {where}", cure="Give a folder of PNG or JPEG files")
-    return tuple(scene(file.stem, read(file).values) for file in files)
+    return tuple(scene(file.stem, read_picture(file).values) for file in files)

@@ -19,7 +19,7 @@ from maskfab.errors import InputError, JobError, OutputError, SourceError
 from maskfab.export.cell_polygons import CUT
 from maskfab.export.outputs import MASK_TAILS
 from maskfab.files.staging import check_file, write_bytes, write_text
-from maskfab.job import Job, load
+from maskfab.job import Job, load_job
 from maskfab.jobfile import is_table
 from maskfab.jobfile import read as read_spec
 from maskfab.jobfile.shop_profile import Format, Shop, parse_shop
@@ -283,7 +283,7 @@ def _packed_job(folder: Path, package: Path) -> Job:
                 where=JOB_COPY,
                 cure="Pack the job again with maskfab package",
             )
-    return load(path)
+    return load_job(path)
 
 
 def _failed(name: str, problem: str) -> Quantity:

@@ -40,7 +40,7 @@ class Picture:
     where: str
 
 
-def read(path: str | Path) -> Picture:
+def read_picture(path: str | Path) -> Picture:
     """Read a picture of any kind that OpenImageIO knows; palettes are looked up.
 
     Raises:

@@ -60,7 +60,7 @@ class SeenPanel:
     quantities: tuple[Quantity, ...]
 
 
-def pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats]:
+def target_pictures(pixels: int, photograph: Picture | None = None) -> dict[str, Floats]:
     """The targets by name, and a photograph in place of the leaves if there is one.
 
     Raises:

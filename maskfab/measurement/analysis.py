@@ -231,11 +231,11 @@ def _load(path: Path, request: Request) -> Opening:
         raise SourceError("MF301", f"the file {problem}", where=str(path), cure="Give the path of an existing file")
     dots = _dots(request)
     if path.suffix.lower() == ".toml":
-        opening = openings.load(path, dots=dots)
+        opening = openings.load_opening(path, dots=dots)
         return opening if request.dot_um or request.pitch_um is None else _scaled(opening, request)
     if request.dot_um is not None:
         dot_nm = to_nm(request.dot_um, where="--dot", name="dot")
-        return openings.load(
+        return openings.load_opening(
             path,
             dots=dots,
             dot_nm=dot_nm,
@@ -245,7 +245,9 @@ def _load(path: Path, request: Request) -> Opening:
             name=_name(path),
         )
     if path.suffix.lower() not in LAYOUT_SUFFIXES:
-        opening = openings.load(path, dot_nm=1, name=_name(path))  # what is wrong with the file itself comes first
+        opening = openings.load_opening(
+            path, dot_nm=1, name=_name(path)
+        )  # what is wrong with the file itself comes first
         if request.pitch_um is not None:
             return _scaled(opening, request)
     raise JobError("MF105", f"{path.name} does not state the size of its dots", where="--dot", cure='Add --dot "8 um"')

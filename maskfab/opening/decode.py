@@ -35,7 +35,7 @@ def text_rows(text: str) -> Rows:
     return [(n, line) for n, line in enumerate(text.splitlines(), start=1) if not line.lstrip().startswith(";")]
 
 
-def from_lines(lines: Rows, where: str) -> Mask:
+def mask_of_lines(lines: Rows, where: str) -> Mask:
     """Mask of a drawing in '.' (opaque) and '#' (clear); blank lines round it and blanks after a line do not count.
 
     Raises:
@@ -71,7 +71,7 @@ def from_lines(lines: Rows, where: str) -> Mask:
     return np.array([[character == CLEAR for character in row] for _, row in reversed(rows)], dtype=np.bool_)
 
 
-def drawing(mask: Mask) -> Iterable[str]:
+def dot_lines(mask: Mask) -> Iterable[str]:
     """The lines of a mask's drawing, the top line first."""
     return ("".join(CLEAR if clear else CLOSED for clear in row) for row in mask[::-1])
 

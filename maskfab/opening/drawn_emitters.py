@@ -16,7 +16,7 @@ Labels = NDArray[np.int8]
 LETTERS = CLOSED + "".join(colour[0].upper() for colour in COLOURS)
 
 
-def from_lines(lines: Rows, where: str) -> Labels:
+def labels_of_lines(lines: Rows, where: str) -> Labels:
     """Labels of a drawing in '.', R, G and B, the top line first; int8 [n, n], row 0 lowest.
 
     Raises:
@@ -34,7 +34,7 @@ def from_lines(lines: Rows, where: str) -> Labels:
     return np.array([[LETTERS.index(character) for character in row] for _, row in reversed(rows)], dtype=np.int8)
 
 
-def drawing(labels: Labels) -> Iterable[str]:
+def emitter_lines(labels: Labels) -> Iterable[str]:
     """The lines of a drawing, the top line first."""
     return ("".join(LETTERS[label] for label in row) for row in labels[::-1])
 

@@ -58,7 +58,7 @@ _FORMAT: Mapping[str, str] = MappingProxyType(
 )
 
 
-def load(
+def load_opening(
     path: str | Path,
     *,
     dots: int | None = None,
@@ -99,14 +99,14 @@ def load(
     _check_number("dot_nm", dot_nm, where)
     content = b"" if suffix in _LAYOUTS else _read_bytes(path)  # geometry.reading checks its own files
     if suffix == ".toml":
-        opening = parse(_decode(content, where), where)
+        opening = parse_opening(_decode(content, where), where)
         _check_stated(opening, dots, dot_nm, where)
         return opening if name is None else checked(name, opening.mask, opening.dot_nm, opening.provenance, where)
 
     if dot_nm is None:
         raise _missing("dot_nm", "the side of one dot in nanometres", where)
     if suffix == ".txt":
-        mask = decode.from_lines(decode.text_rows(_decode(content, where)), where)
+        mask = decode.mask_of_lines(decode.text_rows(_decode(content, where)), where)
     elif suffix in _IMAGES:
         mask = decode.from_image(path)
     elif suffix == ".npy":
@@ -120,7 +120,7 @@ def load(
     return opening
 
 
-def parse(text: str, where: str = "") -> Opening:
+def parse_opening(text: str, where: str = "") -> Opening:
     """The opening that a TOML text describes; ``where`` names the text in errors.
 
     Raises:
@@ -143,7 +143,7 @@ def parse(text: str, where: str = "") -> Opening:
     name = _required(facts, "name", str, where)
     check_name(name, where=_at(where, "name"))
     grid = _required(facts, "grid", str, where)
-    mask = decode.from_lines(list(enumerate(grid.splitlines(), start=1)), _at(where, "grid"))
+    mask = decode.mask_of_lines(list(enumerate(grid.splitlines(), start=1)), _at(where, "grid"))
     dots = _required(facts, "dots", int, where)
     if dots != mask.shape[0]:
         raise OpeningError(
@@ -163,12 +163,12 @@ def parse(text: str, where: str = "") -> Opening:
         return opening
     drawn = _required(facts, "emitters", str, where)
     place = _at(where, "emitters")
-    labels = drawn_emitters.from_lines(list(enumerate(drawn.splitlines(), start=1)), place)
+    labels = drawn_emitters.labels_of_lines(list(enumerate(drawn.splitlines(), start=1)), place)
     drawn_emitters.check_emitters(labels, mask, place)
     return replace(opening, emitters=labels)
 
 
-def dumps(opening: Opening) -> str:
+def opening_text(opening: Opening) -> str:
     """The opening as TOML text; ``parse(dumps(o))`` is equal in all parts."""
     pitch_um = Decimal(opening.cell_size.pitch_nm) / NM_PER_UM
     lines = [
@@ -177,11 +177,11 @@ def dumps(opening: Opening) -> str:
         f"dots = {opening.dots}",
         f"open_ratio = {opening.open_ratio:.4f}  # {opening.clear_dots} of {opening.mask.size} dots",
         'grid = """',
-        *decode.drawing(opening.mask),
+        *decode.dot_lines(opening.mask),
         '"""',
     ]
     if opening.emitters is not None:
-        lines += ['emitters = """', *drawn_emitters.drawing(opening.emitters), '"""']
+        lines += ['emitters = """', *drawn_emitters.emitter_lines(opening.emitters), '"""']
     if opening.provenance:
         lines += ["", "[provenance]"]
         lines += [f"{_key(key)} = {_scalar(value)}" for key, value in opening.provenance.items()]

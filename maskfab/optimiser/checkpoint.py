@@ -21,7 +21,7 @@ State = Mapping[str, NDArray[np.generic]]
 _KEY = "run"
 
 
-def save(path: Path, run: str, state: State) -> None:
+def save_state(path: Path, run: str, state: State) -> None:
     """Keep the state of a run.
 
     Args:
@@ -38,7 +38,7 @@ def save(path: Path, run: str, state: State) -> None:
         os.fsync(file.fileno())
 
 
-def load(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
+def load_state(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
     """The state that :func:`save` kept; None if there is no file.
 
     Raises:
@@ -81,9 +81,9 @@ class Kept:
     state: dict[str, NDArray[np.generic]] = field(default_factory=dict, init=False)
 
     def __post_init__(self) -> None:
-        self.state.update(load(self.path, self.key) or {})
+        self.state.update(load_state(self.path, self.key) or {})
 
     def put(self, arrays: State) -> None:
         """Add these, or replace those of the same names, and save all; MF401 as :func:`save`."""
         self.state.update(arrays)
-        save(self.path, self.key, self.state)
+        save_state(self.path, self.key, self.state)

@@ -71,7 +71,7 @@ class CellMap:
         object.__setattr__(self, "cells", frozen(np.asarray(self.cells, dtype=np.int8)))
 
 
-def load(path: str | Path) -> CellMap:
+def read_map(path: str | Path) -> CellMap:
     """The map held by a TOML file.
 
     Raises:
@@ -101,10 +101,10 @@ def load(path: str | Path) -> CellMap:
         text = content.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise SourceError("MF304", f"the file is not text: {error}", where=where, cure="Save it as UTF-8") from None
-    return parse(text, where)
+    return parse_map(text, where)
 
 
-def parse(text: str, where: str = "") -> CellMap:
+def parse_map(text: str, where: str = "") -> CellMap:
     """The map that a TOML text describes; ``where`` names the text in errors.
 
     Raises:
@@ -152,7 +152,7 @@ def parse(text: str, where: str = "") -> CellMap:
     return CellMap(name, cells, MappingProxyType(_provenance(facts.get("provenance", {}), where)), shifts)
 
 
-def dumps(cells: CellMap) -> str:
+def map_text(cells: CellMap) -> str:
     """The map as TOML text; ``parse(dumps(m))`` is equal in all parts."""
     held, turned = np.divmod(cells.cells, ORIENTATIONS)
     lines = [f"name = {_quoted(cells.name)}", 'map = """', *_drawing(turned, _ELEMENTS), '"""']

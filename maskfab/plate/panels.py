@@ -53,7 +53,7 @@ def die_panels(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], *, wh
     panels = {}
     for i, die in enumerate(spec.die):
         place = f"{where}: die[{i}]"
-        given = None if die.map is None else maps.parse(spec.maps[die.map], f"{place}.map")
+        given = None if die.map is None else maps.parse_map(spec.maps[die.map], f"{place}.map")
         panel = tiled(die, openings[die.name], _side_nm(die, slot_nm, place), given, where=place)
         check_cover(panel, stop, f"die {die.name!r}", where=place)
         panels[die.name] = panel

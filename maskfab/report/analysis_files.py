@@ -12,7 +12,7 @@ from maskfab.measurement.analysis import Analysis
 from maskfab.report.plots import die_figures, scene_figures
 
 
-def write(analysis: Analysis, target: Path, facts: Facts) -> list[Path]:
+def write_analysis(analysis: Analysis, target: Path, facts: Facts) -> list[Path]:
     """Write everything into a new directory, and return the paths; ``facts`` go into the headers of PSFs."""
     signature = f"maskfab {__version__} | {analysis.name}"
     with staged(check_target(target, force=False)) as folder:

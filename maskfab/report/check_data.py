@@ -18,7 +18,7 @@ from maskfab.units import NM_PER_UM
 Document = dict[str, Any]
 
 
-def document(built: Populated, gaps: Mapping[str, LargestGap], digest: str, *, passed: bool) -> Document:
+def check_document(built: Populated, gaps: Mapping[str, LargestGap], digest: str, *, passed: bool) -> Document:
     """Every die with the answer about it; ``display`` is null where a sheet has no pixels."""
     return {
         "job_hash": digest,
@@ -64,7 +64,7 @@ def _light(found: Feasibility) -> Document | None:
     }
 
 
-def document_schema() -> Document:
+def check_schema() -> Document:
     """The JSON Schema (draft 2020-12) of what ``maskfab check --json`` prints."""
     number, text = {"type": "number"}, {"type": "string"}
     pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}

@@ -17,8 +17,7 @@ from maskfab.errors import InternalError
 from maskfab.export.psf_exr import stop_facts
 from maskfab.measurement.scene_result import PointView, SceneOptics
 from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
-from maskfab.optics.scene.plan import AT_MOST
-from maskfab.optics.scene.plan import document as plan_document
+from maskfab.optics.scene.plan import AT_MOST, plan_document
 from maskfab.report.design_data import design_schema
 from maskfab.report.display_data import display_document, display_schema
 from maskfab.report.quantities import quantity_document
@@ -74,7 +73,7 @@ def to_document(
     return plain
 
 
-def dumps(document: Mapping[str, Any]) -> str:
+def report_text(document: Mapping[str, Any]) -> str:
     """The document as JSON text: equal documents give equal bytes, keys in the contract's order.
 
     Raises:

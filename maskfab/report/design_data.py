@@ -51,7 +51,7 @@ def stated(job: Job) -> dict[str, Stated]:
     found = {}
     for die in job.spec.die:
         opening: Opening = job.openings[die.name][0]
-        cells = None if die.map is None else maps.parse(job.spec.maps[die.map])
+        cells = None if die.map is None else maps.parse_map(job.spec.maps[die.map])
         facts = None if cells is None else cells.provenance
         if _designed(opening.provenance) or (facts is not None and _designed(facts)):
             found[die.name] = Stated(opening.provenance, opening.dot_nm / NM_PER_UM, facts, die.map)

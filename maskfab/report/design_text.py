@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from maskfab.optimiser.rules.price import Prices
 
 
-def lines(found: Designed, notes: Sequence[str]) -> list[str]:
+def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
     told = [f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found.psnr)}"]
     if found.head_room is not None:
@@ -44,7 +44,7 @@ def lines(found: Designed, notes: Sequence[str]) -> list[str]:
     return [*told, *(f"note: {note}" for note in notes)]
 
 
-def document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -> dict[str, object]:
+def designed_document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -> dict[str, object]:
     """The result as plain data; infinite values are null."""
     designed = found.designed
     return {

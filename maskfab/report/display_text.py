@@ -11,7 +11,7 @@ from maskfab.units import NM_PER_UM
 Line = tuple[str, str]
 
 
-def lines(name: str, found: Feasibility | None, gap: LargestGap | None) -> Iterator[str]:
+def display_lines(name: str, found: Feasibility | None, gap: LargestGap | None) -> Iterator[str]:
     """The lines for one die; None stands for a sheet that has no pixels."""
     if found is None:
         yield f"{name}: no pixels to place emitters in"

@@ -14,7 +14,7 @@ from maskfab.camera.protocol import LEVELS
 from maskfab.files.finished import RESULT_MARK
 from maskfab.files.staging import Place, staged
 from maskfab.model import Opening
-from maskfab.opening.openings import dumps
+from maskfab.opening.openings import opening_text
 from maskfab.optimiser.pareto import JudgedOpening, Pareto
 from maskfab.report.plots.pareto_figure import pareto_png, svg
 
@@ -24,7 +24,7 @@ DOCUMENT, TABLE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.png", "p
 Named = Mapping[str, tuple[JudgedOpening, Opening]]
 
 
-def document(found: Pareto, named: Named, job_hash: str) -> dict[str, Any]:
+def pareto_document(found: Pareto, named: Named, job_hash: str) -> dict[str, Any]:
     """Everything that was found; what pareto.json and ``--json`` say."""
     names = {id(judged): name for name, (judged, _) in named.items()}
     best = {id(each) for each in found.best}
@@ -70,7 +70,7 @@ def table(found: Pareto, named: Named) -> str:
     return buffer.getvalue()
 
 
-def write(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path]:
+def write_pareto(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path]:
     """Write everything into a directory that appears whole, and return the paths.
 
     Raises:
@@ -78,11 +78,11 @@ def write(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path
     """
     with staged(place) as folder:
         for name, (_, opening) in named.items():
-            _text(folder / f"{name}.toml", dumps(opening))
+            _text(folder / f"{name}.toml", opening_text(opening))
         _text(folder / TABLE, table(found, named))
         _text(folder / DRAWING, svg(found))
         (folder / FIGURE).write_bytes(pareto_png(found))
-        _text(folder / DOCUMENT, _json(document(found, named, job_hash)))
+        _text(folder / DOCUMENT, _json(pareto_document(found, named, job_hash)))
         files = [
             {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
             for path in sorted(folder.iterdir())

@@ -23,7 +23,7 @@ SCHEMA_VERSION = 1
 DOCUMENT, FIGURE = "render.json", "render.png"
 
 
-def document(panels: Sequence[SeenPanel], samples: int, job_hash: str) -> dict[str, Any]:
+def render_document(panels: Sequence[SeenPanel], samples: int, job_hash: str) -> dict[str, Any]:
     """Everything that was measured; what render.json and ``--json`` say."""
     viewing = panels[0].viewing
     return {
@@ -43,7 +43,7 @@ def document(panels: Sequence[SeenPanel], samples: int, job_hash: str) -> dict[s
     }
 
 
-def write(
+def write_rendering(
     target: Path,
     panels: Sequence[SeenPanel],
     samples: int,
@@ -86,7 +86,7 @@ def write(
             {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
             for path in sorted(folder.iterdir())
         ]
-        told = {**document(panels, samples, job_hash), "files": files}
+        told = {**render_document(panels, samples, job_hash), "files": files}
         text = json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False)
         (folder / DOCUMENT).write_text(text + "\n", encoding="utf-8")
     return sorted(target.iterdir())

@@ -22,7 +22,7 @@ from maskfab import resources
 from maskfab.errors import JobError, OpeningError, OutputError, UnknownNameError
 from maskfab.measurement.analysis import Request, analyse_opening
 from maskfab.model import Tiling
-from maskfab.opening.openings import load
+from maskfab.opening.openings import load_opening
 
 README = Path(mf.__file__).parents[1] / "README.md"
 LOOK = {"stop": "400 um", "pixel": "2 um", "wavelengths": ["530 nm", "470 nm"], "window": "64 um"}
@@ -273,7 +273,7 @@ def test_every_tiling_is_laid_out_as_a_job_lays_it_out(bar, camera):
 
 def test_a_map_gives_its_own_size_and_needs_a_seed_only_beyond_itself():
     found = mf.read_map(resources.path("layouts/maps/bar_88.toml"))
-    opening = load(resources.path("layouts/openings/bar_88.toml"))
+    opening = load_opening(resources.path("layouts/openings/bar_88.toml"))
     panel = mf.Panel.tile(opening, found)
     np.testing.assert_array_equal(panel.orientations, found.cells)
     with pytest.raises(JobError, match="MF111"):

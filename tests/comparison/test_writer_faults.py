@@ -14,7 +14,7 @@ from maskfab.comparison.files import read_back
 from maskfab.delivery.pack import pack
 from maskfab.export import cell_polygons
 from maskfab.export.cell_polygons import DieFigures, Figures, moved
-from maskfab.job import Job, load
+from maskfab.job import Job, load_job
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.pipeline import draw_files
@@ -70,7 +70,7 @@ def failed(rows: tuple[Quantity, ...]) -> dict[str | None, str]:
 
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory) -> tuple[Job, Plate]:
-    job = load(write_job(tmp_path_factory.mktemp("faults"), TEMPLATE))
+    job = load_job(write_job(tmp_path_factory.mktemp("faults"), TEMPLATE))
     return job, job.plate()
 
 
@@ -110,7 +110,7 @@ def test_a_moved_fiducial_fails_in_other_formats(whole, tmp_path, monkeypatch, e
 @pytest.mark.parametrize("hierarchy", ["flat", "merged"])
 def test_a_moved_fiducial_fails_without_cells(tmp_path, monkeypatch, hierarchy):
     drawing = ("[plate]", f'[export]\nformats = ["gdsii"]\nhierarchy = "{hierarchy}"\n\n[plate]')
-    job = load(write_job(tmp_path, drawing))
+    job = load_job(write_job(tmp_path, drawing))
     plate = job.plate()
     assert not failed(written(job, plate, tmp_path, ".gds"))
     mark("FIDUCIAL_NE", 1)(monkeypatch)
@@ -147,7 +147,7 @@ def test_a_run_and_its_verification_fail_with_a_fiducial_moved_by_five_micrometr
 
 @pytest.mark.usefixtures("read_here")
 def test_a_title_moved_by_the_writer_leaves_no_package(tmp_path, monkeypatch):
-    job = load(write_job(tmp_path))
+    job = load_job(write_job(tmp_path))
     mark("TITLE", 5000)(monkeypatch)
     made = pack(job, load_shop("generic-chrome"), tmp_path / "p.zip")
     assert made.path is None

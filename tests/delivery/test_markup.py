@@ -26,7 +26,7 @@ from sweeps import in_turns, sweep
 
 from maskfab.cli.common.printing import one_line
 from maskfab.delivery.pack import pack
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.pipeline import draw_files
 
@@ -213,7 +213,7 @@ def test_every_other_file_of_the_result_is_well_formed_and_inert(finished):
 def test_a_step_file_of_such_texts_is_well_formed(tmp_path):
     path = spoken_job(tmp_path, f"{MARKUP['attribute']}'", MARKUP["attribute"], " ".join(MARKUP.values()))
     path.write_text(path.read_text(encoding="utf-8").replace('"gdsii", "oasis"', '"gdsii", "step"'), encoding="utf-8")
-    job = load(path)
+    job = load_job(path)
     product = next(each for each in draw_files(job, job.plate()).products if each.name == "SMALL.step")
     product.write(tmp_path / product.name)
     assert (tmp_path / product.name).read_text(encoding="ascii").count("'") % 2 == 0
@@ -266,7 +266,7 @@ def test_the_papers_of_a_package_are_inert_whatever_its_profile_says(capsys, tmp
         shop.write_text(PROFILE.format(text=quoted(said), address=quoted(address)[1:-1]), encoding="utf-8")
         title = text if text in MARKUP.values() and len(text) <= 40 else "SMALL"
         job = spoken_job(folder, title if name == "hostile" else "SMALL", "a", "b")
-        assert pack(load(job), load_shop(str(shop)), folder / "p.zip").path is not None
+        assert pack(load_job(job), load_shop(str(shop)), folder / "p.zip").path is not None
         with zipfile.ZipFile(folder / "p.zip") as archive:
             held = {each.partition("/")[2]: archive.read(each) for each in archive.namelist()}
         pages.append(page(held["order.html"].decode()))

@@ -21,7 +21,7 @@ from small_job import command, listing, write_job
 from sweeps import sweep
 
 from maskfab.delivery.pack import PACKED, pack, verify_package
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.mask_shops.profiles import load_shop, shop_names
 
 pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
@@ -147,7 +147,7 @@ def test_what_a_house_gets_is_the_plate_in_every_format(capsys, tmp_path, name):
     rows = [(check["name"], check.get("die")) for check in answer.document["checks"]]
     for check in (("readback_xor_area", None), ("readback_xor_area", "TURNED"), ("readback_wrong_dots", "PLAIN")):
         assert rows.count(check) == len(formats), check
-    plate = load(job).plate()
+    plate = load_job(job).plate()
     files = masks(package, tmp_path)
     assert set(files) == set(formats)
     for path in files.values():
@@ -178,7 +178,7 @@ def test_holes_are_holes_however_they_are_drawn(capsys, tmp_path, holes, hierarc
     assert (answer.code, answer.document["verdict"]) == (0, "pass")
     files = masks(package, tmp_path)
     first, *others = (exposed(path) for path in files.values())
-    box = db.Region(db.Box(*load(job).plate().dies[0].box_nm))
+    box = db.Region(db.Box(*load_job(job).plate().dies[0].box_nm))
     assert (first & box).area() == DIE_AREA_NM2
     for other in others:
         assert (first ^ other).is_empty()
@@ -277,7 +277,7 @@ def whole_gerber(tmp_path_factory) -> tuple[Path, Path]:
 def _whole(folder: Path, kind: str) -> tuple[Path, Path]:
     job, path = write_job(folder), folder / "p.zip"
     with once(*FIGURES):
-        assert pack(load(job), load_shop("ualberta_mla150"), path, (kind,)).path == path
+        assert pack(load_job(job), load_shop("ualberta_mla150"), path, (kind,)).path == path
     return job, path
 
 
@@ -428,7 +428,7 @@ def test_masks_that_the_manifest_calls_something_else_are_compared_all_the_same(
         return content.replace(b"%LPD*%\n", b"%LPD*%\nG36*\nX0Y0D02*\nX900Y0D01*\nX900Y900D01*\nX0Y0D01*\nG37*\n")
 
     path = repacked(package, tmp_path / "q.zip", forged, honest=True)
-    for asked in ((), (load(job), load_shop("ualberta_mla150"))):
+    for asked in ((), (load_job(job), load_shop("ualberta_mla150"))):
         failed = {check.name for check in verify_package(path, *asked) if not check.passed}
         assert "readback_xor_area" in failed
         assert "sha256" not in failed
@@ -525,7 +525,7 @@ def test_what_a_manifest_says_is_what_its_job_and_profile_make(whole, tmp_path, 
     job, package = whole
     forged = repacked(package, tmp_path / "q.zip", stated(**said))
     assert {check.name for check in verify_package(forged) if check.passed is False} == names
-    against = verify_package(forged, load(job), load_shop("ualberta_mla150"))
+    against = verify_package(forged, load_job(job), load_shop("ualberta_mla150"))
     assert {check.name for check in against if check.passed is False} == (
         {"manifest_shop"} if "shop" in said else names
     )
@@ -564,7 +564,9 @@ def test_papers_of_another_version_are_notes_where_they_differ(whole, tmp_path):
 
 def test_a_package_that_its_house_would_refuse_is_told(whole, tmp_path):
     job, package = whole
-    named = {check.name for check in verify_package(package, load(job), load_shop("gesim")) if check.passed is False}
+    named = {
+        check.name for check in verify_package(package, load_job(job), load_shop("gesim")) if check.passed is False
+    }
     assert named >= {"shop_blank", "manifest_shop", "paper"}
 
 
@@ -579,7 +581,7 @@ def test_a_package_without_a_mask_is_no_proof(whole, tmp_path):
         return None if name.endswith((".gds", ".gbr")) else content
 
     path = repacked(package, tmp_path / "q.zip", papers)
-    failed = [check for check in verify_package(path, load(job), load_shop("ualberta_mla150")) if not check.passed]
+    failed = [check for check in verify_package(path, load_job(job), load_shop("ualberta_mla150")) if not check.passed]
     assert [check.name for check in failed] == ["mask_files"]
 
 
@@ -589,7 +591,7 @@ def test_equal_plates_are_equal_packages_whatever_their_time(whole, tmp_path, mo
     job, package = whole
     monkeypatch.setattr(time, "time", lambda: 2e9)
     monkeypatch.setenv("TZ", "Asia/Kathmandu")
-    pack(load(job), load_shop("ualberta_mla150"), tmp_path / "q.zip", ("gdsii",))
+    pack(load_job(job), load_shop("ualberta_mla150"), tmp_path / "q.zip", ("gdsii",))
     assert (tmp_path / "q.zip").read_bytes() == package.read_bytes()
 
 

@@ -17,7 +17,7 @@ from sweeps import sweep
 
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import OutputError
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.mask_shops.judge import Finding, check_shop
 from maskfab.mask_shops.profiles import load_shop, parse_shop
 
@@ -81,7 +81,7 @@ def unpacked(package: Path, suffix: str) -> Path:
 def gesim(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("gesim") / "p.zip"
     with once(*FIGURES):
-        assert pack(load(write_job(path.parent, *TEMPLATE)), load_shop("gesim"), path).path == path
+        assert pack(load_job(write_job(path.parent, *TEMPLATE)), load_shop("gesim"), path).path == path
     return path
 
 
@@ -116,7 +116,7 @@ def test_an_extent_is_measured_in_the_file(gesim, tmp_path, old, new):
 @pytest.mark.parametrize("shape", sweep(["dot", "bar"], 1))
 def test_no_two_figures_of_a_file_share_an_edge_where_the_house_minds(tmp_path, shape):
     """A plain bar needs no cut, and no mark of ours, code included, has one."""
-    job, path = load(write_job(tmp_path, *TEMPLATE, opening=opening(shape))), tmp_path / "p.zip"
+    job, path = load_job(write_job(tmp_path, *TEMPLATE, opening=opening(shape))), tmp_path / "p.zip"
     made = pack(job, load_shop("mr_nanotec"), path)
     assert made.path == path, [str(each) for each in made.findings]
     options = db.LoadLayoutOptions()
@@ -135,7 +135,7 @@ def test_no_two_figures_of_a_file_share_an_edge_where_the_house_minds(tmp_path, 
 
 
 def test_a_cut_in_an_opening_is_told_by_its_die_and_a_cut_in_a_mark_by_its_mark(tmp_path):
-    plate = load(write_job(tmp_path, *TEMPLATE, opening=opening("eye"))).plate()
+    plate = load_job(write_job(tmp_path, *TEMPLATE, opening=opening("eye"))).plate()
     finding = the("shared_boundaries", check_shop(plate, load_shop("mr_nanotec")))
     assert finding.passed is False
     assert "die PLAIN" in finding.place or "die TURNED" in finding.place
@@ -146,7 +146,7 @@ def test_a_job_for_such_a_house_writes_stencils_too(tmp_path):
     from maskfab.pipeline import draw_files, shop_quantities
 
     edits = (*TEMPLATE, ("[plate]", '[export]\nshop = "mr_nanotec"\n\n[plate]'))
-    job = load(write_job(tmp_path, *edits, opening=opening("dot")))
+    job = load_job(write_job(tmp_path, *edits, opening=opening("dot")))
     made = draw_files(job, job.plate())
     assert not [each for each in shop_quantities(job, made) if each.passed is False]
 
@@ -158,7 +158,7 @@ def test_a_job_for_such_a_house_writes_stencils_too(tmp_path):
 def test_layers_are_called_as_the_profile_says(capsys, tmp_path):
     text = '[names]\nforbidden_layers = ["CLEAR", "NOTE"]\n'
     named = 'layers = { CLEAR = "MASK_1", CUT = "MASK_2", NOTE = "TEXT" }\n[polygons]\nholes = "layer"\n'
-    job, path = load(write_job(tmp_path, *TEMPLATE)), tmp_path / "p.zip"
+    job, path = load_job(write_job(tmp_path, *TEMPLATE)), tmp_path / "p.zip"
     sent = ("dxf_r12", "dxf_r2010", "oasis")
     refused = pack(job, house(text), path, sent)
     assert refused.path is None
@@ -208,7 +208,7 @@ def test_chrome_and_glass_are_held_against_the_house(capsys, tmp_path, chrome, e
 
 def test_glass_of_another_thickness_is_refused_with_templates_that_have_it(tmp_path):
     (tmp_path / "thick.toml").write_text(HOUSE + "[plate]\nglass_mm = [1.0, 2.0]\n", encoding="utf-8")
-    made = pack(load(write_job(tmp_path, *TEMPLATE)), load_shop(str(tmp_path / "thick.toml")), tmp_path / "p.zip")
+    made = pack(load_job(write_job(tmp_path, *TEMPLATE)), load_shop(str(tmp_path / "thick.toml")), tmp_path / "p.zip")
     finding = the("glass", made.findings)
     assert (made.path, finding.passed, finding.value) == (None, False, 2.286)
     assert 'plate.template to "4in"' in finding.cure
@@ -225,7 +225,7 @@ def test_a_blank_of_the_wrong_size_is_cured_by_a_template(capsys, tmp_path):
 
 def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_path):
     shop = house("[limits]\ngrid_nm = [5]\n")
-    job, path = load(write_job(tmp_path, *TEMPLATE)), tmp_path / "p.zip"
+    job, path = load_job(write_job(tmp_path, *TEMPLATE)), tmp_path / "p.zip"
     made = pack(job, shop, path, ("gdsii",))
     assert made.path == path, [str(each) for each in made.findings]
     assert the("grid", made.findings).value == 5
@@ -235,7 +235,7 @@ def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_pa
     region.merged_semantics = False
     assert region.grid_check(5, 5).is_empty()
     odd = (('dot = "8 um"', 'dot = "8.001 um"'), ('pitch = "56 um"', 'pitch = "56.007 um"'))
-    finding = the("grid", check_shop(load(write_job(tmp_path, *TEMPLATE, *odd)).plate(), shop))
+    finding = the("grid", check_shop(load_job(write_job(tmp_path, *TEMPLATE, *odd)).plate(), shop))
     assert finding.passed is False
     assert "die PLAIN" in finding.place
     assert "multiples of 5 nm" in finding.cure
@@ -243,14 +243,14 @@ def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_pa
 
 @pytest.mark.parametrize("name", ["jd_photo_data", "mr_nanotec"])
 def test_where_no_list_of_formats_is_published_none_is_refused(tmp_path, name):
-    plate = load(write_job(tmp_path, opening=opening("dot"))).plate()
+    plate = load_job(write_job(tmp_path, opening=opening("dot"))).plate()
     finding = the("format", check_shop(plate, load_shop(name), ("gdsii",)))
     assert finding.passed is None
     assert "dxf_r12" in finding.cure
 
 
 def test_rules_of_text_and_of_masks_on_a_layer_are_judged(tmp_path):
-    findings = check_shop(load(write_job(tmp_path, opening=opening("dot"))).plate(), load_shop("mr_nanotec"))
+    findings = check_shop(load_job(write_job(tmp_path, opening=opening("dot"))).plate(), load_shop("mr_nanotec"))
     assert {each.rule for each in findings} >= {"text_charset", "text_style", "text_layer", "one_mask_per_layer"}
 
 
@@ -258,9 +258,9 @@ def test_rules_of_text_and_of_masks_on_a_layer_are_judged(tmp_path):
 
 
 def test_a_package_holds_its_job_and_nothing_else_is_read(capsys, tmp_path):
-    job, path = load(write_job(tmp_path)), tmp_path / "p.zip"
+    job, path = load_job(write_job(tmp_path)), tmp_path / "p.zip"
     pack(job, load_shop("pog"), path)
-    assert load(unpacked(path, "job.json")).digest == job.digest
+    assert load_job(unpacked(path, "job.json")).digest == job.digest
 
     def names_a_file(name: str, content: bytes) -> bytes:
         if not name.endswith("job.json"):
@@ -298,7 +298,7 @@ def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
 
         return write
 
-    job = load(write_job(tmp_path))
+    job = load_job(write_job(tmp_path))
     monkeypatch.setattr(outputs, "mask_writer", full)
     with pytest.raises(OutputError, match="temporary folder") as refusal:
         pack(job, load_shop("pog"), tmp_path / "p.zip")
@@ -314,5 +314,5 @@ def test_a_target_that_cannot_be_written_is_told_as_such_even_beside_the_tempora
 
     monkeypatch.setattr(packing, "write_package", full)
     with pytest.raises(OutputError, match=r"p\.zip cannot be written") as refusal:
-        pack(load(write_job(tmp_path)), load_shop("pog"), tmp_path / "p.zip")
+        pack(load_job(write_job(tmp_path)), load_shop("pog"), tmp_path / "p.zip")
     assert "--out" in refusal.value.cure

@@ -14,7 +14,7 @@ from once import FIGURES, once
 from small_job import command, write_job
 
 from maskfab.delivery.pack import pack
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import parse_shop
 from maskfab.mask_shops.profiles import load_shop
 
@@ -39,7 +39,7 @@ def packed_by_own(tmp_path_factory) -> tuple[Path, Path]:
     job, path, profile = write_job(folder), folder / "p.zip", folder / "mine.toml"
     profile.write_text(OWN, encoding="utf-8")
     with once(*FIGURES):
-        assert pack(load(job), load_shop(str(profile)), path).path == path
+        assert pack(load_job(job), load_shop(str(profile)), path).path == path
     profile.unlink()
     return job, path
 
@@ -111,7 +111,7 @@ def test_a_profile_that_was_changed_with_its_hash_is_named(capsys, packed_by_own
 
 def test_a_known_house_s_profile_that_was_changed_is_named_by_what_is_known_here(capsys, packed_by_own, tmp_path):
     path = tmp_path / "p.zip"
-    assert pack(load(packed_by_own[0]), load_shop("pog"), path).path == path
+    assert pack(load_job(packed_by_own[0]), load_shop("pog"), path).path == path
     answer = command(capsys, "verify", forged(path, tmp_path / "f.zip", relaxed), "--json", "--quiet")
     failed = {check["name"] for check in answer.document["checks"] if check["passed"] is False}
     assert answer.code == 1

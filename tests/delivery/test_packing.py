@@ -17,7 +17,7 @@ from small_job import command, write_job
 from maskfab.delivery.archive import safe_stem
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import SourceError
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
 
 
 def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):
-    job, shop = load(write_job(tmp_path)), load_shop("generic-chrome")
+    job, shop = load_job(write_job(tmp_path)), load_shop("generic-chrome")
     made = [pack(job, shop, tmp_path / name, ("gdsii", "dxf_r12")) for name in ("a.zip", "b.zip")]
     assert made[0].path is not None
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()
@@ -55,7 +55,7 @@ def test_a_package_that_could_not_be_read_back_is_not_begun(tmp_path, monkeypatc
     job, told = write_job(tmp_path), []
     with pytest.raises(SourceError, match=r"MF308 .*p\.zip.*maskfab\[gerber\]"):
         pack(
-            load(job),
+            load_job(job),
             load_shop("generic-chrome"),
             tmp_path / "p.zip",
             ("gdsii", "gerber"),
@@ -121,7 +121,7 @@ def test_a_package_whose_directory_lies_elsewhere_is_refused(tmp_path, field, of
 
 def test_a_changed_file_is_a_failed_check(tmp_path):
     path = tmp_path / "p.zip"
-    made = pack(load(write_job(tmp_path)), load_shop("pog"), path)
+    made = pack(load_job(write_job(tmp_path)), load_shop("pog"), path)
     assert made.path == path
     with zipfile.ZipFile(path) as archive:
         held = {name: archive.read(name) for name in archive.namelist()}
@@ -142,7 +142,7 @@ def test_what_is_no_package_is_refused(tmp_path):
 
 def test_findings_keep_their_source(tmp_path):
     shop = load_shop("gesim")
-    made = pack(load(write_job(tmp_path)), shop, tmp_path / "p.zip")
+    made = pack(load_job(write_job(tmp_path)), shop, tmp_path / "p.zip")
     assert made.path is None
     assert all(replace(each).source == shop.sources[0] for each in made.findings)
 
@@ -156,7 +156,7 @@ def packed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("packed")
     job, path = write_job(folder), folder / "p.zip"
     with once(*FIGURES):
-        assert pack(load(job), load_shop("generic-chrome"), path, ("gdsii", "oasis")).path == path
+        assert pack(load_job(job), load_shop("generic-chrome"), path, ("gdsii", "oasis")).path == path
     return job, path
 
 
@@ -305,7 +305,7 @@ def test_a_tolerance_without_an_end_and_a_thickness_that_nobody_states_are_told_
 
 @pytest.mark.slow
 def test_a_format_asked_for_twice_is_sent_once_and_verifies(tmp_path):
-    job, path = load(write_job(tmp_path)), tmp_path / "p.zip"
+    job, path = load_job(write_job(tmp_path)), tmp_path / "p.zip"
     made = pack(job, load_shop("generic-chrome"), path, ("gdsii", "gdsii"))
     assert [file.format for file in made.files].count("gdsii") == 1
     assert all(check.passed for check in verify_package(path))

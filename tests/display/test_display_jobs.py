@@ -15,7 +15,7 @@ from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.wires.tracks import transparent_tracks
 from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.measurement.wired import wired_quantities
 from maskfab.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
 from maskfab.optics.pupil.wire_transmission import veil
@@ -52,7 +52,7 @@ def job(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENIN
 
 def found(folder: Path, extra: str, *edits: tuple[str, str], drawing: str = OPENING) -> Feasibility:
     """The answer about the periodic die."""
-    return load(job(folder, extra, *edits, drawing=drawing)).displays().found["PLAIN"]
+    return load_job(job(folder, extra, *edits, drawing=drawing)).displays().found["PLAIN"]
 
 
 REFUSED = {
@@ -133,7 +133,7 @@ def test_emitters_by_hand_that_are_too_close_are_named_and_drawn(tmp_path: Path)
     corners = np.array(rules["gap between green and blue"].outlines[0])
     assert (corners.min(axis=0) == (8000, 8000)).all()
     assert (corners.max(axis=0) == (16000, 16000)).all()
-    plate = load(tmp_path / "job.toml").displays().plate
+    plate = load_job(tmp_path / "job.toml").displays().plate
     shown, bare = pictures(plate.dies[0].panel, answer), pictures(plate.dies[0].panel, replace(answer, broken=()))
     assert len(shown["display_placement"]) > len(bare["display_placement"])
 
@@ -147,7 +147,7 @@ def test_an_opening_everywhere_is_a_proof(tmp_path: Path, wired: str) -> None:
     proofs = {certificate.proof for certificate in answer.certificates}
     assert {Proof.NO_THREE_SQUARES, Proof.CIRCUIT_AREA} <= proofs
     assert (Proof.FLOW in proofs) == bool(wired)
-    plate = load(tmp_path / "job.toml").displays().plate
+    plate = load_job(tmp_path / "job.toml").displays().plate
     assert set(pictures(plate.dies[0].panel, answer)) == {"display_placement"} | ({"display_wires"} if wired else set())
 
 
@@ -202,7 +202,7 @@ def test_a_run_with_emitters_and_wires_is_the_same_in_every_file_and_verifies(ca
     assert answer.code == 0, answer.stderr
     report = json.loads((out / "report.json").read_text(encoding="utf-8"))
     assert {row["value"] for row in report["checks"] if row["name"] == "readback_xor_area"} == {0}
-    design = plate_layout(load(path).displays(largest=True).plate)
+    design = plate_layout(load_job(path).displays(largest=True).plate)
     for name in ("SMALL.gds", "SMALL.oas", "SMALL_R12.dxf", "SMALL_R2010.dxf"):
         read = read_layout(out / name)
         for layer in (CLEAR, *EMITTERS, *WIRES, VEIL, GUTTER, BLACK):
@@ -220,7 +220,7 @@ def test_a_run_with_emitters_and_wires_is_the_same_in_every_file_and_verifies(ca
 
 def test_wires_all_over_dim_the_picture_and_leave_its_shape(tmp_path: Path) -> None:
     """Two transparent wires as wide as the pixel pass tau² everywhere: the PSF is that of the mask."""
-    loaded = load(job(tmp_path, ""))
+    loaded = load_job(job(tmp_path, ""))
     die = loaded.plate().dies[1]
     tau = 0.8
     for width, expected in ((die.panel.pitch_nm, tau**2), (die.panel.pitch_nm // 2, None)):

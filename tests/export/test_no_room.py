@@ -34,7 +34,7 @@ from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.svg import write_svg
 from maskfab.files.staging import write_bytes
-from maskfab.job import load
+from maskfab.job import load_job
 
 
 def light():
@@ -85,7 +85,7 @@ NAMES = (
 @pytest.fixture(scope="module")
 def writers(tmp_path_factory) -> dict[str, Case]:
     folder = tmp_path_factory.mktemp("writers")
-    return cases(load(write_job(folder)).plate(), folder)
+    return cases(load_job(write_job(folder)).plate(), folder)
 
 
 @contextmanager

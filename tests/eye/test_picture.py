@@ -10,7 +10,7 @@ import pytest
 from PIL import Image
 
 from maskfab.errors import JobError, OpeningError, SourceError
-from maskfab.eye.picture import LARGEST, Picture, on_pixels, read
+from maskfab.eye.picture import LARGEST, Picture, on_pixels, read_picture
 from maskfab.opening.decode import from_image
 
 
@@ -45,21 +45,23 @@ def test_all_depths_are_the_same_light(tmp_path, suffix, kind, tolerance):
         stored = (stored * np.iinfo(dtype).max).round().astype(dtype)
     else:
         stored = stored.astype(np.float32)
-    found = on_pixels(read(save(tmp_path / f"a.{suffix}", stored, kind)), 6, 9)
+    found = on_pixels(read_picture(save(tmp_path / f"a.{suffix}", stored, kind)), 6, 9)
     np.testing.assert_allclose(found, LIGHT[::-1], atol=tolerance)  # row 0 is the lowest
 
 
 def test_grey_is_grey_and_transparent_is_black(tmp_path):
     grey = (np.full((4, 4, 1), 188)).astype(np.uint8)
-    np.testing.assert_allclose(on_pixels(read(save(tmp_path / "g.png", grey, "uint8")), 2, 2), 0.502886, atol=1e-5)
+    np.testing.assert_allclose(
+        on_pixels(read_picture(save(tmp_path / "g.png", grey, "uint8")), 2, 2), 0.502886, atol=1e-5
+    )
     veiled = np.concatenate([grey, np.full_like(grey, 102)], axis=2)
-    found = on_pixels(read(save(tmp_path / "ga.png", veiled, "uint8", oiio_UnassociatedAlpha=1)), 2, 2)
+    found = on_pixels(read_picture(save(tmp_path / "ga.png", veiled, "uint8", oiio_UnassociatedAlpha=1)), 2, 2)
     np.testing.assert_allclose(found, 0.502886 * 0.4, atol=1e-5)
     colour = np.concatenate([np.repeat(grey, 3, axis=2), np.full_like(grey, 102)], axis=2)
-    found = on_pixels(read(save(tmp_path / "rgba.png", colour, "uint8", oiio_UnassociatedAlpha=1)), 2, 2)
+    found = on_pixels(read_picture(save(tmp_path / "rgba.png", colour, "uint8", oiio_UnassociatedAlpha=1)), 2, 2)
     np.testing.assert_allclose(found, 0.502886 * 0.4, atol=1e-5)
     linear = np.broadcast_to(np.float32([0.2, 0.1, 0.4, 0.5]), (3, 3, 4))
-    found = on_pixels(read(save(tmp_path / "a.exr", linear, "float")), 3, 3)
+    found = on_pixels(read_picture(save(tmp_path / "a.exr", linear, "float")), 3, 3)
     np.testing.assert_allclose(found, np.broadcast_to([0.2, 0.1, 0.4], (3, 3, 3)), atol=1e-6)
 
 
@@ -75,7 +77,7 @@ def test_palettes_are_looked_up(tmp_path):
     body = (b"IHDR", header), (b"PLTE", bytes([255, 0, 0, 0, 0, 255])), (b"IDAT", zlib.compress(b"\0\0\1"))
     path = tmp_path / "p.png"
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + b"".join(chunk(*part) for part in (*body, (b"IEND", b""))))
-    np.testing.assert_allclose(on_pixels(read(path), 1, 2)[0], [[1, 0, 0], [0, 0, 1]], atol=1e-12)
+    np.testing.assert_allclose(on_pixels(read_picture(path), 1, 2)[0], [[1, 0, 0], [0, 0, 1]], atol=1e-12)
 
 
 def picture(values):
@@ -117,22 +119,22 @@ def test_light_that_no_display_gives_is_refused(value):
 
 def test_files_that_are_no_pictures_are_refused(tmp_path):
     with pytest.raises(SourceError, match="MF301"):
-        read(tmp_path / "none.png")
+        read_picture(tmp_path / "none.png")
     empty = tmp_path / "empty.png"
     empty.touch()
     with pytest.raises(SourceError, match="MF302"):
-        read(empty)
+        read_picture(empty)
     text = tmp_path / "text.png"
     text.write_text("no picture at all")
     with pytest.raises(SourceError, match=r"MF30[38]"):
-        read(text)
+        read_picture(text)
     good = save(tmp_path / "a.png", np.random.default_rng(1).integers(0, 255, (64, 64, 3), dtype=np.uint8), "uint8")
     good.write_bytes(good.read_bytes()[:3000])
     with pytest.raises(SourceError, match="MF303"):
-        read(good)
+        read_picture(good)
 
 
-@pytest.mark.parametrize("reading", [read, from_image])
+@pytest.mark.parametrize("reading", [read_picture, from_image])
 def test_a_header_that_is_no_text_is_refused(tmp_path, reading):
     good = save(tmp_path / "a.exr", np.ones((6, 6, 1)), "half")
     good.write_bytes(good.read_bytes().replace(b"chlist\0", b"chli\xfft\0", 1))
@@ -140,7 +142,7 @@ def test_a_header_that_is_no_text_is_refused(tmp_path, reading):
         reading(good)
 
 
-@pytest.mark.parametrize("reading", [read, from_image])
+@pytest.mark.parametrize("reading", [read_picture, from_image])
 def test_a_picture_of_many_channels_is_refused_before_it_is_read(tmp_path, reading):
     good = save(tmp_path / "a.exr", np.ones((6, 6, 40)), "half")
     with pytest.raises((JobError, OpeningError), match="40 channels"):
@@ -156,7 +158,7 @@ def test_a_huge_picture_is_refused_before_it_is_read(tmp_path):
     part = b"IHDR" + header
     path.write_bytes(b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + part + struct.pack(">I", zlib.crc32(part)))
     with pytest.raises((JobError, SourceError), match=r"MF121|MF308"):
-        read(path)
+        read_picture(path)
 
 
 def test_a_palette_of_bytes_times_256_shows_the_colours_that_its_writer_meant(tmp_path):
@@ -167,7 +169,7 @@ def test_a_palette_of_bytes_times_256_shows_the_colours_that_its_writer_meant(tm
     picture.putpalette(colours.ravel().tolist())
     picture.save(tmp_path / "p.tif")
     picture.convert("RGB").save(tmp_path / "p.png")
-    expected, found = (on_pixels(read(tmp_path / name), 16, 16) for name in ("p.png", "p.tif"))
+    expected, found = (on_pixels(read_picture(tmp_path / name), 16, 16) for name in ("p.png", "p.tif"))
     assert found.max() == 1
     np.testing.assert_allclose(found, expected, atol=1e-7)
 
@@ -177,7 +179,7 @@ def test_a_tiff_that_does_not_say_what_is_white_is_refused(tmp_path):
     written, tag = (tmp_path / "g.tif").read_bytes(), struct.pack("<HHI", 262, 3, 1)
     assert written.count(tag) == 1
     (tmp_path / "u.tif").write_bytes(written.replace(tag, struct.pack("<HHI", 263, 3, 1)))
-    assert read(tmp_path / "g.tif").values.shape == (3, 3, 1)
+    assert read_picture(tmp_path / "g.tif").values.shape == (3, 3, 1)
     with pytest.raises(SourceError) as caught:
-        read(tmp_path / "u.tif")
+        read_picture(tmp_path / "u.tif")
     assert caught.value.code == "MF318"

@@ -78,7 +78,7 @@ def test_greys_look_grey_and_their_mean_stays(slit_panel, telephone):
 
 
 def test_every_number_is_plain_and_named_once(slit_panel, telephone):
-    judged = side_by_side.judge("A", slit_panel(count=20), side_by_side.pictures(20), 6, telephone)
+    judged = side_by_side.judge("A", slit_panel(count=20), side_by_side.target_pictures(20), 6, telephone)
     names = [quantity.name for quantity in judged.quantities]
     assert len(names) == len(set(names))
     assert all(type(quantity.value) is float and np.isfinite(quantity.value) for quantity in judged.quantities)

@@ -11,7 +11,7 @@ from maskfab.eye import drawn_scenes, side_by_side
 
 @pytest.mark.parametrize("pixels", [8, 21, 100])
 def test_every_target_can_be_shown(pixels):
-    for name, image in side_by_side.pictures(pixels).items():
+    for name, image in side_by_side.target_pictures(pixels).items():
         assert image.shape == (pixels, pixels, 3), name
         assert image.min() >= 0, name
         assert image.max() <= 1, name
@@ -20,7 +20,7 @@ def test_every_target_can_be_shown(pixels):
 @pytest.mark.parametrize("pixels", [-1, 0, 7, 1001])
 def test_too_few_or_too_many_pixels_are_refused(pixels):
     with pytest.raises(JobError, match="MF121"):
-        side_by_side.pictures(pixels)
+        side_by_side.target_pictures(pixels)
 
 
 def test_the_zone_plate_reaches_half_a_cycle_per_pixel_at_its_sides():

@@ -38,8 +38,8 @@ HOSTILE = {
 }
 READERS = {
     "job": read,
-    "opening": openings.load,
-    "map": maps.load,
+    "opening": openings.load_opening,
+    "map": maps.read_map,
     "shop": lambda path: parse_shop(path.read_text(), "x", where="x"),
     "template": load_template,
 }
@@ -133,5 +133,5 @@ def test_an_error_can_be_read_whatever_a_file_put_into_it(tmp_path):
     path = tmp_path / "ring.toml"
     path.write_text(OPENING + f"{'k' * 100_000} = 1\n")
     with pytest.raises(MaskfabError, match="MF102") as refusal:
-        openings.load(path)
+        openings.load_opening(path)
     assert len(str(refusal.value)) < 20_000

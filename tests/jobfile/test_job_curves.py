@@ -10,7 +10,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from small_job import command, write_job
 
-from maskfab.job import Job, load
+from maskfab.job import Job, load_job
 from maskfab.optics.scene.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
@@ -38,9 +38,9 @@ def kept(found: Job, folder: Path) -> Path:
 
 
 def test_a_job_holds_its_tables_and_loads_from_itself_alone(tmp_path: Path) -> None:
-    found = load(job(tmp_path / "made", *KEYS, camera=CAMERA, lamp=LAMP))
+    found = load_job(job(tmp_path / "made", *KEYS, camera=CAMERA, lamp=LAMP))
     assert dict(found.spec.curves) == {"camera.csv": CAMERA, "lamp.csv": LAMP}
-    again = load(kept(found, tmp_path / "kept"))
+    again = load_job(kept(found, tmp_path / "kept"))
     assert again.digest == found.digest
     assert again.spec == found.spec
     assert again.scene is not None
@@ -53,29 +53,29 @@ def test_a_job_holds_its_tables_and_loads_from_itself_alone(tmp_path: Path) -> N
 
 
 def test_the_hash_covers_what_a_table_says_and_not_where_it_is(tmp_path: Path) -> None:
-    found = load(job(tmp_path / "a", *KEYS, camera=CAMERA, lamp=LAMP)).digest
+    found = load_job(job(tmp_path / "a", *KEYS, camera=CAMERA, lamp=LAMP)).digest
     other = LAMP.replace("780,3", "780,4")
-    assert load(job(tmp_path / "b", *KEYS, camera=CAMERA, lamp=other)).digest != found
-    assert load(job(tmp_path / "c", *KEYS, camera=CAMERA, lamp=LAMP.replace("\n", "\r\n"))).digest == found
+    assert load_job(job(tmp_path / "b", *KEYS, camera=CAMERA, lamp=other)).digest != found
+    assert load_job(job(tmp_path / "c", *KEYS, camera=CAMERA, lamp=LAMP.replace("\n", "\r\n"))).digest == found
     moved = job(tmp_path / "d", KEYS[0].replace("tables/", ""), KEYS[1].replace("tables", "tables/.."))
     for name, text in (("camera", CAMERA), ("lamp", LAMP)):
         (moved.parent / f"{name}.csv").write_text(text, encoding="utf-8")
-    assert load(moved).digest == found
-    assert load(moved).spec.scene == load(tmp_path / "a" / "job.toml").spec.scene
+    assert load_job(moved).digest == found
+    assert load_job(moved).spec.scene == load_job(tmp_path / "a" / "job.toml").spec.scene
 
 
 def test_only_the_tables_that_are_named_are_kept(tmp_path: Path) -> None:
     path = job(tmp_path, 'spectrum = "camera.csv"')
     text = path.read_text(encoding="utf-8") + f"\n[curves]\n'camera.csv' = '''{CAMERA}'''\n'other.csv' = 'unread'\n"
     path.write_text(text, encoding="utf-8")
-    assert dict(load(path).spec.curves) == {"camera.csv": CAMERA}
+    assert dict(load_job(path).spec.curves) == {"camera.csv": CAMERA}
 
 
 def test_jobs_without_tables_have_no_trace_of_them(tmp_path: Path) -> None:
-    plain = load(write_job(tmp_path / "plain"))
+    plain = load_job(write_job(tmp_path / "plain"))
     assert plain.scene is None
     assert "curves" not in plain.spec.dump()
-    lines = load(job(tmp_path / "lines", 'gap = "1 um"'))
+    lines = load_job(job(tmp_path / "lines", 'gap = "1 um"'))
     assert lines.scene == Scene(gap_um=1.0)
     assert "curves" not in lines.spec.dump()
 
@@ -83,12 +83,12 @@ def test_jobs_without_tables_have_no_trace_of_them(tmp_path: Path) -> None:
 @given(st.floats(1e3, 1e5))
 @settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 def test_a_temperature_survives_the_job_and_the_hash_tells_it(tmp_path: Path, kelvins: float) -> None:
-    found = load(job(tmp_path, 'spectrum = "rgb"', f'illuminant = "{kelvins!r} K"'))
+    found = load_job(job(tmp_path, 'spectrum = "rgb"', f'illuminant = "{kelvins!r} K"'))
     assert found.spec.scene is not None
     assert found.spec.scene.illuminant == pytest.approx(kelvins, rel=1e-14)
-    again = load(kept(found, tmp_path / "kept"))
+    again = load_job(kept(found, tmp_path / "kept"))
     assert (again.digest, again.spec) == (found.digest, found.spec)
-    assert load(job(tmp_path, 'spectrum = "rgb"')).digest != found.digest
+    assert load_job(job(tmp_path, 'spectrum = "rgb"')).digest != found.digest
 
 
 @pytest.mark.parametrize(
@@ -148,7 +148,7 @@ def test_two_tables_of_one_name_are_refused(capsys: pytest.CaptureFixture[str], 
     error = command(capsys, "plan", path, "--json").document["error"]
     assert (error["code"], error["where"]) == ("MF109", f"{path}: scene.illuminant")
     (tmp_path / "one.csv").write_text(LAMP, encoding="utf-8")
-    assert dict(load(path).spec.curves) == {"one.csv": LAMP}
+    assert dict(load_job(path).spec.curves) == {"one.csv": LAMP}
 
 
 def test_the_window_has_no_replicas_at_the_shortest_wavelength_of_a_band(
@@ -157,7 +157,7 @@ def test_the_window_has_no_replicas_at_the_shortest_wavelength_of_a_band(
     """λf/dot is 331 um for the camera's line of 530 nm and 125 um for 200 nm."""
     narrow = "wavelength_nm,a\n200,1\n600,1\n"
     path = job(tmp_path, 'spectrum = "tables/camera.csv"', camera=narrow)
-    load(path)
+    load_job(path)
     text = path.read_text(encoding="utf-8").replace('window = "64 um"', 'window = "126 um"')
     path.write_text(text, encoding="utf-8")
     error = command(capsys, "plan", path, "--json").document["error"]
@@ -175,7 +175,7 @@ def test_a_finished_run_keeps_its_tables_and_verifies_without_them(
         (tmp_path / "tables" / f"{name}.csv").unlink()
     document = json.loads((tmp_path / "out" / "job.json").read_text(encoding="utf-8"))
     assert document["curves"] == {"camera.csv": CAMERA, "lamp.csv": LAMP}
-    again = load(tmp_path / "out" / "job.json")
+    again = load_job(tmp_path / "out" / "job.json")
     report = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
     assert again.digest == report["job_hash"]
     assert command(capsys, "verify", tmp_path / "out", "--quiet").code == 0

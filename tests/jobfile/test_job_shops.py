@@ -10,7 +10,7 @@ import pytest
 from small_job import JOB, command, listing, write_job
 
 from maskfab.errors import OutputError
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import dump_shop, parse_shop, read_shop
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
 
@@ -76,11 +76,11 @@ def test_no_character_and_no_number_is_lost_in_a_dump():
 
 
 def test_a_job_keeps_the_profile_and_needs_its_file_no_more(tmp_path):
-    job = load(job_with(tmp_path / "here"))
+    job = load_job(job_with(tmp_path / "here"))
     shutil.rmtree(tmp_path / "here")
     kept = tmp_path / "job.json"
     kept.write_text(json.dumps(job.spec.dump()), encoding="utf-8")
-    again = load(kept)
+    again = load_job(kept)
     assert again.spec == job.spec
     assert again.digest == job.digest
     shop = shop_of(again.spec, again.where)
@@ -88,11 +88,11 @@ def test_a_job_keeps_the_profile_and_needs_its_file_no_more(tmp_path):
 
 
 def test_the_hash_covers_what_a_profile_says_and_not_how(tmp_path):
-    first = load(job_with(tmp_path / "a")).digest
-    assert load(job_with(tmp_path / "b", ALIKE)).digest == first
-    assert load(job_with(tmp_path / "c", PROFILE, "mine.toml")).digest == first
-    assert load(job_with(tmp_path / "d", PROFILE.replace("2.0", "2.1"))).digest != first
-    assert load(job_with(tmp_path / "e", PROFILE, "yours.toml")).digest != first
+    first = load_job(job_with(tmp_path / "a")).digest
+    assert load_job(job_with(tmp_path / "b", ALIKE)).digest == first
+    assert load_job(job_with(tmp_path / "c", PROFILE, "mine.toml")).digest == first
+    assert load_job(job_with(tmp_path / "d", PROFILE.replace("2.0", "2.1"))).digest != first
+    assert load_job(job_with(tmp_path / "e", PROFILE, "yours.toml")).digest != first
 
 
 def test_a_profile_lies_beside_its_job_wherever_one_stands(tmp_path, monkeypatch):
@@ -100,14 +100,14 @@ def test_a_profile_lies_beside_its_job_wherever_one_stands(tmp_path, monkeypatch
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     monkeypatch.chdir(elsewhere)
-    assert load(job).spec.shops.keys() == {"mine.toml"}
+    assert load_job(job).spec.shops.keys() == {"mine.toml"}
 
 
 def test_the_profile_of_a_file_is_none_of_the_bundled_ones_of_that_name(tmp_path):
-    job = load(job_with(tmp_path, PROFILE, "gesim.toml"))
+    job = load_job(job_with(tmp_path, PROFILE, "gesim.toml"))
     shop = shop_of(job.spec, job.where)
     assert (shop.name, shop.title) == ("gesim", "A house")
-    bundled = load(write_job(tmp_path / "other", ("[plate]", '[export]\nshop = "gesim"\n\n[plate]')))
+    bundled = load_job(write_job(tmp_path / "other", ("[plate]", '[export]\nshop = "gesim"\n\n[plate]')))
     assert bundled.spec.shops == {}
     assert shop_of(bundled.spec, bundled.where) == load_shop("gesim")
 
@@ -161,7 +161,7 @@ def test_a_profile_that_a_job_keeps_is_judged_as_strictly(tmp_path):
     job = write_job(tmp_path)
     job.write_text(f'{text}\n[shops]\n"mine.toml" = "title = 3"\n', encoding="utf-8")
     with pytest.raises(OutputError, match=r"MF421 .*shops\.mine\.toml"):
-        load(job)
+        load_job(job)
 
 
 def test_a_finished_run_proves_itself_elsewhere_without_the_profile(capsys, tmp_path):

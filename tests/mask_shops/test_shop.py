@@ -10,7 +10,7 @@ from small_job import command, listing, write_job
 
 from maskfab.export.cell_polygons import PolygonOptions, draw
 from maskfab.geometry.plate_layout import plate_layout, region
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.mask_shops import counts
 from maskfab.mask_shops.adapt import drawing_options, fitted, written_box
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
@@ -65,7 +65,7 @@ REFUSED = {
 
 def laid_out(folder, edits=(), opening=None) -> Plate:
     named = {} if opening is None else {"opening": opening}
-    return load(write_job(folder, *edits, **named)).plate()
+    return load_job(write_job(folder, *edits, **named)).plate()
 
 
 def broken(findings) -> set[str]:

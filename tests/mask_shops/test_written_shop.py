@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from small_job import command, write_job
 
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.mask_shops.judge import Finding, check_written
 from maskfab.mask_shops.plate_files import PlateFiles
 from maskfab.mask_shops.profiles import load_shop, shop_names
@@ -23,7 +23,7 @@ def judged(folder: Path, section: str, profile: str = HOUSE, *edits) -> tuple[Pl
     """The job's files as drawn for the house of a profile, and what the house says to them."""
     job = write_job(folder, ("[plate]", f"[export]\n{section}\n\n[plate]"), *edits)
     (folder / "mine.toml").write_text(profile, encoding="utf-8")
-    loaded = load(job)
+    loaded = load_job(job)
     made = draw_files(loaded, loaded.plate())
     return made, check_written(made.figures, named_shop(loaded), made.formats)
 
@@ -106,7 +106,7 @@ def test_a_house_that_wants_holes_on_a_layer_of_their_own_gets_them_from_package
         (".......", ".#####.", ".#...#.", ".#...#.", ".#...#.", ".#####.", ".......", '"""\n')
     )
     job = write_job(tmp_path, ("[plate]", '[export]\nshop = "mr_nanotec"\n\n[plate]'), opening=ring)
-    loaded = load(job)
+    loaded = load_job(job)
     made = draw_files(loaded, loaded.plate())
     assert made.figures.options.holes == "bisect"
     finding = the("shared_boundaries", check_written(made.figures, load_shop("mr_nanotec"), made.formats))
@@ -157,11 +157,11 @@ def test_a_house_that_takes_no_layout_still_has_the_optics_measured_from_one(tmp
 
 
 def test_without_a_shop_nothing_is_judged_and_the_hash_is_that_of_the_defaults(tmp_path):
-    bare = load(write_job(tmp_path, ("[plate]", "[export]\n\n[plate]")))
+    bare = load_job(write_job(tmp_path, ("[plate]", "[export]\n\n[plate]")))
     assert shop_quantities(bare, draw_files(bare, bare.plate())) == ()
     formats = 'formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010"]'
     drawing = 'hierarchy = "cells"\nmax_vertices = 4094\nholes = "bisect"\ncorners = "apart"'
-    stated = load(write_job(tmp_path, ("[plate]", f"[export]\n{formats}\n{drawing}\n\n[plate]")))
+    stated = load_job(write_job(tmp_path, ("[plate]", f"[export]\n{formats}\n{drawing}\n\n[plate]")))
     assert stated.digest == bare.digest
     assert "shops" not in bare.spec.dump()
 

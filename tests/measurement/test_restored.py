@@ -12,7 +12,7 @@ from once import leaves
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS, evaluate
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.measurement.restored import CROP, RESIDUAL_DB, SHOWN_LEVELS, photographer
 from maskfab.model import Die, Tiling
 from maskfab.optimiser.model import expected_psnr
@@ -31,7 +31,7 @@ def _values(take, die: Die) -> list[float]:
 
 @pytest.fixture(scope="module")
 def dies() -> dict[str, Die]:
-    return {die.name: die for die in load(LAYOUTS / "toled_against_ours.toml").plate().dies}
+    return {die.name: die for die in load_job(LAYOUTS / "toled_against_ours.toml").plate().dies}
 
 
 @pytest.fixture(scope="module")

@@ -41,7 +41,7 @@ EMITTING = {"rgb-stripe": 0.2857, "pentile-diamond": 0.2472, "delta": 0.2653, "c
 
 
 def shipped(kind: str) -> Opening:
-    return openings.load(LAYOUTS / "openings" / f"{kind.replace('-', '_')}.toml")
+    return openings.load_opening(LAYOUTS / "openings" / f"{kind.replace('-', '_')}.toml")
 
 
 def apart(one: NDArray[np.bool_], other: NDArray[np.bool_]) -> int:
@@ -340,7 +340,7 @@ def test_the_verb_names_every_display():
 def test_a_changed_display_claims_no_source(capsys, tmp_path):
     target = tmp_path / "ring.toml"
     assert command(capsys, "shape", "circular", "--length", "diameter=16", "--out", target).code == 0
-    found = openings.load(target)
+    found = openings.load_opening(target)
     assert "source" not in found.provenance
     assert found.provenance["judgement"]
     assert found.clear_dots < shipped("circular").clear_dots
@@ -350,7 +350,7 @@ def test_a_changed_display_claims_no_source(capsys, tmp_path):
 def test_the_verb_scales_a_display(capsys, tmp_path):
     target = tmp_path / "large.toml"
     assert command(capsys, "shape", "window", "--pitch", "511 um", "--out", target).code == 0
-    found = openings.load(target)
+    found = openings.load_opening(target)
     assert found.dot_nm == 7000
     assert np.array_equal(found.mask, shipped("window").mask)
 
@@ -369,7 +369,7 @@ def test_the_verb_refuses_and_writes_nothing(capsys, tmp_path, arguments):
 
 
 def test_the_job_shows_every_display_and_tiling():
-    found = job.load(LAYOUTS / "displays.toml")
+    found = job.load_job(LAYOUTS / "displays.toml")
     dies = found.spec.die
     # A map of orientations belongs to one opening that was designed for it.
     assert {die.tiling for die in dies} == set(Tiling) - {Tiling.MAP}

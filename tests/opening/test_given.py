@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from maskfab.errors import JobError
-from maskfab.opening.openings import dumps, parse
+from maskfab.opening.openings import opening_text, parse_opening
 
 TEXT = '''
 name = "small"
@@ -30,22 +30,22 @@ def text(rows: list[str]) -> str:
 
 
 def test_emitters_are_read_and_written() -> None:
-    opening = parse(text(GOOD))
+    opening = parse_opening(text(GOOD))
     assert opening.emitters is not None
     assert np.array_equal(opening.emitters[0], [0, 1, 2, 3])
-    again = parse(dumps(opening))
+    again = parse_opening(opening_text(opening))
     assert again.emitters is not None
     assert np.array_equal(again.emitters, opening.emitters)
 
 
 def test_the_top_line_is_the_highest_row() -> None:
-    opening = parse(text(["...R", *([".G.B"] * 3)]))
+    opening = parse_opening(text(["...R", *([".G.B"] * 3)]))
     assert opening.emitters is not None
     assert np.array_equal(opening.emitters[3], [0, 0, 0, 1])
 
 
 def test_cells_may_be_finer_than_dots() -> None:
-    opening = parse(text(["..RRGGBB"] * 8))
+    opening = parse_opening(text(["..RRGGBB"] * 8))
     assert opening.emitters is not None
     assert opening.emitters.shape == (8, 8)
 
@@ -66,6 +66,6 @@ def test_cells_may_be_finer_than_dots() -> None:
 )
 def test_a_wrong_drawing_is_refused_with_its_place(rows: list[str], told: str) -> None:
     with pytest.raises(JobError, match="MF119") as refused:
-        parse(text(rows), "file.toml")
+        parse_opening(text(rows), "file.toml")
     assert told in str(refused.value)
     assert "file.toml: emitters" in str(refused.value)

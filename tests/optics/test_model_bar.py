@@ -13,7 +13,7 @@ from optics_cases import clear_region, noise, panel
 from maskfab.cli import run_command_line
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.model import UNSTATED, Camera, Glass, MaskBlank, Panel, Stop, Tiling
-from maskfab.opening.openings import load
+from maskfab.opening.openings import load_opening
 from maskfab.optics.field.clear_stop import clear_field
 from maskfab.optics.field.parity import parity_field
 from maskfab.optics.field.polygon_field import boundary
@@ -69,7 +69,7 @@ def intensity(aperture, camera, weights, u, v):
 
 def test_the_published_sizes_come_out_of_the_published_display():
     """T-OLED behind 4 mm at f/2.5: leak, foreshortening, vector field, apodisation, glass, bias."""
-    opening = load(TOLED)
+    opening = load_opening(TOLED)
     die = Panel(opening, opening.dot_nm, 0, orientations(Tiling.RANDOM, 26, 26, 1, where=""), Tiling.RANDOM, 1)
     camera = Camera(10_000.0, Stop("circle", 4000.0), (530.0,), 2.0, 256.0)
     openings = panel_aperture(die, 2150.0)

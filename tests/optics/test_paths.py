@@ -16,7 +16,7 @@ from maskfab.errors import InternalError
 from maskfab.model import Panel, Stop
 from maskfab.optics.field.cellwise import prepare_cells
 from maskfab.optics.field.interval_nodes import NODE_TOLERANCE, node_count, nodes_for
-from maskfab.optics.field.methods import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, Task, admissible, field
+from maskfab.optics.field.methods import DIRECT, PARITY, PATHS, PRUNED, STRUCTURE, FieldTask, admissible, field
 from maskfab.optics.field.parity import direct_field, parity_field, prepare
 from maskfab.optics.field.polygon_field import boundary
 from maskfab.optics.field.waves import point_sources, right_half
@@ -56,7 +56,7 @@ def test_all_paths_agree(laid_out: Panel, shape: str, share: float, on_axis: boo
     # A dot without light gives every path zeros of its own.
     scale = max(float(source.energy_um2), 1e-9)
     expected = DIRECT.amplitude(source, u, v)
-    for path in admissible(Task.of(source, u, v)):
+    for path in admissible(FieldTask.of(source, u, v)):
         assert np.linalg.norm(path.amplitude(source, u, v) - expected) <= 1e-12 * scale * np.sqrt(expected.size)
         single = path.intensity(source, u, v, "single")
         error = np.linalg.norm(single - abs(expected) ** 2)
@@ -94,7 +94,7 @@ def test_pruned_transform_on_its_own_grids(
 def test_cells_of_many_dots_reduce_exactly(gutter_nm: int, cells: int) -> None:
     source = pupil(panel(noise(60, 0.4, 3), dot_nm=1000, gutter_nm=gutter_nm, cells=cells, seed=1), Stop("circle", 290))
     u = grid(0.03, 33, True)
-    assert STRUCTURE.flops(Task.of(source, u, u)) < DIRECT.flops(Task.of(source, u, u))
+    assert STRUCTURE.flops(FieldTask.of(source, u, u)) < DIRECT.flops(FieldTask.of(source, u, u))
     assert relative(STRUCTURE.amplitude(source, u, u), PARITY.amplitude(source, u, u)) < 1e-13
     assert relative(PARITY.amplitude(source, u, u), DIRECT.amplitude(source, u, u)) < 1e-13
 
@@ -120,7 +120,7 @@ def test_turning_the_pupil_turns_the_field(turns: int) -> None:
     plain = cut(aperture, stop)
     turned = cut(covered_aperture(aperture.x, aperture.y, np.rot90(aperture.transmission, turns).copy()), stop)
     u = grid(0.03, 16, False)
-    for path in admissible(Task.of(plain, u, u)):
+    for path in admissible(FieldTask.of(plain, u, u)):
         expected = np.rot90(path.amplitude(plain, u, u), turns)
         assert relative(path.amplitude(turned, u, u), expected) < 1e-13
 
@@ -159,7 +159,7 @@ def test_single_precision_over_a_whole_stop() -> None:
     source = pupil(panel(noise(21, 0.2, 5), cells=24, seed=3), Stop("circle", 4000.0))
     u = grid(0.024, 64, False)
     expected = PARITY.intensity(source, u, u)
-    for path in admissible(Task.of(source, u, u)):
+    for path in admissible(FieldTask.of(source, u, u)):
         error = np.linalg.norm(path.intensity(source, u, u, "single") - expected) / np.linalg.norm(expected)
         assert error < path.error["single"]
 
@@ -171,7 +171,7 @@ def test_single_precision_of_like_terms_that_round_alike(dots: int, on_axis: boo
     source = pupil(panel(np.ones((dots, dots), dtype=np.bool_), dot_nm=2000, cells=500 // dots), Stop("square", 1000.0))
     u = grid(0.016, 16, on_axis)
     expected = PARITY.intensity(source, u, u)
-    for path in admissible(Task.of(source, u, u)):
+    for path in admissible(FieldTask.of(source, u, u)):
         error = np.linalg.norm(path.intensity(source, u, u, "single") - expected) / np.linalg.norm(expected)
         assert error < path.error["single"], path.name
 
@@ -181,11 +181,11 @@ def test_the_cheapest_path_suits_the_pupil() -> None:
     coarse = Lattice(-2016.0, 24, 21, 8.0, 168.0)
     fine = Lattice(-2016.0, 24, 168, 1.0, 168.0)
     askew = replace(coarse, start_um=-2000.0)
-    assert admissible(Task(coarse, coarse, 2000.0, 400, False, u, u))[0] is PARITY
-    assert admissible(Task(fine, fine, 2000.0, 3000, False, u, u))[0] is STRUCTURE
-    assert admissible(Task(askew, askew, 2000.0, 400, True, u, u)) == (DIRECT,)
+    assert admissible(FieldTask(coarse, coarse, 2000.0, 400, False, u, u))[0] is PARITY
+    assert admissible(FieldTask(fine, fine, 2000.0, 3000, False, u, u))[0] is STRUCTURE
+    assert admissible(FieldTask(askew, askew, 2000.0, 400, True, u, u)) == (DIRECT,)
     for path in PATHS:
-        task = Task(coarse, coarse, 2000.0, 400, False, commensurate(coarse, 1325, 256, True), u)
+        task = FieldTask(coarse, coarse, 2000.0, 400, False, commensurate(coarse, 1325, 256, True), u)
         assert path.flops(task) > 0 < path.memory(task)
         assert path.error["double"] < path.error["single"]
 

@@ -9,14 +9,14 @@ import pytest
 
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import orient
-from maskfab.optimiser.rules.families import FAMILIES, bars, blobs, crosses, discs, l_shapes
+from maskfab.optimiser.rules.families import FAMILIES, bars, crosses, discs, l_shapes, scattered_blobs
 from maskfab.optimiser.rules.orbits import orbits, sums
 
 
 @pytest.mark.parametrize("family", FAMILIES.values(), ids=FAMILIES)
 @pytest.mark.parametrize(("dots", "clear"), [(7, 11), (7, 12), (13, 40), (8, 63)])
 def test_every_opening_has_the_count_and_the_shape(family, dots, clear):
-    if family is blobs and clear == 63:
+    if family is scattered_blobs and clear == 63:
         return
     units = [candidate.unit for candidate in family(dots, clear)]
     if clear < 63:
@@ -70,11 +70,11 @@ def test_shapes_are_what_they_are_called():
 
 
 def test_blobs_do_not_touch_and_repeat_by_seed():
-    first, again = ([c.unit.tobytes() for c in blobs(9, 12, count=3, most=100, seed=5)] for _ in range(2))
-    assert first == again != [c.unit.tobytes() for c in blobs(9, 12, count=3, most=100, seed=6)]
+    first, again = ([c.unit.tobytes() for c in scattered_blobs(9, 12, count=3, most=100, seed=5)] for _ in range(2))
+    assert first == again != [c.unit.tobytes() for c in scattered_blobs(9, 12, count=3, most=100, seed=6)]
     from scipy import ndimage
 
-    for candidate in blobs(9, 12, count=3, most=100):
+    for candidate in scattered_blobs(9, 12, count=3, most=100):
         assert ndimage.label(candidate.unit, np.ones((3, 3)))[1] == 3
 
 
@@ -111,7 +111,7 @@ def test_odd_counts_have_no_square_symmetry_on_even_cells():
     with pytest.raises(JobError, match="MF105"):
         orbits(5, "hexagonal")
     with pytest.raises(JobError, match="MF104"):
-        next(blobs(5, 3, count=4))
+        next(scattered_blobs(5, 3, count=4))
 
 
 @pytest.mark.parametrize(("dots", "clear"), [(1, 1), (2, 1), (2, 3), (5, 24), (5, 25)])

@@ -14,7 +14,7 @@ from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import ParetoSection, SearchSection, parse_section
 from maskfab.model import Opening
-from maskfab.opening.openings import dumps, parse
+from maskfab.opening.openings import opening_text, parse_opening
 from maskfab.optimiser.model.expected_psnr import surrogate
 from maskfab.optimiser.pareto import Footprints, JudgedOpening, Pareto, non_dominated, openings, rules_of, sweep
 from maskfab.optimiser.rules.constraints import Constraints
@@ -147,7 +147,7 @@ def test_openings_say_where_they_come_from(scenes: tuple[Photograph, ...]) -> No
     named = openings(found, section(seed=7), "maskfab pareto x.toml --out y")
     assert len(named) == sum(len(curve.front) for curve in found.curves)
     for name, (judged, opening) in named.items():
-        back = parse(dumps(opening))
+        back = parse_opening(opening_text(opening))
         assert back.name == name
         assert np.array_equal(back.mask, judged.unit)
         assert back.provenance["command"] == "maskfab pareto x.toml --out y"

@@ -14,7 +14,7 @@ from maskfab.camera.photographs import Photograph
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import RelaxSection, parse_section
 from maskfab.model import Camera, Stop
-from maskfab.opening.openings import dumps, parse
+from maskfab.opening.openings import opening_text, parse_opening
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
 from maskfab.optimiser.relax.relax import relax, schedule
 from maskfab.optimiser.result import Designed, constraints_of
@@ -71,7 +71,7 @@ def test_beats_every_random_mask_of_its_count(
     opening = relax(wanted, LENS, scenes, "maskfab design x.toml").opening
     assert opening.clear_dots == 14
     reached = judged(wanted, scenes, estimate, opening.mask)
-    facts = parse(dumps(opening)).provenance
+    facts = parse_opening(opening_text(opening)).provenance
     assert facts["loss"] == pytest.approx(reached, abs=1e-6)
     assert facts["command"] == "maskfab design x.toml"
     assert facts.get("tiling_seed") == tiling.get("tiling_seed")
@@ -91,7 +91,7 @@ def test_every_objective_gives_the_same_opening_twice(scenes: tuple[Photograph, 
     wanted = {"objectives": {name: 2.0}, "iterations": 2, "tiling": "random", "tiling_seed": 1}
     one, two = (found(scenes, **wanted) for _ in range(2))
     assert one.opening.clear_dots == 14
-    assert dumps(one.opening) == dumps(two.opening)
+    assert opening_text(one.opening) == opening_text(two.opening)
     assert one.shape == f"2 {name}"
     assert np.isfinite(one.psnr).all()
 
@@ -169,7 +169,7 @@ def test_a_budget_shortens_the_schedule_and_says_so(scenes: tuple[Photograph, ..
 
 def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, ...]) -> None:
     plain, bounded = (relax(section(), LENS, scenes, "x", budget_s=budget) for budget in (None, 600.0))
-    assert dumps(plain.opening) == dumps(bounded.opening)
+    assert opening_text(plain.opening) == opening_text(bounded.opening)
     assert bounded.notes == JUDGED
     assert not bounded.cut
 
@@ -182,7 +182,7 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(scenes: tuple[Pho
     assert cut.evaluated < whole.evaluated
     resumed = relax(wanted, LENS, scenes, "x", checkpoint=path)
     assert resumed.notes == JUDGED
-    assert dumps(resumed.opening) == dumps(whole.opening)
+    assert opening_text(resumed.opening) == opening_text(whole.opening)
     with pytest.raises(MaskfabError, match="MF304"):
         relax(section(iterations=41, starts=2), LENS, scenes, "x", checkpoint=path)
 

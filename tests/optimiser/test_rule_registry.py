@@ -14,7 +14,7 @@ from maskfab.errors import InputError, JobError
 from maskfab.jobfile import RulesSection, SearchSection, parse_section
 from maskfab.jobfile.reference import keys_of
 from maskfab.model import Opening
-from maskfab.opening.openings import dumps, parse
+from maskfab.opening.openings import opening_text, parse_opening
 from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.result import Designed, constraints_of, of_prices
 from maskfab.optimiser.rules import registry
@@ -26,7 +26,7 @@ from maskfab.optimiser.rules.registry import RULES
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.rules.rule import Conflict, Mask, Rule, price_key, priced_rule
 from maskfab.report.design_data import Stated, design_document
-from maskfab.report.design_text import lines
+from maskfab.report.design_text import designed_lines
 
 OF_EMITTERS = {"gap_to_opening", "colour_gap", "min_width"}
 CELL = 3
@@ -110,9 +110,9 @@ def test_a_rule_that_is_registered_is_searched_for_priced_and_reported() -> None
     assert [(each.rule, each.alone, each.last) for each in paid.each] == [("rim_dots", 0, 0), ("open_rows", 2, 2)]
     facts = {"shape": best.name, **of_prices(paid)}
     found = Designed(Opening("x", best.unit, 28_000, facts), best.name, (20.0, 21.0, 22.0), None, 9, paid)
-    stated = design_document(Stated(parse(dumps(found.opening)).provenance, 28.0))
+    stated = design_document(Stated(parse_opening(opening_text(found.opening)).provenance, 28.0))
     assert stated["prices"] == [{"rule": "rim dots", "price": 0}, {"rule": "open rows", "price": 2}]
-    assert "  open_rows: 2.000 dB if it is the only rule, 2.000 dB on top of the others" in lines(found, ())
+    assert "  open_rows: 2.000 dB if it is the only rule, 2.000 dB on top of the others" in designed_lines(found, ())
 
 
 def test_a_rule_that_is_not_registered_is_refused_by_name() -> None:

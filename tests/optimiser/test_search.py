@@ -15,7 +15,7 @@ from maskfab.display.circuit import CircuitRules
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import SearchSection, parse_section
-from maskfab.opening.openings import dumps, parse
+from maskfab.opening.openings import opening_text, parse_opening
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.orientation_map import MapMode, design_map
@@ -53,7 +53,7 @@ def section(**changed: object) -> SearchSection:
 def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[Photograph, ...]) -> None:
     one, two = (search(section(anneal=20, seed=3), scenes, "maskfab design x.toml") for _ in range(2))
     assert one.opening.clear_dots == 9
-    assert dumps(one.opening) == dumps(two.opening)
+    assert opening_text(one.opening) == opening_text(two.opening)
     assert one.head_room is not None
     assert min(one.head_room) >= 0
     assert one.notes == ()
@@ -61,7 +61,7 @@ def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[P
 
 def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(rules=RULES), scenes, "maskfab design x.toml")
-    facts = parse(dumps(found.opening)).provenance
+    facts = parse_opening(opening_text(found.opening)).provenance
     assert facts["command"] == "maskfab design x.toml"
     assert facts["shape"] == found.shape
     assert facts["evaluated"] == found.evaluated
@@ -95,7 +95,7 @@ def test_a_map_is_designed_for_the_opening(scenes: tuple[Photograph, ...]) -> No
     assert min(found.designed.gain_db) > 0
     assert abs(found.designed.clear_dots / found.designed.start_clear_dots - 1) < 0.005
     assert len(found.cells.shifts) == 2
-    facts = maps.parse(maps.dumps(found.cells)).provenance
+    facts = maps.parse_map(maps.map_text(found.cells)).provenance
     assert facts["mode"] == "equal_light"
     assert facts["gain_db_24"] == pytest.approx(found.designed.gain_db[0], abs=1e-3)
     assert abs(facts["light"]) < 0.005
@@ -129,7 +129,7 @@ def test_auc_is_a_figure_of_merit_too(scenes: tuple[Photograph, ...], tiling: st
     periodic = tiling == "periodic"
     wanted = section(dots=7, clear_dots=10, objective="auc", tiling=tiling, anneal=40)
     one, two = (search(wanted, scenes, "x") for _ in range(2))
-    assert dumps(one.opening) == dumps(two.opening)
+    assert opening_text(one.opening) == opening_text(two.opening)
     assert one.opening.clear_dots == 10
     area = rings(7).of_unit(one.opening.mask, periodic=periodic)
     compact_one = search(section(dots=7, clear_dots=10, tiling=tiling), scenes, "x")
@@ -260,7 +260,7 @@ def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograp
 
 def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, ...]) -> None:
     plain, bounded = (search(section(anneal=20), scenes, "x", budget_s=budget) for budget in (None, 600.0))
-    assert dumps(plain.opening) == dumps(bounded.opening)
+    assert opening_text(plain.opening) == opening_text(bounded.opening)
     assert bounded.notes == ()
 
 
@@ -284,9 +284,9 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(
     resumed = search(wanted, scenes, "x", lambda stage, step, _: steps.append((stage, step)), checkpoint=path)
     assert not any(stage.startswith("scan") for stage, _ in steps)
     assert min(step for stage, step in steps if stage.startswith("anneal")) > 64
-    assert dumps(resumed.opening) == dumps(whole.opening)
+    assert opening_text(resumed.opening) == opening_text(whole.opening)
     finished = search(wanted, scenes, "x", checkpoint=path)
-    assert dumps(finished.opening) == dumps(whole.opening)
+    assert opening_text(finished.opening) == opening_text(whole.opening)
     with pytest.raises(MaskfabError, match="MF304"):
         search(section(anneal=161, seed=5), scenes, "x", checkpoint=path)
 

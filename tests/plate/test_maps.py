@@ -12,7 +12,7 @@ from hypothesis.extra.numpy import array_shapes, arrays
 from small_job import JOB, MASK, OPENING, command
 
 from maskfab.errors import InputError, JobError
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.model import Opening, Tiling
 from maskfab.plate import maps
 from maskfab.plate.maps import CellMap, panel_shape, placed, shifted, shifted_openings
@@ -31,19 +31,19 @@ EVEN = CellMap("even", np.arange(24).reshape(4, 6) % 8)
 )
 def test_what_is_written_reads_back(cells, author, moved):
     written = CellMap("any", cells, {"author": author, "seed": 3, "share of light": 0.25}, tuple(moved))
-    read = maps.parse(maps.dumps(written))
+    read = maps.parse_map(maps.map_text(written))
     assert read.shifts == written.shifts
     assert np.array_equal(read.cells, cells)
     assert (read.name, dict(read.provenance)) == (written.name, dict(written.provenance))
 
 
 def test_the_top_row_is_written_first():
-    assert maps.parse(TEXT).cells.tolist() == [[4, 5, 6, 7], [0, 1, 2, 3]]
+    assert maps.parse_map(TEXT).cells.tolist() == [[4, 5, 6, 7], [0, 1, 2, 3]]
 
 
 def test_the_second_drawing_says_which_opening():
     text = TEXT + 'openings = """\n000e\n1000\n"""\n'
-    assert maps.parse(text).cells.tolist() == [[12, 5, 6, 7], [0, 1, 2, 115]]
+    assert maps.parse_map(text).cells.tolist() == [[12, 5, 6, 7], [0, 1, 2, 115]]
 
 
 @pytest.mark.parametrize(
@@ -73,7 +73,7 @@ def test_the_second_drawing_says_which_opening():
 )
 def test_a_bad_map_is_told_with_its_place(text, code, place):
     with pytest.raises(JobError, match=code) as told:
-        maps.parse(text, "map.toml")
+        maps.parse_map(text, "map.toml")
     assert place in str(told.value)
     assert "map.toml" in str(told.value)
 
@@ -91,7 +91,7 @@ def test_a_file_that_is_no_map_is_told(tmp_path, name, content, code):
     if content is not None:
         (tmp_path / name).write_bytes(content)
     with pytest.raises(InputError, match=code):
-        maps.load(tmp_path / name)
+        maps.read_map(tmp_path / name)
 
 
 @pytest.mark.parametrize(("rows", "columns"), [(4, 6), (8, 12), (10, 8)])
@@ -150,7 +150,7 @@ def mapped(tmp_path, text=TEXT, extra='map = "maps/four.toml"', tiling="map"):
 
 
 def test_a_job_is_self_contained_with_its_map(tmp_path):
-    job = load(mapped(tmp_path))
+    job = load_job(mapped(tmp_path))
     panel = job.plate().dies[1].panel
     assert panel.tiling is Tiling.MAP
     assert not panel.tiling.independent
@@ -160,13 +160,13 @@ def test_a_job_is_self_contained_with_its_map(tmp_path):
     elsewhere.mkdir()
     copy = elsewhere / "job.json"
     copy.write_text(json.dumps(job.spec.dump()), encoding="utf-8")
-    again = load(copy)
+    again = load_job(copy)
     assert again.digest == job.digest
     assert np.array_equal(again.plate().dies[1].panel.orientations, panel.orientations)
 
 
 def test_a_die_stays_centred_on_a_map_of_odd_sides(tmp_path):
-    die = load(mapped(tmp_path, 'name = "odd"\nmap = """\n7\n"""')).plate().dies[1]
+    die = load_job(mapped(tmp_path, 'name = "odd"\nmap = """\n7\n"""')).plate().dies[1]
     assert die.panel.orientations.shape == (9, 9)
     assert die.panel.orientations[4, 4] == 7
     x0, y0, x1, y1 = die.box_nm
@@ -174,11 +174,11 @@ def test_a_die_stays_centred_on_a_map_of_odd_sides(tmp_path):
 
 
 def test_the_map_is_part_of_the_job_s_hash_and_its_absence_is_not(tmp_path):
-    one = load(mapped(tmp_path))
+    one = load_job(mapped(tmp_path))
     (tmp_path / "maps" / "four.toml").write_text(TEXT.replace("7", "0"), encoding="utf-8")
-    assert load(tmp_path / "job.toml").digest != one.digest
+    assert load_job(tmp_path / "job.toml").digest != one.digest
     (tmp_path / "job.toml").write_text(JOB, encoding="utf-8")
-    dumped = load(tmp_path / "job.toml").spec.dump()
+    dumped = load_job(tmp_path / "job.toml").spec.dump()
     assert "maps" not in dumped
     assert all("map" not in die for die in dumped["die"])
 
@@ -186,7 +186,7 @@ def test_the_map_is_part_of_the_job_s_hash_and_its_absence_is_not(tmp_path):
 @pytest.mark.parametrize(("extra", "tiling"), [("", "map"), ('map = "maps/four.toml"', "random")])
 def test_a_map_and_its_tiling_go_together(tmp_path, extra, tiling):
     with pytest.raises(JobError, match=r"MF122.*die\[1\]\.map"):
-        load(mapped(tmp_path, extra=extra, tiling=tiling))
+        load_job(mapped(tmp_path, extra=extra, tiling=tiling))
 
 
 def test_two_maps_of_one_name_are_refused(tmp_path):
@@ -195,7 +195,7 @@ def test_two_maps_of_one_name_are_refused(tmp_path):
     plain, mapped_die = 'tiling = "periodic"', 'tiling = "map"\nmap = "maps/other.toml"\nseed = 1'
     job.write_text(job.read_text(encoding="utf-8").replace(plain, mapped_die), encoding="utf-8")
     with pytest.raises(JobError, match="MF109"):
-        load(job)
+        load_job(job)
 
 
 MOVED = TEXT + 'openings = """\n0120\n0000\n"""\nshifts = [[0, 0], [1, 0], [-1, 1]]\n'
@@ -215,7 +215,7 @@ def test_what_is_moved_out_does_not_come_in_again(right, up):
 
 
 def test_a_die_has_the_openings_that_its_map_moves(tmp_path):
-    job = load(mapped(tmp_path, MOVED))
+    job = load_job(mapped(tmp_path, MOVED))
     panel = job.plate().dies[1].panel
     assert [opening.name for opening in panel.openings] == ["ring", "ring_1", "ring_2"]
     assert np.array_equal(panel.pattern(8), np.roll(MASK, 1, axis=1))
@@ -224,7 +224,7 @@ def test_a_die_has_the_openings_that_its_map_moves(tmp_path):
     assert list(job.spec.openings) == ["ring"]
     copy = tmp_path / "copy.json"
     copy.write_text(json.dumps(job.spec.dump()), encoding="utf-8")
-    again = load(copy)
+    again = load_job(copy)
     assert again.digest == job.digest
     assert np.array_equal(again.plate().dies[1].panel.patterns, panel.patterns)
 
@@ -237,9 +237,9 @@ def test_a_plate_with_moved_openings_runs_and_verifies(tmp_path, capsys):
 
 
 def test_a_shift_is_part_of_the_job_s_hash(tmp_path):
-    one = load(mapped(tmp_path, MOVED))
+    one = load_job(mapped(tmp_path, MOVED))
     (tmp_path / "maps" / "four.toml").write_text(MOVED.replace("[-1, 1]", "[-1, 0]"), encoding="utf-8")
-    assert load(tmp_path / "job.toml").digest != one.digest
+    assert load_job(tmp_path / "job.toml").digest != one.digest
 
 
 @pytest.mark.parametrize(

@@ -18,11 +18,11 @@ from sweeps import examples
 
 from maskfab.camera.protocol import Score
 from maskfab.camera.shots import Shot
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.measurement.restored import Restored
 from maskfab.model import Quantity
 from maskfab.report import html
-from maskfab.report.data import dumps, schema, to_document
+from maskfab.report.data import report_text, schema, to_document
 from maskfab.report.design_data import Stated, design_document, stated
 from maskfab.report.plots import design_figures
 
@@ -56,7 +56,7 @@ def restored(scene="leaves1"):
 
 def page_of(run, said, seen=None):
     document = to_document(run.report, run.plate, run.camera, designs={"TURNED": design_document(said, seen)})
-    check(json.loads(dumps(document)), schema(), schema()["$defs"], "report")
+    check(json.loads(report_text(document)), schema(), schema()["$defs"], "report")
     pictures = {"TURNED": {} if seen is None else design_figures.pictures(seen)}
     return html.html_page(document, pictures)
 
@@ -140,11 +140,11 @@ def test_any_provenance_is_told_as_the_schema_says(opening, cells):
 
 
 def test_dies_of_a_job_with_a_designed_opening_or_map_have_one():
-    found = stated(load(LAYOUTS / "toled_against_ours.toml"))
+    found = stated(load_job(LAYOUTS / "toled_against_ours.toml"))
     assert list(found) == ["OURS"]
     assert found["OURS"].dot_um == 8.0
     assert found["OURS"].cells is not None
-    displays = load(LAYOUTS / "displays.toml")
+    displays = load_job(LAYOUTS / "displays.toml")
     designed = [die.name for die in displays.spec.die if die.opening.startswith("paper")]
     assert 0 < len(designed) < len(displays.spec.die)
     assert list(stated(displays)) == designed

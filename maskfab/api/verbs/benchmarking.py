@@ -43,7 +43,7 @@ class Benchmark:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
         check_target(Path(out), force=False)
-        return accuracy_page.write(Path(out), self.to_dict(), self.picture())
+        return accuracy_page.write_accuracy(Path(out), self.to_dict(), self.picture())
 
     def __str__(self) -> str:
         return "\n".join(accuracy_page.race_table(self.timings, self.bound_ms, self.absent))

@@ -63,11 +63,11 @@ class Design:
 
     def texts(self) -> dict[str, str]:
         """Contents of the files of the opening, and of the outer opening and the map where there are any."""
-        written = {"opening": openings.dumps(self.found.opening)}
+        written = {"opening": openings.opening_text(self.found.opening)}
         if self.found.outer is not None:
-            written["outer"] = openings.dumps(self.found.outer)
+            written["outer"] = openings.opening_text(self.found.outer)
         if self.found.cells is not None:
-            written["map"] = maps.dumps(self.found.cells)
+            written["map"] = maps.map_text(self.found.cells)
         return written
 
     def save(self, path: str | Path, *, force: bool = False) -> list[Path]:

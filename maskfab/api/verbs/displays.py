@@ -15,8 +15,8 @@ from maskfab.display.feasibility import Feasibility
 from maskfab.display.place import Populated, widest_gaps
 from maskfab.errors import JobError
 from maskfab.eye.display_light import emitters_of, has_emitters
-from maskfab.eye.picture import read
-from maskfab.eye.side_by_side import SeenPanel, judge, pictures
+from maskfab.eye.picture import read_picture
+from maskfab.eye.side_by_side import SeenPanel, judge, target_pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import blank_of
@@ -61,13 +61,13 @@ class DisplayCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Every die with the answer about it."""
-        return check_data.document(self.built, self.gaps, self.digest, passed=self.passed)
+        return check_data.check_document(self.built, self.gaps, self.digest, passed=self.passed)
 
     def __str__(self) -> str:
         return "\n".join(
             line
             for each in self.built.plate.dies
-            for line in display_text.lines(each.name, self.built.found.get(each.name), self.gaps.get(each.name))
+            for line in display_text.display_lines(each.name, self.built.found.get(each.name), self.gaps.get(each.name))
         )
 
 
@@ -186,7 +186,7 @@ class Rendering:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
-        return render_files.document(list(self.panels.values()), self.samples, self.digest)
+        return render_files.render_document(list(self.panels.values()), self.samples, self.digest)
 
     def save(self, out: str | Path, progress: Progress = silent) -> list[Path]:
         """Write emitted light, the image that the eye sees, a comparison and the results into a new directory.
@@ -194,7 +194,7 @@ class Rendering:
         Raises:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
-        return render_files.write(Path(out), list(self.panels.values()), self.samples, self.digest, progress)
+        return render_files.write_rendering(Path(out), list(self.panels.values()), self.samples, self.digest, progress)
 
     def picture(self) -> bytes:
         """A PNG of the panels side by side."""
@@ -246,7 +246,7 @@ def render(
     loaded = job_of(job)
     panels = {each.name: each.panel for each in loaded.displays().plate.dies}
     chosen = dies_of(die, panels)
-    photograph = None if image is None else read(Path(image))
+    photograph = None if image is None else read_picture(Path(image))
     lit = [name for name in chosen if has_emitters(panels[name])]
     shown = chosen if die else tuple(lit or panels)
     for name in shown:
@@ -257,6 +257,6 @@ def render(
         panel = panels[name]
         viewing = Viewing(pitch_um or panel.cell_size.pitch_um, distance_um)
         side = min(_USUAL_PIXELS, *panel.orientations.shape) if pixels is None else pixels
-        judged[name] = judge(name, panel, pictures(side, photograph), samples, viewing, with_jod=with_jod)
+        judged[name] = judge(name, panel, target_pictures(side, photograph), samples, viewing, with_jod=with_jod)
     progress("panels", len(shown), len(shown))
     return Rendering(judged, samples, loaded.digest)

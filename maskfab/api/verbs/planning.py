@@ -38,7 +38,7 @@ class Plans:
     def to_dict(self) -> dict[str, Any]:
         """Plain data; lengths in micrometres, times in seconds."""
         dies = [
-            {**plans.document(name, found), "not_modelled": weighed(self.omissions[name], self.accuracy)}
+            {**plans.plan_document(name, found), "not_modelled": weighed(self.omissions[name], self.accuracy)}
             for name, found in self.plans.items()
         ]
         return {"accuracy": self.accuracy, "dies": dies}

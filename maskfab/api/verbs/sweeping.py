@@ -15,7 +15,7 @@ from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.jobfile import SearchSection, read
-from maskfab.opening.openings import dumps, load
+from maskfab.opening.openings import load_opening, opening_text
 from maskfab.optimiser.pareto import JudgedOpening, Pareto, openings, rules_of, sweep
 from maskfab.progress import Progress, silent
 from maskfab.report import pareto_files
@@ -43,7 +43,7 @@ class ParetoFront:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was found."""
-        return pareto_files.document(self.found, self.named, self.digest)
+        return pareto_files.pareto_document(self.found, self.named, self.digest)
 
     def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
         """Write numbers, openings and figure into a directory.
@@ -51,7 +51,7 @@ class ParetoFront:
         Raises:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
-        return pareto_files.write(check_target(Path(out), force=force), self.found, self.named, self.digest)
+        return pareto_files.write_pareto(check_target(Path(out), force=force), self.found, self.named, self.digest)
 
     def plot(self) -> Drawing:
         """The curves, and what they are compared with."""
@@ -106,8 +106,8 @@ def pareto(
         )
     camera = PhotoCamera.of(spec.camera.camera(), where=str(path))
     limit_s = None if budget is None else parse_time_s(budget, where="budget")
-    compared = [load(path.parent / each) for each in spec.pareto.compare]
-    texts = {opening.name: dumps(opening) for opening in compared}
+    compared = [load_opening(path.parent / each) for each in spec.pareto.compare]
+    texts = {opening.name: opening_text(opening) for opening in compared}
     if len(texts) < len(compared):
         raise JobError(
             "MF109",

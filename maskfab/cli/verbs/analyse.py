@@ -102,7 +102,7 @@ def analyse(
         from maskfab import __version__
         from maskfab.export.psf_exr import camera_header
         from maskfab.provenance import sha256_of_file
-        from maskfab.report.analysis_files import write
+        from maskfab.report.analysis_files import write_analysis
 
         laid_out = {"pitch": pitch, "dot": dot, "gutter": gutter, "tiling": tiling, "layer": layer, "cell": cell}
         laid_out["seed"] = None if seed is None else str(seed)
@@ -113,7 +113,7 @@ def analyse(
             "maskfab_version": __version__,
             **{name: value for name, value in laid_out.items() if value is not None},
         }
-        paths = write(analysis, out, facts)
+        paths = write_analysis(analysis, out, facts)
     if as_json:
         print_json(analysis.to_dict())
     else:

@@ -11,7 +11,7 @@ from maskfab.cli.common.options import Budget, JobFile, Json, Quiet, named_as_op
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
 from maskfab.errors import JobError
-from maskfab.report.design_text import document, lines
+from maskfab.report.design_text import designed_document, designed_lines
 
 if TYPE_CHECKING:
     from maskfab.jobfile import JobSpec
@@ -53,9 +53,9 @@ def design(
     if found.cut:
         notes.append("A run that its budget cut short is not repeated bit for bit.")
     if as_json:
-        print_json(document(found, paths, notes))
+        print_json(designed_document(found, paths, notes))
         return
-    for line in lines(found, notes):
+    for line in designed_lines(found, notes):
         typer.echo(line)
     for path in paths.values():
         typer.echo(path)

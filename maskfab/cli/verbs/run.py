@@ -21,13 +21,13 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report."""
-    from maskfab.job import load
+    from maskfab.job import load_job
     from maskfab.optics.numbers.metrics import fast_lens
     from maskfab.pipeline import REPORT
     from maskfab.pipeline import run as run_job
 
     with watched(quiet) as progress:
-        loaded = load(job)
+        loaded = load_job(job)
         result = run_job(loaded, out, force=force, progress=progress)
     report = result.report
     if not quiet:

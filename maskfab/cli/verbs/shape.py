@@ -41,7 +41,7 @@ def shape(
     from maskfab.api.verbs.shapes import shape as drawn
     from maskfab.files.staging import check_file, write_text
     from maskfab.opening import display_layouts
-    from maskfab.opening.openings import dumps
+    from maskfab.opening.openings import opening_text
 
     check_file(out, force=force)
     with named_as_options(context):
@@ -58,5 +58,5 @@ def shape(
             name=name or out.stem,
             command=shlex.join(["maskfab", *(word for word in context.obj if word not in {"--force", "--json"})]),
         )
-    write_text(out, dumps(opening), replace=force)
+    write_text(out, opening_text(opening), replace=force)
     tell_opening(opening, out, as_json)

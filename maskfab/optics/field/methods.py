@@ -48,7 +48,7 @@ class Prepared(Protocol):
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class FieldTask:
     """A pupil and a grid of frequencies, as far as a path's cost depends on them.
 
     Attributes:
@@ -68,7 +68,7 @@ class Task:
     v: Floats
 
     @classmethod
-    def of(cls, pupil: Pupil, u: Floats, v: Floats) -> Task:
+    def of(cls, pupil: Pupil, u: Floats, v: Floats) -> FieldTask:
         """The task of transforming a pupil."""
         strips_clear = not (is_symmetric(pupil.x) and is_symmetric(pupil.y)) or cell_refusal(pupil) is not None
         return cls(pupil.x, pupil.y, pupil.stop.diameter_um / 2, pupil.rim_row.size, strips_clear, u, v)
@@ -95,9 +95,9 @@ class FieldPath:
     name: str
     purpose: str
     error: Mapping[Precision, float]
-    refusal: Callable[[Task], str | None]
-    flops: Callable[[Task], float]
-    memory: Callable[[Task], float]
+    refusal: Callable[[FieldTask], str | None]
+    flops: Callable[[FieldTask], float]
+    memory: Callable[[FieldTask], float]
     prepare: Callable[[Pupil, float, float, Precision], Prepared]
 
     def field(self, pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> ParityField:
@@ -113,7 +113,7 @@ class FieldPath:
             InternalError: MF901 if the path refuses the task, or the frequencies are not as they must be.
         """
         _require_quadrant(u, v)
-        reason = self.refusal(Task.of(pupil, u, v))
+        reason = self.refusal(FieldTask.of(pupil, u, v))
         if reason:
             raise InternalError("MF901", f"the {self.name} path does not take this pupil: {reason}")
         return self.prepare(pupil, float(u[-1]), float(v[-1]), precision).field(u, v)
@@ -125,7 +125,7 @@ class FieldPath:
 
     def accepts(self, pupil: Pupil, u: Floats, v: Floats) -> bool:
         """Whether the path takes a pupil and frequencies."""
-        return self.refusal(Task.of(pupil, u, v)) is None
+        return self.refusal(FieldTask.of(pupil, u, v)) is None
 
     def intensity(self, pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> Floats:
         """|F|² on the symmetric grid that the quadrant spans; arguments and errors as for :meth:`field`."""
@@ -136,14 +136,14 @@ class FieldPath:
         return self.field(pupil, u, v, precision).amplitude()
 
 
-def admissible(task: Task) -> tuple[FieldPath, ...]:
+def admissible(task: FieldTask) -> tuple[FieldPath, ...]:
     """The paths that take a task, cheapest first."""
     return tuple(sorted((path for path in PATHS if path.refusal(task) is None), key=lambda path: path.flops(task)))
 
 
 def field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> ParityField:
     """The field by the cheapest path that takes the pupil; see :meth:`FieldPath.field`."""
-    return admissible(Task.of(pupil, u, v))[0].field(pupil, u, v, precision)
+    return admissible(FieldTask.of(pupil, u, v))[0].field(pupil, u, v, precision)
 
 
 def precise_enough(paths: Sequence[FieldPath], target: float) -> tuple[Precision, float]:
@@ -179,21 +179,21 @@ def _intervals(lattice: Lattice) -> int:
     return lattice.cells * lattice.period
 
 
-def _parity_refusal(task: Task) -> str | None:
+def _parity_refusal(task: FieldTask) -> str | None:
     return None if task.symmetric else "the parity split needs a lattice that is symmetric about the axis"
 
 
-def _direct_refusal(task: Task) -> str | None:
+def _direct_refusal(task: FieldTask) -> str | None:
     return None
 
 
-def _structure_refusal(task: Task) -> str | None:
+def _structure_refusal(task: FieldTask) -> str | None:
     if not task.symmetric:
         return "the parity split needs a lattice that is symmetric about the axis"
     return "light passes the strips between cells, which belong to no cell" if task.strips_clear else None
 
 
-def _pruned_refusal(task: Task) -> str | None:
+def _pruned_refusal(task: FieldTask) -> str | None:
     return pruned_refusal(task.x, task.y, task.rim > 0, task.u, task.v)
 
 
@@ -202,7 +202,7 @@ def _products(ny: float, nx: float, nv: int, nu: int) -> float:
     return 8 * min(nv * nx * (ny + nu), nu * ny * (nx + nv))
 
 
-def _rim_flops(task: Task) -> float:
+def _rim_flops(task: FieldTask) -> float:
     """The two bands of a round stop's rim: between 45° and the axes a side is 0.71 long and 0.29 wide, in radii."""
     if not task.rim:
         return 0.0
@@ -212,37 +212,37 @@ def _rim_flops(task: Task) -> float:
     return gathering + 2 * _products(long, narrow, task.v.size, task.u.size)
 
 
-def _rim_nodes(task: Task) -> tuple[int, int]:
+def _rim_nodes(task: FieldTask) -> tuple[int, int]:
     highest = max(task.u[-1], task.v[-1])
     return node_count(0.71 * task.radius_um, highest), node_count(0.3 * task.radius_um, highest)
 
 
-def _grid_flops(task: Task) -> float:
+def _grid_flops(task: FieldTask) -> float:
     return _POINT_WORK * task.u.size * task.v.size
 
 
-def _parity_flops(task: Task) -> float:
+def _parity_flops(task: FieldTask) -> float:
     ny, nx = _intervals(task.y), _intervals(task.x)
     folding = _DOT_WORK * ny * nx
     return _products(ny / 2, nx / 2, task.v.size, task.u.size) + folding + _rim_flops(task) + _grid_flops(task)
 
 
-def _parity_memory(task: Task) -> float:
+def _parity_memory(task: FieldTask) -> float:
     ny, nx, nv, nu = _intervals(task.y), _intervals(task.x), task.v.size, task.u.size
     return _BYTES * (2 * ny * nx + 2 * (nx * nu + ny * nv) + 12 * nu * nv)
 
 
-def _direct_flops(task: Task) -> float:
+def _direct_flops(task: FieldTask) -> float:
     ny, nx, nv, nu = _intervals(task.y), _intervals(task.x), 2 * task.v.size, task.u.size
     return 8.0 * nv * nx * (ny + nu) + 100 * 8 * nv * (task.rim + nx * nu) * (task.rim > 0) + _grid_flops(task)
 
 
-def _direct_memory(task: Task) -> float:
+def _direct_memory(task: FieldTask) -> float:
     ny, nx, nv, nu = _intervals(task.y), _intervals(task.x), task.v.size, task.u.size
     return 2.0 * _BYTES * (ny * nx + 10 * (nx * nu + ny * nv) + 8 * nu * nv)
 
 
-def _cell_sources(task: Task) -> tuple[int, int]:
+def _cell_sources(task: FieldTask) -> tuple[int, int]:
     """Sources along y and x after every cell is reduced to its nodes."""
     return (
         task.y.cells * cell_nodes(task.y, float(task.v[-1])).count,
@@ -250,7 +250,7 @@ def _cell_sources(task: Task) -> tuple[int, int]:
     )
 
 
-def _structure_flops(task: Task) -> float:
+def _structure_flops(task: FieldTask) -> float:
     sources_y, sources_x = _cell_sources(task)
     per_cell_x, per_cell_y = sources_x / task.x.cells, sources_y / task.y.cells
     ny, nx = _intervals(task.y), _intervals(task.x)
@@ -261,13 +261,13 @@ def _structure_flops(task: Task) -> float:
     return reduction + passes + rim + products + _grid_flops(task)
 
 
-def _structure_memory(task: Task) -> float:
+def _structure_memory(task: FieldTask) -> float:
     sources_y, sources_x = _cell_sources(task)
     nv, nu = task.v.size, task.u.size
     return _BYTES * (3.0 * sources_x * sources_y + 2 * (sources_x * nu + sources_y * nv) + 12 * nu * nv)
 
 
-def _pruned_flops(task: Task) -> float:
+def _pruned_flops(task: FieldTask) -> float:
     along_x, along_y = transform_size(task.x, task.u), transform_size(task.y, task.v)
     # Off the axis the phases of half a step make the rows complex.
     rows = (2.5 if task.u[0] == 0 else 5.0) * _intervals(task.y) * along_x * log2(along_x)
@@ -275,7 +275,7 @@ def _pruned_flops(task: Task) -> float:
     return _TRANSFORM_FLOP * (rows + columns) + _rim_flops(task) + _grid_flops(task)
 
 
-def _pruned_memory(task: Task) -> float:
+def _pruned_memory(task: FieldTask) -> float:
     along_x, along_y = transform_size(task.x, task.u), transform_size(task.y, task.v)
     return _BYTES * (
         _intervals(task.y) * (_intervals(task.x) + along_x)

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import Camera, Psf
-from maskfab.optics.field.methods import Task, admissible, field
+from maskfab.optics.field.methods import FieldTask, admissible, field
 from maskfab.optics.field.parity import ParityField
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.image.leak import Leak
@@ -67,10 +67,12 @@ def point_psfs(
     """
     frequencies = [_frequencies(camera, wavelength, margin) for wavelength in camera.wavelengths_nm]
     widest = max(frequencies, key=lambda frequency: float(frequency[-1]))
-    tasks = [Task.of(pupil, frequency, frequency) for frequency in frequencies]
+    tasks = [FieldTask.of(pupil, frequency, frequency) for frequency in frequencies]
     # A step that suits a transform at one wavelength does not at another.
     path = next(
-        path for path in admissible(Task.of(pupil, widest, widest)) if all(path.refusal(task) is None for task in tasks)
+        path
+        for path in admissible(FieldTask.of(pupil, widest, widest))
+        if all(path.refusal(task) is None for task in tasks)
     )
     prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), precision)
     return [

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
 from maskfab.model import Camera
-from maskfab.optics.field.methods import PRUNED, Task, admissible, precise_enough
+from maskfab.optics.field.methods import PRUNED, FieldTask, admissible, precise_enough
 from maskfab.optics.field.parity import SampledField
 from maskfab.optics.field.waves import Reals
 from maskfab.optics.image.psf import cutoff, image_scale_um2
@@ -73,7 +73,9 @@ def _rays(pupil: Pupil, highest: float, slopes: Floats, target: float) -> tuple[
     sides = pupil.stop.sides_um
     farthest = max(sides) / math.sqrt(2) if pupil.stop.round else sum(sides) / 2
     # The step of a discrete transform suits one wavelength only.
-    path = next(path for path in admissible(Task.of(pupil, highest * slopes, highest * slopes)) if path is not PRUNED)
+    path = next(
+        path for path in admissible(FieldTask.of(pupil, highest * slopes, highest * slopes)) if path is not PRUNED
+    )
     precision, own = precise_enough([path], target)
     end = (beyond(farthest, highest, precision),) * 2
     sampled = SampledField.of(path.prepare(pupil, *end, precision).field, (reach[0], reach[1]), end, precision)

@@ -17,7 +17,7 @@ from math import log2
 from types import MappingProxyType
 
 from maskfab.model import Camera
-from maskfab.optics.field.methods import PATHS, FieldPath, Task
+from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask
 from maskfab.optics.field.waves import Precision
 from maskfab.optics.light.band_lines import BAND_SAFETY
 from maskfab.optics.pupil.pupil import Pupil
@@ -169,7 +169,7 @@ class CostModel:
     scene: Scene
     accuracy: float
     estimates: Estimates
-    tasks: Mapping[tuple[bool, bool, int], Task]
+    tasks: Mapping[tuple[bool, bool, int], FieldTask]
     lines: int
     steepest: float
 
@@ -273,7 +273,7 @@ class CostModel:
             rows.append(_row("saturation", True, Estimate(0.0, "clipped by the capture; the PSF stays as it is")))
         return tuple(rows)
 
-    def _task(self, choice: Choice) -> Task:
+    def _task(self, choice: Choice) -> FieldTask:
         return self.tasks[choice.grey_rim, choice.scale, choice.distortion]
 
     def _one(self, choice: Choice) -> tuple[float, float]:
@@ -328,7 +328,7 @@ class CostModel:
         width = self.camera.stop.diameter_um + 2 * guard + self.pupil.x.pitch_um
         return math.ceil(width / sample) + 4
 
-    def _gap_cost(self, choice: Choice, task: Task) -> tuple[float, float]:
+    def _gap_cost(self, choice: Choice, task: FieldTask) -> tuple[float, float]:
         count, sides = self._gap_samples(choice), 2 * task.u.size - 1
         across = count / choice.samples_per_dot
         middle = self.camera.stop.diameter_um / self.pupil.x.dot_um * choice.samples_per_dot

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel
-from maskfab.optics.field.methods import Task
+from maskfab.optics.field.methods import FieldTask
 from maskfab.optics.image.psf import odd_samples, pixel_margin, point_step_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
@@ -99,7 +99,7 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     for scale, (finer, reach) in itertools.product((False, True), reaches.items()):
         distance = image_distance_um(camera.focal_um, scene.focus_um if scale else math.inf)
         frequency = reach / (estimates.range_nm[0] * UM_PER_NM * distance)
-        exact = Task.of(pupil, frequency, frequency)
+        exact = FieldTask.of(pupil, frequency, frequency)
         tasks[False, scale, finer], tasks[True, scale, finer] = exact, replace(exact, rim=0)
     lines, steepest = len(camera.wavelengths_nm), _steepest(camera, scene, estimates.range_nm[0])
     return CostModel(pupil, sampled, scene, accuracy, estimates, tasks, lines, steepest)
@@ -212,7 +212,7 @@ def _fullness(priced: tuple[Choice, SceneCost]) -> tuple[float, ...]:
     return sum(asked) + (choice.distortion > 0), choice.places, choice.lines, -price.error, -price.seconds
 
 
-def document(die: str, found: Plan) -> dict[str, object]:
+def plan_document(die: str, found: Plan) -> dict[str, object]:
     """A die's plan as plain data for JSON: lengths in micrometres, times in seconds; null for an infinite distance."""
     choice, price = found.choice, found.price
     near = found.nearest_object_um

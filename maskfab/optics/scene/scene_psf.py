@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Psf
-from maskfab.optics.field.methods import PATHS, FieldPath, Prepared, Task, admissible
+from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask, Prepared, admissible
 from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.image.spectrum import Band
 from maskfab.optics.light.band_lines import band_lines
@@ -222,14 +222,14 @@ def _undistorted(
     for line in wavelengths_nm:
         scale = line * UM_PER_NM * distance
         frequency = reach / scale
-        path = _path(choice, Task.of(pupil, frequency, frequency))
+        path = _path(choice, FieldTask.of(pupil, frequency, frequency))
         if path.name not in ready:
             ready[path.name] = path.prepare(pupil, widest, widest, choice.precision)
         intensity = np.asarray(ready[path.name].field(frequency, frequency).intensity(), dtype=np.float64)
         yield Psf(intensity / (scale**2 * pupil.energy_um2), step, line, "point")
 
 
-def _path(choice: Choice, task: Task) -> FieldPath:
+def _path(choice: Choice, task: FieldTask) -> FieldPath:
     """The choice's path; if that refuses the task, the cheapest of those of its precision that give the same field.
 
     A path is chosen for the design at one line. What was read back may let light through between cells, and a step that

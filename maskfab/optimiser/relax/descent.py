@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import InternalError, JobError
 from maskfab.opening.clear_dots import closed
-from maskfab.optimiser.checkpoint import load, save
+from maskfab.optimiser.checkpoint import load_state, save_state
 from maskfab.optimiser.relax.objective import AreaPenalty, Objective
 from maskfab.optimiser.relax.tiled_stop import DTYPES, Precision
 
@@ -179,7 +179,7 @@ def descend(
     run = _Run(objective, penalty, how)
     key = run.key() if checkpoint is not None else ""
     if checkpoint is not None:
-        known = load(checkpoint, key)
+        known = load_state(checkpoint, key)
         if known is not None:
             run.restore(known)
     done = 0
@@ -195,9 +195,9 @@ def descend(
         if run.ended:
             run.next_start()
         if checkpoint is not None and (done % saved_every == 0 or run.start == how.starts):
-            save(checkpoint, key, run.state())
+            save_state(checkpoint, key, run.state())
     if checkpoint is not None and run.outcome is Outcome.INTERRUPTED:
-        save(checkpoint, key, run.state())
+        save_state(checkpoint, key, run.state())
     return run.found()
 
 

@@ -125,7 +125,7 @@ def crosses(dots: int, clear_dots: int) -> Iterator[Candidate]:
         yield from _everywhere(f"cross {height}x{width} of {thickness}", _trimmed(shape, clear_dots), dots)
 
 
-def blobs(
+def scattered_blobs(
     dots: int, clear_dots: int, *, count: int = 2, seed: int = 0, most: int = _SETS_OF_BLOBS
 ) -> Iterator[Candidate]:
     """Several bars of equal count, none touching another, at places drawn by chance.
@@ -179,7 +179,7 @@ FAMILIES: dict[str, Callable[[int, int], Iterator[Candidate]]] = {
     "discs": discs,
     "l_shapes": l_shapes,
     "crosses": crosses,
-    "blobs": blobs,
+    "blobs": scattered_blobs,
 }
 """By the names that a job gives them."""
 

@@ -20,7 +20,7 @@ from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import cut_triples, guillotine, shaved
 from maskfab.display.emitters.squares import Squares
 from maskfab.model import Emitters, Opening, Tiling
-from maskfab.opening.openings import parse
+from maskfab.opening.openings import parse_opening
 from maskfab.optics.numbers.centroid import luminance_centroid
 from maskfab.plate.tiling import orientations
 from maskfab.resources import path
@@ -34,7 +34,7 @@ def slit() -> Opening:
 
 
 def fitted() -> Opening:
-    return parse(path("layouts/openings/toled.toml").read_text(encoding="utf-8"))
+    return parse_opening(path("layouts/openings/toled.toml").read_text(encoding="utf-8"))
 
 
 def offset(emitters: Emitters, pitch_nm: int) -> float:

@@ -17,7 +17,7 @@ from maskfab.display.emitters.free_area import EVERY, free_region
 from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.errors import JobError
 from maskfab.model import Opening, orient
-from maskfab.opening.openings import parse
+from maskfab.opening.openings import parse_opening
 from maskfab.resources import path
 
 DOT, GUTTER = 8000, 8000
@@ -30,7 +30,7 @@ def slit():
 
 
 def fitted():
-    return parse(path("layouts/openings/toled.toml").read_text(encoding="utf-8"))
+    return parse_opening(path("layouts/openings/toled.toml").read_text(encoding="utf-8"))
 
 
 def rules(to_opening=0, gap=1, width=2, **more):

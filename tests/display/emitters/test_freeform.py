@@ -15,7 +15,7 @@ from maskfab.display.emitters.freeform import guillotine, polish
 from maskfab.display.emitters.rectangles import three_rectangles
 from maskfab.display.emitters.squares import Squares
 from maskfab.model import orient
-from maskfab.opening.openings import parse
+from maskfab.opening.openings import parse_opening
 from maskfab.resources import path
 
 
@@ -182,7 +182,7 @@ def test_the_slit_that_covers_5_of_21_dots(to_opening, gap, margin, width, dots)
     ("to_opening", "gap", "margin", "width", "dots"), [(0, 1, 0, 2, 96), (1, 1, 0, 2, 83), (0, 2, 1, 3, 71)]
 )
 def test_the_fitted_slit(to_opening, gap, margin, width, dots):
-    mask = parse(path("layouts/openings/toled.toml").read_text(encoding="utf-8")).mask
+    mask = parse_opening(path("layouts/openings/toled.toml").read_text(encoding="utf-8")).mask
     grid = cells(21, width, gap, to_opening=to_opening, gutter=1)
     region = free_region(mask, grid, margin=margin)
     assert polish(region, grid, ALIKE)[0] >= dots

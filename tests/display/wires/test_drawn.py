@@ -15,7 +15,7 @@ from maskfab.display.wires.wiring import WireDemand, wiring
 from maskfab.geometry.plate_layout import simple_polygon
 from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import CLEAR, WIRES, Layer, Opening, Panel, Tiling
-from maskfab.opening.openings import load
+from maskfab.opening.openings import load_opening
 from maskfab.plate.tiling import orientations
 
 RULES = WireRules(2000, 2000, 1000)
@@ -76,7 +76,7 @@ def test_lines_round_an_opening_meet_in_every_tiling(tiling: Tiling, lines: int)
 
 @pytest.mark.parametrize("name", ["paper_inv_periodic", "poled", "diamond"])
 def test_shipped_openings_in_random_tilings(name: str) -> None:
-    opening = load(OPENINGS / f"{name}.toml")
+    opening = load_opening(OPENINGS / f"{name}.toml")
     bare = panel(opening, Tiling.RANDOM, dot_nm=opening.dot_nm)
     found = wiring(bare, opening, WireDemand(RULES, 4))
     if min(found.through):

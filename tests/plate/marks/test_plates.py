@@ -16,7 +16,7 @@ from maskfab.comparison.roundtrip import roundtrip
 from maskfab.errors import JobError
 from maskfab.export.gds import write_gdsii
 from maskfab.geometry.plate_layout import coverage, plate_layout, region
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.model import CLEAR, Plate
 from maskfab.plate.marks.clearances import check_clearances
 from maskfab.plate.marks.data_matrix import modules
@@ -29,12 +29,12 @@ SIDES = 'blank = "27 mm"\nwritable = "22 mm"\n'
 
 
 def job_of(folder, name: str = "5in", *edits: tuple[str, str]):
-    return load(write_job(folder, (SIDES, f'template = "{name}"\n'), *edits))
+    return load_job(write_job(folder, (SIDES, f'template = "{name}"\n'), *edits))
 
 
 def refused(folder, *edits: tuple[str, str]) -> JobError:
     with pytest.raises(JobError) as caught:
-        load(write_job(folder, *edits)).plate()
+        load_job(write_job(folder, *edits)).plate()
     return caught.value
 
 
@@ -137,7 +137,7 @@ def test_a_mirrored_plate_is_told_by_its_parity_mark(plate, tmp_path):
 
 
 def test_a_job_may_say_again_what_its_template_says(job, tmp_path):
-    again = load(write_job(tmp_path, (SIDES, 'template = "5in"\nblank = "127 mm"\nwritable = "100000 um"\n')))
+    again = load_job(write_job(tmp_path, (SIDES, 'template = "5in"\nblank = "127 mm"\nwritable = "100000 um"\n')))
     stated, bare = again.plate(), job.plate()
     assert (stated.blank_nm, stated.writable_nm) == (bare.blank_nm, bare.writable_nm)
     assert [each.name for each in stated.furniture] == [each.name for each in bare.furniture]
@@ -233,7 +233,7 @@ def test_templates_state_where_their_numbers_come_from():
 
 
 def test_a_plate_without_a_template_has_the_marks_that_it_always_had(tmp_path):
-    plate = load(write_job(tmp_path)).plate()
+    plate = load_job(write_job(tmp_path)).plate()
     assert [each.name for each in plate.furniture] == [
         "TITLE", "LABEL_PLAIN", "LABEL_TURNED", "FIDUCIAL_SW", "FIDUCIAL_SE", "FIDUCIAL_NW", "FIDUCIAL_NE", "PARITY",
         "CD_X_1X", "CD_Y_1X", "CD_X_2X", "CD_Y_2X", "CD_X_5X", "CD_Y_5X", "OUTLINE_BLANK", "OUTLINE_WRITABLE",
