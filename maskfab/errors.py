@@ -53,6 +53,8 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF134": "Photographs need a camera of three wavelengths.",
         "MF135": "The dots are too coarse or too fine for photographs with this camera.",
         "MF136": "Too few cells cover the lens stop for the mean over random layouts to represent one of them.",
+        "MF140": "A sensor's numbers contradict each other, or its mosaic does not fill the picture.",
+        "MF141": "A light level has no light, or white overflows the sensor's full well.",
         "MF201": "The rows of an opening's grid differ in length or number.",
         "MF202": "An opening has values other than clear and opaque.",
         "MF203": "An opening has no clear dot.",

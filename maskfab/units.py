@@ -31,7 +31,7 @@ _QUANTITY = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?))\s*(\S*)\s*", re.IGNORECASE
 )
 
-_SECONDS: Mapping[str, float] = MappingProxyType({"s": 1.0, "min": 60.0, "h": 3600.0})
+_SECONDS: Mapping[str, float] = MappingProxyType({"us": 1e-6, "ms": 1e-3, "s": 1.0, "min": 60.0, "h": 3600.0})
 _TIME = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf)\s*([a-z]*)\s*", re.IGNORECASE)
 
 
@@ -89,7 +89,7 @@ def parse_wavelength_nm(text: object, *, where: str = "") -> float:
 
 
 def parse_time_s(text: object, *, where: str = "") -> float:
-    """Seconds of a time written with its unit, s, min or h.
+    """Seconds of a time written with its unit, us, ms, s, min or h.
 
     Raises:
         JobError: MF103 if there is no unit or it is no unit of time; MF104 if the time is not finite and positive.

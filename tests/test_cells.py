@@ -3,7 +3,7 @@ import torch
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.camera.restore import prior, wiener
+from maskfab.camera.restorers.wiener import prior, wiener
 from maskfab.model import ORIENTATIONS, orient, side_by_side, split_cells, unit_dots
 from maskfab.optics.numbers.wiener import restoration_gain, wiener_filter
 from maskfab.optimiser.model.layout_error import wiener_tensor

@@ -101,7 +101,7 @@ def test_photographs_are_taken_by_the_jobs_camera_and_by_f1s_where_that_is_asked
     by = {name: told(capsys, "simulate", folder / f"{name}.toml", *images) for name in ("phone", "fast")}
     psnr = {name: [score["psnr"] for score in found["scores"]] for name, found in by.items()}
     assert min(abs(np.subtract(psnr["phone"], psnr["fast"]))) > 0.1
-    assert by["phone"]["protocol"] is None
+    assert by["phone"]["protocol"] == "camera"
     assert by["phone"]["camera"] == camera_line(load_job(folder / "phone.toml").camera)
 
 

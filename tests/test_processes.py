@@ -16,7 +16,7 @@ from shared_tasks import after, counted
 from small_job import write_job
 
 from maskfab import pipeline
-from maskfab.camera.capture import gain
+from maskfab.camera.transfer import lattice
 from maskfab.errors import InternalError, JobError
 from maskfab.job import load_job
 from maskfab.processes import Alone, Pair, Task
@@ -72,8 +72,8 @@ def test_a_result_can_be_asked_for_again_and_is_not_made_again(pair):
 
 def test_a_coded_error_is_the_same_from_either_process(pair):
     with pytest.raises(JobError) as here:
-        Alone().submit(gain, given(25, 0.5)).result()
-    task = done_there(pair.submit(gain, given(25, 0.5)))
+        Alone().submit(lattice, given(0)).result()
+    task = done_there(pair.submit(lattice, given(0)))
     for _ in range(2):
         with pytest.raises(JobError) as there:
             task.result()
@@ -82,7 +82,7 @@ def test_a_coded_error_is_the_same_from_either_process(pair):
 
 def test_the_first_error_in_order_is_told_though_another_comes_sooner(pair):
     calls: list[tuple[Callable[..., Any], Any]] = [
-        (after, given(0.3, 0)), (math.sqrt, given(-1.0)), (after, given(0.0, 2)), (gain, given(25, 0.5)),
+        (after, given(0.3, 0)), (math.sqrt, given(-1.0)), (after, given(0.0, 2)), (lattice, given(0)),
     ]  # fmt: skip
     for crew in (pair, Alone()):
         with pytest.raises(ValueError, match="math domain error"):

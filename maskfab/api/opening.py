@@ -128,7 +128,7 @@ class Opening(model.Opening):
             self,
             count,
             PhotoCamera.of((camera or F1).model),
-            scenes.bundled() if images is None else folder(Path(images)),
+            scenes.bundled() if images is None else folder(Path(images)).photographs,
             f"maskfab.Opening.reduced({count}, tiling={tiling!r}{stated})",
             periodic=tiling == "periodic",
             progress=progress,

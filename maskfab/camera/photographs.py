@@ -1,14 +1,18 @@
-"""Photographs as protocol F1 takes them: code values over the largest one, the middle of the picture.
+"""Photographs as scenes: code values, the light that they stand for, and the middle of the picture.
 
 A scene is the middle of a picture, at most 1024 x 1536 (1536 x 1024 of an upright one), its sides cut to multiples of
-64 so that transforms are fast; pictures are never scaled. A grey one has three equal channels. Alpha is left out.
+64 so that transforms are fast; pictures are never scaled. A grey one has three equal channels.
+
+Integers are sRGB code values, whose light follows by the sRGB curve. Floats (EXR, HDR) are light, and have code values
+by the same curve; above white they are refused unless the light that is white is stated, as nobody can know it.
 """
 
 from __future__ import annotations
 
 import os
 import zlib
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 
@@ -18,43 +22,76 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.eye.picture import read_picture
+from maskfab.optics.numbers.colour import code_of_light, light_of_code
 
 SHORT, LONG = 1024, 1536
 SMALLEST = 832
 _STEP = 64
-_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp")
+_SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr", ".hdr")
+
+Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """A scene for the protocol.
+    """A scene for a protocol.
 
     Attributes:
         name: in tables.
         number: seeds its noise.
-        values: float32 [3, rows, columns] within 0 to 1.
+        values: float32 [3, rows, columns], code values within 0 to 1.
+        measured: its light in units of white where a file holds that rather than code values, else None; highlights
+            are above 1.
     """
 
     name: str
     number: int
-    values: NDArray[np.float32]
+    values: Singles
+    measured: Singles | None = field(default=None)
 
     @cached_property
     def spectrum(self) -> NDArray[np.complex64]:
         """``rfft2`` of the values, [3, rows, columns / 2 + 1]; kept, for every design is seen through it."""
         return np.asarray(scipy.fft.rfft2(self.values, axes=(1, 2), workers=1))
 
+    @property
+    def light(self) -> Singles:
+        """Linear light, float32 [3, rows, columns], white is 1."""
+        return light_of_code(self.values) if self.measured is None else self.measured
 
-def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> Photograph:
-    """Cut a picture [rows, columns] or [rows, columns, 1, 2, 3 or 4] to a scene.
+    @cached_property
+    def light_spectrum(self) -> NDArray[np.complex64]:
+        """``rfft2`` of the light; kept likewise."""
+        return np.asarray(scipy.fft.rfft2(self.light, axes=(1, 2), workers=1))
+
+
+@dataclass(frozen=True, eq=False)
+class Folder:
+    """Photographs of a folder, and files beside them.
+
+    Attributes:
+        photographs: by name.
+        skipped: names of files that are no pictures by their suffix; hidden ones are not counted.
+    """
+
+    photographs: tuple[Photograph, ...]
+    skipped: tuple[str, ...]
+
+
+def scene(
+    name: str, values: Singles, number: int | None = None, *, coded: bool = True, white: float = 1.0
+) -> Photograph:
+    """Cut a picture [rows, columns] or [rows, columns, 1 or 3] to a scene.
 
     Args:
         name: in tables; its digits, if it has no other characters, are the number.
-        values: within 0 to 1.
+        values: code values within 0 to 1, or light.
         number: seeds the noise; None takes it from the name.
+        coded: whether they are code values.
+        white: light that is white; more of it is a highlight.
 
     Raises:
-        JobError: MF121 if it is too small, or not within 0 to 1.
+        JobError: MF121 if it is too small, not within 0 to 1, or negative or not finite light.
     """
     picture = np.asarray(values, dtype=np.float32)
     picture = picture[:, :, None] if picture.ndim == 2 else picture
@@ -66,10 +103,7 @@ def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> 
             where=name,
             cure=f"Give a photograph of {LONG} x {SHORT} or more",
         )
-    if not (np.isfinite(picture).all() and picture.min() >= 0 and picture.max() <= 1):
-        raise JobError(
-            "MF121", "the picture's values are not within 0 to 1", where=name, cure="Scale the picture to 0 to 1"
-        )
+    _require_light(name, picture, coded=coded, white=white)
     most = (SHORT, LONG) if columns >= rows else (LONG, SHORT)
     sides = [min(have, limit) // _STEP * _STEP for have, limit in zip((rows, columns), most, strict=True)]
     top, left = (rows - sides[0]) // 2, (columns - sides[1]) // 2
@@ -77,18 +111,73 @@ def scene(name: str, values: NDArray[np.float32], number: int | None = None) -> 
     colours = middle[:, :, :3] if picture.shape[2] >= 3 else np.repeat(middle[:, :, :1], 3, axis=2)
     if number is None:
         number = int(name) if name.isdecimal() else zlib.crc32(name.encode()) % 1_000_000
-    return Photograph(name, number, np.ascontiguousarray(colours.transpose(2, 0, 1)))
+    planes = np.ascontiguousarray(colours.transpose(2, 0, 1))
+    if coded:
+        return Photograph(name, number, planes)
+    planes = planes / np.float32(white)
+    return Photograph(name, number, code_of_light(planes), planes)
 
 
-def folder(path: str | Path) -> tuple[Photograph, ...]:
+def _require_light(name: str, picture: Singles, *, coded: bool, white: float) -> None:
+    if not (np.isfinite(white) and white > 0):
+        raise JobError("MF121", f"light of {white:g} is not white", where=name, cure="Give a number above 0")
+    low, high = (float(picture.min()), float(picture.max())) if np.isfinite(picture).all() else (np.nan, np.nan)
+    if coded and not (low >= 0 and high <= 1):
+        raise JobError(
+            "MF121", "the picture's values are not within 0 to 1", where=name, cure="Scale the picture to 0 to 1"
+        )
+    if not (low >= 0 and np.isfinite(high)):
+        raise JobError(
+            "MF121",
+            "the picture's light is negative or not finite in places",
+            where=name,
+            cure="Replace NaN, infinite and negative values by light of 0 or more",
+        )
+    if high > white and white == 1.0 and not coded:
+        raise JobError(
+            "MF121",
+            f"the picture holds light up to {high:.4g}, above white",
+            where=name,
+            cure=f"State the light that is white, such as --white {high:.3g}",
+        )
+
+
+def folder(path: str | Path, white: float = 1.0) -> Folder:
     """Every photograph of a folder, by name.
 
+    Args:
+        path: of the folder.
+        white: light that is white in pictures of light.
+
     Raises:
-        SourceError: MF301 without a folder or a photograph in it, and as :func:`maskfab.eye.picture.read_picture`.
-        JobError: MF121 for one that is too small or holds linear light.
+        SourceError: MF301 if there is no folder or no photograph in it, and as :func:`maskfab.eye.picture.read_picture`.
+        JobError: MF121 as :func:`scene`, and for a picture that is transparent in places.
     """
     where = Path(path)
-    files = sorted(p for p in where.iterdir() if p.suffix.lower() in _SUFFIXES) if os.path.isdir(where) else []
+    there = sorted(each for each in where.iterdir() if each.name[0] != ".") if os.path.isdir(where) else []
+    files = [each for each in there if each.suffix.lower() in _SUFFIXES]
     if not files:
-        raise SourceError("MF301", f"there are no photographs in {where}", cure="Give a folder of PNG or JPEG files")
-    return tuple(scene(file.stem, read_picture(file).values) for file in files)
+        raise SourceError(
+            "MF301", f"there are no photographs in {where}", cure=f"Give a folder of {_listed(_SUFFIXES)} files"
+        )
+    skipped = tuple(each.name for each in there if each not in files)
+    return Folder(tuple(_of_file(each, white) for each in files), skipped)
+
+
+def _of_file(file: Path, white: float) -> Photograph:
+    picture = read_picture(file)
+    values = picture.values
+    if values.shape[2] in (2, 4):
+        if values[:, :, -1].min() < 1:
+            raise JobError(
+                "MF121",
+                "the picture is transparent in places, and what lies behind it is not known",
+                where=str(file),
+                cure="Save it without transparency",
+            )
+        values = values[:, :, :-1]
+    return scene(file.stem, values, coded=picture.coded, white=white)
+
+
+def _listed(suffixes: Iterable[str]) -> str:
+    return ", ".join(each[1:].upper() for each in suffixes)

@@ -1,8 +1,11 @@
-r"""Protocol F1: how good photographs are behind a design, compared fairly with another.
+r"""Protocols: photographs behind designs, taken and scored so that designs compare fairly; the first of them is F1.
 
 Every design sees the same scenes with light from outside the sensor, in real colours and noise for the light it lets
 through, and is restored by the same filter, whose one constant ε is chosen for the design and the level on scenes kept
-for that. No denoiser. Gains are paired, scene by scene.
+for that. Gains are paired, scene by scene.
+
+Protocol F1 is one camera and one sensor, and takes code values for light. Protocol ``camera`` is the job's own: light
+is linear, and a restored picture is coded again before it is scored.
 
 Notes:
     Much of a difference between designs is made at the picture's edge, by halo that crosses it. Quote the inner frame,
@@ -16,221 +19,233 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import cache, cached_property
+from functools import cache
+from typing import Protocol as Interface
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.capture import ELECTRONS, capture, gain
+from maskfab.camera.exposure import F1_SENSOR, Exposure
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.quality import Truth, inner, psnr, truth
-from maskfab.camera.restore import Margin, prior, restore, spectral_error, wiener
-from maskfab.camera.transfer import Laid, transfer_grid
+from maskfab.camera.record import Record
+from maskfab.camera.restorers.restorer import Blur, Restorer, Transfer
+from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_error
+from maskfab.camera.scores import Score, ScoreTable
+from maskfab.camera.sensor import Sensor
 from maskfab.errors import JobError
+from maskfab.optics.numbers.colour import code_of_light
+
+Singles = NDArray[np.float32]
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 TRIM = 64
 """Pixels left out at each edge of the inner frame."""
 LEVELS = (24, 32, 40)
-_GREEN = slice(1, 2)
 ASSUMED = "an opaque film and no glass, whatever the job says of its plate"
 """Assumptions of the photographs."""
+WIENER = (Wiener(),)
+_GREEN = slice(1, 2)
 
 
 @dataclass(frozen=True)
-class Score:
-    """One design, level and scene: PSNR in dB and SSIM of the whole frame and of the inner one, and the ε used.
+class Protocol:
+    """A way to take photographs and to score them.
 
-    SSIM is NaN where nobody asked for it.
+    Attributes:
+        name: in tables.
+        sensor: that records them.
+        linear: scenes are linear light, and restored pictures are coded again before they are scored; otherwise code
+            values are taken for light, as much of the literature does.
+        whole: electrons of white behind the published display are rounded.
     """
 
-    design: str
-    level_db: int
-    scene: str
-    epsilon: float
-    psnr: float
-    ssim: float
-    psnr_inner: float
-    ssim_inner: float
+    name: str
+    sensor: Sensor = F1_SENSOR
+    linear: bool = True
+    whole: bool = False
 
-
-@dataclass(frozen=True)
-class Gain:
-    """Mean gain of a design over another at one level, with its standard error (NaN for a single scene)."""
-
-    design: str
-    level_db: int
-    psnr: float
-    psnr_error: float
-    psnr_inner: float
-    psnr_inner_error: float
-    ssim: float
-    ssim_error: float
-
-
-@dataclass(frozen=True)
-class ScoreTable:
-    """All scores, by design, level and scene."""
-
-    scores: tuple[Score, ...]
-
-    def gains(self, reference: str) -> tuple[Gain, ...]:
-        """Paired gains of every other design over the reference.
+    def exposure(self, level_db: float) -> Exposure:
+        """Light of a level.
 
         Raises:
-            JobError: MF105 if there is no such design.
+            JobError: MF141 for no light, or for more than a full well.
         """
-        by = {(s.design, s.level_db, s.scene): s for s in self.scores}
-        if not any(s.design == reference for s in self.scores):
-            raise JobError(
-                "MF105",
-                f"no design is called {reference}",
-                where="reference",
-                cure="Give as reference the name of one of the designs",
-            )
-        found = []
-        for design, level in dict.fromkeys((s.design, s.level_db) for s in self.scores if s.design != reference):
-            pairs = [
-                (s, by[reference, level, s.scene]) for s in self.scores if (s.design, s.level_db) == (design, level)
-            ]
-            whole = _mean_and_error([a.psnr - b.psnr for a, b in pairs])
-            middle = _mean_and_error([a.psnr_inner - b.psnr_inner for a, b in pairs])
-            likeness = _mean_and_error([a.ssim - b.ssim for a, b in pairs])
-            found.append(Gain(design, level, *whole, *middle, *likeness))
-        return tuple(found)
+        return Exposure.at(level_db, self.sensor, whole=self.whole)
+
+    def photograph(self, design: Design, known: SensorScene, level_db: float) -> Record:
+        """One scene through one design, in noise of its own: the same for every design at a level."""
+        light = self.exposure(level_db)
+        blurred = known.margin.blurred(known.spectrum(linear=self.linear), design.on(known.margin.shape))
+        seed = 1000 * known.scene.number + round(light.electrons)
+        return self.sensor.record(blurred, light.behind(design.transmission), seed)
+
+    def shown(self, light: Singles) -> Singles:
+        """Code values of a restored picture."""
+        return code_of_light(light) if self.linear else light
+
+
+F1 = Protocol("f1", linear=False, whole=True)
+
+
+class Design(Blur, Interface):
+    """A panel that lets light through to the sensor; a :class:`maskfab.camera.transfer.Laid` is one."""
+
+    @property
+    def name(self) -> str:
+        """In tables."""
+
+    @property
+    def transmission(self) -> float:
+        """Share of the stop's light that passes."""
+
+
+@dataclass(frozen=True, eq=False)
+class SensorScene:
+    """A scene, and its part on the sensor."""
+
+    scene: Photograph
+    margin: Margin
+    true: Singles
+
+    @classmethod
+    def of(cls, scene: Photograph) -> SensorScene:
+        """The sensor lies in the middle."""
+        rows, columns = scene.values.shape[1:]
+        margin = Margin((rows, columns))
+        return cls(scene, margin, margin.sensor(scene.values))
+
+    def spectrum(self, *, linear: bool) -> NDArray[np.complex64]:
+        """Of light, or of code values taken for light."""
+        return self.scene.light_spectrum if linear else self.scene.spectrum
 
 
 def evaluate(
-    designs: Sequence[Laid],
+    designs: Sequence[Design],
     test: Sequence[Photograph],
     tuning: Sequence[Photograph],
-    levels: Sequence[int] = LEVELS,
+    levels: Sequence[float] = LEVELS,
     *,
+    protocol: Protocol = F1,
+    restorers: Sequence[Restorer] = WIENER,
     ssim: bool = True,
-    show: Callable[[Score, NDArray[np.float32]], None] | None = None,
+    show: Callable[[Score, Singles], None] | None = None,
 ) -> ScoreTable:
-    """Score every design on every test scene at every level.
+    """Score every design on every test scene at every level, restored in every way.
 
     Args:
         designs: with names of their own.
         test: scenes to score on.
         tuning: scenes to choose ε on; they may be test scenes, though that flatters by a few hundredths of a decibel.
-        levels: signal-to-noise ratios of the published camera, dB; keys of :data:`maskfab.camera.capture.ELECTRONS`.
+        levels: signal-to-noise ratios of white behind the published display, dB.
+        protocol: how photographs are taken.
+        restorers: of names of their own.
         ssim: score that too, which takes a third of the time.
         show: given every score with its restored picture, float32 [3, rows, columns] of the sensor, row 0 on top.
 
     Raises:
-        JobError: MF105 without designs, levels or scenes, or for two of one name; MF104 for other levels, or a closed
-            design; MF134 behind a camera of other than three wavelengths.
+        JobError: MF105 without designs, levels, scenes or restorers, or for two of one name; MF104 for a closed design;
+            MF141 for a level without light, or above a full well; MF134 behind a camera of other than three
+            wavelengths.
     """
     for what, names in (
         ("designs", [d.name for d in designs]),
         ("test scenes", [s.name for s in test]),
         ("tuning scenes", [s.name for s in tuning]),
-        ("levels", list(map(str, levels))),
+        ("levels", [f"{level:g}" for level in levels]),
+        ("restorers", [r.name for r in restorers]),
     ):
         if not names or len(set(names)) < len(names):
             problem = "some have one name" if names else "there are none"
             raise JobError("MF105", f"{what}: {problem}", where=what, cure="Give each once, with a name of its own")
     for level in levels:
-        gain(level, 1.0)
+        protocol.exposure(level)
     for design in designs:
         _require_light(design)
-        _ = design.lattice.camera.colours_nm
-    prepared = {id(s): _prepare(s) for s in (*tuning, *test)}
+    prepared = {id(s): SensorScene.of(s) for s in (*tuning, *test)}
     likenesses = {id(s): truth(prepared[id(s)].true) for s in test} if ssim else {}
     scores: list[Score] = []
     for design in designs:
-        seen = _Design(design, {p.margin.shape for p in prepared.values()})
-        start = len(EPSILONS) // 2
+        seen = _Kept(design)
         for level in sorted(levels):
-            records = {id(s): seen.record(prepared[id(s)], level) for s in tuning}
-            chosen, pictures = _best(seen, [(prepared[k], r) for k, r in records.items()], start)
-            tuned, start = dict(zip(records, pictures, strict=True)), chosen
-            for s in test:
-                known = prepared[id(s)]
-                restored = tuned.get(id(s))
-                if restored is None:
-                    restored = seen.restored(known, seen.record(known, level), EPSILONS[chosen])
-                like = likenesses.get(id(s))
-                scores.append(_score(seen.laid.name, known, restored, level, EPSILONS[chosen], like))
-                if show is not None:
-                    show(scores[-1], restored)
+            records = {key: protocol.photograph(seen, known, level) for key, known in prepared.items()}
+            start = _estimated(protocol, seen, [(prepared[id(s)], records[id(s)]) for s in tuning])
+            for restorer in restorers:
+                learn = [(prepared[id(s)], restorer.prepare(records[id(s)], seen)) for s in tuning]
+                chosen, pictures = _best(protocol, learn, start)
+                tuned = dict(zip(map(id, tuning), pictures, strict=True))
+                for s in test:
+                    known = prepared[id(s)]
+                    restored = tuned.get(id(s))
+                    if restored is None:
+                        restored = protocol.shown(restorer.prepare(records[id(s)], seen)(EPSILONS[chosen]))
+                    like = likenesses.get(id(s))
+                    scores.append(score(seen.name, known, restored, level, EPSILONS[chosen], restorer.name, like))
+                    if show is not None:
+                        show(scores[-1], restored)
     return ScoreTable(tuple(scores))
 
 
-@dataclass(frozen=True, eq=False)
-class _Prepared:
-    """A scene, and its part on the sensor."""
-
-    scene: Photograph
-    margin: Margin
-    true: NDArray[np.float32]
-
-    @cached_property
-    def green(self) -> NDArray[np.complex64]:
-        """Spectrum of the true green picture, mirrored as a record is; [1, rows, half]."""
-        return self.margin.mirrored(self.true[_GREEN])
-
-
-def _prepare(scene: Photograph) -> _Prepared:
-    rows, columns = scene.values.shape[1:]
-    margin = Margin((rows, columns))
-    return _Prepared(scene, margin, margin.sensor(scene.values))
-
-
-def _require_light(design: Laid) -> None:
+def _require_light(design: Design) -> None:
     """Refuse what passes nothing, before any photograph is looked at."""
-    if not 0 < design.open_share <= 1:
+    if not 0 < design.transmission <= 1:
         raise JobError(
             "MF104",
-            f"the design passes {design.open_share:g} of the stop's light; it must be above 0 and at most 1",
+            f"the design passes {design.transmission:g} of the stop's light; it must be above 0 and at most 1",
             where=design.name,
             cure="Open some dots inside the stop",
         )
 
 
-class _Design:
-    """A design with its H for every size of scene."""
+class _Kept:
+    """A design whose transfer is computed once for every size of picture."""
 
-    def __init__(self, laid: Laid, shapes: set[tuple[int, int]]) -> None:
-        self.laid = laid
-        self.transfer = {shape: transfer_grid(shape, laid.lattice)(laid.pupil) for shape in shapes}
-        self.prior = {shape: prior(shape) for shape in shapes}
+    def __init__(self, design: Design) -> None:
+        self.name, self.transmission = design.name, design.transmission
+        self._design = design
+        self._transfers: dict[tuple[int, int], Transfer] = {}
 
-    def record(self, known: _Prepared, level: int) -> NDArray[np.complex64]:
-        electrons = gain(level, self.laid.open_share)
-        blurred = known.margin.blurred(known.scene.spectrum, self.transfer[known.margin.shape])
-        return known.margin.mirrored(capture(blurred, electrons, 1000 * known.scene.number + ELECTRONS[level]))
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """See :class:`maskfab.camera.restorers.restorer.Blur`."""
+        if shape not in self._transfers:
+            self._transfers[shape] = self._design.on(shape)
+        return self._transfers[shape]
 
-    def restored(self, known: _Prepared, record: NDArray[np.complex64], epsilon: float) -> NDArray[np.float32]:
-        shape = known.margin.shape
-        return restore(record, wiener(self.transfer[shape], self.prior[shape], epsilon), known.margin)
 
-    def missed(self, known: _Prepared, record: NDArray[np.complex64], epsilon: float) -> float:
-        """Squared error of the green picture with its mirrored margin, nothing clipped, in a unit of its own."""
-        shape = known.margin.shape
-        return spectral_error(record[_GREEN], known.green, self.transfer[shape][_GREEN], epsilon * self.prior[shape])
+def _estimated(protocol: Protocol, design: Design, taken: Sequence[tuple[SensorScene, Record]]) -> int:
+    """Place of the ε that is best for green light behind the Wiener filter, its mirrored margin included, unclipped."""
+    seen = []
+    for known, record in taken:
+        margin = known.margin
+        true = known.true if not protocol.linear else margin.sensor(known.scene.light)
+        green = margin.mirrored(record.values[_GREEN]), margin.mirrored(true[_GREEN])
+        seen.append((*green, design.on(margin.shape)[_GREEN], prior(margin.shape)))
+
+    def estimate(k: int) -> float:
+        ratio = np.float32(EPSILONS[k])
+        return -sum(
+            math.log(spectral_error(record, true, transfer, ratio * inverse))
+            for record, true, transfer, inverse in seen
+        )
+
+    return _climb(estimate, len(EPSILONS) // 2)
 
 
 def _best(
-    seen: _Design, records: list[tuple[_Prepared, NDArray[np.complex64]]], start: int
-) -> tuple[int, list[NDArray[np.float32]]]:
-    """Place of the best ε, looked for from where an estimate that takes no pictures peaks; and what it restores."""
-    pictures: dict[int, list[NDArray[np.float32]]] = {}
-
-    def estimate(k: int) -> float:
-        return -sum(math.log(seen.missed(p, r, EPSILONS[k])) for p, r in records)
+    protocol: Protocol, learn: Sequence[tuple[SensorScene, Callable[[float], Singles]]], start: int
+) -> tuple[int, list[Singles]]:
+    """Place of the best ε, looked for from ``start``, and the pictures that it restores."""
+    pictures: dict[int, list[Singles]] = {}
 
     def mean(k: int) -> float:
         # Those of three neighbours are all that a climb can still ask for.
         for passed in [j for j in pictures if abs(j - k) > 2]:
             del pictures[passed]
-        pictures[k] = [seen.restored(p, r, EPSILONS[k]) for p, r in records]
-        each = [psnr(picture, p.true) for picture, (p, _) in zip(pictures[k], records, strict=True)]
+        pictures[k] = [protocol.shown(restore(EPSILONS[k])) for _, restore in learn]
+        each = [psnr(picture, known.true) for picture, (known, _) in zip(pictures[k], learn, strict=True)]
         return sum(each) / len(each)
 
-    best = _climb(mean, _climb(estimate, start))
+    best = _climb(mean, start)
     return best, pictures[best]
 
 
@@ -244,9 +259,16 @@ def _climb(height: Callable[[int], float], start: int) -> int:
     return best
 
 
-def _score(
-    name: str, known: _Prepared, restored: NDArray[np.float32], level: int, epsilon: float, like: Truth | None
+def score(
+    name: str,
+    known: SensorScene,
+    restored: Singles,
+    level_db: float,
+    epsilon: float,
+    restorer: str,
+    like: Truth | None,
 ) -> Score:
+    """A restored picture, in code values, against the truth; SSIM where ``like`` is given."""
     true, whole, middle = known.true, math.nan, math.nan
     if like is not None:
         likeness = like.ssim(restored)
@@ -254,18 +276,12 @@ def _score(
         middle = float(inner(likeness, TRIM - 5).mean(dtype=np.float64))
     return Score(
         name,
-        level,
+        level_db,
         known.scene.name,
         epsilon,
         psnr(restored, true),
         whole,
         psnr(inner(restored, TRIM), inner(true, TRIM)),
         middle,
+        restorer,
     )
-
-
-def _mean_and_error(values: list[float]) -> tuple[float, float]:
-    mean = sum(values) / len(values)
-    if len(values) < 2:
-        return mean, math.nan
-    return mean, math.sqrt(sum((v - mean) ** 2 for v in values) / (len(values) - 1) / len(values))

@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.photographs import Photograph
-from maskfab.camera.protocol import Score, evaluate
-from maskfab.camera.restore import Margin
+from maskfab.camera.protocol import evaluate
+from maskfab.camera.restorers.wiener import Margin
+from maskfab.camera.scores import Score
 from maskfab.camera.transfer import Laid
 from maskfab.errors import JobError
 

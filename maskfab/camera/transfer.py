@@ -174,9 +174,17 @@ class Laid:
     lattice: CellGrid
 
     @property
-    def open_share(self) -> float:
-        """Share of the stop's area that is clear; of its light, for a grey pupil."""
+    def transmission(self) -> float:
+        """Share of the stop's light that passes: its clear area, or the energy of a grey pupil."""
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
+
+    def on(self, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """H of red, green and blue for pictures of that shape, see :class:`TransferGrid`.
+
+        Raises:
+            JobError: MF134 for a camera of other than three wavelengths.
+        """
+        return transfer_grid(shape, self.lattice)(self.pupil)
 
 
 def lay(

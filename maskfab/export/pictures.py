@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from maskfab.export.exr import Facts, write_channels
 from maskfab.files.image import write_image
+from maskfab.optics.numbers.colour import code_of_light
 
 Floats = NDArray[np.float64]
 
@@ -43,18 +44,12 @@ def write_png(light: Floats, path: Path, white: float = 1.0) -> None:
     """
     # A table of 16 bits is off by at most a twentieth of a code, and saves a power for every value.
     steps = np.clip(_upright(light) * (_STEPS / white), 0.0, _STEPS).round().astype(np.uint16)
-    table = (srgb(np.linspace(0.0, 1.0, _STEPS + 1)) * 255).round().astype(np.uint8)
+    table = (code_of_light(np.linspace(0.0, 1.0, _STEPS + 1)) * 255).round().astype(np.uint8)
     pixels = np.ascontiguousarray(table[steps])
     height, width, channels = pixels.shape
     header = oiio.ImageSpec(width, height, channels, "uint8")
     header.attribute("oiio:ColorSpace", "srgb_rec709_scene")
     write_image(pixels, header, path)
-
-
-def srgb(linear: Floats) -> Floats:
-    """sRGB code values 0 to 1 of linear light, which is cut to 0 to 1 (IEC 61966-2-1)."""
-    light = np.clip(linear, 0.0, 1.0)
-    return np.where(light <= 0.0031308, 12.92 * light, 1.055 * np.power(light, 1 / 2.4) - 0.055)
 
 
 def _upright(light: Floats) -> Floats:

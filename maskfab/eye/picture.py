@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
+from maskfab.optics.numbers.colour import light_of_code
 from maskfab.readers.image_mask import said_by
 from maskfab.readers.tiff_tone import shown_alike
 
@@ -145,15 +146,10 @@ def _linear(picture: Picture, values: NDArray[np.float32]) -> Floats:
     alpha = numbers[:, :, -1:] if count in (2, 4) else None
     if picture.coded and alpha is not None and picture.associated:
         colours = np.divide(colours, alpha, out=np.zeros_like(colours), where=alpha > 0).clip(max=1.0)
-    light = _of_srgb(colours) if picture.coded else colours
+    light = light_of_code(colours) if picture.coded else colours
     if alpha is not None and (picture.coded or not picture.associated):
         light = light * alpha
     return np.broadcast_to(light, (*light.shape[:2], 3))
-
-
-def _of_srgb(code: Floats) -> Floats:
-    """Linear light of sRGB code values (IEC 61966-2-1)."""
-    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
 
 
 def _shares(size: int, count: int, scale: float) -> Floats:

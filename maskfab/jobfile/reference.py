@@ -35,6 +35,7 @@ _FORMS: Mapping[str, str] = MappingProxyType(
         "ThreeColours": "three positive numbers: red, green, blue",
         "Corners": 'list of pairs of lengths, such as [["1 mm", "0 mm"], ...]',
         "Counts": "list of whole numbers, or { from, to, step }",
+        "Time": 'time with its unit, such as "10 ms"',
         "Accuracy": '"draft", "standard", "certify" or a number',
         "Depth": 'pair of distances, such as ["1 m", "inf"]',
         "Distance": 'length, or "inf"',

@@ -31,6 +31,7 @@ from maskfab.jobfile.values import (
     SignedLength,
     Symmetry,
     ThreeColours,
+    Time,
     Wavelength,
     Weight,
 )
@@ -475,6 +476,63 @@ class SceneSection(Section):
     """Light on the scene, for colours: "equal" energy, a black body such as "6500 K", or a file of one curve."""
 
 
+class SensorSection(Section):
+    """[sensor]: what turns light into numbers; the defaults are those of protocol F1.
+
+    ``run`` and ``design`` judge photographs by protocol F1's sensor; ``simulate`` takes them with this one.
+    """
+
+    full_well: float = Field(default=15506.0, gt=0, le=1e9, allow_inf_nan=False)
+    """Most electrons that a pixel holds."""
+    read_noise: float = Field(default=4.87, ge=0, le=1e9, allow_inf_nan=False)
+    """Standard deviation of the read noise, electrons."""
+    bits: int | None = Field(default=None, ge=1, le=32)
+    """Bits of the converter, whose largest code is a full well; without it nothing is rounded."""
+    black_level: int = Field(default=0, ge=0)
+    """Code of no light."""
+    mosaic: Literal["none", "rggb"] = "none"
+    """All colours at every pixel, or one of red, green, green and blue."""
+
+
+class ExposureSection(Section):
+    """[exposure]: light of white, stated in one of three ways; without it photographs are taken at 24, 32 and 40 dB.
+
+    Levels and electrons are those behind the published display, which passes 20.72 % of the stop's light: behind every
+    die there are as many more as it lets through.
+    """
+
+    snr: Annotated[tuple[float, ...], Field(min_length=1, max_length=16, strict=False)] | None = None
+    """Signal-to-noise ratios of white behind the published display, dB."""
+    white: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Electrons of white behind the published display."""
+    luminance: float | None = Field(default=None, gt=0, allow_inf_nan=False)
+    """Luminance of white in the scene, cd/m2; needs time and quantum_efficiency."""
+    time: Time | None = None
+    """Exposure time."""
+    quantum_efficiency: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
+    """Electrons for each photon."""
+
+    @model_validator(mode="after")
+    def _one_way(self) -> Self:
+        return refusing(_stated_once, self)  # type: ignore[no-any-return]
+
+
+_SCENE_LIGHT = ("luminance", "time", "quantum_efficiency")
+
+
+def _stated_once(section: ExposureSection) -> ExposureSection:
+    given = [key for key in _SCENE_LIGHT if getattr(section, key) is not None]
+    ways = [key for key in ("snr", "white") if getattr(section, key) is not None] + given[:1]
+    if len(ways) != 1 or len(given) not in (0, len(_SCENE_LIGHT)):
+        stated = ", ".join(key for key in ("snr", "white", *_SCENE_LIGHT) if getattr(section, key) is not None)
+        raise JobError(
+            "MF105",
+            f"the exposure states {stated or 'nothing'}",
+            cure=f"Give snr, or white, or {', '.join(_SCENE_LIGHT)} together",
+        )
+    return section
+
+
 DRAWING_KEYS = ("hierarchy", "max_vertices", "holes", "corners", "max_references")
 """Keys of [export] that say how polygons are drawn."""
 
@@ -547,6 +605,8 @@ class JobSpec(Section):
     emitters: EmittersSection | None = None
     wires: WiresSection | None = None
     light: LightSection | None = None
+    sensor: SensorSection | None = None
+    exposure: ExposureSection | None = None
     export: ExportSection | None = None
     process: ProcessSection | None = None
     openings: dict[str, str] = {}

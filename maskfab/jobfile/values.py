@@ -220,6 +220,10 @@ Name = Annotated[str, BeforeValidator(lambda v: refusing(check_name, v))]
 Area = Annotated[float, BeforeValidator(lambda v: refusing(_area, v)), PlainSerializer(_area_text)]
 ThreeColours = Annotated[tuple[float, float, float], BeforeValidator(lambda v: refusing(_three, v))]
 SignedLength = Annotated[float, BeforeValidator(lambda v: refusing(signed_length_um, v)), PlainSerializer(um_text)]
+Time = Annotated[
+    float, BeforeValidator(lambda v: refusing(units.parse_time_s, v)), PlainSerializer(lambda v: f"{v:.15g} s")
+]
+"""Seconds."""
 Formats = Annotated[
     tuple[FileFormat, ...],
     Field(min_length=1, strict=False),

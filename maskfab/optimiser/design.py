@@ -98,5 +98,5 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
 def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Photograph]:
     """Maps fit the very pictures they are designed on, so they get more of them."""
     if images is not None:
-        return folder(images)
+        return folder(images).photographs
     return scene_sets.bundled(_SCENES_OF_MAPS) if for_map else scene_sets.bundled()

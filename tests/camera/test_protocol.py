@@ -7,12 +7,16 @@ import math
 import numpy as np
 import pytest
 from once import leaves as drawn
+from OpenImageIO import ImageSpec
 
 from maskfab.camera.photographs import folder, scene
-from maskfab.camera.protocol import EPSILONS, evaluate
+from maskfab.camera.protocol import EPSILONS, Protocol, evaluate
 from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.sensor import Sensor
 from maskfab.camera.transfer import CELLS, lay
 from maskfab.errors import JobError, SourceError
+from maskfab.export.pictures import write_exr, write_png
+from maskfab.files.image import write_image
 
 ONE = np.zeros((CELLS, CELLS), dtype=np.int8)
 
@@ -33,9 +37,9 @@ def table(leaves):
 
 def test_the_open_stop_beats_the_bar_and_the_bar_beats_the_slit(table):
     gains = {g.design: g for g in table.gains("slit")}
-    assert gains["open"].psnr > gains["bar"].psnr > 1
-    assert gains["bar"].psnr_error > 0
-    assert gains["bar"].ssim > 0
+    assert gains["open"].psnr.mean > gains["bar"].psnr.mean > 1
+    assert gains["bar"].psnr.half_width > 0
+    assert gains["bar"].ssim.mean > 0
 
 
 def test_the_table_holds_every_case(table):
@@ -50,8 +54,9 @@ def test_the_same_again(leaves):
     first, again = (evaluate([design], leaves[:1], leaves[:1], (24,)) for _ in range(2))
     assert first == again
     twin = evaluate([design, lay("twin", bar)], leaves[:1], leaves[:1], (24,)).gains("bar")[0]
-    assert twin.psnr == 0
-    assert math.isnan(twin.psnr_error)
+    assert twin.psnr.mean == 0
+    assert twin.psnr.tie
+    assert math.isnan(twin.psnr.half_width)
 
 
 def test_scenes_follow_their_seed():
@@ -67,7 +72,7 @@ def test_pictures_are_cut_to_their_middle():
     assert found.values.shape == (3, 1024, 1536)
     assert found.number == 7
     assert (found.values == 1).all()
-    assert scene("tall", np.zeros((2000, 900, 4), dtype=np.float32)).values.shape == (3, 1536, 896)
+    assert scene("tall", np.zeros((2000, 900, 3), dtype=np.float32)).values.shape == (3, 1536, 896)
 
 
 @pytest.mark.parametrize("values", [np.zeros((500, 2000)), np.full((900, 900), 2.0), np.full((900, 900), np.nan)])
@@ -81,6 +86,72 @@ def test_a_folder_without_photographs_is_refused(tmp_path):
         folder(tmp_path)
 
 
+def test_a_folder_takes_light_too_and_names_what_it_skips(tmp_path):
+    light = leaves_light()
+    write_exr(light, tmp_path / "bright.exr", {})
+    write_png(light, tmp_path / "coded.png")
+    (tmp_path / "notes.txt").write_text("nothing")
+    (tmp_path / ".hidden").write_text("nothing")
+    found = folder(tmp_path)
+    assert found.skipped == ("notes.txt",)
+    bright, coded = found.photographs
+    np.testing.assert_allclose(bright.light, light[:, ::-1], rtol=1e-3, atol=1e-6)
+    np.testing.assert_allclose(coded.light, light[:, ::-1], atol=0.01)
+    np.testing.assert_allclose(bright.values, coded.values, atol=0.004)
+
+
+def leaves_light():
+    """Linear light within 0 to 1, row 0 the lowest."""
+    return np.random.default_rng(0).uniform(0, 1, (3, 832, 896))
+
+
+@pytest.mark.parametrize(("most", "least"), [(3.0, 0.0), (1.0, -0.5), (np.inf, 0.0), (np.nan, 0.0)])
+def test_light_that_no_white_is_stated_for_is_refused(tmp_path, most, least):
+    light = leaves_light()
+    light[0, 5, 5], light[1, 6, 6] = most, least
+    write_exr(light, tmp_path / "a.exr", {})
+    with pytest.raises(JobError, match="MF121"):
+        folder(tmp_path)
+    if most == 3.0:
+        (found,) = folder(tmp_path, white=1.5).photographs
+        assert found.light.max() == pytest.approx(2.0, rel=1e-3)
+        assert found.values.max() == pytest.approx(1, abs=1e-6)
+
+
+def test_a_transparent_picture_is_refused(tmp_path):
+    pixels = np.full((840, 840, 4), 255, dtype=np.uint8)
+    header = ImageSpec(840, 840, 4, "uint8")
+    write_image(pixels, header, tmp_path / "a.png")
+    assert folder(tmp_path).photographs[0].values.min() == 1
+    pixels[3, 3, 3] = 10
+    write_image(pixels, header, tmp_path / "a.png")
+    with pytest.raises(JobError, match="transparent"):
+        folder(tmp_path)
+
+
+def test_another_protocol_in_code_values_is_f1_but_for_its_draw_of_noise(leaves, table):
+    bar = np.zeros((21, 21), dtype=np.bool_)
+    bar[:6, :17] = True
+    (found,) = evaluate([lay("bar", bar)], leaves[:1], leaves[:1], (32,), protocol=Protocol("own", linear=False)).scores
+    (known,) = [each for each in table.scores if (each.design, each.scene) == ("bar", leaves[0].name)]
+    assert found.psnr == pytest.approx(known.psnr, abs=0.02)
+    assert found.psnr != known.psnr
+
+
+def test_linear_light_is_scored_as_it_is_shown(leaves):
+    """Without noise to speak of and without blur the code values come back whatever light stands for them."""
+    kind = Protocol("deep", Sensor(full_well=1e9, read_noise=0.0))
+    (found,) = evaluate([_Clear()], leaves[:1], leaves[:1], (70,), protocol=kind).scores
+    assert found.psnr > 45
+
+
+class _Clear:
+    name, transmission = "clear", 0.2072
+
+    def on(self, shape):
+        return np.ones((3, shape[0], shape[1] // 2 + 1), dtype=np.float32)
+
+
 def test_bad_studies_are_refused_before_any_work(leaves, table):
     design = lay("a", np.ones((21, 21), dtype=np.bool_))
     for designs, test, tuning, levels, code in (
@@ -88,7 +159,8 @@ def test_bad_studies_are_refused_before_any_work(leaves, table):
         ([design, design], leaves, leaves, (32,), "MF105"),
         ([design], (), leaves, (32,), "MF105"),
         ([design], leaves, (), (32,), "MF105"),
-        ([design], leaves, leaves, (33,), "MF104"),
+        ([design], leaves, leaves, (45,), "MF141"),
+        ([design], leaves, leaves, (32, 0), "MF141"),
     ):
         with pytest.raises(JobError, match=code):
             evaluate(designs, test, tuning, levels)

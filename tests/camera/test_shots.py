@@ -13,7 +13,7 @@ from once import leaves
 from maskfab.camera import protocol
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.quality import psnr
-from maskfab.camera.restore import spectral_error
+from maskfab.camera.restorers import wiener
 from maskfab.camera.shots import Crop, shots, truth_of
 from maskfab.camera.transfer import lay
 from maskfab.errors import JobError
@@ -56,7 +56,7 @@ def test_showing_changes_no_score(design, taken, scene):
 
 def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, scene, monkeypatch):
     fresh, transforms, tried = replace(scene, name="fresh"), [], []
-    transform, wiener = scipy.fft.rfft2, protocol.wiener
+    transform, filtering = scipy.fft.rfft2, wiener.wiener
 
     def transformed(values, *given, **more):
         transforms.append(values is fresh.values)
@@ -64,10 +64,10 @@ def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, sc
 
     def filtered(transfer, prior, epsilon):
         tried.append(epsilon)
-        return wiener(transfer, prior, epsilon)
+        return filtering(transfer, prior, epsilon)
 
     monkeypatch.setattr(scipy.fft, "rfft2", transformed)
-    monkeypatch.setattr(protocol, "wiener", filtered)
+    monkeypatch.setattr(wiener, "wiener", filtered)
     chosen = []
     for level in (24, 32):
         tried.clear()
@@ -79,12 +79,11 @@ def test_each_scene_is_transformed_once_and_no_picture_restored_twice(design, sc
 
 def test_the_constant_is_the_best_and_few_others_are_tried(design, monkeypatch):
     """An estimate from the spectra tells where to look: the best and its neighbours, one step more if it is off."""
-    scene, restored, tried = leaves(1, 1024, 1536), protocol.restore, []
-    known = protocol._prepare(scene)
-    seen = protocol._Design(design, {known.margin.shape})
-    record = seen.record(known, 40)
-    means = {each: psnr(seen.restored(known, record, each), known.true) for each in protocol.EPSILONS[::3]}
-    monkeypatch.setattr(protocol, "restore", lambda *given: (tried.append(1), restored(*given))[1])
+    scene, restored, tried = leaves(1, 1024, 1536), wiener.restore, []
+    record = protocol.F1.photograph(design, protocol.SensorScene.of(scene), 40)
+    prepared, true = wiener.Wiener().prepare(record, design), truth_of(scene, Crop(512, 1024))
+    means = {each: psnr(prepared(each), true) for each in protocol.EPSILONS[::3]}
+    monkeypatch.setattr(wiener, "restore", lambda *given: (tried.append(1), restored(*given))[1])
     assert shots(design, scene, (40,), SENSOR)[0].score.epsilon == max(means, key=means.__getitem__)
     assert len(tried) <= 4
 
@@ -105,7 +104,7 @@ def test_a_spectral_error_is_that_of_the_whole_mirrored_picture():
     spectra = [scipy.fft.rfft2(each) for each in (seen, true)]
     restored = scipy.fft.irfft2(spectra[0] * transfer / (transfer**2 + ratio), (24, 40))
     missed = abs(scipy.fft.fft2(restored - true)[..., :21]) ** 2
-    assert spectral_error(*spectra, transfer, ratio) == pytest.approx(missed.sum(), rel=1e-5)
+    assert wiener.spectral_error(*spectra, transfer, ratio) == pytest.approx(missed.sum(), rel=1e-5)
 
 
 def test_a_scene_kept_for_the_constant_changes_no_picture_of_another(design, scene):

@@ -12,9 +12,10 @@ import pytest
 from small_job import MASK, command, listing, write_job
 
 from maskfab.errors import OutputError
-from maskfab.export.pictures import srgb, write_exr, write_png
+from maskfab.export.pictures import write_exr, write_png
 from maskfab.job import Job
 from maskfab.model import Emitters, Plate
+from maskfab.optics.numbers.colour import code_of_light
 from maskfab.report.render_files import DOCUMENT, FIGURE
 
 
@@ -131,7 +132,7 @@ def test_pngs_are_srgb_to_the_last_code(tmp_path):
     image = oiio.ImageInput.open(str(tmp_path / "a.png"))
     codes = np.asarray(image.read_image(oiio.UINT8)).reshape(1, 256, 3)
     image.close()
-    assert np.abs(codes - srgb(light) * 255).max() < 0.56
+    assert np.abs(codes - code_of_light(light) * 255).max() < 0.56
 
 
 def test_a_place_that_cannot_be_written_is_told(tmp_path):

@@ -301,7 +301,7 @@ def test_no_map_passes_the_bound_of_its_light(estimate, error):
         laid = lay("laid", bar, turned.astype(np.int8))
         reached = error.psnr(laid.pupil)
         gap = map_gap(estimate, laid.pupil, CLEAR, reached)
-        assert gap.open_share == pytest.approx(laid.open_share)
+        assert gap.open_share == pytest.approx(laid.transmission)
         assert all(have <= most for have, most in zip(reached, gap.limit, strict=True))
         assert all(0 < room < 25 for room in gap.head_room)
 

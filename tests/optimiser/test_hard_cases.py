@@ -96,7 +96,7 @@ def test_cells_of_168_um_are_judged_as_they_ever_were(scenes: tuple[Photograph, 
     # Light of the stop is a count of dots, exact on every machine.
     old, new = lay("x", bar), lay("x", bar, dot_nm=8000)
     np.testing.assert_array_equal(old.pupil, new.pupil)
-    assert old.open_share == new.open_share == float.fromhex("0x1.cf3dd7a5d8b0ep-3")
+    assert old.transmission == new.transmission == float.fromhex("0x1.cf3dd7a5d8b0ep-3")
     np.testing.assert_array_equal(
         transfer_grid((16, 24), old.lattice)(old.pupil), transfer_grid((16, 24), new.lattice)(new.pupil)
     )
@@ -198,7 +198,7 @@ def test_a_panel_of_any_pitch_is_laid(dots: int, dot_nm: int, cells: int) -> Non
     found = laid_panel("x", panel)
     middle = panel.orientations[2:-2, 2:-2]
     np.testing.assert_array_equal(found.pupil, lay("y", unit, middle, dot_nm=dot_nm).pupil)
-    assert found.open_share == pytest.approx(unit.mean(), rel=0.03)
+    assert found.transmission == pytest.approx(unit.mean(), rel=0.03)
     random = laid_panel("x", replace(panel, tiling=Tiling.RANDOM))
     np.testing.assert_array_equal(random.pupil, lay("y", unit, dot_nm=dot_nm).pupil)
     assert f"{cells} x {cells}" in refused("MF122", lambda: laid_panel("x", panel_of(unit, dot_nm, cells - 1)))
@@ -208,10 +208,10 @@ def test_gutters_are_closed_dots_halved_where_they_must_be() -> None:
     unit = corner(10, 4, 6)
     even = laid_panel("x", panel_of(unit, 8000, 60, gutter_nm=16000))
     assert (even.lattice.dot_um, len(even.pupil)) == (8.0, 12 * 42)
-    assert even.open_share == pytest.approx(24 / 144, rel=0.02)
+    assert even.transmission == pytest.approx(24 / 144, rel=0.02)
     odd = laid_panel("x", panel_of(unit, 8000, 60, gutter_nm=8000))
     assert (odd.lattice.dot_um, len(odd.pupil)) == (4.0, 22 * 46)
-    assert odd.open_share == pytest.approx(24 / 121, rel=0.02)
+    assert odd.transmission == pytest.approx(24 / 121, rel=0.02)
     told = refused("MF115", lambda: laid_panel("x", panel_of(unit, 4030, 99, gutter_nm=8000)))
     assert "gutter" in told
     assert str(MOST_DOTS) in told

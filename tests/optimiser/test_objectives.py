@@ -197,7 +197,7 @@ def test_grid_transfer_is_that_of_the_protocol() -> None:
     table = stop.correlation(torch.from_numpy(unit.astype(np.float64)))
     found = stop.on_grid((64, 96))(table).numpy()
     laid = lay("x", unit, RANDOM24)
-    assert stop.share(table) == pytest.approx(laid.open_share)
+    assert stop.share(table) == pytest.approx(laid.transmission)
     expected = transfer_grid((64, 96), laid.lattice)(laid.pupil)
     assert found.shape == expected.shape
     low = abs(np.fft.fftfreq(64))[:, None] + np.fft.rfftfreq(96) < 0.1

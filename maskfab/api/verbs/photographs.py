@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -14,12 +14,18 @@ from numpy.typing import NDArray
 from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.camera import scenes as scene_sets
+from maskfab.camera.exposure import Exposure
+from maskfab.camera.intervals import CONFIDENCE, MeanDifference
 from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
-from maskfab.camera.photographs import Photograph, folder
-from maskfab.camera.protocol import ASSUMED, Score, ScoreTable, evaluate
+from maskfab.camera.photo_camera import F1 as F1_CAMERA
+from maskfab.camera.photo_camera import PhotoCamera, camera_line
+from maskfab.camera.photographs import Folder, Photograph, folder
+from maskfab.camera.protocol import ASSUMED, F1, LEVELS, Design, Protocol, evaluate
+from maskfab.camera.scores import Gain, Score, ScoreTable
+from maskfab.camera.sensor import Sensor
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
+from maskfab.job import Job
 from maskfab.progress import Progress, silent
 from maskfab.report.quantities import dataframe
 from maskfab.threads import one_thread
@@ -27,8 +33,118 @@ from maskfab.threads import one_thread
 if TYPE_CHECKING:
     from pandas import DataFrame
 
+ProtocolName = Literal["camera", "f1"]
+Light = Literal["linear", "code"]
+
 _CROP = Crop(160, 200)
 """Part of the sensor that a picture shows of every photograph."""
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Camera, sensor and light that photographs are taken with.
+
+    Attributes:
+        protocol: how they are taken and scored.
+        camera: lens, pixels and wavelengths.
+        levels: of light, signal-to-noise ratios of white behind the published display, dB.
+        stated: how the light was asked for.
+    """
+
+    protocol: Protocol
+    camera: PhotoCamera
+    levels: tuple[float, ...]
+    stated: str
+
+    @classmethod
+    def of(
+        cls, job: Job, protocol: ProtocolName, levels: Sequence[float] | None = None, light: Light | None = None
+    ) -> Conditions:
+        """Of a protocol for a job.
+
+        Args:
+            job: whose camera, sensor and exposure protocol "camera" takes; "f1" has its own.
+            protocol: by name.
+            levels: in place of those that the job states.
+            light: scenes as linear light or as code values; None for the protocol's own.
+
+        Raises:
+            JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF133, MF134 for a camera that
+                takes no photographs; MF140, MF141 for a sensor or a light that cannot be.
+        """
+        if protocol == "f1":
+            if light == "linear":
+                raise JobError(
+                    "MF105", "protocol f1 takes code values for light", where="light", cure="Use protocol camera"
+                )
+            chosen = tuple(LEVELS if levels is None else levels)
+            return cls(F1, F1_CAMERA, chosen, _in_decibels(chosen))
+        if protocol != "camera":
+            raise JobError("MF105", f"there is no protocol {protocol!r}", where="protocol", cure="Use camera or f1")
+        if light not in (None, "linear", "code"):
+            raise JobError("MF105", f"there is no light {light!r}", where="light", cure="Use linear or code")
+        seen = PhotoCamera.of(job.camera, where=job.where, colours=True)
+        stated = job.spec.sensor
+        sensor = Sensor() if stated is None else Sensor(**dict(stated))
+        chosen, told = _light(job, sensor) if levels is None else (tuple(levels), _in_decibels(levels))
+        return cls(Protocol("camera", sensor, linear=light != "code"), seen, chosen, told)
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """In words, one line each."""
+        scenes = (
+            "linear light of sRGB scenes, scored as sRGB" if self.protocol.linear else "code values taken for light"
+        )
+        return (
+            f"protocol {self.protocol.name}: {camera_line(self.camera)}",
+            f"sensor: {_told(self.protocol.sensor)}",
+            f"light: {self.stated}; {scenes}",
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As data."""
+        return {
+            "protocol": self.protocol.name,
+            "camera": camera_line(self.camera),
+            "sensor": asdict(self.protocol.sensor),
+            "light": self.stated,
+            "linear": self.protocol.linear,
+            "levels_db": list(self.levels),
+        }
+
+
+def _light(job: Job, sensor: Sensor) -> tuple[tuple[float, ...], str]:
+    """Levels of a job's [exposure], and how it states them."""
+    asked = job.spec.exposure
+    if asked is None:
+        return LEVELS, _in_decibels(LEVELS)
+    if asked.snr is not None:
+        return asked.snr, _in_decibels(asked.snr)
+    if asked.white is not None:
+        found = Exposure.of_white(asked.white, sensor)
+    else:
+        assert asked.luminance is not None
+        assert asked.time is not None
+        assert asked.quantum_efficiency is not None
+        found = Exposure.of_scene(
+            asked.luminance,
+            asked.time,
+            asked.quantum_efficiency,
+            focal_ratio=job.camera.focal_um / job.camera.stop.diameter_um,
+            pixel_um=job.camera.pixel_um,
+            sensor=sensor,
+        )
+    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
+
+
+def _in_decibels(levels: Sequence[float]) -> str:
+    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
+
+
+def _told(sensor: Sensor) -> str:
+    converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
+    mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
+    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -38,15 +154,17 @@ class Simulation:
     Attributes:
         table: all scores.
         reference: the die that gains are over.
-        camera: that took them.
+        conditions: that they were taken under.
         scenes: that were photographed.
+        skipped: files of the folder that are no photographs.
         shown: part of the first scene by die, one shot for each level of light; empty unless they were kept.
     """
 
     table: ScoreTable
     reference: str
-    camera: PhotoCamera
+    conditions: Conditions
     scenes: Sequence[Photograph]
+    skipped: tuple[str, ...]
     shown: Mapping[str, Sequence[Shot]]
 
     def picture(self) -> bytes:
@@ -65,18 +183,16 @@ class Simulation:
         """Scores, gains over the reference, and what they were taken with."""
         return {
             "assumed": ASSUMED,
-            "protocol": "f1" if self.camera.is_f1 else None,
-            "camera": camera_line(self.camera),
+            **self.conditions.to_dict(),
             "reference": self.reference,
             "scenes": [scene.name for scene in self.scenes],
+            "skipped": list(self.skipped),
             "scores": [vars(score) for score in self.table.scores],
-            "gains": [
-                {key: _known(value) for key, value in vars(gain).items()} for gain in self.table.gains(self.reference)
-            ],
+            "gains": [_document(gain) for gain in self.table.gains(self.reference)],
         }
 
     def to_dataframe(self) -> DataFrame:
-        """One row for each die, level of light and scene.
+        """One row for each die, level of light, restorer and scene.
 
         Raises:
             OutputError: MF431 without pandas.
@@ -84,8 +200,13 @@ class Simulation:
         return dataframe([vars(score) for score in self.table.scores])
 
     def __str__(self) -> str:
-        camera = [] if self.camera.is_f1 else [f"camera: {camera_line(self.camera)}; levels of light of protocol F1"]
-        return "\n".join([*camera, *_lines(self.table, self.reference), f"Assumed: {ASSUMED}."])
+        many = len(self.scenes) > 1
+        interval = f"± is the {CONFIDENCE:.0%} interval of the mean over {len(self.scenes)} scenes, by Student's t"
+        below = [f"{interval}; a tie is one that holds 0." if many else "One scene: differences have no interval."]
+        if self.skipped:
+            below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
+        table = _lines(self.table, self.reference)
+        return "\n".join([*self.conditions.lines, *table, *below, f"Assumed: {ASSUMED}."])
 
     def _repr_png_(self) -> bytes | None:
         return self.picture() if self.shown else None
@@ -99,7 +220,10 @@ def simulate(
     die: str | Sequence[str] | None = None,
     reference: str | None = None,
     images: str | Path | None = None,
-    protocol: Literal["f1"] | None = None,
+    white: float = 1.0,
+    protocol: ProtocolName = "camera",
+    light: Light | None = None,
+    levels: Sequence[float] | None = None,
     pictures: bool = False,
     progress: Progress = silent,
 ) -> Simulation:
@@ -111,35 +235,26 @@ def simulate(
         die: one or several; by default all that can be judged.
         reference: die to compare with; by default the first.
         images: folder of photographs; synthetic scenes if None.
-        protocol: ``"f1"`` for the camera of that protocol in place of the job's.
+        white: light that is white in photographs that hold light, EXR and HDR.
+        protocol: ``"camera"`` for the job's camera, sensor, exposure and light, ``"f1"`` for that protocol's.
+        light: ``"linear"`` or ``"code"`` values taken for light; by default the protocol's own, linear for the camera.
+        levels: signal-to-noise ratios of white behind the published display, dB; by default those of the job.
         pictures: keep part of the photographs of the first scene.
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three wavelengths.
+        JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three wavelengths,
+            MF140 or MF141 for a sensor or a light that cannot be.
     """
-    if protocol not in (None, "f1"):
-        raise JobError("MF105", f"there is no protocol {protocol!r}", where="protocol", cure="Use f1")
     loaded = job_of(job, camera)
-    seen = F1 if protocol else PhotoCamera.of(loaded.camera, where=loaded.where, colours=True)
-    panels = {each.name: each.panel for each in loaded.plate().dies}
-    laid = []
-    for name in dies_of(die, panels):
-        try:
-            laid.append(laid_panel(name, panels[name], seen))
-        except JobError:
-            if die:
-                raise
-    if not laid:
-        raise JobError(
-            "MF122",
-            f"no die can be judged behind a camera of {camera_line(seen)}",
-            where=loaded.where,
-            cure="Name one die to see why",
-        )
-    names = [each.name for each in laid]
+    asked = Conditions.of(loaded, protocol, levels, light)
+    for level in asked.levels:
+        asked.protocol.exposure(level)
+    designs = _designs(loaded, asked, die)
+    names = [each.name for each in designs]
     base = names[0] if reference is None else dies_of(reference, names)[0]
-    scenes = scene_sets.bundled() if images is None else folder(Path(images))
+    source = Folder(scene_sets.bundled(), ()) if images is None else folder(Path(images), white)
+    scenes = source.photographs
     shown: dict[str, list[Shot]] = {name: [] for name in names} if pictures else {}
 
     def show(score: Score, whole: NDArray[np.float32]) -> None:
@@ -147,28 +262,67 @@ def simulate(
             shown[score.design].append(Shot(score, _CROP.of(whole)))
 
     scores: list[Score] = []
-    for done, each in enumerate(laid):
-        progress("photographs", done, len(laid))
-        scores += evaluate([each], scenes, scenes, show=show).scores
-    progress("photographs", len(laid), len(laid))
-    return Simulation(ScoreTable(tuple(scores)), base, seen, scenes, shown)
+    for done, each in enumerate(designs):
+        progress("photographs", done, len(designs))
+        scores += evaluate([each], scenes, scenes, asked.levels, protocol=asked.protocol, show=show).scores
+    progress("photographs", len(designs), len(designs))
+    return Simulation(ScoreTable(tuple(scores)), base, asked, scenes, source.skipped, shown)
 
 
-def _known(value: object) -> object:
-    """A single photograph has no standard error."""
-    return None if isinstance(value, float) and math.isnan(value) else value
+def _designs(job: Job, asked: Conditions, die: str | Sequence[str] | None) -> list[Design]:
+    """The dies that are asked for, as light sees them; of all, those that can be judged."""
+    panels = {each.name: each.panel for each in job.plate().dies}
+    found: list[Design] = []
+    for name in dies_of(die, panels):
+        try:
+            found.append(laid_panel(name, panels[name], asked.camera))
+        except JobError:
+            if die:
+                raise
+    if not found:
+        raise JobError(
+            "MF122",
+            f"no die can be judged behind a camera of {camera_line(asked.camera)}",
+            where=job.where,
+            cure="Name one die to see why",
+        )
+    return found
+
+
+def _document(gain: Gain) -> dict[str, Any]:
+    """A gain as data; a single photograph has no interval."""
+    means = {key: getattr(gain, key) for key in ("psnr", "psnr_inner", "ssim")}
+    return {
+        "design": gain.design,
+        "level_db": gain.level_db,
+        "restorer": gain.restorer,
+        "scenes": gain.psnr.count,
+        **{
+            key: {
+                "mean": found.mean,
+                "half_width_95": None if math.isnan(found.half_width) else found.half_width,
+                "tie": found.tie,
+            }
+            for key, found in means.items()
+        },
+    }
 
 
 def _lines(table: ScoreTable, reference: str) -> list[str]:
     rows = [("die", "level", "PSNR", "inner", "SSIM", f"gain over {reference}", "inner")]
-    gains = {(gain.design, gain.level_db): gain for gain in table.gains(reference)}
-    for design, level in dict.fromkeys((score.design, score.level_db) for score in table.scores):
-        own = [score for score in table.scores if (score.design, score.level_db) == (design, level)]
+    gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in table.gains(reference)}
+    for case in dict.fromkeys((score.design, score.level_db, score.restorer) for score in table.scores):
+        own = [score for score in table.scores if (score.design, score.level_db, score.restorer) == case]
         mean = [sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim")]
-        gain = gains.get((design, level))
-        told = ("", "") if gain is None else (
-            f"{gain.psnr:+.2f} ± {gain.psnr_error:.2f} dB", f"{gain.psnr_inner:+.2f} ± {gain.psnr_inner_error:.2f} dB",
-        )  # fmt: skip
-        rows.append((design, f"{level} dB", f"{mean[0]:.2f} dB", f"{mean[1]:.2f} dB", f"{mean[2]:.3f}", *told))
+        gain = gains.get(case)
+        told = ("", "") if gain is None else (_gain_text(gain.psnr), _gain_text(gain.psnr_inner))
+        design, level, _ = case
+        rows.append((design, f"{level:.4g} dB", f"{mean[0]:.2f} dB", f"{mean[1]:.2f} dB", f"{mean[2]:.3f}", *told))
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _gain_text(gain: MeanDifference) -> str:
+    if math.isnan(gain.half_width):
+        return f"{gain.mean:+.2f} dB"
+    return f"{gain.mean:+.2f} ± {gain.half_width:.2f} dB{' tie' if gain.tie else ''}"

@@ -120,7 +120,7 @@ def pareto(
     found = sweep(
         spec.pareto,
         section,
-        scene_sets.bundled() if images is None else folder(Path(images)),
+        scene_sets.bundled() if images is None else folder(Path(images)).photographs,
         compared=compared,
         emitters=rules,
         camera=camera,

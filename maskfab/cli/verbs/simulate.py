@@ -19,8 +19,16 @@ def simulate(
     ] = None,
     reference: Annotated[str | None, typer.Option(help="Die to compare with; default: the first.")] = None,
     images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: synthetic scenes.")] = None,
+    white: Annotated[float, typer.Option(help="Light that is white in EXR and HDR photographs.")] = 1.0,
     protocol: Annotated[
-        str | None, typer.Option(help="f1: use that protocol's camera; default: the job's. Light levels are F1's.")
+        str, typer.Option(help="camera: the job's camera, sensor, exposure and light; f1: that protocol's own.")
+    ] = "camera",
+    light: Annotated[
+        str | None, typer.Option(help="linear light, or code values taken for light; default: the protocol's own.")
+    ] = None,
+    level: Annotated[
+        list[float] | None,
+        typer.Option(help="Signal-to-noise ratio of white in dB (repeatable); default: the job's, or 24, 32 and 40."),
     ] = None,
     picture: Annotated[
         Path | None, typer.Option(help="Write a PNG of the truth and each die, one row per light level.")
@@ -41,7 +49,10 @@ def simulate(
             die=die,
             reference=reference,
             images=images,
+            white=white,
             protocol=protocol,  # type: ignore[arg-type]
+            light=light,  # type: ignore[arg-type]
+            levels=level,
             pictures=picture is not None,
             progress=progress,
         )

@@ -1,10 +1,13 @@
-r"""From linear sRGB to CIE L*a*b*, and the colour difference ΔE of 1976."""
+"""sRGB code values and the light they stand for, CIE L*a*b* of it, and the colour difference ΔE of 1976."""
 
 from __future__ import annotations
+
+from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+Reals = TypeVar("Reals", NDArray[np.float32], NDArray[np.float64])
 Floats = NDArray[np.float64]
 
 # IEC 61966-2-1: linear sRGB to CIE 1931 XYZ; its white, (1, 1, 1), is D65.
@@ -18,6 +21,18 @@ JUST_NOTICEABLE = 2.3
 """ΔE of 1976 that is just seen (M. Mahy, L. Van Eycken, A. Oosterlinck, Color Res. Appl. 19, 105, 1994)."""
 
 _KNEE = 6 / 29
+
+
+def light_of_code(code: Reals) -> Reals:
+    """Linear light of sRGB code values of 0 to 1, any shape, in their own precision (IEC 61966-2-1)."""
+    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4).astype(code.dtype, copy=False)
+
+
+def code_of_light(light: Reals) -> Reals:
+    """sRGB code values of 0 to 1 of linear light, which is cut to 0 to 1, in its own precision (IEC 61966-2-1)."""
+    shown = np.clip(light, 0.0, 1.0)
+    code = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * np.power(shown, 1 / 2.4) - 0.055)
+    return code.astype(light.dtype, copy=False)
 
 
 def lab_of_linear_srgb(rgb: Floats) -> Floats:

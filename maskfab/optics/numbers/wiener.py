@@ -27,7 +27,7 @@ from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf_grid
 
 Floats = NDArray[np.float64]
-Real = TypeVar("Real", bound=np.floating[Any])
+Response = TypeVar("Response", NDArray[np.float32], NDArray[np.float64], NDArray[np.float32] | NDArray[np.complex64])
 
 WORST_SHARE = 0.3
 """The share of frequencies that the design's loss looks at."""
@@ -82,15 +82,17 @@ def sensor_square(table: LagTable, camera: Camera, spectrum: Spectrum, samples: 
     return SensorSquare(modulation, step, table.coarse_uncertainty, line)
 
 
-def wiener_filter(transfer: NDArray[Real], noise_to_signal: NDArray[Real] | Real) -> NDArray[Real]:
-    """H / (H² + R) for a real H, any shapes that broadcast; 0 where there is neither signal nor noise.
+def wiener_filter(transfer: Response, noise_to_signal: NDArray[np.floating[Any]] | np.floating[Any]) -> Response:
+    """H* / (|H|² + R), any shapes that broadcast; 0 where there is neither signal nor noise.
 
     Designs descend along its slope by :func:`maskfab.optimiser.model.layout_error.wiener_tensor`, the same on tensors.
     """
-    below: NDArray[Real] = np.asarray(transfer**2 + noise_to_signal)
+    power = transfer.real**2 + transfer.imag**2 if np.iscomplexobj(transfer) else transfer**2
+    below, above = np.asarray(power + noise_to_signal), transfer.conj()
+    found = below if below.dtype == transfer.dtype else np.empty_like(transfer)
     if below.min(initial=1) > 0:  # nearly always; nothing then needs to be asked, or filled, element by element
-        return np.asarray(np.divide(transfer, below, out=below))
-    return np.asarray(np.divide(transfer, below, out=np.zeros_like(below), where=below > 0))
+        return np.asarray(np.divide(above, below, out=found))
+    return np.asarray(np.divide(above, below, out=np.zeros_like(transfer), where=below > 0))
 
 
 def wiener_response(modulation: Floats, noise_to_signal: float) -> Floats:

@@ -19,7 +19,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.capture import ELECTRONS
+from maskfab.camera.exposure import ELECTRONS
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.transfer import at_lags, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
@@ -103,7 +103,7 @@ def bounds(
         estimate: of the scenes, by :func:`maskfab.optimiser.model.expected_psnr.surrogate`.
         clear_dots: of the unit.
         periodic: the unit is repeated; otherwise turned at random.
-        levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
         any_layout: find the bound on designed maps too.
 
     Raises:
@@ -153,7 +153,7 @@ def optimality_gap(
         estimate: of the scenes.
         unit: bool [dots, dots].
         periodic: it is repeated; otherwise turned at random.
-        levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
         known: bounds found before for this estimate; used if clear count, tiling and levels are the same.
 
     Raises:

@@ -83,7 +83,7 @@ def frame_bound(
         inner: of the same.
         clear_dots: of the unit, at least 1.
         periodic: the unit is repeated; otherwise turned at random.
-        levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
     """
     ratio = clear_dots / estimate.dots**2
     own = sampled(estimate, inner, periodic=periodic)

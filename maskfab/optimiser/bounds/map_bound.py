@@ -69,7 +69,7 @@ def map_gap(
         pupil: of :func:`maskfab.camera.transfer.lay`, 0 outside the stop.
         clear_dots: of every whole cell.
         psnr: dB at each level, as :class:`maskfab.optimiser.model.layout_error.PupilError` finds it for the pupil.
-        levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
 
     Raises:
         JobError: MF122 for a pupil of other dots than the surrogate's panel.

@@ -29,11 +29,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
+from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import EPSILONS, LEVELS
-from maskfab.camera.restore import PRIOR_CY_PER_PX, wiener
+from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, wiener
 from maskfab.camera.transfer import CellGrid, OpenStop, lattice
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, orient
@@ -97,7 +97,7 @@ class Surrogate:
         Args:
             unit: bool [dots, dots], some of it clear.
             periodic: every cell has the unit as it is; otherwise each is turned at random.
-            levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+            levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
 
         Raises:
             JobError: MF105 for a unit of other dots; MF104 for a level that is not known.
@@ -117,8 +117,8 @@ class Surrogate:
         leak = self._leak(circular, linear, epsilons)
         found = []
         for level in levels:
-            white = ELECTRONS[level] * float(unit.mean()) / REFERENCE_SHARE
-            variance = self.light / white + (READ_NOISE / white) ** 2
+            white = ELECTRONS[level] * float(unit.mean()) / REFERENCE_TRANSMISSION
+            variance = self.light / white + (F1_SENSOR.read_noise / white) ** 2
             found.append(float(-10 * np.log10((variance * noise + bias + leak).min())))
         return tuple(found)
 

@@ -18,9 +18,9 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
+from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
 from maskfab.camera.protocol import EPSILONS, LEVELS
-from maskfab.camera.restore import PRIOR_CY_PER_PX
+from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import CellGrid, OpenStop
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optimiser.model.expected_psnr import Surrogate
@@ -70,8 +70,8 @@ class Interior:
 
     def variance(self, level: int, open_share: float) -> float:
         """σ² of a pixel at a level of light behind a panel of this open share, white is 1."""
-        white = ELECTRONS[level] * open_share / REFERENCE_SHARE
-        return self.light / white + (READ_NOISE / white) ** 2
+        white = ELECTRONS[level] * open_share / REFERENCE_TRANSMISSION
+        return self.light / white + (F1_SENSOR.read_noise / white) ** 2
 
     def transfer(self, modulation: Floats, grey: float) -> Floats:
         """H of a pupil's autocorrelation [..., m], 1 at lag 0, folded as that of a panel of transmittance ``grey``."""
@@ -86,7 +86,7 @@ class Interior:
             modulation: the pupil's autocorrelation at the lags, 1 at lag 0, [m] or [images, m] to take the mean over.
             open_share: clear share of the stop, for the light.
             grey: modulation between far dots, which sampling folds back.
-            levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+            levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
         """
         squared = np.atleast_2d(self.transfer(modulation, grey)) ** 2
         errors = []

@@ -27,10 +27,10 @@ import scipy.fft
 import torch
 from numpy.typing import NDArray
 
-from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
+from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.protocol import EPSILONS, LEVELS
-from maskfab.camera.restore import PRIOR_CY_PER_PX
+from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import CellGrid, lay
 from maskfab.errors import JobError
 from maskfab.optimiser.model.expected_psnr import Surrogate
@@ -127,7 +127,7 @@ class PupilError:
         size: points of the transforms along each side; no lag wraps.
         inside: the stop, bool [side, side], side = ``lattice.side``.
         reach: largest whole lag that is asked for.
-        levels: keys of :data:`maskfab.camera.capture.ELECTRONS`.
+        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
         weights: of the levels in the loss; they sum to 1.
         cycle: M, whole and odd: frequencies are multiples of 1 / M cycles per pixel.
         stretch: for each of these from 0 on, the whole lag below it and how far it lies beyond; None where all are
@@ -252,8 +252,8 @@ class PupilError:
         return _Errors(noise, bias, self._leak(low, epsilon))
 
     def _decibels(self, level: int, light: torch.Tensor, errors: _Errors) -> torch.Tensor:
-        white = ELECTRONS[level] / REFERENCE_SHARE * light / float(self.inside.sum())
-        variance = self.light / white + (READ_NOISE / white) ** 2
+        white = ELECTRONS[level] / REFERENCE_TRANSMISSION * light / float(self.inside.sum())
+        variance = self.light / white + (F1_SENSOR.read_noise / white) ** 2
         return -10 * torch.log10(variance * errors.noise_gain + errors.bias + errors.leak)
 
     def _leak(self, transfer: torch.Tensor, epsilon: float) -> torch.Tensor:

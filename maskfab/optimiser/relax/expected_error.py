@@ -28,7 +28,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
+from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
 from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.errors import JobError
 from maskfab.model import Camera
@@ -102,7 +102,7 @@ class ExpectedError(Objective):
         folded: [m], what sampling folds back from a grey panel of share 1.
         weight, signal, prior: [m], share of the frequency square, that share times P, (f / 0.1)².
         epsilons: [k].
-        levels: dB, keys of ``imaging.capture.ELECTRONS``.
+        levels: dB, keys of :data:`maskfab.camera.exposure.ELECTRONS`.
         light: mean of the scenes, white is 1.
         leak: the boundary's part; None leaves the interior alone.
     """
@@ -135,8 +135,8 @@ class ExpectedError(Objective):
             held_back = held_back + self.leak.errors(table)
         found = []
         for level in self.levels:
-            white = ELECTRONS[level] * share / REFERENCE_SHARE
-            found.append(((self.light / white + (READ_NOISE / white) ** 2) * noise + held_back).min())
+            white = ELECTRONS[level] * share / REFERENCE_TRANSMISSION
+            found.append(((self.light / white + (F1_SENSOR.read_noise / white) ** 2) * noise + held_back).min())
         return torch.stack(found)
 
 
@@ -155,7 +155,7 @@ def expected_error(
     Args:
         known: of the scenes and the unit's dots.
         orientations: int8 [cells, cells] of the surrogate's lattice, elements of D4.
-        levels: dB, keys of ``imaging.capture.ELECTRONS``.
+        levels: dB, keys of :data:`maskfab.camera.exposure.ELECTRONS`.
         epsilons: constants of the filter to choose from.
         with_leak: count the halo across the sensor's edge.
         precision, device: of the computation.

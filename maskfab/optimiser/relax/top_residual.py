@@ -25,7 +25,7 @@ from typing import Literal
 import numpy as np
 import torch
 
-from maskfab.camera.capture import ELECTRONS, READ_NOISE, REFERENCE_SHARE
+from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
 from maskfab.camera.photographs import Photograph
 from maskfab.errors import JobError
 from maskfab.optimiser.model.expected_psnr import LEAST_CONTRAST
@@ -51,7 +51,7 @@ class TopResidual(Objective):
         margin: samples round the sensor on every side.
         dark: nothing lies beyond the sensor.
         nsr: noise-to-signal ratio of the filter.
-        level: dB, key of ``imaging.capture.ELECTRONS``; None is noiseless.
+        level: dB, key of :data:`maskfab.camera.exposure.ELECTRONS`; None is noiseless.
         share: of the residuals that counts, the largest.
         batch: pictures of a step; a pass over all of them in a new order follows the last.
         seed: of the orders.
@@ -96,10 +96,10 @@ class TopResidual(Objective):
         for k in self.chosen:
             record = torch.fft.irfft2(self.spectra[k] * transfer, s=shape)[:, m:-m, m:-m]
             if self.noise is not None and self.level is not None:
-                electrons = ELECTRONS[self.level] * share / REFERENCE_SHARE
+                electrons = ELECTRONS[self.level] * share / REFERENCE_TRANSMISSION
                 shots, reading = self.noise[:, k]
                 deviation = torch.sqrt(record.detach().clamp_min(0) / electrons)
-                record = record + deviation * shots + READ_NOISE / electrons * reading
+                record = record + deviation * shots + F1_SENSOR.read_noise / electrons * reading
             around = (m, m, m, m)
             wide = torch.nn.functional.pad(record, around, mode="constant" if self.dark else "reflect")
             restored = torch.fft.irfft2(torch.fft.rfft2(wide) * response, s=shape)[:, m:-m, m:-m]

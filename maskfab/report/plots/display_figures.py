@@ -18,12 +18,12 @@ from maskfab.display.emitters.measure import Violation
 from maskfab.display.emitters.placement import Certificate
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.wires.reach import Reach
-from maskfab.export.pictures import srgb
 from maskfab.eye.display_light import show
 from maskfab.eye.drawn_scenes import text
 from maskfab.geometry.polygonize import outline
 from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Polygon, orient
+from maskfab.optics.numbers.colour import code_of_light
 from maskfab.report.plots import png
 from maskfab.report.plots.sheet import INK, QUIET, image, img, place, styled
 from maskfab.units import UM_PER_NM
@@ -70,7 +70,7 @@ def lit(panel: Panel) -> str:
     count = min(_LIT_PIXELS, *panel.orientations.shape)
     light = show(panel, text(_LIT_PIXELS)[:count, :count], _LIT_SAMPLES).rgb
     white = float(np.quantile(light[light > 0], 0.99))
-    levels = np.rint(srgb(np.clip(np.moveaxis(light, 0, -1) / white, 0, 1)) * 255).astype(np.uint8)
+    levels = np.rint(code_of_light(np.clip(np.moveaxis(light, 0, -1) / white, 0, 1)) * 255).astype(np.uint8)
     words = f"{count} x {count} pixels of opening {panel.opening.name} that show black letters on white"
     return img(png.data_uri(png.png_of_colours(levels)), words, "lit")
 

@@ -11,10 +11,10 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from maskfab.export.pictures import srgb
 from maskfab.eye.display_light import ideal, show
 from maskfab.eye.drawn_scenes import flat
 from maskfab.eye.side_by_side import FLAT, PictureView, SeenPanel
+from maskfab.optics.numbers.colour import code_of_light
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
 from maskfab.units import UM_PER_MM, dpi
 
@@ -138,7 +138,7 @@ def _draw(axes: Axes, rgb: Floats, own_um: float, side_um: float) -> None:
     """A picture of its own width in the middle of a window of ``side_um``."""
     height = own_um * rgb.shape[0] / rgb.shape[1]
     extent = (-own_um / 2, own_um / 2, -height / 2, height / 2)
-    axes.imshow(srgb(rgb), origin="lower", interpolation="antialiased", extent=extent)
+    axes.imshow(code_of_light(rgb), origin="lower", interpolation="antialiased", extent=extent)
     half = side_um / 2
     axes.set(xlim=(-half, half), ylim=(-half, half), xticks=[], yticks=[])
     for spine in axes.spines.values():

@@ -1,11 +1,10 @@
-"""Light, noise, and the transfer function against sums by hand."""
+"""The transfer function against sums by hand, and panels laid behind a stop."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from maskfab.camera.capture import ELECTRONS, FULL_WELL, READ_NOISE, capture, gain
 from maskfab.camera.transfer import CELLS, CellGrid, lattice, lay, pupil_autocorrelation, transfer_grid
 from maskfab.errors import JobError, OpeningError
 
@@ -49,39 +48,11 @@ def test_the_stop_of_the_protocol():
 
 
 def test_an_open_panel_is_the_stop_and_turning_every_cell_turns_the_panel():
-    assert lay("open", np.ones((21, 21), dtype=np.bool_)).open_share == 1
+    assert lay("open", np.ones((21, 21), dtype=np.bool_)).transmission == 1
     unit = np.random.default_rng(2).random((7, 7)) < 0.3
     plain = lay("a", unit, np.zeros((CELLS, CELLS), dtype=np.int8)).pupil
     turned = lay("b", unit, np.full((CELLS, CELLS), 2, dtype=np.int8)).pupil
     np.testing.assert_array_equal(turned, plain[::-1, ::-1])
-
-
-def test_noise_has_the_mean_and_variance_of_its_formula():
-    light = np.full((3, 200, 200), 0.3, dtype=np.float32)
-    electrons = gain(32, 0.2072)
-    assert electrons == pytest.approx(1608)
-    found = capture(light, electrons, 5)
-    variance = 0.3 / electrons + (READ_NOISE / electrons) ** 2
-    assert found.mean() == pytest.approx(0.3, abs=5 * np.sqrt(variance / found.size))
-    assert found.var() == pytest.approx(variance, rel=5 * np.sqrt(2 / found.size))
-
-
-def test_noise_follows_its_seed_and_stops_at_the_full_well():
-    light = np.full((1, 20, 20), 2.0, dtype=np.float32)
-    first = capture(light, ELECTRONS[40], 1)
-    np.testing.assert_array_equal(first, capture(light, ELECTRONS[40], 1))
-    assert not np.array_equal(capture(light, 100.0, 1), capture(light, 100.0, 2))
-    np.testing.assert_allclose(first, FULL_WELL / ELECTRONS[40], rtol=1e-6)
-
-
-def test_half_the_light_is_half_the_electrons():
-    assert gain(24, 0.1) == pytest.approx(gain(24, 0.2) / 2)
-
-
-@pytest.mark.parametrize(("level", "share"), [(25, 0.2), (24, 0.0), (24, 1.5), (24, float("nan"))])
-def test_bad_light_is_refused(level, share):
-    with pytest.raises(JobError, match="MF104"):
-        gain(level, share)
 
 
 @pytest.mark.parametrize(

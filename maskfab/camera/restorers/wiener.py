@@ -9,12 +9,15 @@ nothing of that light: the record is mirrored at its edges by the margin, filter
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.camera.record import Record
+from maskfab.camera.restorers.restorer import Blur, Transfer
 from maskfab.optics.numbers.wiener import wiener_filter
 
 MARGIN = 256
@@ -40,7 +43,7 @@ class Margin:
         """The part of a scene that lies on the sensor."""
         return scene[:, self.width : -self.width, self.width : -self.width]
 
-    def blurred(self, spectrum: NDArray[np.complex64], transfer: Singles) -> Singles:
+    def blurred(self, spectrum: NDArray[np.complex64], transfer: Transfer) -> Singles:
         """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels."""
         lines = scipy.fft.ifft(spectrum * transfer, axis=1, overwrite_x=True, workers=1)
         wide = scipy.fft.irfft(lines[:, self.width : -self.width], n=self.shape[1], axis=2, workers=1)
@@ -60,12 +63,12 @@ def prior(shape: tuple[int, int]) -> Singles:
     return np.asarray((y**2 + x**2) / PRIOR_CY_PER_PX**2, dtype=np.float32)
 
 
-def wiener(transfer: Singles, inverse_prior: Singles, epsilon: float) -> Singles:
+def wiener(transfer: Transfer, inverse_prior: Singles, epsilon: float) -> Transfer:
     """G for H of any shape. Without noise, ε = 0, it is 1 / H; where H is 0 as well it is 0."""
     return wiener_filter(transfer, np.float32(epsilon) * inverse_prior)
 
 
-def restore(mirrored: NDArray[np.complex64], filtered: Singles, margin: Margin) -> Singles:
+def restore(mirrored: NDArray[np.complex64], filtered: Transfer, margin: Margin) -> Singles:
     """The restored picture on the sensor, [3, rows, columns] within 0 to 1.
 
     Args:
@@ -77,7 +80,7 @@ def restore(mirrored: NDArray[np.complex64], filtered: Singles, margin: Margin) 
 
 
 def spectral_error(
-    mirrored: NDArray[np.complex64], true: NDArray[np.complex64], transfer: Singles, noise_to_signal: Singles
+    mirrored: NDArray[np.complex64], true: NDArray[np.complex64], transfer: Transfer, noise_to_signal: Singles
 ) -> float:
     """Squared error of what the Wiener filter restores, by Parseval's theorem: needs no transform, clips nothing.
 
@@ -90,3 +93,23 @@ def spectral_error(
     missed = mirrored * wiener_filter(transfer, noise_to_signal)
     missed -= true
     return float(np.vdot(missed, missed).real)
+
+
+@dataclass(frozen=True)
+class Wiener:
+    """The filter as a restorer.
+
+    Attributes:
+        width: pixels by which the record is mirrored beyond its edges.
+    """
+
+    width: int = MARGIN
+    name: str = "wiener"
+
+    def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
+        """See :class:`maskfab.camera.restorers.restorer.Restorer`."""
+        rows, columns = record.values.shape[1:]
+        margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
+        transfer, inverse_prior = blur.on(margin.shape), prior(margin.shape)
+        mirrored = margin.mirrored(record.values)
+        return lambda epsilon: restore(mirrored, wiener(transfer, inverse_prior, epsilon), margin)

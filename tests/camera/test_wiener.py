@@ -7,7 +7,7 @@ import pytest
 import scipy.fft
 
 from maskfab.camera.quality import inner, psnr, truth
-from maskfab.camera.restore import Margin, prior, restore, wiener
+from maskfab.camera.restorers.wiener import Margin, prior, restore, wiener
 
 
 def picture(shape=(64, 96)):

@@ -1,0 +1,86 @@
+"""Scores of restored photographs, and paired gains of designs over one of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from maskfab.camera.intervals import MeanDifference
+from maskfab.errors import JobError
+
+
+@dataclass(frozen=True)
+class Score:
+    """One design, level of light, scene and restorer.
+
+    Attributes:
+        design: its name.
+        level_db: signal-to-noise ratio of white behind the published display.
+        scene: its name.
+        epsilon: strength of the restorer's prior.
+        psnr: of the whole frame, dB.
+        ssim: of the whole frame; NaN where nobody asked for it.
+        psnr_inner, ssim_inner: of the inner frame.
+        restorer: what restored it.
+    """
+
+    design: str
+    level_db: float
+    scene: str
+    epsilon: float
+    psnr: float
+    ssim: float
+    psnr_inner: float
+    ssim_inner: float
+    restorer: str = "wiener"
+
+
+@dataclass(frozen=True)
+class Gain:
+    """Mean gain of a design over another at one level behind one restorer: PSNR in dB, SSIM."""
+
+    design: str
+    level_db: float
+    restorer: str
+    psnr: MeanDifference
+    psnr_inner: MeanDifference
+    ssim: MeanDifference
+
+
+@dataclass(frozen=True)
+class ScoreTable:
+    """All scores, by design, level, restorer and scene."""
+
+    scores: tuple[Score, ...]
+
+    @cached_property
+    def _by_case(self) -> dict[tuple[str, float, str, str], Score]:
+        return {(each.design, each.level_db, each.restorer, each.scene): each for each in self.scores}
+
+    def gains(self, reference: str) -> tuple[Gain, ...]:
+        """Paired gains of every other design over the reference, behind the same restorer.
+
+        Raises:
+            JobError: MF105 if there is no such design.
+        """
+        if not any(each.design == reference for each in self.scores):
+            raise JobError(
+                "MF105",
+                f"no design is called {reference}",
+                where="reference",
+                cure="Give as reference the name of one of the designs",
+            )
+        cases: dict[tuple[str, float, str], list[tuple[Score, Score]]] = {}
+        for each in self.scores:
+            if each.design != reference:
+                pair = each, self._by_case[reference, each.level_db, each.restorer, each.scene]
+                cases.setdefault((each.design, each.level_db, each.restorer), []).append(pair)
+        return tuple(
+            Gain(
+                *case,
+                MeanDifference.of([one.psnr - other.psnr for one, other in pairs]),
+                MeanDifference.of([one.psnr_inner - other.psnr_inner for one, other in pairs]),
+                MeanDifference.of([one.ssim - other.ssim for one, other in pairs]),
+            )
+            for case, pairs in cases.items()
+        )

@@ -1,0 +1,123 @@
+"""What a sensor makes of light, against its formulas; and light in its three statements."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, PHOTONS_PER_LUX_SECOND_UM2, Exposure
+from maskfab.camera.mosaic import interpolated, sampled
+from maskfab.camera.sensor import Sensor
+from maskfab.errors import JobError
+
+FLAT = np.full((3, 200, 200), 0.3, dtype=np.float32)
+
+
+@pytest.mark.parametrize("sensor", [Sensor(), Sensor(bits=10, black_level=64), Sensor(read_noise=0.0)])
+def test_noise_has_the_mean_and_variance_that_the_record_states(sensor):
+    electrons = Exposure.at(32, sensor).behind(0.2072)
+    found = sensor.record(FLAT, electrons, 5)
+    stated = float(found.noise.variance(np.float32(0.3)))
+    assert stated == pytest.approx(
+        0.3 / electrons + (sensor.read_noise**2 + sensor.step**2 / 12) / electrons**2, rel=1e-6
+    )
+    assert found.values.mean() == pytest.approx(0.3, abs=5 * np.sqrt(stated / FLAT.size))
+    assert found.values.var() == pytest.approx(stated, rel=5 * np.sqrt(2 / FLAT.size))
+
+
+def test_noise_follows_its_seed_and_stops_at_the_full_well():
+    light = np.full((3, 20, 20), 2.0, dtype=np.float32)
+    first = F1_SENSOR.record(light, ELECTRONS[40], 1)
+    np.testing.assert_array_equal(first.values, F1_SENSOR.record(light, ELECTRONS[40], 1).values)
+    assert not np.array_equal(F1_SENSOR.record(light, 100.0, 1).values, F1_SENSOR.record(light, 100.0, 2).values)
+    np.testing.assert_allclose(first.values, F1_SENSOR.full_well / ELECTRONS[40], rtol=1e-6)
+    assert first.clipped.all()
+    assert not F1_SENSOR.record(light, 100.0, 1).clipped.any()
+
+
+def test_a_converter_has_its_codes_and_cuts_the_dark_only_below_its_black_level():
+    dark = np.zeros((3, 100, 100), dtype=np.float32)
+    shallow, deep = Sensor(bits=12), Sensor(bits=12, black_level=256)
+    assert shallow.record(dark, 1000.0, 3).values.min() == 0
+    found = deep.record(dark, 1000.0, 3)
+    assert found.values.min() < 0
+    codes = found.values * 1000 / deep.step
+    np.testing.assert_allclose(codes, np.rint(codes), atol=1e-3)
+    full = deep.record(dark + 20, 1000.0, 3)
+    assert full.values.max() == pytest.approx(deep.full_well / 1000, rel=1e-6)
+
+
+@given(st.lists(st.floats(0, 1, width=32), min_size=9, max_size=9), st.integers(0, 3))
+@settings(max_examples=30, deadline=None)
+def test_a_mosaic_keeps_planes_exactly_and_what_it_recorded(numbers, turns):
+    """The corrected means are exact for light that changes linearly, if colours change alike."""
+    base, slope = np.float32(numbers[:3]), np.float32(numbers[3:5])
+    y, x = np.mgrid[:12, :16].astype(np.float32)
+    light = base[:, None, None] + slope[0] * y / 16 + slope[1] * x / 16
+    light = np.ascontiguousarray(np.rot90(light, turns, axes=(1, 2)))
+    seen = sampled(light)
+    found = interpolated(seen)
+    np.testing.assert_allclose(found[:, 2:-2, 2:-2], light[:, 2:-2, 2:-2], atol=2e-6)
+    np.testing.assert_array_equal(sampled(found), seen)
+
+
+def test_a_mosaic_on_odd_sides_is_refused():
+    with pytest.raises(JobError, match="MF140"):
+        Sensor(mosaic="rggb").record(FLAT[:, :199], 100.0, 0)
+
+
+@pytest.mark.parametrize(
+    "stated",
+    [
+        {"full_well": 0.0},
+        {"full_well": math.nan},
+        {"read_noise": -1.0},
+        {"read_noise": 2e4},
+        {"black_level": 4},
+        {"bits": 8, "black_level": 255},
+        {"bits": 0},
+    ],
+)
+def test_sensors_that_cannot_be_are_refused(stated):
+    with pytest.raises(JobError, match="MF140"):
+        Sensor(**stated)
+
+
+def test_the_levels_of_the_protocol_are_the_published_numbers_of_electrons():
+    assert dict(ELECTRONS) == {24: 273, 28: 654, 32: 1608, 36: 4005, 40: 10024}
+
+
+@given(st.floats(5, 41), st.floats(0, 20))
+@settings(max_examples=50, deadline=None)
+def test_a_level_is_the_ratio_of_white_to_its_noise(level, read_noise):
+    sensor = Sensor(read_noise=read_noise)
+    found = Exposure.at(level, sensor)
+    assert found.electrons / math.sqrt(found.electrons + read_noise**2) == pytest.approx(10 ** (level / 20))
+    again = Exposure.of_white(found.electrons, sensor)
+    assert again.level_db == pytest.approx(level)
+
+
+def test_light_of_a_scene_by_hand():
+    """500 cd/m2 behind f/2.5 and the published display: 13.02 lux, in 10 ms on 4 um^2 at 60 %."""
+    found = Exposure.of_scene(500, 0.01, 0.6, focal_ratio=2.5, pixel_um=2, sensor=Sensor())
+    lux = math.pi * 500 * 0.2072 / (4 * 2.5**2)
+    photon = 6.62607015e-34 * 299792458 / 555e-9
+    assert found.electrons == pytest.approx(lux * 0.01 / 683 / photon * 4e-12 * 0.6, rel=2e-3)
+    assert pytest.approx(4.09e15 * 1e-12, rel=1e-9) == PHOTONS_PER_LUX_SECOND_UM2
+    assert found.behind(0.4144) == pytest.approx(2 * found.electrons)
+
+
+@pytest.mark.parametrize("level", [0.0, -3.0, math.nan, math.inf, 42.0])
+def test_levels_without_light_or_above_a_full_well_are_refused(level):
+    with pytest.raises(JobError, match="MF141"):
+        Exposure.at(level, Sensor())
+
+
+@pytest.mark.parametrize("transmission", [0.0, 1.5, math.nan])
+def test_a_design_passes_some_light_and_no_more_than_all(transmission):
+    with pytest.raises(JobError, match="MF104"):
+        Exposure.at(24, Sensor()).behind(transmission)
