@@ -150,7 +150,7 @@ def folder(path: str | Path, white: float = 1.0) -> Folder:
         white: light that is white in pictures of light.
 
     Raises:
-        SourceError: MF301 if there is no folder or no photograph in it, and as :func:`maskfab.eye.picture.read_picture`.
+        SourceError: MF301 if there is no folder or no photograph in it; as :func:`maskfab.eye.picture.read_picture`.
         JobError: MF121 as :func:`scene`, and for a picture that is transparent in places.
     """
     where = Path(path)
