@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -21,6 +22,7 @@ class Score:
         psnr: of the whole frame, dB.
         ssim: of the whole frame; NaN where nobody asked for it.
         psnr_inner, ssim_inner: of the inner frame.
+        delta_e, delta_e_inner: mean colour difference of S-CIELAB, NaN likewise; about 2.3 is just noticeable.
         restorer: what restored it.
     """
 
@@ -32,12 +34,14 @@ class Score:
     ssim: float
     psnr_inner: float
     ssim_inner: float
+    delta_e: float = math.nan
+    delta_e_inner: float = math.nan
     restorer: str = "wiener"
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Mean gain of a design over another at one level behind one restorer: PSNR in dB, SSIM."""
+    """Mean gain of a design over another at one level behind one restorer: PSNR in dB, SSIM, and fall of S-CIELAB."""
 
     design: str
     level_db: float
@@ -45,6 +49,7 @@ class Gain:
     psnr: MeanDifference
     psnr_inner: MeanDifference
     ssim: MeanDifference
+    delta_e: MeanDifference
 
 
 @dataclass(frozen=True)
@@ -81,6 +86,7 @@ class ScoreTable:
                 MeanDifference.of([one.psnr - other.psnr for one, other in pairs]),
                 MeanDifference.of([one.psnr_inner - other.psnr_inner for one, other in pairs]),
                 MeanDifference.of([one.ssim - other.ssim for one, other in pairs]),
+                MeanDifference.of([other.delta_e - one.delta_e for one, other in pairs]),
             )
             for case, pairs in cases.items()
         )

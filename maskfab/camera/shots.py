@@ -67,7 +67,7 @@ def shots(design: Laid, scene: Photograph, levels: Sequence[int], crop: Crop) ->
     def show(score: Score, whole: Singles) -> None:
         taken.append(Shot(score, crop.of(whole)))
 
-    evaluate([design], [scene], [scene], levels, ssim=False, show=show)
+    evaluate([design], [scene], [scene], levels, details=False, show=show)
     return tuple(taken)
 
 

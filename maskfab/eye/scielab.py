@@ -20,12 +20,15 @@ from numpy.typing import NDArray
 from maskfab.eye.display_light import EmittedLight
 from maskfab.eye.fourier_light import Series, series
 from maskfab.eye.viewing import Viewing
+from maskfab.model import frozen
 from maskfab.optics.numbers.colour import XYZ_OF_RGB, delta_e_1976, lab_of_linear_srgb
 
 Floats = NDArray[np.float64]
 
 # Luminance, red-green, blue-yellow; from CIE XYZ.
 _OPPONENT_OF_XYZ = ((0.279, 0.72, -0.107), (-0.449, 0.29, -0.077), (0.086, -0.59, 0.501))
+OPPONENT_OF_RGB = frozen(np.array(_OPPONENT_OF_XYZ) @ XYZ_OF_RGB)
+"""Of linear sRGB, [3, 3]."""
 GAUSSIANS: tuple[tuple[tuple[float, float], ...], ...] = (
     ((0.921, 0.0283), (0.105, 0.133), (-0.108, 4.336)),
     ((0.531, 0.0392), (0.330, 0.494)),
@@ -75,10 +78,9 @@ def see(light: EmittedLight, viewing: Viewing) -> Floats:
 
 def of_series(spectrum: Series, viewing: Viewing) -> Floats:
     """S-CIELAB response from a Fourier series that reaches up to :data:`HIGHEST_CPD`."""
-    opponent_of_rgb = np.array(_OPPONENT_OF_XYZ) @ XYZ_OF_RGB
     samples = carrying(HIGHEST_CPD, viewing)
-    blurred = spectrum.filtered(gains, opponent_of_rgb).values(samples)
-    rgb = np.moveaxis(np.tensordot(np.linalg.inv(opponent_of_rgb), blurred, axes=1), 0, -1)
+    blurred = spectrum.filtered(gains, OPPONENT_OF_RGB).values(samples)
+    rgb = np.moveaxis(np.tensordot(np.linalg.inv(OPPONENT_OF_RGB), blurred, axes=1), 0, -1)
     return lab_of_linear_srgb(rgb)
 
 

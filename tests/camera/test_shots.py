@@ -50,7 +50,7 @@ def test_the_picture_shown_has_the_psnr_told(taken, scene):
 def test_showing_changes_no_score(design, taken, scene):
     scores = evaluate([design], [scene], [scene], (24, 40)).scores
     assert all(0 < score.ssim < 1 and 0 < score.ssim_inner < 1 for score in scores)
-    unlike = {"ssim": math.nan, "ssim_inner": math.nan}
+    unlike = dict.fromkeys(("ssim", "ssim_inner", "delta_e", "delta_e_inner"), math.nan)
     assert [vars(score) | unlike for score in scores] == [vars(shot.score) for shot in taken]
 
 
@@ -110,10 +110,10 @@ def test_a_spectral_error_is_that_of_the_whole_mirrored_picture():
 def test_a_scene_kept_for_the_constant_changes_no_picture_of_another(design, scene):
     """Pictures of the scenes that ε is chosen on are at hand, those of others are made."""
     other = leaves(2, 832, 832)
-    both = evaluate([design], [other, scene], [scene], (32,), ssim=False).scores
-    alone = evaluate([design], [other], [scene], (32,), ssim=False).scores
+    both = evaluate([design], [other, scene], [scene], (32,), details=False).scores
+    alone = evaluate([design], [other], [scene], (32,), details=False).scores
     assert vars(both[0]) == vars(alone[0])
-    assert vars(both[1]) == vars(evaluate([design], [scene], [scene], (32,), ssim=False).scores[0])
+    assert vars(both[1]) == vars(evaluate([design], [scene], [scene], (32,), details=False).scores[0])
 
 
 def test_a_crop_is_the_middle_and_a_copy():

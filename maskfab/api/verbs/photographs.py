@@ -291,7 +291,7 @@ def _designs(job: Job, asked: Conditions, die: str | Sequence[str] | None) -> li
 
 def _document(gain: Gain) -> dict[str, Any]:
     """A gain as data; a single photograph has no interval."""
-    means = {key: getattr(gain, key) for key in ("psnr", "psnr_inner", "ssim")}
+    means = {key: getattr(gain, key) for key in ("psnr", "psnr_inner", "ssim", "delta_e")}
     return {
         "design": gain.design,
         "level_db": gain.level_db,
@@ -309,15 +309,27 @@ def _document(gain: Gain) -> dict[str, Any]:
 
 
 def _lines(table: ScoreTable, reference: str) -> list[str]:
-    rows = [("die", "level", "PSNR", "inner", "SSIM", f"gain over {reference}", "inner")]
+    rows = [("die", "level", "PSNR", "inner", "SSIM", "S-CIELAB", f"gain over {reference}", "inner")]
     gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in table.gains(reference)}
     for case in dict.fromkeys((score.design, score.level_db, score.restorer) for score in table.scores):
         own = [score for score in table.scores if (score.design, score.level_db, score.restorer) == case]
-        mean = [sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim")]
+        mean = [
+            sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim", "delta_e")
+        ]
         gain = gains.get(case)
         told = ("", "") if gain is None else (_gain_text(gain.psnr), _gain_text(gain.psnr_inner))
         design, level, _ = case
-        rows.append((design, f"{level:.4g} dB", f"{mean[0]:.2f} dB", f"{mean[1]:.2f} dB", f"{mean[2]:.3f}", *told))
+        rows.append(
+            (
+                design,
+                f"{level:.4g} dB",
+                f"{mean[0]:.2f} dB",
+                f"{mean[1]:.2f} dB",
+                f"{mean[2]:.3f}",
+                f"{mean[3]:.2f}",
+                *told,
+            )
+        )
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
 
