@@ -10,7 +10,7 @@ import copies
 import numpy as np
 import pytest
 from hypothesis import settings
-from once import BOUNDS, FIGURES, dimmed, leaves, once
+from once import BOUNDS, FIGURES, compared_once, dimmed, leaves, once
 from small_job import finished, write_job
 
 from maskfab.camera import scenes
@@ -96,6 +96,13 @@ def readers_in_copies() -> Iterator[None]:
 def drawn_once() -> Iterator[None]:
     """For tests that are about something else than figures."""
     with once(*FIGURES):
+        yield
+
+
+@pytest.fixture
+def verified_once() -> Iterator[None]:
+    """For tests that verify copies of one result, most of whose files are as they were."""
+    with compared_once():
         yield
 
 

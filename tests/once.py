@@ -12,18 +12,23 @@ import io
 import pickle
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from functools import cache, partial
 from importlib import import_module
+from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
 import pytest
 
 from maskfab.camera.scenes import dead_leaves, indoors
+from maskfab.comparison import files
 from maskfab.processes import read_only
+from maskfab.provenance import sha256_of_file
 
 FIGURES = (
     "maskfab.report.plots.die_figures.pictures",
+    "maskfab.report.plots.die_figures.of_die",
     "maskfab.report.plots.die_figures.overview",
     "maskfab.delivery.papers.drawing_sheet",
 )
@@ -45,6 +50,25 @@ def once(*places: str) -> Iterator[None]:
         for place in places:
             module, _, name = place.rpartition(".")
             patch.setattr(place, partial(_remembered, place, getattr(import_module(module), name)))
+        yield
+
+
+@contextmanager
+def compared_once() -> Iterator[None]:
+    """Within this, a layout of the same bytes is read and compared with the same plate once."""
+    compare = files._within_limits
+
+    def remembered(made: Any, product: Any, folder: Path, *, dots: bool) -> Any:
+        path = folder / product.name
+        if not path.is_file():
+            return compare(made, product, folder, dots=dots)
+        key = "compared", _digest((made.plate, made.settings, product.name, sha256_of_file(path), dots))
+        if key not in _KNOWN:
+            _KNOWN[key] = compare(made, product, folder, dots=dots)
+        return replace(_KNOWN[key], path=path)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(files, "_within_limits", remembered)
         yield
 
 

@@ -19,7 +19,7 @@ from maskfab.model import Quantity
 from maskfab.provenance import sha256_of_file
 from maskfab.report.plots.sheet import bitmap
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
+pytestmark = pytest.mark.usefixtures("drawn_once", "verified_once")
 
 
 @pytest.fixture
