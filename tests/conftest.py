@@ -10,7 +10,7 @@ import copies
 import numpy as np
 import pytest
 from hypothesis import settings
-from once import BOUNDS, FIGURES, compared_once, dimmed, leaves, once
+from once import BOUNDS, FIGURES, compared_once, dimmed, leaves, once, statistics
 from small_job import finished, write_job
 
 from maskfab.camera import scenes
@@ -19,6 +19,8 @@ from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import Job, load_job
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
+from maskfab.optimiser.bounds import bounds
+from maskfab.optimiser.model.expected_psnr import SceneStatistics
 from maskfab.readers import layout_file
 from maskfab.readers.gdstk_process import content
 from maskfab.readers.sandbox import child_process
@@ -81,6 +83,7 @@ def scenes_drawn_once() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scenes, "dead_leaves", leaves)
         patch.setattr(scenes, "indoors", dimmed)
+        patch.setattr(SceneStatistics, "of", statistics)
         yield
 
 
@@ -109,6 +112,25 @@ def verified_once() -> Iterator[None]:
 @pytest.fixture
 def bound_once() -> Iterator[None]:
     """For tests that are about something else than the bounds of an opening."""
+    with once(*BOUNDS):
+        yield
+
+
+@pytest.fixture
+def bound_loosely(monkeypatch) -> None:
+    """For tests that ask for no bound of a unit: that of an open stop, which is quick, stands for those below it."""
+
+    def of_open_stop(inner, ratio, *_) -> tuple[float, ...]:
+        return inner.psnr(inner.stop, ratio, 1.0)
+
+    monkeypatch.setattr(bounds, "_unit_bound", of_open_stop)
+    monkeypatch.setattr(bounds, "frame_bound", lambda _, inner, clear, **__: of_open_stop(inner, clear / inner.dots**2))
+
+
+@pytest.fixture
+def bound_closely(bound_loosely, monkeypatch) -> Iterator[None]:
+    """For a test among those that asks for the bounds all the same."""
+    monkeypatch.undo()
     with once(*BOUNDS):
         yield
 

@@ -10,7 +10,7 @@ import copyreg
 import hashlib
 import io
 import pickle
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, partial
@@ -21,8 +21,10 @@ from typing import Any
 
 import pytest
 
+from maskfab.camera.photographs import Photograph
 from maskfab.camera.scenes import dead_leaves, indoors
 from maskfab.comparison import files
+from maskfab.optimiser.model.expected_psnr import SceneStatistics
 from maskfab.processes import read_only
 from maskfab.provenance import sha256_of_file
 
@@ -39,6 +41,18 @@ leaves = cache(dead_leaves)
 
 dimmed = cache(indoors)
 """The same scene indoors."""
+
+_statistics = SceneStatistics.of
+_scenes: dict[tuple[int, ...], tuple[Sequence[Photograph], SceneStatistics]] = {}
+
+
+def statistics(photographs: Sequence[Photograph], *, leak_scenes: int = 2) -> SceneStatistics:
+    """What a surrogate knows of the same photographs, found once by each process."""
+    key = (leak_scenes, *map(id, photographs))
+    if key not in _scenes:
+        _scenes[key] = photographs, _statistics(photographs, leak_scenes=leak_scenes)
+    return _scenes[key][1]
+
 
 _KNOWN: dict[tuple[str, bytes], Any] = {}
 

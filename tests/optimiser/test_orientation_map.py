@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-import scipy.signal
 import torch
 from once import leaves
 
@@ -243,6 +242,8 @@ def test_a_map_of_other_cells_restores_better(small, coarse, cells):
 @pytest.mark.parametrize(("dots", "dot_nm"), [(1, 1_175_000), (3, 1_000_000), (9, 500_000), (5, 333_333), (2, 20_000)])
 def test_the_slope_is_exact_for_cells_of_any_size(dots, dot_nm):
     """Cells wider than the stop, cells of one dot, dots of a third of a millimetre: the field is the slope."""
+    from scipy.signal import correlate  # which takes a second to import
+
     error = pupil_error(surrogate([leaves(1)], dots, dot_nm=dot_nm), (24, 40))
     pupil = error.lattice.stop.astype(np.float64)
     pupil[::2, 1::3] = 0
@@ -255,7 +256,7 @@ def test_the_slope_is_exact_for_cells_of_any_size(dots, dot_nm):
     one = np.zeros_like(pupil)
     one[place] = 1
     # The autocorrelation's own slope by that dot: the pupil seen from it, both ways.
-    moves = scipy.signal.correlate(pupil, one) + scipy.signal.correlate(one, pupil)
+    moves = correlate(pupil, one) + correlate(one, pupil)
     middle, reach = len(pupil) - 1, len(error.pixel) // 2
     moves = np.pad(moves, max(0, reach - middle))
     centre = len(moves) // 2

@@ -20,7 +20,7 @@ from maskfab.optimiser.relax.relax import relax, schedule
 from maskfab.optimiser.result import Designed, constraints_of
 from maskfab.optimiser.rules.repair import nearest
 
-pytestmark = pytest.mark.usefixtures("bound_once")
+pytestmark = pytest.mark.usefixtures("bound_loosely")
 
 PLAIN = {
     "name": "found",
@@ -114,6 +114,7 @@ def test_the_area_is_led_with_its_own_weight_or_not_at_all(scenes: tuple[Photogr
         assert (None if penalty is None else penalty.weight) == expected
 
 
+@pytest.mark.usefixtures("bound_closely")
 def test_options_reach_the_descent(scenes: tuple[Photograph, ...], estimate: Surrogate) -> None:
     wanted = section(optimiser="sgd", rate=0.7, starts=3, straight_through=True, start_noise=0.1, patience=4)
     how = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate).descent

@@ -35,7 +35,7 @@ from maskfab.optimiser.search.shortlist import different, shortlisted
 from maskfab.plate import maps
 from maskfab.progress import silent
 
-pytestmark = pytest.mark.usefixtures("bound_once")
+pytestmark = pytest.mark.usefixtures("bound_loosely")
 
 PLAIN = {"name": "found", "dots": 6, "pitch": "168 um", "clear_dots": 9}
 RULES = {"kissing": "neighbours", "min_feature_dots": 2, "rim_dots": 1}
@@ -50,6 +50,7 @@ def section(**changed: object) -> SearchSection:
     return parse_section(SearchSection, {**PLAIN, **changed}, where="test")
 
 
+@pytest.mark.usefixtures("bound_closely")
 def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[Photograph, ...]) -> None:
     one, two = (search(section(anneal=20, seed=3), scenes, "maskfab design x.toml") for _ in range(2))
     assert one.opening.clear_dots == 9
@@ -59,6 +60,7 @@ def test_a_search_is_exact_in_its_count_and_equal_runs_are_equal(scenes: tuple[P
     assert one.notes == ()
 
 
+@pytest.mark.usefixtures("bound_closely")
 def test_the_provenance_says_what_was_found_and_what_it_cost(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(rules=RULES), scenes, "maskfab design x.toml")
     facts = parse_opening(opening_text(found.opening)).provenance
