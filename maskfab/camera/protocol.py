@@ -39,6 +39,9 @@ from maskfab.optics.numbers.colour import code_of_light
 Singles = NDArray[np.float32]
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
+_FINER = EPSILONS[1] / EPSILONS[0]
+STRENGTHS = (*(EPSILONS[0] / _FINER**k for k in range(12, 0, -1)), *EPSILONS)
+"""The grid of ε, and as far below it as linear light in little noise, or a record without noise, asks for."""
 TRIM = 64
 """Pixels left out at each edge of the inner frame."""
 LEVELS = (24, 32, 40)
@@ -58,12 +61,14 @@ class Protocol:
         linear: scenes are linear light, and restored pictures are coded again before they are scored; otherwise code
             values are taken for light, as much of the literature does.
         whole: electrons of white behind the published display are rounded.
+        strengths: grid of ε, ascending.
     """
 
     name: str
     sensor: Sensor = F1_SENSOR
     linear: bool = True
     whole: bool = False
+    strengths: tuple[float, ...] = STRENGTHS
 
     def exposure(self, level_db: float) -> Exposure:
         """Light of a level.
@@ -85,7 +90,7 @@ class Protocol:
         return code_of_light(light) if self.linear else light
 
 
-F1 = Protocol("f1", linear=False, whole=True)
+F1 = Protocol("f1", linear=False, whole=True, strengths=EPSILONS)
 
 
 class Design(Blur, Interface):
@@ -173,14 +178,14 @@ def evaluate(
             for restorer in restorers:
                 learn = [(prepared[id(s)], restorer.prepare(records[id(s)], seen)) for s in tuning]
                 chosen, pictures = _best(protocol, learn, start)
-                tuned = dict(zip(map(id, tuning), pictures, strict=True))
+                epsilon, tuned = protocol.strengths[chosen], dict(zip(map(id, tuning), pictures, strict=True))
                 for s in test:
                     known = prepared[id(s)]
                     restored = tuned.get(id(s))
                     if restored is None:
-                        restored = protocol.shown(restorer.prepare(records[id(s)], seen)(EPSILONS[chosen]))
+                        restored = protocol.shown(restorer.prepare(records[id(s)], seen)(epsilon))
                     like = likenesses.get(id(s))
-                    scores.append(score(seen.name, known, restored, level, EPSILONS[chosen], restorer.name, like))
+                    scores.append(score(seen.name, known, restored, level, epsilon, restorer.name, like))
                     if show is not None:
                         show(scores[-1], restored)
     return ScoreTable(tuple(scores))
@@ -222,13 +227,13 @@ def _estimated(protocol: Protocol, design: Design, taken: Sequence[tuple[SensorS
         seen.append((*green, design.on(margin.shape)[_GREEN], prior(margin.shape)))
 
     def estimate(k: int) -> float:
-        ratio = np.float32(EPSILONS[k])
+        ratio = np.float32(protocol.strengths[k])
         return -sum(
             math.log(spectral_error(record, true, transfer, ratio * inverse))
             for record, true, transfer, inverse in seen
         )
 
-    return _climb(estimate, len(EPSILONS) // 2)
+    return _climb(estimate, len(protocol.strengths) // 2, len(protocol.strengths))
 
 
 def _best(
@@ -241,21 +246,21 @@ def _best(
         # Those of three neighbours are all that a climb can still ask for.
         for passed in [j for j in pictures if abs(j - k) > 2]:
             del pictures[passed]
-        pictures[k] = [protocol.shown(restore(EPSILONS[k])) for _, restore in learn]
+        pictures[k] = [protocol.shown(restore(protocol.strengths[k])) for _, restore in learn]
         each = [psnr(picture, known.true) for picture, (known, _) in zip(pictures[k], learn, strict=True)]
         return sum(each) / len(each)
 
-    best = _climb(mean, start)
+    best = _climb(mean, start, len(protocol.strengths))
     return best, pictures[best]
 
 
-def _climb(height: Callable[[int], float], start: int) -> int:
-    """Place of an ε from which neither neighbour is higher, by steps to the better one; asks for no height twice."""
+def _climb(height: Callable[[int], float], start: int, count: int) -> int:
+    """Place, below ``count``, from which neither neighbour is higher, by steps to the better one; none is asked twice."""
     known = cache(height)
     best, following = -1, start
     while following != best:
         best = following
-        following = max((k for k in (best, best - 1, best + 1) if 0 <= k < len(EPSILONS)), key=known)
+        following = max((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=known)
     return best
 
 

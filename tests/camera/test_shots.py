@@ -92,7 +92,9 @@ def test_the_constant_is_the_best_and_few_others_are_tried(design, monkeypatch):
 def test_a_climb_ends_on_the_peak_wherever_it_begins_and_asks_nothing_twice(best):
     for start in range(len(protocol.EPSILONS)):
         asked = []
-        found = protocol._climb(lambda k, asked=asked: (asked.append(k), -abs(k - best))[1], start)
+        found = protocol._climb(
+            lambda k, asked=asked: (asked.append(k), -abs(k - best))[1], start, len(protocol.EPSILONS)
+        )
         assert found == best
         assert len(asked) == len(set(asked)) <= abs(start - best) + 3
 
