@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from maskfab.errors import MaskfabError as MaskfabError
     from maskfab.job import load_job as load_job
     from maskfab.plate.maps import read_map as read_map
-    from maskfab.report.quantities import Quantities as Quantities
+    from maskfab.report.quantity_table import Quantities as Quantities
 
 __version__ = "0.1.0"
 
@@ -56,7 +56,7 @@ _WHERE = {
     "Panel": "maskfab.api.panel",
     "Plate": "maskfab.api.plate",
     "Psf": "maskfab.api.curves",
-    "Quantities": "maskfab.report.quantities",
+    "Quantities": "maskfab.report.quantity_table",
     "analyse": "maskfab.api.verbs.analysing",
     "bench": "maskfab.api.verbs.benchmarking",
     "check": "maskfab.api.verbs.displays",

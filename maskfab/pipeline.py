@@ -22,9 +22,9 @@ from maskfab.comparison.psf_files import check_psf_file
 from maskfab.display.place import Populated
 from maskfab.drc import RuleResult, check_plate
 from maskfab.errors import UnknownNameError
+from maskfab.export.images.psf_exr import PsfFile, psf_files
 from maskfab.export.markers import write_markers
 from maskfab.export.outputs import TITLES
-from maskfab.export.psf_exr import PsfFile, psf_files
 from maskfab.files.finished import RESULT_MARK, TIMES, times_text
 from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
@@ -50,9 +50,10 @@ from maskfab.optics.scene.plan import Plan
 from maskfab.processes import Alone, Given, Pair, Task
 from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
-from maskfab.report import data, design_data, html
+from maskfab.report.documents import design_data, report_data
+from maskfab.report.page import html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
-from maskfab.report.quantities import Quantities
+from maskfab.report.quantity_table import Quantities
 from maskfab.threads import one_thread
 
 if TYPE_CHECKING:
@@ -196,7 +197,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
                 progress("figures", 1, 1)
             document = found.document(report)
             (folder / OVERVIEW).write_bytes(overview)
-            (folder / REPORT).write_text(data.report_text(document), encoding="utf-8")
+            (folder / REPORT).write_text(report_data.report_text(document), encoding="utf-8")
             (folder / PAGE).write_text(html.html_page(document, pictures), encoding="utf-8")
             _write_manifest(job, files, folder)
             (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
@@ -257,13 +258,13 @@ class Findings:
         checks = tuple(quantity for quantity in everything if quantity.passed is not None)
         return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
 
-    def document(self, report: Report) -> data.Document:
+    def document(self, report: Report) -> report_data.Document:
         """The content of report.json."""
         designs = {
             name: design_data.design_document(said, self.restored.get(name))
             for name, said in design_data.stated(self.job).items()
         }
-        return data.to_document(report, self.plate, self.job.camera, self.scenes, self.built.found, designs)
+        return report_data.to_document(report, self.plate, self.job.camera, self.scenes, self.built.found, designs)
 
 
 def draw_files(job: Job, plate: Plate) -> PlateFiles:
@@ -506,7 +507,7 @@ def _each(
 
 
 def draw_pictures(
-    found: Findings, document: data.Document, crew: Alone
+    found: Findings, document: report_data.Document, crew: Alone
 ) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
     """The picture of the whole plate, as PNG, and every figure of the report, by die and figure."""
     Figures, built = die_figures.Figures, found.built

@@ -52,7 +52,8 @@ from maskfab.progress import Progress, silent
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.readers.sandbox.bounded import bounded
-from maskfab.report import again, data, html
+from maskfab.report.documents import report_data
+from maskfab.report.page import differences, html
 from maskfab.threads import one_thread
 
 _PHOTOGRAPHS = "other noise in photographs, of which a last bit of light may draw another photon"
@@ -185,22 +186,22 @@ def _aids_differ(folder: Path, job: Job, plate: Plate) -> Iterator[tuple[str, st
 
 
 def _page_differs(
-    folder: Path, now: data.Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
+    folder: Path, now: report_data.Document, pictures: Mapping[str, Mapping[str, str]], *, held: bool
 ) -> Iterator[tuple[str, str]]:
     """The page against the one of the pictures made again, and of the report, to its last digit if that held."""
     try:
         document = json.loads((folder / REPORT).read_text(encoding="utf-8")) if held else now
         page = html.html_page(document, pictures)
-        found = list(again.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
+        found = list(differences.differences((folder / PAGE).read_text(encoding="utf-8"), page, pictures))
     except (OSError, ValueError, TypeError, KeyError, AttributeError, RecursionError, TemplateError) as error:
         yield PAGE, f"it cannot be compared: {error!r}"
         return
-    faults = [name for name in found if name != again.NOISE]
+    faults = [name for name in found if name != differences.NOISE]
     yield PAGE, f"other {', '.join(faults)}" if faults else _PHOTOGRAPHS if found else ""
 
 
 def _overview_differs(folder: Path, made: bytes) -> Iterator[tuple[str, str]]:
-    yield OVERVIEW, "" if again.alike_images(_bytes(folder / OVERVIEW), made) else "it shows something else"
+    yield OVERVIEW, "" if differences.alike_images(_bytes(folder / OVERVIEW), made) else "it shows something else"
 
 
 def _bytes(path: Path) -> bytes:
@@ -267,7 +268,7 @@ def _listed(manifest: Mapping[str, Any]) -> tuple[WrittenFile, ...]:
     return tuple(WrittenFile(row["path"], row.get("format", ""), row["bytes"], row["sha256"]) for row in rows)
 
 
-def _reported(folder: Path, now: data.Document) -> Iterator[Quantity]:
+def _reported(folder: Path, now: report_data.Document) -> Iterator[Quantity]:
     """Everything that report.json says against what is measured now; notes first on an earlier schema or unit."""
     try:
         then = json.loads((folder / REPORT).read_text(encoding="utf-8"))
@@ -345,7 +346,7 @@ def _alike_photographs(what: str, now: object, then: object) -> bool:
     """Whether two numbers of photographs are alike, of which a last bit of light may draw another photon."""
     if isinstance(now, float) and isinstance(then, int | float):
         # The filter's constant is one of a few, and may be the next one.
-        return abs(now - then) <= (now / 2 if what == "epsilon" else again.DECIBELS)
+        return abs(now - then) <= (now / 2 if what == "epsilon" else differences.DECIBELS)
     return now == then
 
 

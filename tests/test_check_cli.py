@@ -13,7 +13,7 @@ from small_job import Answer, command, finished, listing, write_job
 
 from maskfab.display import place
 from maskfab.display.emitters.placement import Verdict
-from maskfab.report.check_data import check_schema
+from maskfab.report.documents.check_data import check_schema
 
 pytestmark = pytest.mark.usefixtures("drawn_once")
 

@@ -12,14 +12,14 @@ from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph
 from maskfab.cli import run_command_line
 from maskfab.cli.verbs.design import _targets
-from maskfab.export.pictures import write_png
+from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
 from maskfab.jobfile import read
 from maskfab.measurement.restored import OTHER_RESIDUAL_DB, photographer
 from maskfab.model import Tiling
 from maskfab.opening import openings
 from maskfab.plate import maps
-from maskfab.report.design_data import camera_notes
+from maskfab.report.documents.design_data import camera_notes
 
 ROOT = Path(__file__).parents[1]
 PHONE = 'focal = "5.56 mm"\nstop = { shape = "circle", diameter = "1 mm" }\npixel = "5 um"\n'

@@ -378,11 +378,11 @@ dots_per_um = 0.25
 WRITE = """\
 import sys
 from pathlib import Path
-from maskfab.job import load
+from maskfab.job import load_job
 from maskfab.pipeline import draw_files, write_files
 from maskfab.progress import silent
 
-job, folder = load(sys.argv[1]), Path(sys.argv[2])
+job, folder = load_job(sys.argv[1]), Path(sys.argv[2])
 folder.mkdir()
 write_files(job, draw_files(job, job.plate()), folder, silent)
 """

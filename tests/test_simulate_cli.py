@@ -13,7 +13,7 @@ from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.protocol import ASSUMED
 from maskfab.camera.transfer import lay
 from maskfab.cli import run_command_line
-from maskfab.export.pictures import write_png
+from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
 
 ROOT = Path(__file__).parents[1]

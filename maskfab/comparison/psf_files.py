@@ -12,8 +12,8 @@ import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
-from maskfab.export.exr import PREFIX, Facts
-from maskfab.export.psf_exr import PsfFile
+from maskfab.export.images.exr import PREFIX, Facts
+from maskfab.export.images.psf_exr import PsfFile
 from maskfab.model import Quantity
 from maskfab.readers.image_mask import said_by
 

@@ -10,11 +10,11 @@ from typing import Literal, TypeAlias
 
 from klayout import db
 
-from maskfab.export.bitmap import write_bilevel, write_preview
 from maskfab.export.cell_polygons import Figures
 from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
+from maskfab.export.images.bitmap import write_bilevel, write_preview
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack
@@ -103,7 +103,8 @@ def products(
 ) -> tuple[Product, ...]:
     """The files of a plate, in the order of the formats; STEP has a file for each die and one for the plate.
 
-    PSFs are made of what is measured in these files, so that EXR has none here: see :mod:`maskfab.export.psf_exr`.
+    PSFs are made of what is measured in these files, so that EXR has none here: see
+    :mod:`maskfab.export.images.psf_exr`.
 
     Args:
         figures: the plate as it is drawn.

@@ -14,12 +14,12 @@ from maskfab.drc.raster_rules import smallest_runs
 from maskfab.errors import JobError
 from maskfab.jobfile import JobSpec, PlateSection
 from maskfab.model import Die, Note, Opening, Panel, Plate, Point
+from maskfab.plate.marks.captions import LABEL_NM
 from maskfab.plate.marks.clearances import check_clearances
 from maskfab.plate.marks.drawing import Setting
 from maskfab.plate.marks.plain import MARGIN_NM, SMALLEST_WRITABLE_NM, TITLE_HEIGHT_NM, plain_marks
 from maskfab.plate.marks.template import PlateTemplate, plate_template
 from maskfab.plate.marks.templated import templated
-from maskfab.plate.marks.text import LABEL_NM
 from maskfab.plate.panels import die_panels, laid_out
 from maskfab.units import NM_PER_UM, to_nm
 

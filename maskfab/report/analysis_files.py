@@ -5,8 +5,8 @@ from __future__ import annotations
 from pathlib import Path
 
 from maskfab import __version__
-from maskfab.export.exr import Facts
-from maskfab.export.psf_exr import psf_facts, write_psf
+from maskfab.export.images.exr import Facts
+from maskfab.export.images.psf_exr import psf_facts, write_psf
 from maskfab.files.staging import check_target, staged
 from maskfab.measurement.analysis import Analysis
 from maskfab.report.plots import die_figures, scene_figures

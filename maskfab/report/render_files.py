@@ -10,13 +10,13 @@ from typing import Any
 import numpy as np
 
 from maskfab import __version__, provenance
-from maskfab.export.pictures import write_exr, write_png
+from maskfab.export.images.light_image import write_exr, write_png
 from maskfab.eye.display_light import show
 from maskfab.eye.side_by_side import SeenPanel
 from maskfab.files.staging import check_target, staged
 from maskfab.progress import Progress, silent
 from maskfab.report.plots.render_figure import comparison
-from maskfab.report.quantities import quantity_document
+from maskfab.report.quantity_table import quantity_document
 from maskfab.units import UM_PER_MM, dpi
 
 SCHEMA_VERSION = 1

@@ -14,7 +14,7 @@ import maskfab as mf
 from maskfab.api.camera import F1
 from maskfab.cli.app import app
 from maskfab.errors import JobError, OutputError
-from maskfab.export.pictures import write_png
+from maskfab.export.images.light_image import write_png
 
 EMITTERS = """
 [emitters]

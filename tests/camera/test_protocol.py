@@ -15,7 +15,7 @@ from maskfab.camera.scenes import dead_leaves
 from maskfab.camera.sensor import Sensor
 from maskfab.camera.transfer import CELLS, lay
 from maskfab.errors import JobError, SourceError
-from maskfab.export.pictures import write_exr, write_png
+from maskfab.export.images.light_image import write_exr, write_png
 from maskfab.files.image import write_image
 
 ONE = np.zeros((CELLS, CELLS), dtype=np.int8)

@@ -10,7 +10,7 @@ from PIL import Image
 
 from maskfab.comparison.bitmaps import check_bitmap, check_pixels
 from maskfab.errors import JobError, SourceError
-from maskfab.export.bitmap import write_bilevel, write_preview
+from maskfab.export.images.bitmap import write_bilevel, write_preview
 from maskfab.geometry.die_grid import die_edges_nm, die_raster, pixel_overlaps
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.model import Die, Opening, Panel, Plate, Tiling

@@ -17,7 +17,7 @@ import maskfab
 from maskfab.comparison.files import read_back
 from maskfab.comparison.psf_files import check_psf_file, read_psf_file
 from maskfab.errors import SourceError
-from maskfab.export.psf_exr import AXES, PsfFile, psf_facts, write_psf
+from maskfab.export.images.psf_exr import AXES, PsfFile, psf_facts, write_psf
 from maskfab.model import Die, Opening, Panel, Psf, Tiling
 from maskfab.pipeline import draw_files, measure_dies, psfs_as_files
 from maskfab.progress import silent

@@ -24,12 +24,12 @@ from small_job import command, listing, write_job
 
 from maskfab.delivery.archive import write_package
 from maskfab.errors import OutputError
-from maskfab.export.bitmap import write_bilevel, write_preview
 from maskfab.export.cell_polygons import draw
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
-from maskfab.export.pictures import write_exr, write_png
+from maskfab.export.images.bitmap import write_bilevel, write_preview
+from maskfab.export.images.light_image import write_exr, write_png
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.svg import write_svg
@@ -118,7 +118,7 @@ def killed_at(limit: int, work: Callable[[], object]) -> int:
 
 
 EXR = """
-import sys; from pathlib import Path; import numpy as np; from maskfab.export.pictures import write_exr
+import sys; from pathlib import Path; import numpy as np; from maskfab.export.images.light_image import write_exr
 write_exr(np.random.default_rng(0).random((96, 96, 3)), Path(sys.argv[1]), {})
 """
 

@@ -12,7 +12,7 @@ import pytest
 from small_job import MASK, command, listing, write_job
 
 from maskfab.errors import OutputError
-from maskfab.export.pictures import write_exr, write_png
+from maskfab.export.images.light_image import write_exr, write_png
 from maskfab.job import Job
 from maskfab.model import Emitters, Plate
 from maskfab.optics.numbers.colour import code_of_light

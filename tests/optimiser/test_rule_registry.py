@@ -25,8 +25,8 @@ from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.registry import RULES
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.rules.rule import Conflict, Mask, Rule, price_key, priced_rule
-from maskfab.report.design_data import Stated, design_document
 from maskfab.report.design_text import designed_lines
+from maskfab.report.documents.design_data import Stated, design_document
 
 OF_EMITTERS = {"gap_to_opening", "colour_gap", "min_width"}
 CELL = 3

@@ -21,9 +21,9 @@ from maskfab.camera.shots import Shot
 from maskfab.job import load_job
 from maskfab.measurement.restored import Restored
 from maskfab.model import Quantity
-from maskfab.report import html
-from maskfab.report.data import report_text, schema, to_document
-from maskfab.report.design_data import Stated, design_document, stated
+from maskfab.report.documents.design_data import Stated, design_document, stated
+from maskfab.report.documents.report_data import report_text, schema, to_document
+from maskfab.report.page import html
 from maskfab.report.plots import design_figures
 
 MARKUP = "<script>alert('x')</script>\"&"

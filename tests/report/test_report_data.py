@@ -10,7 +10,7 @@ import pytest
 from maskfab import __version__
 from maskfab.errors import InternalError
 from maskfab.model import Quantity, Stop
-from maskfab.report.data import report_text, schema, to_document
+from maskfab.report.documents.report_data import report_text, schema, to_document
 
 QUANTITY_KEYS = ["name", "symbol", "value", "unit", "uncertainty", "method", "limit", "passed"]
 

@@ -15,7 +15,7 @@ from matplotlib.image import imread
 
 from maskfab.model import Psf
 from maskfab.processes import Pair
-from maskfab.report.data import to_document
+from maskfab.report.documents.report_data import to_document
 from maskfab.report.plots import die_figures
 
 MARKUP = "<script>alert('x')</script>"

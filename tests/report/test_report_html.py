@@ -8,8 +8,8 @@ import pytest
 
 from maskfab.model import UNSTATED, Stop
 from maskfab.optics.scene.model_bar import bar_of_panel
-from maskfab.report import html
-from maskfab.report.data import to_document
+from maskfab.report.documents.report_data import to_document
+from maskfab.report.page import html
 from maskfab.report.plots import die_figures
 
 MARKUP = "<script>alert('x')</script>"

@@ -11,8 +11,8 @@ from xml.etree import ElementTree
 import pytest
 
 from maskfab.optics.scene.distortion import Distortion
-from maskfab.report import html
-from maskfab.report.data import to_document
+from maskfab.report.documents.report_data import to_document
+from maskfab.report.page import html
 from maskfab.report.plots import scene_figures
 from maskfab.report.plots.number_text import rounded
 

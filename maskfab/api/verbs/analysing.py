@@ -14,7 +14,7 @@ from maskfab.measurement import analysis
 from maskfab.measurement.analysis import Request, described_scene
 from maskfab.model import Opening, Quantity, Tiling
 from maskfab.progress import Progress, silent
-from maskfab.report.quantities import Quantities
+from maskfab.report.quantity_table import Quantities
 from maskfab.units import parse_length_um, parse_pitch_um
 
 if TYPE_CHECKING:

@@ -23,8 +23,9 @@ from maskfab.mask_shops.adapt import blank_of
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.progress import Progress, silent
-from maskfab.report import check_data, display_text, render_files
-from maskfab.report.quantities import Quantities, html_table, table_lines
+from maskfab.report import display_text, render_files
+from maskfab.report.documents import check_data
+from maskfab.report.quantity_table import Quantities, html_table, table_lines
 from maskfab.threads import one_thread
 
 _RULES = """State the rules of the display maker, such as

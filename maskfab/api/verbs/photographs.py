@@ -27,7 +27,7 @@ from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
 from maskfab.job import Job
 from maskfab.progress import Progress, silent
-from maskfab.report.quantities import dataframe
+from maskfab.report.quantity_table import dataframe
 from maskfab.threads import one_thread
 
 if TYPE_CHECKING:

@@ -23,7 +23,7 @@ from maskfab.pipeline import Result
 from maskfab.progress import Progress, silent
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
-from maskfab.report.quantities import Quantities
+from maskfab.report.quantity_table import Quantities
 from maskfab.units import NM_PER_UM, parse_length_um
 
 

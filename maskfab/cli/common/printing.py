@@ -39,7 +39,7 @@ def print_json(document: dict[str, Any]) -> None:
 
 def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:
     """One line for each quantity, in columns; with the name of its die if ``dies``."""
-    from maskfab.report.quantities import table_lines
+    from maskfab.report.quantity_table import table_lines
 
     for line in table_lines(quantities, dies=dies):
         typer.echo(one_line(line))

@@ -100,7 +100,7 @@ def analyse(
         )
     if out is not None:
         from maskfab import __version__
-        from maskfab.export.psf_exr import camera_header
+        from maskfab.export.images.psf_exr import camera_header
         from maskfab.provenance import sha256_of_file
         from maskfab.report.analysis_files import write_analysis
 

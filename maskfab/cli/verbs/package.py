@@ -32,7 +32,7 @@ def package(
     with watched(quiet) as progress:
         made = pack_job(job, shop, out, formats=format_ or (), force=force, progress=progress)
     if as_json:
-        from maskfab.report.quantities import quantity_document
+        from maskfab.report.quantity_table import quantity_document
 
         print_json(
             {

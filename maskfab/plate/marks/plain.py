@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
+from maskfab.plate.marks.captions import label, maker, title_block
 from maskfab.plate.marks.die_map import outlines
 from maskfab.plate.marks.drawing import DrawnMarks, Setting
 from maskfab.plate.marks.registration import fiducial, parity_mark
 from maskfab.plate.marks.resolution import cd_bars
-from maskfab.plate.marks.text import label, maker, title_block
 
 MARGIN_NM = 2_000_000
 TITLE_HEIGHT_NM = 1_500_000

@@ -5,6 +5,7 @@ from __future__ import annotations
 from maskfab.errors import InternalError, JobError
 from maskfab.geometry.lettering import fitted_text
 from maskfab.model import CLEAR, Furniture
+from maskfab.plate.marks.captions import label, maker, title_block
 from maskfab.plate.marks.data_matrix import code_text, data_matrix
 from maskfab.plate.marks.die_map import die_map, outlines
 from maskfab.plate.marks.drawing import DrawnMarks, Setting, bounding_box
@@ -33,7 +34,6 @@ from maskfab.plate.marks.template import (
     StarSection,
     TitleSection,
 )
-from maskfab.plate.marks.text import label, maker, title_block
 from maskfab.units import NM_PER_MM, NM_PER_UM, to_nm
 
 _CAPTION_NM = 150_000

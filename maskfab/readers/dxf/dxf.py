@@ -18,7 +18,7 @@ from maskfab.geometry.shape_limits import MOST_LAYERS, too_many_layers
 from maskfab.model import CLEAR
 from maskfab.readers.dxf.entities import Unseen
 from maskfab.readers.dxf.grid import DrawingGrid
-from maskfab.readers.dxf.text import Entity, entities
+from maskfab.readers.dxf.text_entities import Entity, entities
 
 # klayout's mode "automatic" takes all closed lines for paths without width as soon as there is one SOLID or HATCH, and
 # modes 3 and 4 take what two polygons share, or one has within another, away from both. Mode 2 makes each closed line

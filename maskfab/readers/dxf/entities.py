@@ -11,7 +11,7 @@ import math
 from collections import Counter
 from collections.abc import Callable
 
-from maskfab.readers.dxf.text import Entity, codes
+from maskfab.readers.dxf.text_entities import Entity, codes
 
 _PAPER = ("*PAPER_SPACE", "$PAPER_SPACE")
 _FROZEN = 1

@@ -14,7 +14,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.readers.dxf.text import Entity, codes
+from maskfab.readers.dxf.text_entities import Entity, codes
 
 _ON_GRID_NM = 1e-4
 """Decimals of inches and millimetres are written with so many digits that what is on the grid lies closer to it."""

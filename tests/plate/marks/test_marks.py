@@ -11,6 +11,7 @@ from klayout import db
 from maskfab.comparison.roundtrip import clear_length_nm
 from maskfab.geometry.plate_layout import plate_layout, simple_polygon
 from maskfab.model import CLEAR, OUTLINE, Die, Opening, Panel, Plate, Tiling
+from maskfab.plate.marks.captions import title_block
 from maskfab.plate.marks.data_matrix import code_text, data_matrix, modules
 from maskfab.plate.marks.die_map import die_map, outlines
 from maskfab.plate.marks.drawing import DrawnMarks, bounding_box, box_at
@@ -23,7 +24,6 @@ from maskfab.plate.marks.resolution import (
     line_space,
     siemens_star,
 )
-from maskfab.plate.marks.text import title_block
 
 AT = (-3_000_001, 7_000_003)
 FEATURES = (2_000, 4_033, 50_000)

@@ -10,7 +10,7 @@ import pytest
 from maskfab.camera.protocol import Score
 from maskfab.camera.shots import Shot
 from maskfab.measurement.restored import Restored
-from maskfab.report import again
+from maskfab.report.page import differences
 from maskfab.report.plots import design_figures
 from maskfab.verification import _reported
 
@@ -30,12 +30,12 @@ def photographed(
 def compared(forged: Restored) -> list[str]:
     pages = [design_figures.pictures(each) for each in (forged, photographed())]
     then, now = ("<p>photographs</p>".join(each.values()) for each in pages)
-    return list(again.differences(then, now, {"A": pages[1]}))
+    return list(differences.differences(then, now, {"A": pages[1]}))
 
 
 def test_the_same_photograph_in_other_noise_is_told_as_noise():
     assert compared(photographed()) == []
-    assert compared(photographed(seed=2, psnr=22.03)) == [again.NOISE]
+    assert compared(photographed(seed=2, psnr=22.03)) == [differences.NOISE]
 
 
 def other_patch(part: slice) -> np.ndarray:

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from maskfab import __version__
-from maskfab.export.exr import Fact, Facts, write_channels
+from maskfab.export.images.exr import Fact, Facts, write_channels
 from maskfab.job import Job
 from maskfab.model import Camera, Die, DieOptics, Plate, Psf, Stop
 from maskfab.units import NM_PER_UM

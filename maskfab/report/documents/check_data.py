@@ -10,9 +10,9 @@ from maskfab.display.feasibility import Feasibility
 from maskfab.display.place import Populated
 from maskfab.measurement.display_rows import display_quantities
 from maskfab.model import COLOURS, Die
-from maskfab.report.data import schema
-from maskfab.report.display_data import display_document, display_schema
-from maskfab.report.quantities import quantity_document
+from maskfab.report.documents.display_data import display_document, display_schema
+from maskfab.report.documents.report_data import schema
+from maskfab.report.quantity_table import quantity_document
 from maskfab.units import NM_PER_UM
 
 Document = dict[str, Any]

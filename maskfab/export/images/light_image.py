@@ -8,7 +8,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-from maskfab.export.exr import Facts, write_channels
+from maskfab.export.images.exr import Facts, write_channels
 from maskfab.files.image import write_image
 from maskfab.optics.numbers.colour import code_of_light
 

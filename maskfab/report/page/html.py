@@ -15,7 +15,7 @@ from markupsafe import Markup
 from maskfab.measurement.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.quantities import QUANTITIES, Entry, registered
-from maskfab.report.glossary import WORDS
+from maskfab.report.page.glossary import WORDS
 from maskfab.report.plots import die_figures
 from maskfab.report.plots.number_text import rounded, short
 from maskfab.resources import template
@@ -135,7 +135,7 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
     """The report as one HTML page.
 
     Args:
-        document: report.json, as :func:`maskfab.report.data.to_document` makes it.
+        document: report.json, as :func:`maskfab.report.documents.report_data.to_document` makes it.
         pictures: ``<img>`` elements by die and figure, as :func:`maskfab.report.plots.die_figures.pictures` makes them;
             a figure that is missing is left out.
 

@@ -14,13 +14,13 @@ import numpy as np
 from maskfab import __version__
 from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InternalError
-from maskfab.export.psf_exr import stop_facts
+from maskfab.export.images.psf_exr import stop_facts
 from maskfab.measurement.scene_result import PointView, SceneOptics
 from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
 from maskfab.optics.scene.plan import AT_MOST, plan_document
-from maskfab.report.design_data import design_schema
-from maskfab.report.display_data import display_document, display_schema
-from maskfab.report.quantities import quantity_document
+from maskfab.report.documents.design_data import design_schema
+from maskfab.report.documents.display_data import display_document, display_schema
+from maskfab.report.quantity_table import quantity_document
 from maskfab.units import NM_PER_UM
 
 SCHEMA_VERSION = 2
@@ -42,7 +42,7 @@ def to_document(
     """The report.json of one run, of plain Python types throughout.
 
     ``scenes``, ``displays`` and ``designs`` are those of dies that have one; a design is a document of
-    :func:`maskfab.report.design_data.design_document`.
+    :func:`maskfab.report.documents.design_data.design_document`.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
 

@@ -1,0 +1,1 @@
+"""Pictures and fields as files: bitmaps of masks, emitted light as OpenEXR and PNG, PSFs as OpenEXR."""

@@ -1,0 +1,1 @@
+"""The page of a report, report.html: its text, its glossary, and how two pages differ."""
