@@ -11,14 +11,16 @@ plate: $(VENV)/run.stamp
 # What a file's tests share is made once, by the worker that runs the file. Slow sweeps, marked so, are left to test-all, and most examples that are drawn.
 test: CHOSEN := -m "not slow"
 test-all: export HYPOTHESIS_PROFILE := full
+# Types are checked beside the tests, while those are collected; either fails the target.
 # Test modules and the package are compiled once, also for the processes that tests start.
 test test-all: export PYTHONDONTWRITEBYTECODE :=
 test test-all: $(VENV)/dev.stamp
 	$(BIN)/ruff format --check maskfab tests examples docs
 	$(BIN)/ruff check maskfab tests examples docs
-	$(BIN)/mypy
 	$(BIN)/lint-imports
-	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile $(CHOSEN)
+	$(BIN)/mypy & types=$$!; \
+	OMP_NUM_THREADS=1 OPENBLAS_NUM_THREADS=1 $(BIN)/pytest -n auto --dist loadfile $(CHOSEN); tests=$$?; \
+	wait $$types && exit $$tests
 
 lint: $(VENV)/dev.stamp
 	$(BIN)/ruff format maskfab tests examples docs

@@ -10,7 +10,7 @@ import copies
 import numpy as np
 import pytest
 from hypothesis import settings
-from once import BOUNDS, FIGURES, compared_once, dimmed, leaves, once, statistics
+from once import BOUNDS, DESIGN, FIGURES, compared_once, dimmed, leaves, once, statistics
 from small_job import finished, write_job
 
 from maskfab.camera import scenes
@@ -106,6 +106,13 @@ def drawn_once() -> Iterator[None]:
 def verified_once() -> Iterator[None]:
     """For tests that verify copies of one result, most of whose files are as they were."""
     with compared_once():
+        yield
+
+
+@pytest.fixture
+def design_once() -> Iterator[None]:
+    """For tests that hold many files against one design."""
+    with once(*DESIGN):
         yield
 
 

@@ -20,6 +20,7 @@ from types import MappingProxyType
 from typing import Any
 
 import pytest
+from klayout import db
 
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.scenes import dead_leaves, indoors
@@ -35,6 +36,11 @@ FIGURES = (
     "maskfab.delivery.papers.drawing_sheet",
 )
 BOUNDS = ("maskfab.optimiser.result.bounds",)
+DESIGN = (
+    "maskfab.comparison.foreign.layer_rules._of_plate",
+    "maskfab.comparison.foreign.optics_agreement.measure",
+)
+"""What the design itself breaks and shows, which every file that is held against it asks for."""
 
 leaves = cache(dead_leaves)
 """The scene of a seed and a size, drawn once by each process. Nobody writes into it."""
@@ -98,6 +104,9 @@ def _digest(content: object) -> bytes:
     buffer = io.BytesIO()
     pickler = pickle.Pickler(buffer)
     pickler.fast = True
-    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda view: (read_only, (dict(view),))}
+    pickler.dispatch_table = copyreg.dispatch_table | {
+        MappingProxyType: lambda view: (read_only, (dict(view),)),
+        db.Region: lambda region: (list, ([each.to_s() for each in region.each()],)),
+    }
     pickler.dump(content)
     return hashlib.sha256(buffer.getbuffer()).digest()

@@ -25,7 +25,7 @@ from maskfab.measurement.apertures import light_box
 from maskfab.measurement.optics import measure
 from maskfab.model import CLEAR, UNSTATED, Furniture, MaskBlank
 
-pytestmark = pytest.mark.usefixtures("read_here")
+pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 
 
 def placed(trans):

@@ -18,7 +18,7 @@ from maskfab.comparison.foreign.foreign_mask import check_foreign
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
 
-pytestmark = pytest.mark.usefixtures("read_here")
+pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 
 DOT = 8000
 KISSES = 100
