@@ -12,6 +12,7 @@ import math
 import random
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,6 +24,9 @@ from maskfab.display.emitters.squares import Squares
 
 Shapes = tuple[int, int, int]
 """Squares of red, green and blue."""
+
+_SHAPES_AT_HAND = 32
+"""Shapes whose areas a search remembers: most moves leave one shape as it was."""
 
 
 def guillotine(region: NDArray[np.bool_], grid: EmitterGrid, ratio: Ratio) -> tuple[float, NDArray[np.int8]]:
@@ -291,8 +295,9 @@ def _anneal(
     squares: Squares, ratio: Ratio, shapes: Shapes, moves: int, rng: random.Random, enough: float
 ) -> tuple[float, Shapes]:
     """Push and grow, with a temperature that falls from cells to a tenth of one."""
-    state, near = _grown(squares, ratio, list(shapes), [squares.near(shape) for shape in shapes])
-    areas = [squares.area(shape) for shape in state]
+    area = lru_cache(_SHAPES_AT_HAND)(squares.area)
+    state, near = _grown(squares, area, ratio, list(shapes), [squares.near(shape) for shape in shapes])
+    areas = [area(shape) for shape in state]
     score = _score(areas, ratio)
     best, kept = min(a / r for a, r in zip(areas, ratio, strict=True)), state
     hot = max(1.0, 0.06 * best)
@@ -305,8 +310,8 @@ def _anneal(
         pushed = _pushed(squares, state, near, grows, rng)
         if pushed is None:
             continue
-        trial, new_near = _grown(squares, ratio, *pushed)
-        new_areas = [squares.area(shape) for shape in trial]
+        trial, new_near = _grown(squares, area, ratio, *pushed)
+        new_areas = [area(shape) for shape in trial]
         new = _score(new_areas, ratio)
         if new >= score or rng.random() < math.exp((new - score) / temperature):
             state, near, areas, score = trial, new_near, new_areas, new
@@ -347,21 +352,24 @@ def _pushed(
     trial[grows], new_near[grows] = own | patch, near[grows] | close
     for k in range(3):
         if k != grows and state[k] & close:
-            trial[k] = squares.largest(state[k] & ~close)
+            trial[k] = squares.without(state[k], close)
             if not trial[k]:
                 return None
             new_near[k] = squares.near(trial[k])
     return trial, new_near
 
 
-def _grown(squares: Squares, ratio: Ratio, state: list[int], near: list[int]) -> tuple[list[int], list[int]]:
+def _grown(
+    squares: Squares, area: Callable[[int], int], ratio: Ratio, state: list[int], near: list[int]
+) -> tuple[list[int], list[int]]:
     """Each shape, the smallest first, takes all that it can reach without coming too near to the others.
 
     Args:
+        area: of a shape in cells.
         near: what lies too near to each shape; returned for the new ones.
     """
     state, near = list(state), list(near)
-    for k in sorted(range(3), key=lambda k: squares.area(state[k]) / ratio[k]):
+    for k in sorted(range(3), key=lambda k: area(state[k]) / ratio[k]):
         grown = squares.reach(state[k], squares.free & ~(near[k - 1] | near[k - 2]))
         if grown != state[k]:
             near[k] |= squares.near(grown & ~state[k])

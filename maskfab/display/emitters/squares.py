@@ -61,6 +61,8 @@ class Squares:
     free: int
     edge: int = 0
     foes: Mapping[int, int] = field(default_factory=dict)
+    _beyond: dict[int, int] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """What sets of squares of the edge forbid together, as far as it was asked for: a search asks again and again."""
 
     @classmethod
     def of(cls, region: NDArray[np.bool_], width: int, gap: int) -> Squares:
@@ -110,8 +112,8 @@ class Squares:
         """The places one step along x or y from these squares, and these themselves; free or not."""
         return squares | squares << 1 | squares >> 1 | squares << self.stride | squares >> self.stride
 
-    def reach(self, seeds: int, within: int) -> int:
-        """All squares that can be reached from the seeds by steps of one cell along x or y."""
+    def reach(self, seeds: int, within: int, goal: int = 0) -> int:
+        """All squares that can be reached from the seeds by steps of one cell along x or y; some, once a goal is."""
         found = seeds & within
         stride = self.stride
         while True:
@@ -119,9 +121,17 @@ class Squares:
             more = found | (((within + found) ^ within) & within)
             more |= more >> 1 & within
             more |= (more << stride | more >> stride) & within
-            if more == found:
-                return found
+            if more == found or (goal and not goal & ~more):
+                return more
             found = more
+
+    def without(self, squares: int, lost: int) -> int:
+        """The largest connected set that is left of a connected one without some of its squares."""
+        left = squares & ~lost
+        # Whatever a path through the lost ones led to can be reached round them if their neighbours are joined.
+        around = self.beside(squares & lost) & left
+        joined = around and not around & ~self.reach(around & -around, left, around)
+        return left if joined else self.largest(left)
 
     def largest(self, within: int) -> int:
         """The connected set of squares with the most cells; the lowest and leftmost of equals."""
@@ -145,11 +155,18 @@ class Squares:
         """The places of squares that would overlap these or come nearer to them than the gap."""
         near = self.around(squares, self.width + self.gap - 1)
         edge = squares & self.edge
-        while edge:
-            bit = edge & -edge
-            near |= self.foes[bit.bit_length() - 1]
-            edge ^= bit
-        return near
+        return near | self._through_border(edge) if edge else near
+
+    def _through_border(self, edge: int) -> int:
+        forbidden = self._beyond.get(edge)
+        if forbidden is None:
+            forbidden, left = 0, edge
+            while left:
+                bit = left & -left
+                forbidden |= self.foes[bit.bit_length() - 1]
+                left ^= bit
+            self._beyond[edge] = forbidden
+        return forbidden
 
     def picture(self, squares: int) -> NDArray[np.bool_]:
         """bool [n, n] the cells that these squares cover."""

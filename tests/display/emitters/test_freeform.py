@@ -2,6 +2,8 @@
 
 import itertools
 import time
+from functools import reduce
+from operator import or_
 
 import numpy as np
 import pytest
@@ -10,6 +12,7 @@ from display.emitters.shapes import ALIKE, bar, broken_rules, cells, published, 
 from scipy import ndimage
 from sweeps import in_turns, sweep
 
+from maskfab.display.emitters.across_borders import facing_squares
 from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine, polish
 from maskfab.display.emitters.rectangles import three_rectangles
@@ -230,3 +233,40 @@ def test_squares_and_cells_agree():
             picture = squares.picture(part)
             assert squares.area(part) == picture.sum()
             assert squares.among(picture) & part == part
+
+
+def test_what_a_shape_keeps_without_a_bite_is_its_largest_part():
+    """A shape that stays whole is told by the neighbours of what it lost; whether it does, by labelling its squares."""
+    rng = np.random.default_rng(9)
+    whole = torn = 0
+    for i in range(150):
+        squares = Squares.of(ndimage.gaussian_filter(rng.random((22, 22)), 1.2) > 0.46, 1 + i % 3, i % 4)
+        shape = squares.largest(squares.free)
+        ys, xs = squares.places()
+        if not shape:
+            continue
+        k = int(rng.integers(len(ys)))
+        lost = squares.around(1 << int(ys[k]) * squares.stride + int(xs[k]), int(rng.integers(4)))
+        left = squares.without(shape, lost)
+        assert left == squares.largest(shape & ~lost)
+        places = [divmod(b, squares.stride) for b in range((shape & ~lost).bit_length()) if shape & ~lost & 1 << b]
+        picture = np.zeros((22, squares.stride), dtype=bool)
+        picture[tuple(np.array(places, dtype=int).reshape(-1, 2).T)] = True
+        parts = ndimage.label(picture)[1]
+        assert (left == shape & ~lost) == (parts <= 1)
+        whole, torn = whole + (parts == 1), torn + (parts > 1)
+    assert whole > 60
+    assert torn > 10
+
+
+def test_what_the_border_forbids_is_the_union_of_what_each_square_does():
+    squares = facing_squares(np.ones((12, 12), dtype=bool), cells(12, 2, 3))
+    ys, xs = squares.places()
+    bits = [1 << int(y) * squares.stride + int(x) for y, x in zip(ys, xs, strict=True)]
+    rng = np.random.default_rng(4)
+    for _ in range(40):
+        some = rng.choice(len(bits), size=rng.integers(1, 30), replace=False)
+        alone = [squares.near(bits[i]) for i in some]
+        together = sum(bits[i] for i in some)
+        for _ in ("asked for", "asked for again"):
+            assert squares.near(together) == reduce(or_, alone)
