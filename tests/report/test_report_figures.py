@@ -17,6 +17,7 @@ from maskfab.model import Psf
 from maskfab.processes import Pair
 from maskfab.report.documents.report_data import to_document
 from maskfab.report.plots import die_figures
+from maskfab.report.plots.sheet import styled
 
 MARKUP = "<script>alert('x')</script>"
 
@@ -73,6 +74,12 @@ def test_figures_leave_the_settings_of_matplotlib_alone(run):
 def test_figures_do_not_depend_on_the_readers_settings_of_grid_and_font_size(run, drawn):
     with mpl.rc_context({"font.size": 30.0, "svg.hashsalt": "other"}):
         assert die_figures.psf(run.optics[0].psfs).img() == drawn["PLAIN"]["psf"]
+
+
+def test_titles_sit_where_measuring_every_label_would_put_them(run, drawn, monkeypatch):
+    monkeypatch.setitem(styled.args[0], "axes.titley", None)
+    for figure, items in ((die_figures.psf, run.optics[0].psfs), (die_figures.mtf, run.optics[0].mtfs)):
+        assert figure(items).img() == drawn["PLAIN"][figure.__name__]
 
 
 def test_all_psfs_have_one_colour_scale():

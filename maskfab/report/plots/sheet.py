@@ -33,6 +33,7 @@ styled = mpl.rc_context(
         "font.family": ["DejaVu Sans"],
         "font.size": 8.0,
         "axes.titlesize": 9.0,
+        "axes.titley": 1.0,  # where it is by itself without ticks on top, which takes measuring every label to find out
         "axes.linewidth": 0.6,
         "axes.edgecolor": QUIET,
         "axes.labelcolor": INK,
