@@ -255,7 +255,7 @@ def _best(
 
 
 def _climb(height: Callable[[int], float], start: int, count: int) -> int:
-    """Place, below ``count``, from which neither neighbour is higher, by steps to the better one; none is asked twice."""
+    """Place, below ``count``, without a higher neighbour, by steps to the better one; no height is asked for twice."""
     known = cache(height)
     best, following = -1, start
     while following != best:
