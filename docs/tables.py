@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import json
 import re
 import tomllib
 from collections.abc import Callable, Iterable, Iterator
@@ -15,6 +16,8 @@ from maskfab.error_codes import explained, grouped
 from maskfab.jobfile.reference import keys_of, tables
 from maskfab.optimiser.rules.registry import RULES
 from maskfab.quantities import QUANTITIES
+from maskfab.report.documents.check_data import check_schema
+from maskfab.report.documents.report_data import schema
 
 _ROOT = Path(__file__).parents[1]
 
@@ -104,12 +107,18 @@ def _rooms() -> Iterator[str]:
     yield from _table(("", "room", "content", "inner rooms"), rows)
 
 
+def _schemas() -> Iterator[str]:
+    for title, rules in (("report.json", schema()), ("maskfab check --json", check_schema())):
+        yield f"### `{title}`\n\n```json\n{json.dumps(rules, indent=1, ensure_ascii=False)}\n```\n"
+
+
 _MADE: dict[str, Callable[[], Iterator[str]]] = {
     "keys": _keys,
     "codes": _codes,
     "verbs": _verbs,
     "rules": _rules,
     "quantities": _quantities,
+    "schemas": _schemas,
     "rooms": _rooms,
 }
 

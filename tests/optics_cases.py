@@ -1,7 +1,107 @@
-"""Small panels and cameras that the optics tests share with the hard cases."""
+"""Small panels and cameras that the optics tests share with the hard cases, and PSFs of one effect alone."""
 
 from __future__ import annotations
 
-from maskfab.benchmark.examples import camera, clear_region, noise, panel, pupil
+import math
 
-__all__ = ["camera", "clear_region", "noise", "panel", "pupil"]
+import numpy as np
+
+from maskfab.benchmark.examples import camera, clear_region, noise, panel, pupil
+from maskfab.model import Camera, Psf
+from maskfab.optics.field.parity import parity_field
+from maskfab.optics.image.psf import odd_samples, point_step_um
+from maskfab.optics.pupil.pupil import Pupil
+from maskfab.optics.wavefront.aberration import Wavefront
+from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um
+from maskfab.optics.wavefront.phase_field import PhasedPupil, phased, phased_psf, window_frequency
+from maskfab.units import UM_PER_NM
+
+__all__ = [
+    "aberrated",
+    "aberrated_psf",
+    "camera",
+    "clear_region",
+    "defocused_psf",
+    "focused_psf",
+    "noise",
+    "panel",
+    "pupil",
+]
+
+
+def focused_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, object_um: float, margin: int = 0) -> Psf:
+    """Point PSF of an object in focus, on the samples of the one at infinity
+    (:func:`maskfab.optics.image.psf.point_psf`).
+
+    Raises:
+        JobError: MF104 for an object within the focal length.
+    """
+    step = point_step_um(camera)
+    scale = wavelength_nm * UM_PER_NM * image_distance_um(camera.focal_um, object_um)
+    reach = odd_samples(camera.window_um, step) // 2 + margin
+    frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
+    intensity = parity_field(pupil, frequency, frequency).intensity()
+    return Psf(intensity / (scale**2 * pupil.energy_um2), step, wavelength_nm, "point")
+
+
+def defocused_psf(
+    pupil: Pupil,
+    camera: Camera,
+    wavelength_nm: float,
+    object_um: float,
+    focus_um: float = math.inf,
+    *,
+    tolerance: float = 1e-6,
+    margin: int = 0,
+) -> Psf:
+    """Point PSF of an object while the camera is focused elsewhere, on the samples of the one at infinity.
+
+    Args:
+        pupil: openings inside the stop.
+        camera: lens, stop and window.
+        wavelength_nm: the line.
+        object_um: distance of the object from the lens; may be infinite.
+        focus_um: distance of what is in focus; may be infinite.
+        tolerance: largest L2 error of the field in the window, relative to all energy.
+        margin: points beyond the window.
+
+    Raises:
+        JobError: MF104 for a distance within the focal length, MF115 for a defocus too strong for the tolerance.
+    """
+    distance = image_distance_um(camera.focal_um, focus_um)
+    waves = defocus_waves(camera, wavelength_nm, object_um, focus_um)
+    highest = window_frequency(camera, wavelength_nm, distance) + margin * point_step_um(camera) / (
+        wavelength_nm * UM_PER_NM * distance
+    )
+    source = phased(pupil, waves, highest, tolerance)
+    return phased_psf(source, camera, wavelength_nm, distance_um=distance, margin=margin)
+
+
+def aberrated(
+    pupil: Pupil, wavefront: Wavefront, wavelength_nm: float, highest: float, tolerance: float = 1e-6
+) -> PhasedPupil:
+    """A pupil behind an aberrated lens.
+
+    Args:
+        pupil: openings inside the stop.
+        wavefront: the lens's error.
+        wavelength_nm: the line.
+        highest: highest frequency along either axis that will be asked for, cycles per micrometre.
+        tolerance: largest relative L2 error of the field below it.
+
+    Raises:
+        JobError: MF115 if the wavefront is too steep for that error.
+    """
+    return phased(pupil, wavefront.waves(pupil.stop, wavelength_nm), highest, tolerance)
+
+
+def aberrated_psf(
+    pupil: Pupil, wavefront: Wavefront, camera: Camera, wavelength_nm: float, tolerance: float = 1e-6
+) -> Psf:
+    """Point PSF of a pupil behind an aberrated lens, over the camera's window.
+
+    Raises:
+        JobError: MF115 if the wavefront is too steep for that error.
+    """
+    highest = window_frequency(camera, wavelength_nm)
+    return phased_psf(aberrated(pupil, wavefront, wavelength_nm, highest, tolerance), camera, wavelength_nm)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
-from optics_cases import camera, noise, panel, pupil
+from optics_cases import aberrated, aberrated_psf, camera, noise, panel, pupil
 
 from maskfab.errors import JobError
 from maskfab.model import Stop
@@ -22,16 +22,13 @@ from maskfab.optics.wavefront.aberration import (
     HIGHEST_TERM,
     NOLL,
     Wavefront,
-    aberrated,
-    aberrated_psf,
     aberration_error,
     marechal_strehl,
     noll_degrees,
-    strehl_ratio,
     zernike,
 )
 from maskfab.optics.wavefront.mean_over_tilings import mean_psf
-from maskfab.optics.wavefront.phase_field import Waves, halved, phased, window_frequency
+from maskfab.optics.wavefront.phase_field import PhasedPupil, Waves, halved, phased, window_frequency
 
 LINE = 530.0
 ALL_CLEAR = np.ones((5, 5), dtype=np.bool_)
@@ -153,6 +150,11 @@ def test_energy_is_kept() -> None:
     plain = point_psf(source, setting, LINE).energy_in_window
     found = aberrated_psf(source, Wavefront(((4, 0.3),), LINE), setting, LINE)
     assert found.energy_in_window == pytest.approx(plain, abs=3e-3)
+
+
+def strehl_ratio(source: PhasedPupil) -> float:
+    """Intensity on the axis over that of the same openings without the phase."""
+    return abs(source.field_integral_um2) ** 2 / source.pupil.field_integral_um2**2
 
 
 @pytest.mark.parametrize("edge", [0.1, 0.5, 1.0, 2.3])

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
-from optics_cases import camera, noise, panel, pupil
+from optics_cases import camera, defocused_psf, focused_psf, noise, panel, pupil
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel, Stop
@@ -20,9 +20,7 @@ from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.wavefront.depth import (
     clear_stop_strehl,
     defocus_error,
-    defocused_psf,
     edge_defocus_waves,
-    focused_psf,
     image_distance_um,
     nearest_object_um,
     scale_error,

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.polynomial.legendre import leggauss
-from optics_cases import camera, noise, panel, pupil
+from optics_cases import camera, focused_psf, noise, panel, pupil
 from scipy.special import fresnel
 
 from maskfab.errors import JobError
@@ -21,10 +21,9 @@ from maskfab.optics.pupil.pupil import cut
 from maskfab.optics.scene.over_field import deblurring_residual, field_places, psf_over_field, residual_blur
 from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.scene import Scene
-from maskfab.optics.wavefront.depth import focused_psf, image_distance_um
+from maskfab.optics.wavefront.depth import image_distance_um
 from maskfab.optics.wavefront.gap_estimates import (
     common_share,
-    fresnel_number,
     gap_error,
     share_across_gap,
     shift_error,
@@ -298,11 +297,6 @@ def test_residual_blur_of_itself_peaks_in_the_middle() -> None:
     blur = residual_blur(psf, psf, 1e-4)
     assert np.unravel_index(blur.argmax(), blur.shape) == (blur.shape[0] // 2, blur.shape[1] // 2)
     assert blur.sum() == pytest.approx(1.0, abs=0.05)
-
-
-def test_fresnel_number() -> None:
-    assert fresnel_number(8.0, 1000.0, 500.0) == pytest.approx(16 / 500)
-    assert fresnel_number(8.0, 0.0, 500.0) == math.inf
 
 
 def test_common_share_of_a_clear_stop() -> None:

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from optics.scene_cases import CASES, Case, planned, priced
-from optics_cases import camera, noise, panel, pupil
+from optics_cases import aberrated_psf, camera, defocused_psf, focused_psf, noise, panel, pupil
 
 from maskfab.model import Camera, Psf
 from maskfab.optics.field.methods import PATHS, PRUNED, admissible
@@ -23,8 +23,6 @@ from maskfab.optics.scene import omission_error
 from maskfab.optics.scene.cost import PHASED, SPECTRUM, Choice, CostModel
 from maskfab.optics.scene.omission_error import PLACES, grey
 from maskfab.optics.scene.plan import Plan, plan
-from maskfab.optics.wavefront.aberration import aberrated_psf
-from maskfab.optics.wavefront.depth import defocused_psf, focused_psf
 from maskfab.optics.wavefront.panel_gap import gap_psf, shifted_psf
 
 LEFT_IN_PART = ("width of the bands", "field between places")

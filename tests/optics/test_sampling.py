@@ -12,7 +12,7 @@ from maskfab.optics.field.parity import direct_field
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.psf import image_scale_um2
 from maskfab.optics.image.spectrum import line_spectrum, pixel_transfer, polychromatic_otf
-from maskfab.optics.numbers.sampling import aliased_mtf, cy_per_mm, cy_per_pixel, phase_spread
+from maskfab.optics.numbers.sampling import aliased_mtf, cy_per_pixel, phase_spread
 
 GREEN = line_spectrum([530.0])
 
@@ -106,4 +106,3 @@ def test_refusals() -> None:
 
 def test_frequencies_per_pixel() -> None:
     assert cy_per_pixel(np.array([250.0]), 2.0)[0] == 0.5
-    assert cy_per_mm(np.array([0.5]), 2.0)[0] == 250.0

@@ -164,11 +164,6 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
         _store(package, _MODEL, "".join(parts))
 
 
-def stl_bytes(die: Die) -> int:
-    """Exact size of the STL of a die."""
-    return _STL_HEAD + _STL_TRIANGLE.itemsize * _triangles(die, films(die.panel, Stack()))
-
-
 def write_stl(
     die: Die,
     path: Path,

@@ -140,11 +140,6 @@ def cy_per_pixel(frequency_cy_per_mm: Floats, pixel_um: float) -> Floats:
     return np.asarray(frequency_cy_per_mm * pixel_um * 1e-3)
 
 
-def cy_per_mm(frequency_cy_per_pixel: Floats, pixel_um: float) -> Floats:
-    """Cycles per millimetre of a frequency given per pixel."""
-    return np.asarray(frequency_cy_per_pixel * UM_PER_MM / pixel_um)
-
-
 def _orders(camera: Camera, spectrum: Spectrum, nu: Floats) -> Floats:
     """Every k for which ν + k/p may lie below the cutoff."""
     highest = cutoff(camera, float(spectrum.wavelengths_nm.min()))

@@ -23,10 +23,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.model import Camera, Psf, Stop
-from maskfab.optics.pupil.pupil import Pupil
+from maskfab.model import Stop
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, phase_error
-from maskfab.optics.wavefront.phase_field import PhasedPupil, Waves, phased, phased_psf, window_frequency
+from maskfab.optics.wavefront.phase_field import Waves
 
 Floats = NDArray[np.float64]
 
@@ -136,41 +135,6 @@ def zernike(term: int, x: Floats, y: Floats) -> Floats:
         return np.asarray(math.sqrt(n + 1) * radial)
     power = (x + 1j * y) ** m
     return np.asarray(math.sqrt(2 * (n + 1)) * radial * (power.real if signed > 0 else power.imag))
-
-
-def aberrated(
-    pupil: Pupil, wavefront: Wavefront, wavelength_nm: float, highest: float, tolerance: float = 1e-6
-) -> PhasedPupil:
-    """A pupil behind an aberrated lens.
-
-    Args:
-        pupil: openings inside the stop.
-        wavefront: the lens's error.
-        wavelength_nm: the line.
-        highest: highest frequency along either axis that will be asked for, cycles per micrometre.
-        tolerance: largest relative L2 error of the field below it.
-
-    Raises:
-        JobError: MF115 if the wavefront is too steep for that error.
-    """
-    return phased(pupil, wavefront.waves(pupil.stop, wavelength_nm), highest, tolerance)
-
-
-def aberrated_psf(
-    pupil: Pupil, wavefront: Wavefront, camera: Camera, wavelength_nm: float, tolerance: float = 1e-6
-) -> Psf:
-    """Point PSF of a pupil behind an aberrated lens, over the camera's window.
-
-    Raises:
-        JobError: MF115 if the wavefront is too steep for that error.
-    """
-    highest = window_frequency(camera, wavelength_nm)
-    return phased_psf(aberrated(pupil, wavefront, wavelength_nm, highest, tolerance), camera, wavelength_nm)
-
-
-def strehl_ratio(source: PhasedPupil) -> float:
-    """Intensity on the axis over that of the same openings without the phase."""
-    return abs(source.field_integral_um2) ** 2 / source.pupil.field_integral_um2**2
 
 
 def marechal_strehl(rms_waves: float) -> float:

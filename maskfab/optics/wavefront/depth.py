@@ -24,12 +24,9 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf
-from maskfab.optics.field.parity import parity_field
-from maskfab.optics.image.psf import odd_samples, point_step_um
-from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.pupil.stop_shape import stop_strehl
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, phase_error
-from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
+from maskfab.optics.wavefront.phase_field import Waves
 from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
@@ -52,21 +49,6 @@ def image_distance_um(focal_um: float, object_um: float) -> float:
     return focal_um * object_um / (object_um - focal_um)
 
 
-def focused_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, object_um: float, margin: int = 0) -> Psf:
-    """Point PSF of an object in focus, on the samples of the one at infinity
-    (:func:`maskfab.optics.image.psf.point_psf`).
-
-    Raises:
-        JobError: MF104 for an object within the focal length.
-    """
-    step = point_step_um(camera)
-    scale = wavelength_nm * UM_PER_NM * image_distance_um(camera.focal_um, object_um)
-    reach = odd_samples(camera.window_um, step) // 2 + margin
-    frequency = step * np.arange(reach + 1, dtype=np.float64) / scale
-    intensity = parity_field(pupil, frequency, frequency).intensity()
-    return Psf(intensity / (scale**2 * pupil.energy_um2), step, wavelength_nm, "point")
-
-
 def defocus_waves(camera: Camera, wavelength_nm: float, object_um: float, focus_um: float) -> Waves:
     """The phase of an object at one distance while the camera is focused at another, as a function of x, y in um.
 
@@ -86,39 +68,6 @@ def edge_defocus_waves(camera: Camera, wavelength_nm: float, object_um: float, f
     """The phase at the rim of a round stop (the middle of a square one's sides) in waves; negative beyond the focus."""
     radius = np.array(camera.stop.diameter_um / 2)
     return float(defocus_waves(camera, wavelength_nm, object_um, focus_um)(radius, np.zeros(())))
-
-
-def defocused_psf(
-    pupil: Pupil,
-    camera: Camera,
-    wavelength_nm: float,
-    object_um: float,
-    focus_um: float = math.inf,
-    *,
-    tolerance: float = 1e-6,
-    margin: int = 0,
-) -> Psf:
-    """Point PSF of an object while the camera is focused elsewhere, on the samples of the one at infinity.
-
-    Args:
-        pupil: openings inside the stop.
-        camera: lens, stop and window.
-        wavelength_nm: the line.
-        object_um: distance of the object from the lens; may be infinite.
-        focus_um: distance of what is in focus; may be infinite.
-        tolerance: largest L2 error of the field in the window, relative to all energy.
-        margin: points beyond the window.
-
-    Raises:
-        JobError: MF104 for a distance within the focal length, MF115 for a defocus too strong for the tolerance.
-    """
-    distance = image_distance_um(camera.focal_um, focus_um)
-    waves = defocus_waves(camera, wavelength_nm, object_um, focus_um)
-    highest = window_frequency(camera, wavelength_nm, distance) + margin * point_step_um(camera) / (
-        wavelength_nm * UM_PER_NM * distance
-    )
-    source = phased(pupil, waves, highest, tolerance)
-    return phased_psf(source, camera, wavelength_nm, distance_um=distance, margin=margin)
 
 
 def clear_stop_strehl(waves_at_rim: float) -> float:

@@ -23,11 +23,6 @@ _STRIP_LAYERS = 8
 _DIRECTIONS = 24
 
 
-def fresnel_number(width_um: float, gap_um: float, wavelength_nm: float) -> float:
-    """(width/2)² / (λ g); far above 1 such an opening casts a sharp shadow over the gap, far below 1 a spread one."""
-    return math.inf if gap_um == 0 else (width_um / 2) ** 2 / (wavelength_nm * UM_PER_NM * gap_um)
-
-
 def common_share(stop: Stop, distance_um: Floats | float, gap_um: float = 0.0, wavelength_nm: float = 0.0) -> Floats:
     r"""Correlation of the clear stop with itself, moved by a distance and seen across a gap.
 
