@@ -62,7 +62,7 @@ class Squares:
     edge: int = 0
     foes: Mapping[int, int] = field(default_factory=dict)
     _beyond: dict[int, int] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What sets of squares of the edge forbid together, as far as it was asked for: a search asks again and again."""
+    """Squares that sets of squares of the edge forbid together, where it was asked: a search asks again and again."""
 
     @classmethod
     def of(cls, region: NDArray[np.bool_], width: int, gap: int) -> Squares:
