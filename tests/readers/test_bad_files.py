@@ -18,6 +18,7 @@ from maskfab.model import CLEAR
 from maskfab.readers import layout_file
 from maskfab.readers.image_mask import read_picture
 from maskfab.readers.layout_file import find_cell, find_layer, read_layout, rounding_nm
+from maskfab.readers.sandbox.limits import children_seconds
 
 SQUARE = [(0, 0), (10, 0), (10, 10), (0, 10)]
 BOW = [(0, 0), (10, 10), (10, 0), (0, 10)]
@@ -271,9 +272,9 @@ def test_a_million_polygons_in_arrays_are_counted_not_copied(tmp_path):
     dot.shapes(layout.layer(1, 0)).insert(db.Box(0, 0, 10, 10))
     top.insert(db.CellInstArray(dot.cell_index(), db.Trans(), db.Vector(20, 0), db.Vector(0, 20), 1000, 1000))
     layout.write(str(tmp_path / "x.oas"))
-    start = time.perf_counter()
+    start = children_seconds() + time.process_time()
     assert count_shapes(read_layout(tmp_path / "x.oas")) == 1_000_000
-    assert time.perf_counter() - start < 5
+    assert children_seconds() + time.process_time() - start < 5
 
 
 def test_one_polygon_a_million_times_becomes_one_placement(tmp_path):
