@@ -24,7 +24,7 @@ import scipy
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError
-from maskfab.model import frozen
+from maskfab.model import Scalar, frozen
 from maskfab.optics.field.waves import Reals
 from maskfab.optics.image.overlap import apart
 from maskfab.optics.image.rim_lags import RimLags, rim_lags
@@ -206,7 +206,7 @@ def lag_table(pupil: Pupil, reach_um: float = np.inf) -> LagTable:
         reach_um: the largest lag along either axis that will be asked for; a shorter reach is a smaller transform.
     """
     dot_area = pupil.x.dot_um * pupil.y.dot_um
-    values = _autocorrelation(pupil, _blocks(pupil, pupil.mean_transmission), reach_um)
+    values = _autocorrelation(pupil, dot_blocks(pupil.x, pupil.y, pupil.mean_transmission), reach_um)
     values *= dot_area
     spread = float(pupil.variance.sum()) * dot_area
     values[0, 0, 0, 0] += spread
@@ -267,11 +267,10 @@ def _largest_overlap(variance: Floats) -> float:
     return largest + _SINGLE * float(variance.sum())
 
 
-def _blocks(pupil: Pupil, values: Floats) -> Floats:
-    """The dots of a pupil as [cells y, dots y, cells x, dots x]; one cell of many dots where there is no gutter."""
-    rows, columns = pupil.y.dot_index(), pupil.x.dot_index()
-    dots = values[np.ix_(rows.ravel(), columns.ravel())]
-    (cells_y, dots_y), (cells_x, dots_x) = _periods(pupil.y), _periods(pupil.x)
+def dot_blocks(x: Lattice, y: Lattice, values: NDArray[Scalar]) -> NDArray[Scalar]:
+    """Values of intervals as those of dots, [cells y, dots y, cells x, dots x]; cells of one dot without a gutter."""
+    dots = values[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())]
+    (cells_y, dots_y), (cells_x, dots_x) = _periods(y), _periods(x)
     return dots.reshape(cells_y, dots_y, cells_x, dots_x)
 
 
@@ -286,10 +285,10 @@ def _autocorrelation(pupil: Pupil, blocks: Floats, reach_um: float) -> Floats:
         scipy.fft.next_fast_len(min(2 * n - 1, n + extra), real=True) if n > 1 else 1
         for n, extra in zip(blocks.shape, (*_extra(pupil.y, reach_um), *_extra(pupil.x, reach_um)), strict=True)
     ]
-    return _correlated(blocks, sizes)
+    return correlated(blocks, sizes)
 
 
-def _correlated(blocks: Floats, sizes: list[int]) -> Floats:
+def correlated(blocks: Floats, sizes: list[int]) -> Floats:
     """Autocorrelation of [a, b, c, d] values by transforms of the given sizes, negative lags wrapped round."""
     power = _power(blocks, sizes)
     values = np.empty(sizes, dtype=blocks.dtype)

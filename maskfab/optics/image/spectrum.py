@@ -289,8 +289,8 @@ def polychromatic_otf_grid(table: LagTable, camera: Camera, spectrum: Spectrum, 
         scale = wavelength * UM_PER_NM * camera.focal_um
         # The table itself refuses lags that it does not hold.
         table.coarse_otf(scale * np.array([abs(nu_x).max()]), scale * np.array([abs(nu_y).max()]))
-        along_x = _interpolation(table.x, scale * nu_x, (cells_x, dots_x))
-        along_y = _interpolation(table.y, scale * nu_y, (cells_y, dots_y))
+        along_x = interpolation(table.x, scale * nu_x, (cells_x, dots_x))
+        along_y = interpolation(table.y, scale * nu_y, (cells_y, dots_y))
         total += (along_x @ (along_y @ values).T).T * (weight / table.energy_um2)
     return total
 
@@ -336,7 +336,7 @@ def check_weights(weights: Floats, where: str) -> None:
         raise JobError("MF104", "all weights are zero", where=where, cure="Give at least one positive weight")
 
 
-def _interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> scipy.sparse.csr_array:
+def interpolation(lattice: Lattice, lag_um: Floats, sizes: tuple[int, int]) -> scipy.sparse.csr_array:
     """Matrix [lags, cells x dots] that interpolates a lag table along one axis."""
     rows, columns, weights = [], [], []
     for place, weight in neighbours(lattice, lag_um, sizes):

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.model import ORIENTATIONS, Panel, frozen
+from maskfab.model import ORIENTATIONS, Panel, frozen, refined
 from maskfab.optics.pupil.wire_transmission import veil
 from maskfab.units import NM_PER_UM
 
@@ -81,6 +81,24 @@ class Aperture:
     def __post_init__(self) -> None:
         object.__setattr__(self, "transmission", frozen(self.transmission))
         object.__setattr__(self, "variance", frozen(self.variance))
+
+
+def finer_aperture(openings: Aperture, times: int) -> Aperture:
+    """Openings on dots that are finer by a factor along each side; gutters stay as they are."""
+    x, y = (replace(axis, dots=times * axis.dots, dot_um=axis.dot_um / times) for axis in (openings.x, openings.y))
+    coarse = np.ix_(openings.y.dot_index().ravel(), openings.x.dot_index().ravel())
+    fine = np.ix_(y.dot_index().ravel(), x.dot_index().ravel())
+
+    def spread(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        shape = y.edges_um().size - 1, x.edges_um().size - 1
+        if not any(values.strides):
+            return zeros(shape)
+        found = np.zeros(shape)
+        found[fine] = refined(values[coarse], times)
+        found.flags.writeable = False
+        return found
+
+    return Aperture(x, y, spread(openings.transmission), spread(openings.variance))
 
 
 def covered_aperture(x: Lattice, y: Lattice, coverage: NDArray[np.float64]) -> Aperture:

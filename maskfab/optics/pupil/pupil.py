@@ -128,6 +128,16 @@ def cut(aperture: Aperture, stop: Stop) -> Pupil:
     return Pupil(aperture.x, aperture.y, whole, variance, row, column, moments, transmission, stop)
 
 
+def share_inside(x: Lattice, y: Lattice, stop: Stop) -> Floats:
+    """Share of every interval's area that lies inside a centred stop, [ny, nx]."""
+    across, up = x.edges_um(), y.edges_um()
+    clear = np.broadcast_to(1.0, (up.size - 1, across.size - 1))
+    whole, _, row, column = _parted(Aperture(x, y, clear, zeros(clear.shape)), stop)
+    share = whole.copy()
+    share[row, column] = _moments(across, up, row, column, clear[row, column], stop, 1)[:, 0, 0]
+    return share
+
+
 def _parted(aperture: Aperture, stop: Stop) -> tuple[Floats, Floats, Indices, Indices]:
     """Transmission and variance of the intervals inside the stop, 0 elsewhere; rows and columns of those it cuts."""
     x, y = aperture.x.edges_um(), aperture.y.edges_um()

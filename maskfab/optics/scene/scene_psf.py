@@ -193,10 +193,10 @@ def _undistorted(
     choice = plan.choice
     place = nearest_place(choice, scene, image_um)
     distance = image_distance_um(camera.focal_um, scene.focus_um if choice.scale else math.inf)
-    openings, gap_um = magnified(openings, scene.gap_um, _modelled_distance_um(choice, scene, object_um))
+    openings, gap_um = magnified(openings, scene.gap_um, modelled_distance_um(choice, scene, object_um))
     if choice.path == SPECTRUM:
         for line in wavelengths_nm:
-            waves = _waves(choice, camera, scene, line, object_um)
+            waves = phase_waves(choice, camera, scene, line, object_um)
             yield gap_psf(
                 openings, sampled, line, gap_um, place, choice.samples_per_dot,
                 waves=waves, distance_um=distance, margin=margin,
@@ -211,7 +211,7 @@ def _undistorted(
             highest = float(reach[-1]) / (line * UM_PER_NM * distance)
             highest = max(highest, window_frequency(sampled, line, distance))
             source = phased(
-                pupil, _waves(choice, camera, scene, line, object_um) or _flat, highest, plan.phase_tolerance
+                pupil, phase_waves(choice, camera, scene, line, object_um) or _flat, highest, plan.phase_tolerance
             )
             yield phased_psf(source, sampled, line, distance_um=distance, margin=margin)
         return
@@ -241,14 +241,16 @@ def _path(choice: Choice, task: FieldTask) -> FieldPath:
     return next(path for path in admissible(task) if choice.precision in path.precisions)
 
 
-def _modelled_distance_um(choice: Choice, scene: Scene, object_um: float | None) -> float:
+def modelled_distance_um(choice: Choice, scene: Scene, object_um: float | None) -> float:
     """Distance of the object for a choice: its own if defocus is modelled, else the focus distance if that is."""
     if choice.defocus and object_um is not None:
         return object_um
     return scene.focus_um if choice.scale else math.inf
 
 
-def _waves(choice: Choice, camera: Camera, scene: Scene, wavelength_nm: float, object_um: float | None) -> Waves | None:
+def phase_waves(
+    choice: Choice, camera: Camera, scene: Scene, wavelength_nm: float, object_um: float | None
+) -> Waves | None:
     """The phase in the stop's plane that a choice models; None for none."""
     parts: list[Waves] = []
     if choice.defocus and object_um not in (None, scene.focus_um):

@@ -25,7 +25,7 @@ Notes:
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
@@ -54,6 +54,24 @@ MOST_WAVES_PER_SAMPLE = 0.125
 _SAMPLES_PER_DOT = 4
 
 
+@dataclass(frozen=True, eq=False)
+class StopField:
+    """One line's amplitude behind the stop on a square of samples, the axis on the middle one.
+
+    Attributes:
+        sample_um: distance of samples.
+        shadow: complex128 [n, n], n odd, without diffraction over the gap; samples at the rim have their share of it.
+        amplitude: the same with diffraction.
+        shadow_um2, energy_um2: integrals of the squared moduli.
+    """
+
+    sample_um: float
+    shadow: Complexes
+    amplitude: Complexes
+    shadow_um2: float
+    energy_um2: float
+
+
 def shift_um(camera: Camera, gap_um: float, image_um: Place, distance_um: float | None = None) -> Place:
     """Displacement of the openings' shadow in the stop's plane for an image point, g (x, y) / d.
 
@@ -78,7 +96,7 @@ def moved_pupil(openings: Aperture, stop: Stop, moved_um: Place) -> Pupil:
     Raises:
         JobError: MF114 if the moved openings no longer cover the stop.
     """
-    _check_cover(openings, stop, moved_um)
+    check_cover(openings, stop, moved_um)
     return cut(moved_aperture(openings, moved_um, stop.diameter_um / 2), stop)
 
 
@@ -174,23 +192,48 @@ def gap_psf(
             so coarse that the phase turns by more than an eighth of a wave from one to the next.
     """
     distance = camera.focal_um if distance_um is None else distance_um
-    moved = shift_um(camera, gap_um, image_um, distance)
-    _check_cover(openings, camera.stop, moved)
-    sample, stop, before, after = _cut_fields(
-        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, moved, distance
-    )
-    energy = cut(moved_aperture(openings, moved, camera.stop.diameter_um / 2), camera.stop).energy_um2
-    energy += sample**2 * (_power(after, stop) - _power(before, stop))
-    middle = stop.shape[0]
-    place = sample * (np.arange(middle, dtype=np.float64) - middle // 2)
-    if waves is not None:
-        after *= _turned(waves, place, stop > 0)
+    found = stop_field(
+        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, waves=waves, distance_um=distance
+    )  # fmt: skip
+    middle = found.amplitude.shape[0]
+    place = found.sample_um * (np.arange(middle, dtype=np.float64) - middle // 2)
     step, scale = point_step_um(camera), wavelength_nm * UM_PER_NM * distance
     reach = odd_samples(camera.window_um, step) // 2 + margin
     u = step * np.arange(-reach, reach + 1, dtype=np.float64) / scale
-    kernel = sample * np.exp(-2j * np.pi * u[:, None] * place)
-    field = kernel @ after @ kernel.T
-    return Psf(abs(field) ** 2 / (scale**2 * energy), step, wavelength_nm, "point")
+    kernel = found.sample_um * np.exp(-2j * np.pi * u[:, None] * place)
+    field = kernel @ found.amplitude @ kernel.T
+    return Psf(abs(field) ** 2 / (scale**2 * found.energy_um2), step, wavelength_nm, "point")
+
+
+def stop_field(
+    openings: Aperture,
+    camera: Camera,
+    wavelength_nm: float,
+    gap_um: float,
+    image_um: Place = AXIS,
+    samples_per_dot: int = _SAMPLES_PER_DOT,
+    *,
+    waves: Waves | None = None,
+    distance_um: float | None = None,
+) -> StopField:
+    """The amplitude behind the stop of light on its way to an image point; arguments and errors as for
+    :func:`gap_psf`.
+    """
+    distance = camera.focal_um if distance_um is None else distance_um
+    moved = shift_um(camera, gap_um, image_um, distance)
+    check_cover(openings, camera.stop, moved)
+    sample, stop, before, after = _cut_fields(
+        openings, camera, wavelength_nm, gap_um, image_um, samples_per_dot, moved, distance
+    )
+    still = cut(moved_aperture(openings, moved, camera.stop.diameter_um / 2), camera.stop).energy_um2
+    energy = still + sample**2 * (_power(after, stop) - _power(before, stop))
+    if waves is not None:
+        middle = stop.shape[0]
+        place = sample * (np.arange(middle, dtype=np.float64) - middle // 2)
+        turn = turned(waves, place, place, stop > 0)
+        before *= turn
+        after *= turn
+    return StopField(sample, before, after, still, energy)
 
 
 def gap_change(openings: Aperture, camera: Camera, wavelength_nm: float, gap_um: float, u: Floats) -> float:
@@ -254,7 +297,12 @@ def gap_guard_um(gap_um: float, wavelength_nm: float, sample_um: float) -> float
     return gap_um * slope / math.sqrt(1 - slope**2) if slope < 1 else math.inf
 
 
-def _check_cover(openings: Aperture, stop: Stop, moved_um: Place) -> None:
+def check_cover(openings: Aperture, stop: Stop, moved_um: Place) -> None:
+    """Refuse openings that, moved by (x, y), no longer cover the stop.
+
+    Raises:
+        JobError: MF114.
+    """
     radius = stop.diameter_um / 2
     ends = [_ends_um(lattice) for lattice in (openings.x, openings.y)]
     missing = max(
@@ -356,9 +404,19 @@ def _in_stop_plane(spectrum: Complexes, sample: float, middle: int) -> Complexes
     return field / sample**2
 
 
-def _turned(waves: Waves, place: Floats, inside: NDArray[np.bool_]) -> Complexes:
-    """exp(2πi W) at the samples of the stop's plane that let light pass, 0 elsewhere."""
-    phase = np.where(inside, waves(place, place[:, None]), 0.0)
+def turned(waves: Waves, x_um: Floats, y_um: Floats, inside: NDArray[np.bool_]) -> Complexes:
+    """exp(2πi W) at the samples of the stop's plane that let light pass, 0 elsewhere.
+
+    Args:
+        waves: W.
+        x_um, y_um: of the samples' columns and rows.
+        inside: bool [rows, columns], where light passes.
+
+    Raises:
+        JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from one
+            sample to the next.
+    """
+    phase = np.where(inside, waves(x_um, y_um[:, None]), 0.0)
     if not np.isfinite(phase).all():
         raise JobError("MF104", "the wavefront is not finite inside the stop", cure="Give finite coefficients")
     across, up = (abs(np.diff(phase, axis=axis)) for axis in (1, 0))

@@ -34,7 +34,7 @@ from maskfab.errors import JobError
 from maskfab.model import Camera, Psf, frozen
 from maskfab.optics.functions.bessel import spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.image.psf import odd_samples, point_step_um
-from maskfab.optics.pupil.aperture import Aperture, Lattice
+from maskfab.optics.pupil.aperture import Aperture, finer_aperture
 from maskfab.optics.pupil.pupil import RIM_ORDERS, Pupil, cut
 from maskfab.units import UM_PER_NM
 
@@ -196,16 +196,7 @@ def halved(pupil: Pupil) -> Pupil:
     """The pupil on dots of half the side, those at the stop's rim cut anew."""
     transmission = np.array(pupil.whole)
     transmission[pupil.rim_row, pupil.rim_column] = pupil.rim_transmission
-    rows, columns = pupil.y.dot_index().ravel(), pupil.x.dot_index().ravel()
-    x, y = _halved_lattice(pupil.x), _halved_lattice(pupil.y)
-    shape = (y.edges_um().size - 1, x.edges_um().size - 1)
-    place = np.ix_(y.dot_index().ravel(), x.dot_index().ravel())
-    parts = []
-    for values in (transmission, pupil.whole_variance):
-        finer = np.zeros(shape)
-        finer[place] = values[np.ix_(rows, columns)].repeat(2, axis=0).repeat(2, axis=1)
-        parts.append(finer)
-    return cut(Aperture(x, y, parts[0], parts[1]), pupil.stop)
+    return cut(finer_aperture(Aperture(pupil.x, pupil.y, transmission, pupil.whole_variance), 2), pupil.stop)
 
 
 def phased_psf(
@@ -240,10 +231,6 @@ def _steepest(pupil: Pupil, waves: Waves) -> float:
     if not all(np.isfinite(values).all() for values in (corner, beside, above)):
         raise JobError("MF104", "the wavefront is not finite inside the stop", cure="Give finite coefficients")
     return float(max(abs(beside - corner).max(), abs(above - corner).max()))
-
-
-def _halved_lattice(lattice: Lattice) -> Lattice:
-    return Lattice(lattice.start_um, lattice.cells, 2 * lattice.dots, lattice.dot_um / 2, lattice.pitch_um)
 
 
 def _whole_moments(pupil: Pupil, waves: Waves, nodes: int) -> tuple[NDArray[np.intp], NDArray[np.intp], Complexes]:

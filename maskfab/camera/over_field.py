@@ -1,0 +1,110 @@
+r"""Photographs whose blur changes over the field: seen through a gap, every image point has openings of its own.
+
+Every point of a scene is shared among the nodes round it, by bilinear weights w, and spreads as they do:
+
+    light = Σ_n H_n (w_n scene),    Σ_n w_n = 1,
+
+so that no light is lost. Between nodes the point spread is a mixture of theirs.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from itertools import product
+
+import numpy as np
+import scipy.fft
+from numpy.typing import NDArray
+
+from maskfab.camera.die_transfer import DieTransfer
+from maskfab.camera.restorers.wiener import Margin
+from maskfab.optics.scene.plan import Plan
+
+Floats = NDArray[np.float64]
+Singles = NDArray[np.float32]
+
+MOST_NODES = 5
+"""Along each axis of a picture: every node is a transfer, and a transform of the scene."""
+
+
+@dataclass(frozen=True, eq=False)
+class FieldNodes:
+    """Places of a picture at which the transfer is computed.
+
+    Attributes:
+        y_um, x_um: from the axis, which is the picture's middle, down and to the right; ascending, one or more.
+        shape: rows and columns of the picture.
+        pixel_um: side of its pixels.
+    """
+
+    y_um: Floats
+    x_um: Floats
+    shape: tuple[int, int]
+    pixel_um: float
+
+    @classmethod
+    def of(cls, transfer: DieTransfer, plan: Plan, shape: tuple[int, int]) -> FieldNodes:
+        """As close together as a plan's places, but five along an axis at most; the axis alone where it needs no more.
+
+        Beyond the scene's field the outermost nodes stand for all.
+        """
+        scene, pixel = transfer.view.scene, transfer.view.camera.pixel_um
+        places = plan.choice.places
+        if places == 1:
+            return cls(np.zeros(1), np.zeros(1), shape, pixel)
+        spacing = 2 * scene.field_um / (places - 1)
+        # The corners of the nodes' square lie within the field.
+        widest = scene.field_um / math.sqrt(2)
+
+        def along(pixels: int) -> Floats:
+            reach = min(widest, (pixels - 1) / 2 * pixel)
+            count = min(MOST_NODES, 2 * math.ceil(reach / spacing) + 1)
+            return np.linspace(-reach, reach, count)
+
+        return cls(along(shape[0]), along(shape[1]), shape, pixel)
+
+    def weights(self) -> tuple[Singles, Singles]:
+        """Of every row in every node along y, [nodes, rows], and of every column; each sums to 1 over nodes."""
+        up, across = (
+            _hats(nodes, (np.arange(count, dtype=np.float64) - (count - 1) / 2) * self.pixel_um)
+            for nodes, count in zip((self.y_um, self.x_um), self.shape, strict=True)
+        )
+        return up, across
+
+    def error(self, transfer: DieTransfer) -> float:
+        """Largest error of H at some frequencies, half-way between the nodes nearest to the axis; 0 for one."""
+        near = [nodes[abs(nodes).argsort(kind="stable")[:2]] for nodes in (self.y_um, self.x_um)]
+        if all(each.size == 1 for each in near):
+            return 0.0
+        between = transfer.at((float(near[1].mean()), float(near[0].mean()))).probe
+        nodes = [transfer.at((float(x), float(y))).probe for y, x in product(*near)]
+        mixed = sum(nodes[1:], start=nodes[0]) / np.float32(len(nodes))
+        return float(abs(between - mixed).max())
+
+
+def blurred_over_field(scene: Singles, transfer: DieTransfer, nodes: FieldNodes, margin: Margin) -> Singles:
+    """Light on the sensor, as :meth:`maskfab.camera.restore.Margin.blurred` of one transfer gives it.
+
+    Args:
+        scene: float32 [3, rows, columns].
+        transfer: of the die, on the axis.
+        nodes: of the scene's shape.
+        margin: of the scene.
+
+    Raises:
+        JobError: MF114 if the die does not cover the stop from a node.
+    """
+    up, across = nodes.weights()
+    total = np.zeros_like(margin.sensor(scene))
+    for (j, y), (i, x) in product(enumerate(nodes.y_um), enumerate(nodes.x_um)):
+        here = transfer if x == y == 0 else transfer.at((float(x), float(y)))
+        shared = scene * (up[j][:, None] * across[i])
+        spectrum = scipy.fft.rfft2(shared, axes=(1, 2), workers=1, overwrite_x=True)
+        total += margin.blurred(spectrum, here.on(nodes.shape))
+    return total
+
+
+def _hats(nodes: Floats, places: Floats) -> Singles:
+    """Linear weights of places in nodes, [nodes, places]; beyond the last it has all."""
+    return np.array([np.interp(places, nodes, row) for row in np.eye(nodes.size)], dtype=np.float32)
