@@ -13,9 +13,9 @@ def main() -> None:
         print(f"maskfab {__version__}")
         return
     from maskfab.cli import run_command_line
-    from maskfab.threads import one_thread_by_default
+    from maskfab.own_process import settle
 
-    one_thread_by_default()
+    settle()
     sys.exit(run_command_line(sys.argv[1:]))
 
 

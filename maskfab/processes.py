@@ -32,8 +32,8 @@ from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from maskfab.errors import InternalError
 from maskfab.files.release_memory import give_back
+from maskfab.own_process import settle
 from maskfab.progress import Progress, silent
-from maskfab.threads import one_thread_by_default
 
 Found = TypeVar("Found")
 Given: TypeAlias = Callable[[], tuple[Any, ...]]
@@ -253,7 +253,7 @@ def _pickled(content: object) -> bytes:
 
 def work() -> None:
     """The life of the second process."""
-    one_thread_by_default()
+    settle()
     # An interrupt is the affair of who waits, who ends this process.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # What is printed on the way must not get among the answers.

@@ -6,21 +6,12 @@ the product. Cores are kept busy by working on several dies at once instead.
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from functools import wraps
 from typing import ParamSpec, TypeVar
 
 Given = ParamSpec("Given")
 Result = TypeVar("Result")
-
-_VARIABLES = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-
-
-def one_thread_by_default() -> None:
-    """For a program of its own: limits every library that is not loaded yet, unless the environment says otherwise."""
-    for name in _VARIABLES:
-        os.environ.setdefault(name, "1")
 
 
 def one_thread(function: Callable[Given, Result]) -> Callable[Given, Result]:
