@@ -10,9 +10,9 @@ import os
 import runpy
 import subprocess
 import sys
-import tempfile
 import traceback
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from importlib import import_module
 from pathlib import Path
@@ -38,15 +38,20 @@ def run(command: list[str], **options: object) -> subprocess.CompletedProcess[by
     assert switches == ["-P", "-W", "error"]
     with suppress(ImportError):
         import_module(LIBRARIES[script])
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as said, warnings.catch_warnings():
+    # Pipes, as those of a process that was started, are bound by no limit on the size of files.
+    (out, out_end), (said, said_end) = os.pipe(), os.pipe()
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)
         copy = os.fork()
-        if not copy:
-            _live(command[4:], out.fileno(), said.fileno())
+    if not copy:
+        _live(command[4:], out_end, said_end)
+    os.close(out_end)
+    os.close(said_end)
+    with open(out, "rb") as answer, open(said, "rb") as complaint, ThreadPoolExecutor(1) as beside:
+        complained = beside.submit(complaint.read)
+        answered = answer.read()
         _, status = os.waitpid(copy, 0)
-        out.seek(0)
-        said.seek(0)
-        return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(status), out.read(), said.read())
+        return subprocess.CompletedProcess(command, os.waitstatus_to_exitcode(status), answered, complained.result())
 
 
 def _live(arguments: list[str], out: int, said: int) -> NoReturn:
