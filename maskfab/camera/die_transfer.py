@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from maskfab.camera.photo_camera import COLOURS
 from maskfab.camera.restorers.restorer import Transfer
-from maskfab.camera.stop_view import Samples, StopView
+from maskfab.camera.stop_view import Lines, Samples, StopView
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel
 from maskfab.optics.image.spectrum import Band, Spectrum, line_spectrum
@@ -62,7 +62,7 @@ class Resolution:
     """
 
     samples: Samples
-    lines: tuple[Spectrum, ...]
+    lines: tuple[Lines, ...]
     by_samples: float | None
     by_lines: float
 
@@ -111,8 +111,8 @@ class DieTransfer:
         """Largest error of H at the frequencies of ``probe``, by samples and lines together."""
         known, by_samples = self.resolution, self.resolution.by_samples
         if by_samples is None:
-            middle = line_spectrum([known.lines[-1].centroid_nm])
-            coarse, fine = (self.view.transfer(middle, Samples(times), *_PROBED) for times in (1, 2))
+            middle = line_spectrum([known.lines[-1].shadow.centroid_nm])
+            coarse, fine = (self.view.shadow(middle, times, *_PROBED) for times in (1, 2))
             by_samples = float(abs(fine - coarse).max())
         return by_samples + known.by_lines
 
@@ -120,7 +120,7 @@ class DieTransfer:
     def transmission(self) -> float:
         """Share of the light that falls on the stop that the die lets through, the mean of the colours."""
         samples, lines = self.resolution.samples, self.resolution.lines
-        passed = [self.view.passed_um2(each.centroid_nm, samples) for each in lines]
+        passed = [self.view.passed_um2(each.gap.centroid_nm, samples) for each in lines]
         return min(1.0, sum(passed) / COLOURS / self.view.camera.stop.area_um2)
 
     def _at(self, samples: Samples, y: Floats, x: Floats) -> Transfer:
@@ -163,10 +163,10 @@ def die_transfer(
         view = StopView(shown, camera, seen, choice, gap, distance)
         _require_room(shown, camera, 1)
         samples, coarse, by_samples = _samples(view, light)
-        spectra = [_spectrum(view, coarse, each) for each in light]
+        spectra = [_lines(view, coarse, each) for each in light]
     except JobError as refusal:
         raise JobError(refusal.code, refusal.what, where=name, cure=refusal.cure) from None
-    lines = tuple(spectrum for spectrum, _ in spectra)
+    lines = tuple(each for each, _ in spectra)
     return DieTransfer(name, view, Resolution(samples, lines, by_samples, max(error for _, error in spectra)))
 
 
@@ -227,13 +227,13 @@ def _samples(view: StopView, light: list[Band | float]) -> tuple[Samples, Sample
     # The phase from one sample to the next must be told by exp(2πi W) alone.
     coarsest = 2 ** max(0, math.ceil(math.log2(steep / _MOST_TURN))) if steep > 0 else 1
 
-    def still(seen: StopView, which: Callable[[int], Samples]) -> tuple[int, float]:
+    def still(seen: Callable[[int], Transfer]) -> tuple[int, float]:
         known: Transfer | None = None
         times, error = coarsest, math.inf
         while True:
             try:
                 _require_room(view.openings, view.camera, times, error)
-                finer = seen.transfer(line, which(times), *_PROBED)
+                finer = seen(times)
             except JobError as refusal:
                 if refusal.code == "MF115" and error <= _BEARABLE:
                     return times // 2, error
@@ -244,8 +244,9 @@ def _samples(view: StopView, light: list[Band | float]) -> tuple[Samples, Sample
                 return times, error
             known, times = finer, 2 * times
 
-    shadow, by_shadow = still(view.without_gap(), lambda times: Samples(times, 1)) if steep else (1, 0.0)
-    gap, by_gap = still(view, lambda times: Samples(coarsest, times)) if view.choice.diffraction else (1, 0.0)
+    shadow, by_shadow = still(lambda times: view.shadow(line, times, *_PROBED)) if steep else (1, 0.0)
+    gapped = view.choice.diffraction
+    gap, by_gap = still(lambda times: view.gap_change(line, times, *_PROBED)[0]) if gapped else (1, 0.0)
     return Samples(shadow, gap), Samples(coarsest, coarsest), by_shadow + by_gap
 
 
@@ -263,16 +264,26 @@ def _require_room(openings: Aperture, camera: Camera, times: int, error: float =
     )
 
 
-def _spectrum(view: StopView, samples: Samples, light: Band | float) -> tuple[Spectrum, float]:
-    """The fewest lines that stand for a band, on so many samples, and the error of H by them."""
+def _lines(view: StopView, samples: Samples, light: Band | float) -> tuple[Lines, float]:
+    """The fewest lines that stand for light, on so many samples, and the error of H by them."""
     if not isinstance(light, Band):
-        return line_spectrum([light]), 0.0
-    most = _MOST_PHASED if view.has_phase(light.centroid_nm) else _MOST_LINES
-    count, fewer, error = 1, band_lines(light, 1), math.inf
-    known = view.transfer(fewer, samples, *_PROBED)
+        line = line_spectrum([light])
+        return Lines(line, line), 0.0
+    phased = view.without_gap().has_phase(light.centroid_nm)
+    most = _MOST_PHASED if phased else _MOST_LINES
+    shadow, error = _fewest(light, most, lambda lines: view.shadow(lines, samples.shadow, *_PROBED))
+    if not view.choice.diffraction:
+        return Lines(shadow, shadow), error
+    gap, more = _fewest(light, _MOST_PHASED, lambda lines: view.gap_change(lines, samples.gap, *_PROBED)[0])
+    return Lines(shadow, gap), error + more
+
+
+def _fewest(band: Band, most: int, seen: Callable[[Spectrum], Transfer]) -> tuple[Spectrum, float]:
+    count, fewer, error = 1, band_lines(band, 1), math.inf
+    known = seen(fewer)
     while count < most:
-        more = band_lines(light, max(4, 2 * count))
-        finer = view.transfer(more, samples, *_PROBED)
+        more = band_lines(band, max(4, 2 * count))
+        finer = seen(more)
         error = float(abs(finer - known).max())
         if error <= MOST_CHANGE:
             break

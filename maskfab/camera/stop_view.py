@@ -16,7 +16,6 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -57,6 +56,14 @@ class Samples:
 
     shadow: int = 1
     gap: int = 1
+
+
+@dataclass(frozen=True, eq=False)
+class Lines:
+    """Lines that stand for light: for the openings' shadow, and, fewer, for what a gap changes."""
+
+    shadow: Spectrum
+    gap: Spectrum
 
 
 @dataclass(frozen=True, eq=False)
@@ -115,31 +122,41 @@ class StopView:
             return self._field(line_nm, samples.gap).energy_um2
         return self._shadow(None, 1).energy_um2
 
-    def transfer(self, lines: Spectrum, samples: Samples, y: Floats, x: Floats) -> Transfer:
+    def transfer(self, lines: Lines, samples: Samples, y: Floats, x: Floats) -> Transfer:
         """H of some lines at the frequencies where rows y cross columns x, cycles per pixel, [y, x].
 
         Raises:
             JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from
                 one sample to the next, or as :func:`maskfab.optics.wavefront.panel_gap.stop_field`.
         """
+        shadow = self.shadow(lines.shadow, samples.shadow, y, x)
+        if not self.choice.diffraction:
+            return shadow
+        change, share = self.gap_change(lines.gap, samples.gap, y, x)
+        return np.asarray(np.float32(share) * shadow + change)
+
+    def shadow(self, lines: Spectrum, times: int, y: Floats, x: Floats) -> Transfer:
+        """H without diffraction over the gap; arguments and errors as for :meth:`transfer`."""
         total: Transfer = np.zeros((y.size, x.size), dtype=np.float32)
         for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
-            cycle_um = float(line) * UM_PER_NM * self._distance_um / self.camera.pixel_um
-            for lags, share in self._lags(float(line), samples):
-                found = line_transfer(lags, cycle_um, y, x, share * float(weight))
-                total = total + found
+            waves = self._waves(float(line))
+            lags = self._plain if waves is None and times == 1 else AmplitudeLags.of(self._shadow(waves, times))
+            total = total + line_transfer(lags, self._cycle_um(float(line)), y, x, float(weight))
         return total
 
-    def _lags(self, line_nm: float, samples: Samples) -> Iterator[tuple[AmplitudeLags, float]]:
-        """Parts of C(s) / C(0), and their factors."""
-        waves, times = self._waves(line_nm), samples.shadow
-        shadow = self._plain if waves is None and times == 1 else AmplitudeLags.of(self._shadow(waves, times))
-        if not self.choice.diffraction:
-            yield shadow, 1.0
-            return
-        field = self._field(line_nm, samples.gap)
-        yield shadow, field.shadow_um2 / field.energy_um2
-        yield AmplitudeLags.across_gap(field), 1.0
+    def gap_change(self, lines: Spectrum, times: int, y: Floats, x: Floats) -> tuple[Transfer, float]:
+        """Change of H by diffraction over the gap, and the factor of H without it; otherwise as :meth:`shadow`."""
+        total: Transfer = np.zeros((y.size, x.size), dtype=np.complex64)
+        share = 0.0
+        for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
+            field = self._field(float(line), times)
+            lags = AmplitudeLags.across_gap(field)
+            total = total + line_transfer(lags, self._cycle_um(float(line)), y, x, float(weight))
+            share += float(weight) * field.shadow_um2 / field.energy_um2
+        return total, share
+
+    def _cycle_um(self, line_nm: float) -> float:
+        return line_nm * UM_PER_NM * self._distance_um / self.camera.pixel_um
 
     def _shadow(self, waves: Waves | None, times: int) -> StopAmplitude:
         """The amplitude behind the stop without diffraction over the gap."""

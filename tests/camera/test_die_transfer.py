@@ -16,11 +16,11 @@ from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.scenes import dead_leaves
-from maskfab.camera.stop_view import Samples, line_transfer
+from maskfab.camera.stop_view import Lines, line_transfer
 from maskfab.camera.transfer import lay, transfer_grid
 from maskfab.errors import JobError
 from maskfab.model import Camera, Panel, Psf, Stop
-from maskfab.optics.image.spectrum import Band, Curve
+from maskfab.optics.image.spectrum import Band, Curve, line_spectrum
 from maskfab.optics.light.band_lines import band_lines
 from maskfab.optics.light.response import camera_bands, generic_rgb
 from maskfab.optics.pupil.aperture import Lattice, panel_aperture
@@ -214,10 +214,23 @@ def test_a_band_of_one_line_is_that_line_and_wide_bands_err_no_more_than_told():
     wide = die_transfer("D", laid_out, SMALL, Scene(bands=tuple(camera_bands(generic_rgb()).values())))
     red = max(wide.view.scene.bands, key=lambda band: band.centroid_nm)
     y, x = np.fft.fftfreq(16), np.fft.rfftfreq(24)
-    fine = wide.view.transfer(band_lines(red, 256), Samples(), y, x)
+    fine = wide.view.shadow(band_lines(red, 256), 1, y, x)
     assert (
         abs(wide.on((16, 24))[0] - fine).max() < wide.resolution.by_lines < abs(by_lines.on((16, 24))[0] - fine).max()
     )
+
+
+def test_a_band_over_a_gap_is_the_sum_of_its_lines_over_it():
+    laid_out, bands = random_panel(9), tuple(camera_bands(generic_rgb()).values())
+    found = die_transfer("D", laid_out, SMALL, Scene(bands=bands, gap_um=100.0))
+    red = band_lines(max(bands, key=lambda band: band.centroid_nm), 16)
+    y, x = np.fft.fftfreq(16), np.fft.rfftfreq(24)
+    parts = [Lines(each, each) for each in (line_spectrum([float(line)]) for line in red.wavelengths_nm)]
+    lines = [found.view.transfer(each, found.resolution.samples, y, x) for each in parts]
+    undersampled = found.view.shadow(red, 1, y, x) - found.view.shadow(found.resolution.lines[0].shadow, 1, y, x)
+    expected = sum(weight * each for weight, each in zip(red.weights, lines, strict=True)) - undersampled
+    assert abs(found.on((16, 24))[0] - expected).max() < found.resolution.by_lines < 1e-2
+    assert len(found.resolution.lines[0].gap.weights) < len(found.resolution.lines[0].shadow.weights)
 
 
 def test_moving_a_repeated_panel_by_a_cell_changes_nothing_and_by_half_a_cell_does():
