@@ -1,0 +1,146 @@
+r"""Noise taken out of a record before its blur is undone: cosine transforms of all its 8 x 8 windows.
+
+What little of a window's transform stands above the noise is kept; the mean of all the windows that hold a pixel is its
+light (Yu, Sapiro, Image Processing On Line 1, 292, 2011). That is a first guess of the windows' spectra P, and a second
+pass weighs every coefficient of the record by P² / (P² + 1), its Wiener filter (Pierazzo, Morel, Facciolo, Image
+Processing On Line 7, 288, 2017). Windows count by the inverse of the noise that they let through. All happens on
+numbers with noise of variance 1 (:mod:`maskfab.camera.restorers.anscombe`), in brightness and two opponent colours,
+for colours differ less than pixels do.
+
+Notes:
+    Photographs and drawn scenes behind protocol F1's camera, nine cases from 24 to 40 dB, each with its best ε, mean
+    gain over the Wiener filter alone: thresholds of 2.2, 2.5, 2.8 and 3.1 give 2.08, 2.21, 2.24 and 2.22 dB; the first
+    pass alone 2.08 dB at 2.7. On red, green and blue apart the first pass gives .4 to 1 dB less.
+    The noise of pixels is taken to be independent; of a mosaic that was interpolated it is not, and more of it stays.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+import scipy.fft
+from numpy.lib.stride_tricks import sliding_window_view
+from numpy.typing import NDArray
+
+from maskfab.camera.record import Noise, Record
+from maskfab.camera.restorers.anscombe import stabilised, unbiased
+from maskfab.camera.restorers.restorer import Blur, Restorer
+from maskfab.camera.restorers.wiener import Wiener
+from maskfab.errors import JobError
+
+Singles = NDArray[np.float32]
+
+WINDOW = 8
+"""Pixels along a window's side."""
+THRESHOLD = 2.8
+"""In standard deviations of the noise."""
+
+_LEFT = 1 / 16
+_STRIP = 32  # rows of windows worked on at a time: what they hold stays small, whatever the picture
+_COSINES = scipy.fft.dct(np.eye(WINDOW), norm="ortho", axis=0).astype(np.float32)
+_OPPONENT = scipy.fft.dct(np.eye(3), norm="ortho", axis=0).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Dct:
+    """Takes the noise out, and has another restorer undo the blur.
+
+    Attributes:
+        then: that one. It is given a sixteenth of ε, for there is less noise left: with that, one grid of ε reaches the
+            best picture with and without.
+        threshold: in standard deviations of the noise.
+    """
+
+    then: Restorer = field(default_factory=Wiener)
+    threshold: float = THRESHOLD
+
+    @property
+    def name(self) -> str:
+        """In tables and options."""
+        return f"dct+{self.then.name}"
+
+    def prepare(self, record: Record, blur: Blur) -> Callable[[float], Singles]:
+        """See :class:`maskfab.camera.restorers.restorer.Restorer`.
+
+        Raises:
+            JobError: MF121 for fewer than 8 pixels along a side.
+        """
+        calm = denoised(record.values, record.noise, self.threshold)
+        # A full well says only that there was more light; the neighbours' mean must not make it look measured.
+        restored = self.then.prepare(replace(record, values=np.where(record.clipped, record.values, calm)), blur)
+        return lambda epsilon: restored(_LEFT * epsilon)
+
+
+def denoised(light: Singles, noise: Noise, threshold: float = THRESHOLD) -> Singles:
+    """Light [3, rows, columns] in units of white, of known noise, with less of it; below 0 where the dark was.
+
+    Raises:
+        JobError: MF121 for fewer than 8 pixels along a side.
+    """
+    rows, columns = light.shape[1:]
+    if min(rows, columns) < WINDOW:
+        raise JobError(
+            "MF121",
+            f"the record has {columns} x {rows} pixels, fewer than {WINDOW} along a side",
+            cure=f"Give a record of {WINDOW} x {WINDOW} pixels or more",
+        )
+    stable = np.tensordot(_OPPONENT, stabilised(light, noise), axes=1)
+    for colour in stable:
+        guess = _mean_of_windows(colour, None, np.float32(threshold))
+        colour[:] = _mean_of_windows(colour, guess, np.float32(threshold))
+    return unbiased(np.tensordot(_OPPONENT.T, stable, axes=1), noise)
+
+
+def _mean_of_windows(picture: Singles, guess: Singles | None, threshold: np.float32) -> Singles:
+    """A picture [rows, columns] with noise of variance 1, less noisy.
+
+    Args:
+        picture: what is filtered.
+        guess: of it without noise, for the second pass; None for the first.
+        threshold: of the first pass.
+    """
+    total, weights = np.zeros_like(picture), np.zeros_like(picture)
+    for top in range(0, len(picture) - WINDOW + 1, _STRIP):
+        strip = slice(top, top + _STRIP + WINDOW - 1)
+        _add_windows(picture[strip], None if guess is None else guess[strip], threshold, total[strip], weights[strip])
+    return np.asarray(np.divide(total, weights, out=total))
+
+
+def _add_windows(
+    picture: Singles, guess: Singles | None, threshold: np.float32, total: Singles, weights: Singles
+) -> None:
+    """Add all windows of a strip, filtered, to ``total``, and their weights to ``weights``; all [rows, columns]."""
+    rows, across = len(picture), picture.shape[1] - WINDOW + 1
+    lines = _along_rows(picture)
+    guessed = None if guess is None else _along_rows(guess)
+    found, counted = np.zeros_like(lines), np.zeros((rows, across), dtype=np.float32)
+    spectrum, kept, spare = (np.empty((WINDOW, WINDOW * across), dtype=np.float32) for _ in range(3))
+    for y in range(rows - WINDOW + 1):
+        window = slice(y, y + WINDOW)
+        np.matmul(_COSINES, lines[window], out=spectrum)
+        if guessed is None:
+            np.greater(np.abs(spectrum, out=kept), threshold, out=kept, casting="unsafe")
+            noise = kept
+        else:
+            np.matmul(_COSINES, guessed[window], out=kept)
+            np.square(kept, out=kept)
+            np.divide(kept, np.add(kept, 1, out=spare), out=kept)
+            noise = np.square(kept, out=spare)
+        weight = 1 / np.maximum(noise.reshape(WINDOW**2, across).sum(axis=0), 1)
+        spectrum *= kept
+        spectrum.reshape(WINDOW**2, across)[:] *= weight
+        found[window] += np.matmul(_COSINES.T, spectrum, out=spare)
+        counted[window] += weight
+    back = np.matmul(_COSINES.T, found.reshape(rows, WINDOW, across))
+    for x in range(WINDOW):
+        total[:, x : x + across] += back[:, x]
+        weights[:, x : x + across] += counted
+
+
+def _along_rows(picture: Singles) -> Singles:
+    """Cosine transforms along the rows of all windows, [rows, 8 · (columns - 7)], coefficient by coefficient."""
+    windows = sliding_window_view(picture, WINDOW, axis=1).transpose(0, 2, 1)
+    lines = np.matmul(_COSINES, np.ascontiguousarray(windows))
+    return np.asarray(lines.reshape(len(picture), -1))
