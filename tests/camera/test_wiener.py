@@ -61,7 +61,7 @@ def test_psnr_of_a_known_error():
 def test_ssim_is_one_for_equal_pictures_and_its_formula_for_flat_ones():
     scene = picture()
     np.testing.assert_allclose(truth(scene).ssim(scene), 1, atol=1e-5)
-    flat = np.full((1, 30, 30), 0.5, dtype=np.float32)
+    flat = np.full((3, 30, 30), 0.5, dtype=np.float32)
     wanted = (2 * 0.5 * 0.25 + 1e-4) / (0.25 + 0.0625 + 1e-4)
     np.testing.assert_allclose(truth(flat).ssim(flat / 2), wanted, rtol=2e-3)
 
