@@ -42,11 +42,18 @@ class Record:
         values: float32 [3, rows, columns], white is 1, row 0 on top; below 0 where noise of the dark made it so.
         noise: of every pixel.
         ceiling: what a full well reads, in units of white; infinite if nothing clips.
+        merged: variance of every pixel, of the same shape, where exposures were merged; None where it is the noise's.
     """
 
     values: Singles
     noise: Noise
     ceiling: float = float("inf")
+    merged: Singles | None = None
+
+    @property
+    def variance(self) -> Singles:
+        """Of every pixel, [3, rows, columns]."""
+        return self.noise.variance(self.values) if self.merged is None else self.merged
 
     @property
     def clipped(self) -> NDArray[np.bool_]:

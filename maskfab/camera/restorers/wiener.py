@@ -39,15 +39,21 @@ class Margin:
     shape: tuple[int, int]
     width: int = MARGIN
 
+    @property
+    def _cut(self) -> tuple[slice, slice]:
+        rows, columns = self.shape
+        return slice(self.width, rows - self.width), slice(self.width, columns - self.width)
+
     def sensor(self, scene: Singles) -> Singles:
         """The part of a scene that lies on the sensor."""
-        return scene[:, self.width : -self.width, self.width : -self.width]
+        return scene[:, *self._cut]
 
     def blurred(self, spectrum: NDArray[np.complex64], transfer: Transfer) -> Singles:
         """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels."""
         lines = scipy.fft.ifft(spectrum * transfer, axis=1, overwrite_x=True, workers=1)
-        wide = scipy.fft.irfft(lines[:, self.width : -self.width], n=self.shape[1], axis=2, workers=1)
-        return np.asarray(wide[:, :, self.width : -self.width])
+        rows, columns = self._cut
+        wide = scipy.fft.irfft(lines[:, rows], n=self.shape[1], axis=2, workers=1)
+        return np.asarray(wide[:, :, columns])
 
     def mirrored(self, record: Singles) -> NDArray[np.complex64]:
         """``rfft2`` of a record [3, sensor rows, sensor columns] mirrored at its edges (their pixels not doubled)."""
