@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -16,12 +16,12 @@ from sweeps import examples
 from maskfab.camera.transfer import lay, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
-from maskfab.optimiser.bounds.bounds import bounds, optimality_gap
+from maskfab.optimiser.bounds.bounds import Bounds, bounds, optimality_gap
 from maskfab.optimiser.bounds.error_bound import block_error, blocks, dual_tables, wiener_cost
 from maskfab.optimiser.bounds.frame_bound import frame_bound, sampled
 from maskfab.optimiser.bounds.map_bound import framed, layout_bound, map_gap
 from maskfab.optimiser.bounds.residue_bound import residue_classes, residue_error, residues
-from maskfab.optimiser.model.expected_psnr import surrogate
+from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
 from maskfab.optimiser.model.interior import interior, unit_modulation
 from maskfab.optimiser.model.layout_error import pupil_error
 
@@ -39,15 +39,41 @@ def inner(estimate):
     return interior(estimate)
 
 
-@pytest.fixture(scope="module")
-def without_leak(estimate):
+def leakless(estimate):
     """The surrogate of scenes that are dark at low frequencies."""
     return replace(estimate, low=0 * estimate.low, low_truth=0 * estimate.low_truth)
 
 
-@pytest.fixture(scope="module", params=[False, True], ids=["turned", "repeated"])
-def limit(request, estimate):
-    return bounds(estimate, CLEAR, periodic=request.param, any_layout=not request.param)
+@pytest.fixture(scope="module")
+def without_leak(estimate):
+    return leakless(estimate)
+
+
+@dataclass(frozen=True)
+class Bounded:
+    """Cells of 168 um, of some dots and clear dots, with the bounds on them."""
+
+    estimate: Surrogate
+    clear: int
+    limit: Bounds
+
+    def units(self, count):
+        return units(count, self.clear, self.estimate.dots)
+
+
+@pytest.fixture(
+    scope="module",
+    params=[
+        pytest.param((dots, periodic), id=f"{tiling}-{dots}", marks=[pytest.mark.slow] * (dots > 14))
+        for dots in (14, DOTS)
+        for periodic, tiling in ((False, "turned"), (True, "repeated"))
+    ],
+)
+def bounded(request):
+    dots, periodic = request.param
+    clear = round(RATIO * dots**2)
+    estimate = surrogate([leaves(1)], dots, dot_nm=168_000 // dots)
+    return Bounded(estimate, clear, bounds(estimate, clear, periodic=periodic, any_layout=not periodic))
 
 
 def units(count, clear=CLEAR, dots=DOTS):
@@ -110,9 +136,10 @@ def test_triangle_weighted_mean_of_random_layouts():
 
 
 @pytest.mark.parametrize("count", [24, pytest.param(200, marks=pytest.mark.slow)])
-def test_no_unit_passes_its_bounds(limit, inner, estimate, count):
-    around = rings(DOTS)
-    for k, unit in enumerate(units(count)):
+def test_no_unit_passes_its_bounds(bounded, count):
+    estimate, limit = bounded.estimate, bounded.limit
+    inner, around = interior(estimate), rings(estimate.dots, room=estimate.lattice)
+    for k, unit in enumerate(bounded.units(count)):
         reached = inner.of_unit(unit, periodic=limit.periodic)
         assert all(a <= b for a, b in zip(reached, limit.psnr, strict=True)), k
         if k % 4 == 0:
@@ -127,22 +154,22 @@ def test_no_unit_passes_its_bounds(limit, inner, estimate, count):
     seed=st.integers(0, 2**16),
     width=st.floats(0, 6),
     stretch=st.floats(0.2, 1),
-    middle=st.tuples(st.integers(0, DOTS - 1), st.integers(0, DOTS - 1)),
+    middle=st.tuples(st.floats(0, 1), st.floats(0, 1)),
     compact=st.floats(0, 3),
 )
-def test_no_unit_passes_the_bound_of_the_whole_frame(
-    limit, estimate, without_leak, seed, width, stretch, middle, compact
-):
-    field = np.random.default_rng(seed).normal(size=(DOTS, DOTS))
+def test_no_unit_passes_the_bound_of_the_whole_frame(bounded, seed, width, stretch, middle, compact):
+    estimate, dots = bounded.estimate, bounded.estimate.dots
+    field = np.random.default_rng(seed).normal(size=(dots, dots))
     field = gaussian_filter(field, (width, stretch * width), mode="wrap") if width else field
-    y, x = np.mgrid[0:DOTS, 0:DOTS]
+    y, x = np.mgrid[0:dots, 0:dots]
     # From noise, through spots of any grain, to an ellipse or a bar that the cell's edge cuts.
-    field = field / field.std() + compact * np.hypot(y - middle[0], (x - middle[1]) * stretch)
-    unit = np.zeros(DOTS**2, dtype=np.bool_)
-    unit[np.argsort(field.ravel())[:CLEAR]] = True
-    for judge in (estimate, without_leak):
-        reached = judge(unit.reshape(DOTS, DOTS), periodic=limit.periodic)
-        assert all(a <= b for a, b in zip(reached, limit.frame, strict=True))
+    row, column = (round(part * (dots - 1)) for part in middle)
+    field = field / field.std() + compact * np.hypot(y - row, (x - column) * stretch)
+    unit = np.zeros(dots**2, dtype=np.bool_)
+    unit[np.argsort(field.ravel())[: bounded.clear]] = True
+    for judge in (estimate, leakless(estimate)):
+        reached = judge(unit.reshape(dots, dots), periodic=bounded.limit.periodic)
+        assert all(a <= b for a, b in zip(reached, bounded.limit.frame, strict=True))
 
 
 def test_lags_of_the_surrogate_make_its_error_but_for_the_leak(estimate, without_leak, inner):
@@ -168,13 +195,15 @@ def test_dimmer_light_never_allows_more(estimate, inner, clear):
     assert all(a <= b for a, b in zip(estimate(blob, levels=(24, 32)), (dim, bright), strict=True))
 
 
-def test_frame_is_loose_by_the_leak_alone(limit, without_leak):
-    best = np.max([without_leak(unit, periodic=limit.periodic) for unit in units(40)], axis=0)
+def test_frame_is_loose_by_the_leak_alone(bounded):
+    limit, without_leak = bounded.limit, leakless(bounded.estimate)
+    best = np.max([without_leak(unit, periodic=limit.periodic) for unit in bounded.units(40)], axis=0)
     # The dual may let low frequencies vanish, where nothing but noise is left to count; that matters in dim light.
     assert (limit.frame - best < (0.9, 0.4, 0.3)).all()
 
 
-def test_bounds_are_in_order(limit):
+def test_bounds_are_in_order(bounded):
+    limit = bounded.limit
     for k in range(3):
         assert limit.psnr[k] < limit.grey[k]
         # Without the lowest frequencies less is held back.
@@ -274,9 +303,11 @@ def test_more_clear_dots_allow_more(inner):
     assert areas[-1] == pytest.approx(around.area(np.ones(len(around.ring))))
 
 
-def test_gap_of_a_bar(estimate, limit):
-    bar = np.zeros((DOTS, DOTS), dtype=np.bool_)
-    bar[:5, :20] = True
+def test_gap_of_a_bar(bounded):
+    estimate, limit = bounded.estimate, bounded.limit
+    rows = {14: 4, DOTS: 5}[estimate.dots]
+    bar = np.zeros((estimate.dots, estimate.dots), dtype=np.bool_)
+    bar[:rows, : bounded.clear // rows] = True
     gap = optimality_gap(estimate, bar, periodic=limit.periodic, known=limit)
     assert gap.bounds is limit
     assert all(0 <= room < 16 for room in gap.head_room)
