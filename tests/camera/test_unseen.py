@@ -178,6 +178,15 @@ def test_no_strength_at_all_is_still_a_picture():
         assert psnr(restorer.prepare(record, halo(4))(0.0), true) > 30
 
 
+def test_a_smooth_picture_comes_back_from_the_means_of_its_blocks():
+    y, x = np.arange(64)[:, None] / 64, np.arange(96) / 96
+    smooth = np.cos(2 * np.pi * (y + 0.1)) * np.cos(2 * np.pi * (2 * x + 0.2))[None] + 0.3
+    spectrum = scipy.fft.rfft2(smooth[None].astype(np.float32), axes=(1, 2))
+    low = unseen._Low((64, 96), (16, 24))
+    found = scipy.fft.irfft2(low.back(low.of(spectrum), spectrum.shape), s=(64, 96), axes=(1, 2))[0]
+    np.testing.assert_allclose(found, smooth, atol=0.04)
+
+
 def test_a_coarse_frame_first_changes_the_way_and_not_the_answer(monkeypatch):
     monkeypatch.setattr(unseen, "_STALLED", 1e-7)
     monkeypatch.setattr(unseen, "_COARSEST", 8)
@@ -256,6 +265,10 @@ def test_full_wells_push_up_and_never_pull_down(restorer):
     found = restorer.prepare(Uneven(high, Noise(1e4, 5.0), full=full), blur)(0.003)
     assert found[full].mean() > 0.75
     assert restorer.prepare(Record(low, Noise(1e4, 5.0)), blur)(0.003)[full].mean() < 0.4
+    left = np.arange(64) < 32
+    found = restorer.prepare(Uneven(np.where(left, low, high), Noise(1e4, 5.0), full=full), blur)(0.003)
+    assert abs(found[:, :, :24][full[:, :, :24]] - 0.5).max() < 0.1
+    assert found[:, :, 40:][full[:, :, 40:]].mean() > 0.75
 
 
 @pytest.mark.parametrize("restorer", [Gradient(width=16), TotalVariation(width=16)])
