@@ -18,6 +18,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.camera.die_transfer import DieTransfer
+from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.restorers.wiener import Margin
 from maskfab.optics.scene.plan import Plan
 
@@ -81,6 +82,42 @@ class FieldNodes:
         nodes = [transfer.at((float(x), float(y))).probe for y, x in product(*near)]
         mixed = sum(nodes[1:], start=nodes[0]) / np.float32(len(nodes))
         return float(abs(between - mixed).max())
+
+
+@dataclass(frozen=True, eq=False)
+class OverField:
+    """A die whose point spread changes over the field; a camera that knows only that of the axis restores by it.
+
+    Attributes:
+        transfer: of the die, on the axis.
+        plan: that says how close together places are.
+    """
+
+    transfer: DieTransfer
+    plan: Plan
+
+    @property
+    def name(self) -> str:
+        """Of the die."""
+        return self.transfer.name
+
+    @property
+    def transmission(self) -> float:
+        """Share of the stop's light that passes on the axis."""
+        return self.transfer.transmission
+
+    def on(self, shape: tuple[int, int]) -> Transfer:
+        """H on the axis, as of :class:`maskfab.camera.die_transfer.DieTransfer`."""
+        return self.transfer.on(shape)
+
+    def blurred(self, light: Singles, margin: Margin) -> Singles:
+        """Light on the sensor of a scene [3, rows, columns].
+
+        Raises:
+            JobError: MF114 if the die does not cover the stop from a place of the field.
+        """
+        shape = margin.shape
+        return blurred_over_field(light, self.transfer, FieldNodes.of(self.transfer, self.plan, shape), margin)
 
 
 def blurred_over_field(scene: Singles, transfer: DieTransfer, nodes: FieldNodes, margin: Margin) -> Singles:

@@ -26,10 +26,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.exposure import F1_SENSOR, Exposure
+from maskfab.camera.over_field import OverField
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.quality import Truth, inner, psnr, truth
 from maskfab.camera.record import Record
-from maskfab.camera.restorers.restorer import Blur, Restorer, Transfer
+from maskfab.camera.restorers.restorer import Blur, Restorer
 from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_error
 from maskfab.camera.scores import Score, ScoreTable
 from maskfab.camera.sensor import Sensor
@@ -46,7 +47,7 @@ TRIM = 64
 """Pixels left out at each edge of the inner frame."""
 LEVELS = (24, 32, 40)
 ASSUMED = "an opaque film and no glass, whatever the job says of its plate"
-"""Assumptions of the photographs."""
+"""Assumptions of protocol F1."""
 WIENER = (Wiener(),)
 _GREEN = slice(1, 2)
 
@@ -81,7 +82,10 @@ class Protocol:
     def photograph(self, design: Design, known: SensorScene, level_db: float) -> Record:
         """One scene through one design, in noise of its own: the same for every design at a level."""
         light = self.exposure(level_db)
-        blurred = known.margin.blurred(known.spectrum(linear=self.linear), design.on(known.margin.shape))
+        if isinstance(design, OverField):
+            blurred = design.blurred(known.scene.light if self.linear else known.scene.values, known.margin)
+        else:
+            blurred = known.margin.blurred(known.spectrum(linear=self.linear), design.on(known.margin.shape))
         seed = 1000 * known.scene.number + round(light.electrons)
         return self.sensor.record(blurred, light.behind(design.transmission), seed)
 
@@ -171,21 +175,20 @@ def evaluate(
     likenesses = {id(s): truth(prepared[id(s)].true) for s in test} if details else {}
     scores: list[Score] = []
     for design in designs:
-        seen = _Kept(design)
         for level in sorted(levels):
-            records = {key: protocol.photograph(seen, known, level) for key, known in prepared.items()}
-            start = _estimated(protocol, seen, [(prepared[id(s)], records[id(s)]) for s in tuning])
+            records = {key: protocol.photograph(design, known, level) for key, known in prepared.items()}
+            start = _estimated(protocol, design, [(prepared[id(s)], records[id(s)]) for s in tuning])
             for restorer in restorers:
-                learn = [(prepared[id(s)], restorer.prepare(records[id(s)], seen)) for s in tuning]
+                learn = [(prepared[id(s)], restorer.prepare(records[id(s)], design)) for s in tuning]
                 chosen, pictures = _best(protocol, learn, start)
                 epsilon, tuned = protocol.strengths[chosen], dict(zip(map(id, tuning), pictures, strict=True))
                 for s in test:
                     known = prepared[id(s)]
                     restored = tuned.get(id(s))
                     if restored is None:
-                        restored = protocol.shown(restorer.prepare(records[id(s)], seen)(epsilon))
+                        restored = protocol.shown(restorer.prepare(records[id(s)], design)(epsilon))
                     like = likenesses.get(id(s))
-                    scores.append(score(seen.name, known, restored, level, epsilon, restorer.name, like))
+                    scores.append(score(design.name, known, restored, level, epsilon, restorer.name, like))
                     if show is not None:
                         show(scores[-1], restored)
     return ScoreTable(tuple(scores))
@@ -200,21 +203,6 @@ def _require_light(design: Design) -> None:
             where=design.name,
             cure="Open some dots inside the stop",
         )
-
-
-class _Kept:
-    """A design whose transfer is computed once for every size of picture."""
-
-    def __init__(self, design: Design) -> None:
-        self.name, self.transmission = design.name, design.transmission
-        self._design = design
-        self._transfers: dict[tuple[int, int], Transfer] = {}
-
-    def on(self, shape: tuple[int, int]) -> Transfer:
-        """See :class:`maskfab.camera.restorers.restorer.Blur`."""
-        if shape not in self._transfers:
-            self._transfers[shape] = self._design.on(shape)
-        return self._transfers[shape]
 
 
 def _estimated(protocol: Protocol, design: Design, taken: Sequence[tuple[SensorScene, Record]]) -> int:

@@ -18,7 +18,7 @@ Notes:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 import scipy.fft
@@ -172,6 +172,7 @@ class Laid:
     name: str
     pupil: Floats
     lattice: CellGrid
+    _kept: dict[tuple[int, int], NDArray[np.float32]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def transmission(self) -> float:
@@ -179,12 +180,14 @@ class Laid:
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
 
     def on(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """H of red, green and blue for pictures of that shape, see :class:`TransferGrid`.
+        """H of red, green and blue for pictures of that shape, kept for each; see :class:`TransferGrid`.
 
         Raises:
             JobError: MF134 for a camera of other than three wavelengths.
         """
-        return transfer_grid(shape, self.lattice)(self.pupil)
+        if shape not in self._kept:
+            self._kept[shape] = transfer_grid(shape, self.lattice)(self.pupil)
+        return self._kept[shape]
 
 
 def lay(

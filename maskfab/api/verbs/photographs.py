@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,18 +14,15 @@ from numpy.typing import NDArray
 from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.camera import scenes as scene_sets
-from maskfab.camera.exposure import Exposure
 from maskfab.camera.intervals import CONFIDENCE, MeanDifference
-from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photo_camera import F1 as F1_CAMERA
-from maskfab.camera.photo_camera import PhotoCamera, camera_line
+from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
-from maskfab.camera.protocol import ASSUMED, F1, LEVELS, Design, Protocol, evaluate
+from maskfab.camera.protocol import Design, evaluate
 from maskfab.camera.scores import Gain, Score, ScoreTable
-from maskfab.camera.sensor import Sensor
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
 from maskfab.job import Job
+from maskfab.measurement.conditions import Conditions, Light, ProtocolName
 from maskfab.progress import Progress, silent
 from maskfab.report.quantity_table import dataframe
 from maskfab.threads import one_thread
@@ -33,118 +30,8 @@ from maskfab.threads import one_thread
 if TYPE_CHECKING:
     from pandas import DataFrame
 
-ProtocolName = Literal["camera", "f1"]
-Light = Literal["linear", "code"]
-
 _CROP = Crop(160, 200)
 """Part of the sensor that a picture shows of every photograph."""
-
-
-@dataclass(frozen=True)
-class Conditions:
-    """Camera, sensor and light that photographs are taken with.
-
-    Attributes:
-        protocol: how they are taken and scored.
-        camera: lens, pixels and wavelengths.
-        levels: of light, signal-to-noise ratios of white behind the published display, dB.
-        stated: how the light was asked for.
-    """
-
-    protocol: Protocol
-    camera: PhotoCamera
-    levels: tuple[float, ...]
-    stated: str
-
-    @classmethod
-    def of(
-        cls, job: Job, protocol: ProtocolName, levels: Sequence[float] | None = None, light: Light | None = None
-    ) -> Conditions:
-        """Of a protocol for a job.
-
-        Args:
-            job: whose camera, sensor and exposure protocol "camera" takes; "f1" has its own.
-            protocol: by name.
-            levels: in place of those that the job states.
-            light: scenes as linear light or as code values; None for the protocol's own.
-
-        Raises:
-            JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF133, MF134 for a camera that
-                takes no photographs; MF140, MF141 for a sensor or a light that cannot be.
-        """
-        if protocol == "f1":
-            if light == "linear":
-                raise JobError(
-                    "MF105", "protocol f1 takes code values for light", where="light", cure="Use protocol camera"
-                )
-            chosen = tuple(LEVELS if levels is None else levels)
-            return cls(F1, F1_CAMERA, chosen, _in_decibels(chosen))
-        if protocol != "camera":
-            raise JobError("MF105", f"there is no protocol {protocol!r}", where="protocol", cure="Use camera or f1")
-        if light not in (None, "linear", "code"):
-            raise JobError("MF105", f"there is no light {light!r}", where="light", cure="Use linear or code")
-        seen = PhotoCamera.of(job.camera, where=job.where, colours=True)
-        stated = job.spec.sensor
-        sensor = Sensor() if stated is None else Sensor(**dict(stated))
-        chosen, told = _light(job, sensor) if levels is None else (tuple(levels), _in_decibels(levels))
-        return cls(Protocol("camera", sensor, linear=light != "code"), seen, chosen, told)
-
-    @property
-    def lines(self) -> tuple[str, ...]:
-        """In words, one line each."""
-        scenes = (
-            "linear light of sRGB scenes, scored as sRGB" if self.protocol.linear else "code values taken for light"
-        )
-        return (
-            f"protocol {self.protocol.name}: {camera_line(self.camera)}",
-            f"sensor: {_told(self.protocol.sensor)}",
-            f"light: {self.stated}; {scenes}",
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """As data."""
-        return {
-            "protocol": self.protocol.name,
-            "camera": camera_line(self.camera),
-            "sensor": asdict(self.protocol.sensor),
-            "light": self.stated,
-            "linear": self.protocol.linear,
-            "levels_db": list(self.levels),
-        }
-
-
-def _light(job: Job, sensor: Sensor) -> tuple[tuple[float, ...], str]:
-    """Levels of a job's [exposure], and how it states them."""
-    asked = job.spec.exposure
-    if asked is None:
-        return LEVELS, _in_decibels(LEVELS)
-    if asked.snr is not None:
-        return asked.snr, _in_decibels(asked.snr)
-    if asked.white is not None:
-        found = Exposure.of_white(asked.white, sensor)
-    else:
-        assert asked.luminance is not None
-        assert asked.time is not None
-        assert asked.quantum_efficiency is not None
-        found = Exposure.of_scene(
-            asked.luminance,
-            asked.time,
-            asked.quantum_efficiency,
-            focal_ratio=job.camera.focal_um / job.camera.stop.diameter_um,
-            pixel_um=job.camera.pixel_um,
-            sensor=sensor,
-        )
-    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
-
-
-def _in_decibels(levels: Sequence[float]) -> str:
-    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
-
-
-def _told(sensor: Sensor) -> str:
-    converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
-    mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
-    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -155,6 +42,7 @@ class Simulation:
         table: all scores.
         reference: the die that gains are over.
         conditions: that they were taken under.
+        left_out: sentences on what the photographs of every die leave out.
         scenes: that were photographed.
         skipped: files of the folder that are no photographs.
         shown: part of the first scene by die, one shot for each level of light; empty unless they were kept.
@@ -163,6 +51,7 @@ class Simulation:
     table: ScoreTable
     reference: str
     conditions: Conditions
+    left_out: Mapping[str, tuple[str, ...]]
     scenes: Sequence[Photograph]
     skipped: tuple[str, ...]
     shown: Mapping[str, Sequence[Shot]]
@@ -182,7 +71,7 @@ class Simulation:
     def to_dict(self) -> dict[str, Any]:
         """Scores, gains over the reference, and what they were taken with."""
         return {
-            "assumed": ASSUMED,
+            "left_out": {name: list(told) for name, told in self.left_out.items()},
             **self.conditions.to_dict(),
             "reference": self.reference,
             "scenes": [scene.name for scene in self.scenes],
@@ -206,7 +95,18 @@ class Simulation:
         if self.skipped:
             below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
         table = _lines(self.table, self.reference)
-        return "\n".join([*self.conditions.lines, *table, *below, f"Assumed: {ASSUMED}."])
+        return "\n".join([*self.conditions.lines, *table, *below, *self._left_out()])
+
+    def _left_out(self) -> list[str]:
+        """A sentence once, with the dies that it is about where they are not all."""
+        dies: dict[str, list[str]] = {}
+        for name, told in self.left_out.items():
+            for sentence in told:
+                dies.setdefault(sentence, []).append(name)
+        every = len(self.left_out)
+        return [
+            f"{'' if len(names) == every else ', '.join(names) + ': '}{sentence}." for sentence, names in dies.items()
+        ]
 
     def _repr_png_(self) -> bytes | None:
         return self.picture() if self.shown else None
@@ -243,14 +143,15 @@ def simulate(
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three wavelengths,
+        JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three colours,
             MF140 or MF141 for a sensor or a light that cannot be.
     """
     loaded = job_of(job, camera)
     asked = Conditions.of(loaded, protocol, levels, light)
     for level in asked.levels:
         asked.protocol.exposure(level)
-    designs = _designs(loaded, asked, die)
+    found = _designs(loaded, asked, die)
+    designs = [design for design, _ in found]
     names = [each.name for each in designs]
     base = names[0] if reference is None else dies_of(reference, names)[0]
     source = Folder(scene_sets.bundled(), ()) if images is None else folder(Path(images), white)
@@ -266,16 +167,17 @@ def simulate(
         progress("photographs", done, len(designs))
         scores += evaluate([each], scenes, scenes, asked.levels, protocol=asked.protocol, show=show).scores
     progress("photographs", len(designs), len(designs))
-    return Simulation(ScoreTable(tuple(scores)), base, asked, scenes, source.skipped, shown)
+    assumed = {design.name: told for design, told in found}
+    return Simulation(ScoreTable(tuple(scores)), base, asked, assumed, scenes, source.skipped, shown)
 
 
-def _designs(job: Job, asked: Conditions, die: str | Sequence[str] | None) -> list[Design]:
-    """The dies that are asked for, as light sees them; of all, those that can be judged."""
-    panels = {each.name: each.panel for each in job.plate().dies}
-    found: list[Design] = []
+def _designs(job: Job, asked: Conditions, die: str | Sequence[str] | None) -> list[tuple[Design, tuple[str, ...]]]:
+    """The dies that are asked for, as they are photographed, and what is left out; of all, those that can be judged."""
+    panels = job.panels()
+    found = []
     for name in dies_of(die, panels):
         try:
-            found.append(laid_panel(name, panels[name], asked.camera))
+            found.append(asked.design(name, panels[name], job))
         except JobError:
             if die:
                 raise

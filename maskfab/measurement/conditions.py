@@ -1,0 +1,148 @@
+"""Conditions of photographs: the camera, sensor and light of a job or of a protocol, and the dies behind them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+from maskfab.camera.die_transfer import DieTransfer, die_transfer
+from maskfab.camera.exposure import Exposure
+from maskfab.camera.laid_panel import laid_panel
+from maskfab.camera.left_out import left_out
+from maskfab.camera.over_field import OverField
+from maskfab.camera.photo_camera import F1 as F1_CAMERA
+from maskfab.camera.photo_camera import PhotoCamera, camera_line
+from maskfab.camera.protocol import ASSUMED, F1, LEVELS, Design, Protocol
+from maskfab.camera.sensor import Sensor
+from maskfab.errors import JobError
+from maskfab.job import Job
+from maskfab.model import Camera, Panel
+from maskfab.optics.scene.plan import plan
+from maskfab.optics.scene.scene import Scene
+
+ProtocolName = Literal["camera", "f1"]
+Light = Literal["linear", "code"]
+
+
+@dataclass(frozen=True)
+class Conditions:
+    """Camera, sensor and light that photographs are taken with.
+
+    Attributes:
+        protocol: how they are taken and scored.
+        camera: lens, pixels and wavelengths; of protocol F1 where it is a :class:`PhotoCamera`.
+        levels: of light, signal-to-noise ratios of white behind the published display, dB.
+        stated: how the light was asked for.
+    """
+
+    protocol: Protocol
+    camera: Camera | PhotoCamera
+    levels: tuple[float, ...]
+    stated: str
+
+    @classmethod
+    def of(
+        cls, job: Job, protocol: ProtocolName, levels: Sequence[float] | None = None, light: Light | None = None
+    ) -> Conditions:
+        """Of a protocol for a job.
+
+        Args:
+            job: whose camera, sensor and exposure protocol "camera" takes; "f1" has its own.
+            protocol: by name.
+            levels: in place of those that the job states.
+            light: scenes as linear light or as code values; None for the protocol's own.
+
+        Raises:
+            JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF140, MF141 for a sensor or a
+                light that cannot be.
+        """
+        if protocol == "f1":
+            if light == "linear":
+                raise JobError(
+                    "MF105", "protocol f1 takes code values for light", where="light", cure="Use protocol camera"
+                )
+            chosen = tuple(LEVELS if levels is None else levels)
+            return cls(F1, F1_CAMERA, chosen, _in_decibels(chosen))
+        if protocol != "camera":
+            raise JobError("MF105", f"there is no protocol {protocol!r}", where="protocol", cure="Use camera or f1")
+        if light not in (None, "linear", "code"):
+            raise JobError("MF105", f"there is no light {light!r}", where="light", cure="Use linear or code")
+        stated = job.spec.sensor
+        sensor = Sensor() if stated is None else Sensor(**dict(stated))
+        chosen, told = _light(job, sensor) if levels is None else (tuple(levels), _in_decibels(levels))
+        return cls(Protocol("camera", sensor, linear=light != "code"), job.camera, chosen, told)
+
+    def design(self, name: str, panel: Panel, job: Job) -> tuple[Design, tuple[str, ...]]:
+        """A die as it is photographed, and sentences on what the photographs leave out.
+
+        Raises:
+            JobError: as :func:`maskfab.camera.laid_panel.laid_panel` for protocol F1, else as
+                :func:`maskfab.camera.die_transfer.die_transfer`.
+        """
+        if isinstance(self.camera, PhotoCamera):
+            return laid_panel(name, panel, self.camera), (f"assumed: {ASSUMED}",)
+        scene = job.scene or Scene()
+        if job.spec.scene is None:
+            return die_transfer(name, panel, self.camera, scene), left_out(panel, scene, job.blank)
+        chosen = plan(panel, self.camera, scene, job.spec.scene.accuracy)
+        seen: DieTransfer = die_transfer(name, panel, self.camera, scene, chosen)
+        told = left_out(panel, scene, job.blank, chosen)
+        return (OverField(seen, chosen) if chosen.choice.places > 1 else seen), told
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """In words, one line each."""
+        scenes = (
+            "linear light of sRGB scenes, scored as sRGB" if self.protocol.linear else "code values taken for light"
+        )
+        return (
+            f"protocol {self.protocol.name}: {camera_line(self.camera)}",
+            f"sensor: {_told(self.protocol.sensor)}",
+            f"light: {self.stated}; {scenes}",
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """As data."""
+        return {
+            "protocol": self.protocol.name,
+            "camera": camera_line(self.camera),
+            "sensor": asdict(self.protocol.sensor),
+            "light": self.stated,
+            "linear": self.protocol.linear,
+            "levels_db": list(self.levels),
+        }
+
+
+def _light(job: Job, sensor: Sensor) -> tuple[tuple[float, ...], str]:
+    """Levels of a job's [exposure], and how it states them."""
+    asked = job.spec.exposure
+    if asked is None:
+        return LEVELS, _in_decibels(LEVELS)
+    if asked.snr is not None:
+        return asked.snr, _in_decibels(asked.snr)
+    if asked.white is not None:
+        found = Exposure.of_white(asked.white, sensor)
+    else:
+        assert asked.luminance is not None
+        assert asked.time is not None
+        assert asked.quantum_efficiency is not None
+        found = Exposure.of_scene(
+            asked.luminance,
+            asked.time,
+            asked.quantum_efficiency,
+            focal_ratio=job.camera.focal_um / job.camera.stop.diameter_um,
+            pixel_um=job.camera.pixel_um,
+            sensor=sensor,
+        )
+    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
+
+
+def _in_decibels(levels: Sequence[float]) -> str:
+    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
+
+
+def _told(sensor: Sensor) -> str:
+    converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
+    mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
+    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"
