@@ -32,15 +32,56 @@ def test_a_random_tiling_beats_the_periodic_one(photographs: Path, capsys: pytes
     assert run_command_line([*arguments, "--json", "--quiet"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["reference"] == "TOLED_P150"
-    assert told["assumed"] == ASSUMED
+    assert told["left_out"] == {"TOLED_P150": [], "PINV_R150": []}
     assert [score["design"] for score in told["scores"]] == ["TOLED_P150"] * 3 + ["PINV_R150"] * 3
     assert all(gain["psnr"]["mean"] > 0.5 and gain["psnr"]["half_width_95"] is None for gain in told["gains"])
+
+
+def test_f1_has_its_own_camera_and_draw_and_says_what_it_assumes(
+    photographs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["simulate", str(JOB), "--die", "PINV_R150", "--images", str(photographs), "--level", "32"]
+    by = {}
+    for protocol in ("f1", "camera"):
+        assert run_command_line([*arguments, "--protocol", protocol, "--light", "code", "--json", "--quiet"]) == 0
+        by[protocol] = json.loads(capsys.readouterr().out)
+    assert by["f1"]["left_out"] == {"PINV_R150": [f"assumed: {ASSUMED}"]}
+    # The layout is the die's own, the draw of noise another; the camera is the same.
+    one, other = (found["scores"][0]["psnr"] for found in by.values())
+    assert one != other
+    assert one == pytest.approx(other, abs=0.08)
+
+
+def test_light_and_sensor_of_the_job_change_its_photographs(
+    photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    stated = (
+        JOB.read_text()
+        .replace('= "openings/', f'= "{JOB.parent}/openings/')
+        .replace('= "maps/', f'= "{JOB.parent}/maps/')
+    )
+    lit = '[exposure]\nluminance = 100\ntime = "5 ms"\nquantum_efficiency = 0.6\n'
+    told = []
+    for more in ("[exposure]\nsnr = [32]\n", "[exposure]\nsnr = [32]\n[sensor]\nbits = 5\n", lit):
+        job = tmp_path / "job.toml"
+        job.write_text(f"{stated}\n{more}")
+        arguments = ["simulate", str(job), "--die", "PINV_R150", "--images", str(photographs), "--json", "--quiet"]
+        assert run_command_line(arguments) == 0
+        told.append(json.loads(capsys.readouterr().out))
+    plain, coarse, dark = (found["scores"][0] for found in told)
+    assert coarse["psnr"] < plain["psnr"] - 0.1
+    assert dark["level_db"] < 25
+    assert dark["psnr"] < plain["psnr"] - 0.5
+    assert told[1]["sensor"]["bits"] == 5
 
 
 def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, code in (
         (["--protocol", "f2"], "MF105"),
         (["--die", "NOBODY"], "MF105"),
+        (["--protocol", "f1", "--light", "linear"], "MF105"),
+        (["--light", "blue"], "MF105"),
+        (["--level", "60"], "MF141"),
         (["--die", "TOLED_P150", "--reference", "TOLED_R300"], "MF105"),
         (["--images", "nowhere"], "MF301"),
     ):
