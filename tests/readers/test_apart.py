@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import io
+import runpy
 import subprocess
 import sys
+from contextlib import suppress
+from pathlib import Path
 
+import copies
 import fuzz_originals
 import pytest
 
 from maskfab.errors import OpeningError, SourceError
 from maskfab.readers.layout_file import read_layout
-from maskfab.readers.sandbox import child_process
+from maskfab.readers.sandbox import child_process, limits
 from maskfab.readers.sandbox.child_process import read_apart
 
 HEAD = "import os, pickle, signal, sys, time, warnings\n"
@@ -86,6 +91,21 @@ def test_a_reader_ends_that_takes_more_than_its_share(tmp_path, limits, work, st
         assert refusal(tmp_path, code).code == stands
     else:
         assert answer(tmp_path, code) == 1
+
+
+@pytest.mark.parametrize("script", copies.LIBRARIES, ids=lambda script: Path(script).stem)
+def test_every_reader_script_takes_a_limited_share_before_it_reads(tmp_path, monkeypatch, script):
+    """Of a small file: a few gigabytes and seconds, which no larger share is set after."""
+    path, held = tmp_path / "small", {}
+    path.write_bytes(b"1234")
+    monkeypatch.setattr(limits, "_set_limit", lambda kind, value, **_: held.setdefault(kind, []).append(value))
+    monkeypatch.setattr(sys, "argv", [script, *["_read_gdsii"] * ("gdstk" in script), str(path)])
+    monkeypatch.setattr(sys, "stdout", io.TextIOWrapper(io.BytesIO()))
+    with suppress(Exception, SystemExit):
+        runpy.run_path(script, run_name="__main__")
+    assert {kind: len(values) for kind, values in held.items()} == {"RLIMIT_AS": 1, "RLIMIT_CPU": 1}
+    assert 1 << 30 <= held["RLIMIT_AS"][0] <= 5 << 30
+    assert 1 <= held["RLIMIT_CPU"][0] <= 10
 
 
 def test_a_reader_that_sleeps_is_ended(tmp_path):
