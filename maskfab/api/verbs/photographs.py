@@ -172,16 +172,23 @@ def simulate(
 
 
 def _designs(job: Job, asked: Conditions, die: str | Sequence[str] | None) -> list[tuple[Design, tuple[str, ...]]]:
-    """The dies that are asked for, as they are photographed, and what is left out; of all, those that can be judged."""
+    """The dies that are asked for, as they are photographed, and what is left out; of all, those that can be judged.
+
+    Raises:
+        JobError: as the first where all are refused for one reason; MF122 where they are for several.
+    """
     panels = job.panels()
-    found = []
+    found, refusals = [], list[JobError]()
     for name in dies_of(die, panels):
         try:
             found.append(asked.design(name, panels[name], job))
-        except JobError:
+        except JobError as refusal:
+            refusals.append(refusal)
             if die:
                 raise
     if not found:
+        if len({refusal.code for refusal in refusals}) == 1:
+            raise refusals[0]
         raise JobError(
             "MF122",
             f"no die can be judged behind a camera of {camera_line(asked.camera)}",
