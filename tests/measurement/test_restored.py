@@ -72,7 +72,8 @@ def test_scenes_are_looked_at_once_for_cells_of_every_size(dies, monkeypatch):
     monkeypatch.setattr(expected_psnr, "_spectrum", once)
     toled = dies["TOLED"]
     wide = replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000))
-    assert len(photographer([toled, wide], scenes()).estimates) == 2
+    fresh = [replace(scene) for scene in scenes()]
+    assert len(photographer([toled, wide], fresh).estimates) == 2
     assert seen == [1]
 
 
