@@ -75,12 +75,28 @@ def test_light_and_sensor_of_the_job_change_its_photographs(
     assert told[1]["sensor"]["bits"] == 5
 
 
+def test_restorers_are_scored_and_the_choice_tells_its_regret(
+    photographs: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    arguments = ["simulate", str(JOB), "--die", "PINV_R150", "--images", str(photographs), "--level", "28", "--quiet"]
+    restorers = [word for name in ("wiener", "dct+wiener", "auto") for word in ("--restore", name)]
+    assert run_command_line([*arguments, *restorers, "--json"]) == 0
+    plain, calm, chosen = json.loads(capsys.readouterr().out)["scores"]
+    assert [each["restorer"] for each in (plain, calm, chosen)] == ["wiener", "dct+wiener", "auto"]
+    assert calm["psnr"] > plain["psnr"] + 0.3
+    assert chosen["chosen"] == "dct+wiener"
+    assert chosen["regret"] == 0
+    assert chosen["psnr"] == calm["psnr"]
+    assert "regret" not in plain
+
+
 def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFixture[str]) -> None:
     for arguments, code in (
         (["--protocol", "f2"], "MF105"),
         (["--die", "NOBODY"], "MF105"),
         (["--protocol", "f1", "--light", "linear"], "MF105"),
         (["--light", "blue"], "MF105"),
+        (["--restore", "magic"], "MF105"),
         (["--level", "60"], "MF141"),
         (["--die", "TOLED_P150", "--reference", "TOLED_R300"], "MF105"),
         (["--images", "nowhere"], "MF301"),

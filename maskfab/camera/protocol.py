@@ -17,7 +17,7 @@ Notes:
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Protocol as Interface
@@ -30,6 +30,7 @@ from maskfab.camera.over_field import OverField
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.quality import Truth, inner, psnr, truth
 from maskfab.camera.record import Record
+from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.restorers.restorer import Blur, Restorer
 from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_error
 from maskfab.camera.scores import Score, ScoreTable
@@ -49,6 +50,8 @@ LEVELS = (24, 32, 40)
 ASSUMED = "an opaque film and no glass, whatever the job says of its plate"
 """Assumptions of protocol F1."""
 WIENER = (Wiener(),)
+AUTO = "auto"
+"""Restorer of a score whose photograph was restored by the one that its record alone speaks for."""
 _GREEN = slice(1, 2)
 
 
@@ -137,6 +140,7 @@ def evaluate(
     *,
     protocol: Protocol = F1,
     restorers: Sequence[Restorer] = WIENER,
+    choose: bool = False,
     details: bool = True,
     show: Callable[[Score, Singles], None] | None = None,
 ) -> ScoreTable:
@@ -149,6 +153,7 @@ def evaluate(
         levels: signal-to-noise ratios of white behind the published display, dB.
         protocol: how photographs are taken.
         restorers: of names of their own.
+        choose: score the one that each photograph's record speaks for too, as :data:`AUTO`.
         details: score SSIM and S-CIELAB too, which takes half of the time.
         show: given every score with its restored picture, float32 [3, rows, columns] of the sensor, row 0 on top.
 
@@ -176,22 +181,123 @@ def evaluate(
     scores: list[Score] = []
     for design in designs:
         for level in sorted(levels):
-            records = {key: protocol.photograph(design, known, level) for key, known in prepared.items()}
-            start = _estimated(protocol, design, [(prepared[id(s)], records[id(s)]) for s in tuning])
-            for restorer in restorers:
-                learn = [(prepared[id(s)], restorer.prepare(records[id(s)], design)) for s in tuning]
-                chosen, pictures = _best(protocol, learn, start)
-                epsilon, tuned = protocol.strengths[chosen], dict(zip(map(id, tuning), pictures, strict=True))
-                for s in test:
-                    known = prepared[id(s)]
-                    restored = tuned.get(id(s))
-                    if restored is None:
-                        restored = protocol.shown(restorer.prepare(records[id(s)], design)(epsilon))
-                    like = likenesses.get(id(s))
-                    scores.append(score(design.name, known, restored, level, epsilon, restorer.name, like))
-                    if show is not None:
-                        show(scores[-1], restored)
+            case = _Case.of(protocol, design, level, prepared, likenesses)
+            for found, picture in case.scored(test, tuning, restorers, choose=choose):
+                scores.append(found)
+                if show is not None:
+                    show(found, picture)
     return ScoreTable(tuple(scores))
+
+
+@dataclass(frozen=True, eq=False)
+class _Case:
+    """One design at one level of light; scenes by their ``id``.
+
+    Attributes:
+        protocol, design, level_db: of the case.
+        scenes: all of them.
+        records: of every scene.
+        likenesses: of test scenes, empty where nobody asked for details.
+    """
+
+    protocol: Protocol
+    design: Design
+    level_db: float
+    scenes: Mapping[int, SensorScene]
+    records: Mapping[int, Record]
+    likenesses: Mapping[int, Truth]
+
+    @classmethod
+    def of(
+        cls,
+        protocol: Protocol,
+        design: Design,
+        level_db: float,
+        scenes: Mapping[int, SensorScene],
+        likenesses: Mapping[int, Truth],
+    ) -> _Case:
+        """With every scene photographed."""
+        records = {key: protocol.photograph(design, known, level_db) for key, known in scenes.items()}
+        return cls(protocol, design, level_db, scenes, records, likenesses)
+
+    def scored(
+        self, test: Sequence[Photograph], tuning: Sequence[Photograph], restorers: Sequence[Restorer], *, choose: bool
+    ) -> Iterator[tuple[Score, Singles]]:
+        """Scores and pictures of every restorer with its best ε, and of the one chosen for each scene."""
+        start, epsilons = self._estimated(tuning), dict[str, float]()
+        for restorer in restorers:
+            place, pictures = self._best(restorer, tuning, start)
+            epsilon = epsilons[restorer.name] = self.protocol.strengths[place]
+            for key in map(id, test):
+                picture = pictures.get(key)
+                if picture is None:
+                    picture = self._restored(restorer, key)(epsilon)
+                yield self._score(key, picture, epsilon, restorer.name), picture
+        for key in map(id, test) if choose else ():
+            won = Choice(restorers).restore(self.records[key], self.design, epsilons)
+            picture = self.protocol.shown(won.picture)
+            yield self._score(key, picture, won.epsilon, AUTO, won.name), picture
+
+    def _restored(self, restorer: Restorer, key: int) -> Callable[[float], Singles]:
+        """Code values of a scene restored, as a function of ε."""
+        prepared = restorer.prepare(self.records[key], self.design)
+        return lambda epsilon: self.protocol.shown(prepared(epsilon))
+
+    def _estimated(self, tuning: Sequence[Photograph]) -> int:
+        """Place of the ε that is best for green light behind the Wiener filter, its mirrored margin included,
+        unclipped."""
+        seen = []
+        for key in map(id, tuning):
+            known, margin = self.scenes[key], self.scenes[key].margin
+            true = margin.sensor(known.scene.light) if self.protocol.linear else known.true
+            record, green = margin.mirrored(self.records[key].values[_GREEN]), margin.mirrored(true[_GREEN])
+            seen.append((record, green, self.design.on(margin.shape)[_GREEN], prior(margin.shape)))
+
+        def estimate(k: int) -> float:
+            ratio = np.float32(self.protocol.strengths[k])
+            errors = (spectral_error(record, true, transfer, ratio * below) for record, true, transfer, below in seen)
+            return -sum(map(math.log, errors))
+
+        return _climb(estimate, len(self.protocol.strengths) // 2, len(self.protocol.strengths))
+
+    def _best(self, restorer: Restorer, tuning: Sequence[Photograph], start: int) -> tuple[int, dict[int, Singles]]:
+        """Place of the best ε, looked for from ``start``, and the pictures that it restores."""
+        ready = {key: self._restored(restorer, key) for key in map(id, tuning)}
+        pictures: dict[int, dict[int, Singles]] = {}
+
+        def mean(k: int) -> float:
+            # Those of three neighbours are all that a climb can still ask for.
+            for passed in [j for j in pictures if abs(j - k) > 2]:
+                del pictures[passed]
+            pictures[k] = {key: restored(self.protocol.strengths[k]) for key, restored in ready.items()}
+            each = [psnr(picture, self.scenes[key].true) for key, picture in pictures[k].items()]
+            return sum(each) / len(each)
+
+        best = _climb(mean, start, len(self.protocol.strengths))
+        return best, pictures[best]
+
+    def _score(self, key: int, picture: Singles, epsilon: float, restorer: str, chosen: str = "") -> Score:
+        known, like = self.scenes[key], self.likenesses.get(key)
+        likeness, likeness_inner, colour, colour_inner = [math.nan] * 4
+        if like is not None:
+            similar, differs = like.ssim(picture), like.delta_e(picture)
+            likeness = float(similar.mean(dtype=np.float64))
+            likeness_inner = float(inner(similar, TRIM - 5).mean(dtype=np.float64))
+            colour, colour_inner = float(differs.mean()), float(differs[TRIM:-TRIM, TRIM:-TRIM].mean())
+        return Score(
+            self.design.name,
+            self.level_db,
+            known.scene.name,
+            epsilon,
+            psnr(picture, known.true),
+            likeness,
+            psnr(inner(picture, TRIM), inner(known.true, TRIM)),
+            likeness_inner,
+            colour,
+            colour_inner,
+            restorer,
+            chosen,
+        )
 
 
 def _require_light(design: Design) -> None:
@@ -205,43 +311,6 @@ def _require_light(design: Design) -> None:
         )
 
 
-def _estimated(protocol: Protocol, design: Design, taken: Sequence[tuple[SensorScene, Record]]) -> int:
-    """Place of the ε that is best for green light behind the Wiener filter, its mirrored margin included, unclipped."""
-    seen = []
-    for known, record in taken:
-        margin = known.margin
-        true = known.true if not protocol.linear else margin.sensor(known.scene.light)
-        green = margin.mirrored(record.values[_GREEN]), margin.mirrored(true[_GREEN])
-        seen.append((*green, design.on(margin.shape)[_GREEN], prior(margin.shape)))
-
-    def estimate(k: int) -> float:
-        ratio = np.float32(protocol.strengths[k])
-        return -sum(
-            math.log(spectral_error(record, true, transfer, ratio * inverse))
-            for record, true, transfer, inverse in seen
-        )
-
-    return _climb(estimate, len(protocol.strengths) // 2, len(protocol.strengths))
-
-
-def _best(
-    protocol: Protocol, learn: Sequence[tuple[SensorScene, Callable[[float], Singles]]], start: int
-) -> tuple[int, list[Singles]]:
-    """Place of the best ε, looked for from ``start``, and the pictures that it restores."""
-    pictures: dict[int, list[Singles]] = {}
-
-    def mean(k: int) -> float:
-        # Those of three neighbours are all that a climb can still ask for.
-        for passed in [j for j in pictures if abs(j - k) > 2]:
-            del pictures[passed]
-        pictures[k] = [protocol.shown(restore(protocol.strengths[k])) for _, restore in learn]
-        each = [psnr(picture, known.true) for picture, (known, _) in zip(pictures[k], learn, strict=True)]
-        return sum(each) / len(each)
-
-    best = _climb(mean, start, len(protocol.strengths))
-    return best, pictures[best]
-
-
 def _climb(height: Callable[[int], float], start: int, count: int) -> int:
     """Place, below ``count``, without a higher neighbour, by steps to the better one; no height is asked for twice."""
     known = cache(height)
@@ -250,34 +319,3 @@ def _climb(height: Callable[[int], float], start: int, count: int) -> int:
         best = following
         following = max((k for k in (best, best - 1, best + 1) if 0 <= k < count), key=known)
     return best
-
-
-def score(
-    name: str,
-    known: SensorScene,
-    restored: Singles,
-    level_db: float,
-    epsilon: float,
-    restorer: str,
-    like: Truth | None,
-) -> Score:
-    """A restored picture, in code values, against the truth; SSIM and S-CIELAB where ``like`` is given."""
-    true, likeness, likeness_inner, colour, colour_inner = known.true, *[math.nan] * 4
-    if like is not None:
-        similar, differs = like.ssim(restored), like.delta_e(restored)
-        likeness = float(similar.mean(dtype=np.float64))
-        likeness_inner = float(inner(similar, TRIM - 5).mean(dtype=np.float64))
-        colour, colour_inner = float(differs.mean()), float(differs[TRIM:-TRIM, TRIM:-TRIM].mean())
-    return Score(
-        name,
-        level_db,
-        known.scene.name,
-        epsilon,
-        psnr(restored, true),
-        likeness,
-        psnr(inner(restored, TRIM), inner(true, TRIM)),
-        likeness_inner,
-        colour,
-        colour_inner,
-        restorer,
-    )

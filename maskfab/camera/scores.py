@@ -24,6 +24,7 @@ class Score:
         psnr_inner, ssim_inner: of the inner frame.
         delta_e, delta_e_inner: mean colour difference of S-CIELAB, NaN likewise; about 2.3 is just noticeable.
         restorer: what restored it.
+        chosen: restorer that was chosen, where ``restorer`` says that one was.
     """
 
     design: str
@@ -37,6 +38,7 @@ class Score:
     delta_e: float = math.nan
     delta_e_inner: float = math.nan
     restorer: str = "wiener"
+    chosen: str = ""
 
 
 @dataclass(frozen=True)
@@ -61,6 +63,12 @@ class ScoreTable:
     @cached_property
     def _by_case(self) -> dict[tuple[str, float, str, str], Score]:
         return {(each.design, each.level_db, each.restorer, each.scene): each for each in self.scores}
+
+    def regret(self, chosen: Score) -> float:
+        """Decibels by which the best restorer of the same photograph is better than the one that was chosen."""
+        case = chosen.design, chosen.level_db, chosen.scene
+        others = [each.psnr for each in self.scores if (each.design, each.level_db, each.scene) == case]
+        return max(others) - chosen.psnr
 
     def gains(self, reference: str) -> tuple[Gain, ...]:
         """Paired gains of every other design over the reference, behind the same restorer.

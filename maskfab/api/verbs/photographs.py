@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,8 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera.intervals import CONFIDENCE, MeanDifference
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
-from maskfab.camera.protocol import Design, evaluate
+from maskfab.camera.protocol import AUTO, Design, evaluate
+from maskfab.camera.restorers.named import RESTORERS, named
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
@@ -76,7 +78,7 @@ class Simulation:
             "reference": self.reference,
             "scenes": [scene.name for scene in self.scenes],
             "skipped": list(self.skipped),
-            "scores": [vars(score) for score in self.table.scores],
+            "scores": [_scored(self.table, score) for score in self.table.scores],
             "gains": [_document(gain) for gain in self.table.gains(self.reference)],
         }
 
@@ -124,6 +126,7 @@ def simulate(
     protocol: ProtocolName = "camera",
     light: Light | None = None,
     levels: Sequence[float] | None = None,
+    restore: str | Sequence[str] = "wiener",
     pictures: bool = False,
     progress: Progress = silent,
 ) -> Simulation:
@@ -139,7 +142,9 @@ def simulate(
         protocol: ``"camera"`` for the job's camera, sensor, exposure and light, ``"f1"`` for that protocol's.
         light: ``"linear"`` or ``"code"`` values taken for light; by default the protocol's own, linear for the camera.
         levels: signal-to-noise ratios of white behind the published display, dB; by default those of the job.
-        pictures: keep part of the photographs of the first scene.
+        restore: one or several restorers; ``"auto"`` takes for each photograph the one that its record alone speaks
+            for, of those named beside it or of all of :data:`maskfab.camera.restorers.named.RESTORERS`.
+        pictures: keep part of the photographs of the first scene, by the last restorer.
         progress: told where the work stands.
 
     Raises:
@@ -150,22 +155,29 @@ def simulate(
     asked = Conditions.of(loaded, protocol, levels, light)
     for level in asked.levels:
         asked.protocol.exposure(level)
+    names = (restore,) if isinstance(restore, str) else tuple(restore)
+    choose, others = AUTO in names, tuple(name for name in names if name != AUTO)
+    restorers = named(others or tuple(RESTORERS))
     found = _designs(loaded, asked, die)
     designs = [design for design, _ in found]
-    names = [each.name for each in designs]
-    base = names[0] if reference is None else dies_of(reference, names)[0]
+    dies = [each.name for each in designs]
+    base = dies[0] if reference is None else dies_of(reference, dies)[0]
     source = Folder(scene_sets.bundled(), ()) if images is None else folder(Path(images), white)
     scenes = source.photographs
-    shown: dict[str, list[Shot]] = {name: [] for name in names} if pictures else {}
+    last = AUTO if choose else restorers[-1].name
+    shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
 
     def show(score: Score, whole: NDArray[np.float32]) -> None:
-        if pictures and score.scene == scenes[0].name:
+        if pictures and score.scene == scenes[0].name and score.restorer == last:
             shown[score.design].append(Shot(score, _CROP.of(whole)))
 
     scores: list[Score] = []
     for done, each in enumerate(designs):
         progress("photographs", done, len(designs))
-        scores += evaluate([each], scenes, scenes, asked.levels, protocol=asked.protocol, show=show).scores
+        scores += evaluate(
+            [each], scenes, scenes, asked.levels,
+            protocol=asked.protocol, restorers=restorers, choose=choose, show=show,
+        ).scores  # fmt: skip
     progress("photographs", len(designs), len(designs))
     assumed = {design.name: told for design, told in found}
     return Simulation(ScoreTable(tuple(scores)), base, asked, assumed, scenes, source.skipped, shown)
@@ -198,6 +210,11 @@ def _designs(job: Job, asked: Conditions, die: str | Sequence[str] | None) -> li
     return found
 
 
+def _scored(table: ScoreTable, score: Score) -> dict[str, Any]:
+    """A score as data, with its regret where a restorer was chosen."""
+    return vars(score) | ({"regret": table.regret(score)} if score.chosen else {})
+
+
 def _document(gain: Gain) -> dict[str, Any]:
     """A gain as data; a single photograph has no interval."""
     means = {key: getattr(gain, key) for key in ("psnr", "psnr_inner", "ssim", "delta_e")}
@@ -218,7 +235,7 @@ def _document(gain: Gain) -> dict[str, Any]:
 
 
 def _lines(table: ScoreTable, reference: str) -> list[str]:
-    rows = [("die", "level", "PSNR", "inner", "SSIM", "S-CIELAB", f"gain over {reference}", "inner")]
+    rows = [("die", "level", "restorer", "PSNR", "inner", "SSIM", "S-CIELAB", f"gain over {reference}", "inner")]
     gains = {(gain.design, gain.level_db, gain.restorer): gain for gain in table.gains(reference)}
     for case in dict.fromkeys((score.design, score.level_db, score.restorer) for score in table.scores):
         own = [score for score in table.scores if (score.design, score.level_db, score.restorer) == case]
@@ -232,6 +249,7 @@ def _lines(table: ScoreTable, reference: str) -> list[str]:
             (
                 design,
                 f"{level:.4g} dB",
+                _winners(table, own),
                 f"{mean[0]:.2f} dB",
                 f"{mean[1]:.2f} dB",
                 f"{mean[2]:.3f}",
@@ -241,6 +259,16 @@ def _lines(table: ScoreTable, reference: str) -> list[str]:
         )
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+
+
+def _winners(table: ScoreTable, scores: Sequence[Score]) -> str:
+    """The restorer of scores of one case; where each was chosen, how often, and by how much others were better."""
+    chosen = Counter(score.chosen for score in scores if score.chosen)
+    if not chosen:
+        return scores[0].restorer
+    regret = sum(map(table.regret, scores)) / len(scores)
+    listed = ", ".join(f"{count} {name}" for name, count in chosen.items())
+    return f"{scores[0].restorer}: {listed}; regret {regret:.2f} dB"
 
 
 def _gain_text(gain: MeanDifference) -> str:

@@ -30,6 +30,12 @@ def simulate(
         list[float] | None,
         typer.Option(help="Signal-to-noise ratio of white in dB (repeatable); default: the job's, or 24, 32 and 40."),
     ] = None,
+    restore: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="wiener, dct+wiener, gradient, dct+gradient, tv (repeatable); auto: the one each record speaks for."
+        ),
+    ] = None,
     picture: Annotated[
         Path | None, typer.Option(help="Write a PNG of the truth and each die, one row per light level.")
     ] = None,
@@ -53,6 +59,7 @@ def simulate(
             protocol=protocol,  # type: ignore[arg-type]
             light=light,  # type: ignore[arg-type]
             levels=level,
+            restore=restore or "wiener",
             pictures=picture is not None,
             progress=progress,
         )
