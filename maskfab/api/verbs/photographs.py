@@ -68,7 +68,9 @@ class Simulation:
 
         if not self.shown:
             raise JobError("MF105", "no pictures were kept", where="simulate", cure="Call it with pictures=True")
-        return sheet(truth_of(self.scenes[0], _CROP), self.scenes[0].name, self.shown)
+        kind = self.conditions.protocol
+        how = f"protocol {kind.name} {'in linear light' if kind.linear else 'in code values'}"
+        return sheet(truth_of(self.scenes[0], _CROP), self.scenes[0].name, self.shown, how)
 
     def to_dict(self) -> dict[str, Any]:
         """Scores, gains over the reference, and what they were taken with."""

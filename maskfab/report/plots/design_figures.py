@@ -36,13 +36,14 @@ def pictures(restored: Restored) -> dict[str, str]:
 
 
 @styled
-def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]]) -> bytes:
+def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]], how: str) -> bytes:
     """One PNG: a row for each level of light, a column for the truth and for each die, PSNRs under the pictures.
 
     Args:
         truth: part of the scene, float32 [3, rows, columns] within 0 to 1, row 0 on top.
         scene: its name.
         taken: by die, the same part of its restored photographs; every die at the same levels.
+        how: they were taken, in a few words.
     """
     levels = [shot.score.level_db for shot in next(iter(taken.values()))]
     columns, high = 1 + len(taken), _WIDTH * truth.shape[1] / truth.shape[2]
@@ -65,7 +66,7 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]]) -> by
                 axes.text(
                     -0.06,
                     0.5,
-                    f"{level} dB",
+                    f"{level:.4g} dB",
                     transform=axes.transAxes,
                     rotation=90,
                     fontsize=_LARGE,
@@ -74,7 +75,7 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]]) -> by
                 )
             axes.text(0.5, -0.04, caption, transform=axes.transAxes, ha="center", va="top", color=INK, fontsize=_LARGE)
     said = (
-        f"Middle of the scene {scene}, photographed in the noise of protocol F1, and restored.\n"
+        f"Middle of the scene {scene}, photographed by {how}, and restored.\n"
         "PSNR of the whole frame, in brackets without 64 pixels at its edges."
     )
     figure.text(_LEFT / width, 0.08 / height, said, color=QUIET, fontsize=_SMALL, va="bottom")
@@ -82,7 +83,8 @@ def sheet(truth: Singles, scene: str, taken: Mapping[str, Sequence[Shot]]) -> by
 
 
 def _captioned(shot: Shot) -> tuple[Singles, str]:
-    return shot.picture, f"{shot.score.psnr:.1f} dB ({shot.score.psnr_inner:.1f})"
+    chosen = f", {shot.score.chosen}" if shot.score.chosen else ""
+    return shot.picture, f"{shot.score.psnr:.1f} dB ({shot.score.psnr_inner:.1f}){chosen}"
 
 
 def _tile(picture: Singles, words: str) -> str:
