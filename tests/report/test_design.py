@@ -159,8 +159,8 @@ def test_photographs_are_png_of_the_codes_themselves():
 
 def test_the_sheet_is_one_png_with_equal_bytes_and_a_column_for_each_die():
     seen = restored()
-    one = design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots})
-    two = design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots, "$B": seen.shots})
-    assert two == design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots, "$B": seen.shots})
+    one = design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots}, "protocol f1")
+    two = design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots, "$B": seen.shots}, "protocol f1")
+    assert two == design_figures.sheet(seen.truth, "leaves1", {"A": seen.shots, "$B": seen.shots}, "protocol f1")
     widths = [imread(io.BytesIO(picture), format="png").shape[1] for picture in (one, two)]
     assert widths[1] - widths[0] == pytest.approx(415, abs=2)
