@@ -96,6 +96,7 @@ def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFi
         (["--die", "NOBODY"], "MF105"),
         (["--protocol", "f1", "--light", "linear"], "MF105"),
         (["--light", "blue"], "MF105"),
+        (["--white", "2"], "MF105"),
         (["--restore", "magic"], "MF105"),
         (["--level", "60"], "MF141"),
         (["--die", "TOLED_P150", "--reference", "TOLED_R300"], "MF105"),

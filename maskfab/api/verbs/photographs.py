@@ -153,6 +153,13 @@ def simulate(
         JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three colours,
             MF140 or MF141 for a sensor or a light that cannot be.
     """
+    if images is None and white != 1.0:
+        raise JobError(
+            "MF105",
+            f"light of {white:g} is stated as white, and the drawn scenes have a white of their own",
+            where="white",
+            cure="Add images, a folder of EXR or HDR photographs, or remove white",
+        )
     loaded = job_of(job, camera)
     asked = Conditions.of(loaded, protocol, levels, light)
     for level in asked.levels:
