@@ -10,7 +10,8 @@ so that no light is lost. Between nodes the point spread is a mixture of theirs.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, field
 from itertools import product
 
 import numpy as np
@@ -21,6 +22,7 @@ from maskfab.camera.die_transfer import DieTransfer
 from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.restorers.wiener import Margin
 from maskfab.optics.scene.plan import Plan
+from maskfab.optics.wavefront.panel_gap import AXIS, Place
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
@@ -95,6 +97,7 @@ class OverField:
 
     transfer: DieTransfer
     plan: Plan
+    _kept: dict[Place, DieTransfer] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def name(self) -> str:
@@ -117,15 +120,23 @@ class OverField:
             JobError: MF114 if the die does not cover the stop from a place of the field.
         """
         shape = margin.shape
-        return blurred_over_field(light, self.transfer, FieldNodes.of(self.transfer, self.plan, shape), margin)
+        return blurred_over_field(light, self._at, FieldNodes.of(self.transfer, self.plan, shape), margin)
+
+    def _at(self, image_um: Place) -> DieTransfer:
+        """The transfer at a place, kept for the scenes that follow."""
+        if image_um not in self._kept:
+            self._kept[image_um] = self.transfer if image_um == AXIS else self.transfer.at(image_um)
+        return self._kept[image_um]
 
 
-def blurred_over_field(scene: Singles, transfer: DieTransfer, nodes: FieldNodes, margin: Margin) -> Singles:
+def blurred_over_field(
+    scene: Singles, transfer: Callable[[Place], DieTransfer], nodes: FieldNodes, margin: Margin
+) -> Singles:
     """Light on the sensor, as :meth:`maskfab.camera.restore.Margin.blurred` of one transfer gives it.
 
     Args:
         scene: float32 [3, rows, columns].
-        transfer: of the die, on the axis.
+        transfer: of the die at a place of the image.
         nodes: of the scene's shape.
         margin: of the scene.
 
@@ -135,10 +146,9 @@ def blurred_over_field(scene: Singles, transfer: DieTransfer, nodes: FieldNodes,
     up, across = nodes.weights()
     total = np.zeros_like(margin.sensor(scene))
     for (j, y), (i, x) in product(enumerate(nodes.y_um), enumerate(nodes.x_um)):
-        here = transfer if x == y == 0 else transfer.at((float(x), float(y)))
         shared = scene * (up[j][:, None] * across[i])
         spectrum = scipy.fft.rfft2(shared, axes=(1, 2), workers=1, overwrite_x=True)
-        total += margin.blurred(spectrum, here.on(nodes.shape))
+        total += margin.blurred(spectrum, transfer((float(x), float(y))).on(nodes.shape))
     return total
 
 

@@ -39,8 +39,8 @@ class PhotoCamera:
                 f"photographs are judged behind stops that look the same turned by 90 degrees or mirrored, and this is "
                 f"the {self.stop.shape} of {self.stop.diameter_um:g} um",
                 where="camera.stop",
-                cure='Give a circle, a square or an annulus; run, analyse, plan and design with method = "relax" '
-                "take other shapes",
+                cure="Give a circle, a square or an annulus; run, analyse, plan, simulate and design with method = "
+                '"relax" take other shapes',
             )
         object.__setattr__(self, "wavelengths_nm", tuple(sorted(self.wavelengths_nm, reverse=True)))
 

@@ -38,7 +38,7 @@ def nodes_at(y_um: list[float], x_um: list[float]) -> FieldNodes:
 def test_with_one_node_the_blur_is_that_of_the_axis(seen):
     scene = np.random.default_rng(1).random((3, *SHAPE), dtype=np.float32)
     expected = MARGIN.blurred(np.fft.rfft2(scene).astype(np.complex64), seen.on(SHAPE))
-    assert blurred_over_field(scene, seen, nodes_at([0.0], [0.0]), MARGIN) == pytest.approx(expected, abs=1e-5)
+    assert blurred_over_field(scene, seen.at, nodes_at([0.0], [0.0]), MARGIN) == pytest.approx(expected, abs=1e-5)
 
 
 def test_a_point_spreads_as_the_nodes_round_it_do(seen):
@@ -50,7 +50,7 @@ def test_a_point_spreads_as_the_nodes_round_it_do(seen):
         scene[:, 32, column] = 1
         spectrum = np.fft.rfft2(scene).astype(np.complex64)
         expected = MARGIN.blurred(spectrum, share * left + (1 - share) * right)
-        assert blurred_over_field(scene, seen, nodes, MARGIN) == pytest.approx(expected, abs=1e-6)
+        assert blurred_over_field(scene, seen.at, nodes, MARGIN) == pytest.approx(expected, abs=1e-6)
     assert abs(left - right).max() > 0.01
 
 
@@ -58,7 +58,7 @@ def test_an_even_scene_stays_even_whatever_the_nodes(seen):
     scene = np.full((3, *SHAPE), 0.5, dtype=np.float32)
     nodes = nodes_at([-30.0, 0.0, 30.0], [-50.0, 50.0])
     assert sum(nodes.weights()[0]) == pytest.approx(1.0)
-    assert blurred_over_field(scene, seen, nodes, MARGIN) == pytest.approx(0.5, abs=1e-2)
+    assert blurred_over_field(scene, seen.at, nodes, MARGIN) == pytest.approx(0.5, abs=1e-2)
 
 
 def test_places_are_those_of_the_plan_within_picture_and_field(seen):

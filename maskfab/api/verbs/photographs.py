@@ -181,14 +181,17 @@ def simulate(
             shown[score.design].append(Shot(score, _CROP.of(whole)))
 
     scores: list[Score] = []
-    for done, each in enumerate(designs):
-        progress("photographs", done, len(designs))
+    assumed = {design.name: told for design, told in found}
+    del found
+    for done in range(len(dies)):
+        progress("photographs", done, len(dies))
+        # Transfers over the field take half a gigabyte, and go with their die.
+        each = designs.pop(0)
         scores += evaluate(
             [each], scenes, scenes, asked.levels,
             protocol=asked.protocol, restorers=restorers, choose=choose, show=show,
         ).scores  # fmt: skip
-    progress("photographs", len(designs), len(designs))
-    assumed = {design.name: told for design, told in found}
+    progress("photographs", len(dies), len(dies))
     return Simulation(ScoreTable(tuple(scores)), base, asked, assumed, scenes, source.skipped, shown)
 
 
