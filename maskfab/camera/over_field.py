@@ -4,14 +4,15 @@ Every point of a scene is shared among the nodes round it, by bilinear weights w
 
     light = Σ_n H_n (w_n scene),    Σ_n w_n = 1,
 
-so that no light is lost. Between nodes the point spread is a mixture of theirs.
+so that no light is lost. Between nodes the point spread is a mixture of theirs. That errs by more than a band of 16
+lines does, so no node takes more of them; the transfer by which a picture is restored has as many as it needs.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
 
 import numpy as np
@@ -21,14 +22,17 @@ from numpy.typing import NDArray
 from maskfab.camera.die_transfer import DieTransfer
 from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.restorers.wiener import Margin
+from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.scene.plan import Plan
-from maskfab.optics.wavefront.panel_gap import AXIS, Place
+from maskfab.optics.wavefront.panel_gap import Place
 
 Floats = NDArray[np.float64]
 Singles = NDArray[np.float32]
 
 MOST_NODES = 5
 """Along each axis of a picture: every node is a transfer, and a transform of the scene."""
+MOST_LINES = 16
+"""Of a band, at a node."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,7 +129,9 @@ class OverField:
     def _at(self, image_um: Place) -> DieTransfer:
         """The transfer at a place, kept for the scenes that follow."""
         if image_um not in self._kept:
-            self._kept[image_um] = self.transfer if image_um == AXIS else self.transfer.at(image_um)
+            known = self.transfer.resolution
+            lines = tuple(replace(each, shadow=gathered(each.shadow, MOST_LINES)) for each in known.lines)
+            self._kept[image_um] = replace(self.transfer.at(image_um), resolution=replace(known, lines=lines))
         return self._kept[image_um]
 
 
@@ -150,6 +156,18 @@ def blurred_over_field(
         spectrum = scipy.fft.rfft2(shared, axes=(1, 2), workers=1, overwrite_x=True)
         total += margin.blurred(spectrum, transfer((float(x), float(y))).on(nodes.shape))
     return total
+
+
+def gathered(spectrum: Spectrum, most: int) -> Spectrum:
+    """The spectrum with neighbouring lines as one at their mean, so many lines at most."""
+    count = spectrum.wavelengths_nm.size
+    if count <= most:
+        return spectrum
+    starts = np.arange(most) * count // most
+    weights = np.add.reduceat(spectrum.weights, starts)
+    means = np.add.reduceat(spectrum.weights * spectrum.wavelengths_nm, starts)
+    lit = weights > 0
+    return Spectrum(means[lit] / weights[lit], weights[lit], spectrum.name)
 
 
 def _hats(nodes: Floats, places: Floats) -> Singles:

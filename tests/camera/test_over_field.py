@@ -11,9 +11,10 @@ from optics_cases import noise, panel
 
 from maskfab.camera.die_transfer import die_transfer
 from maskfab.camera.left_out import left_out
-from maskfab.camera.over_field import MOST_NODES, FieldNodes, blurred_over_field
+from maskfab.camera.over_field import MOST_NODES, FieldNodes, blurred_over_field, gathered
 from maskfab.camera.restorers.wiener import Margin
 from maskfab.model import Camera, Glass, MaskBlank, Stop, Track
+from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.scene.distortion import Distortion
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Scene
@@ -96,3 +97,15 @@ def test_what_the_plan_leaves_out_is_told_with_its_error_and_the_rest_is_not():
     assert [each.split(" is left out")[0] for each in told] == [row.name for row in left]
     found = die_transfer("D", PANEL, CAMERA, scene, made)
     assert found.view.choice.diffraction == (not left)
+
+
+def test_lines_are_gathered_with_their_light_and_its_mean():
+    draw = np.random.default_rng(4)
+    weights = draw.random(50)
+    fine = Spectrum(np.sort(draw.uniform(400, 700, 50)), weights / weights.sum(), "band")
+    coarse = gathered(fine, 16)
+    assert coarse.wavelengths_nm.size == 16
+    assert (np.diff(coarse.wavelengths_nm) > 0).all()
+    assert coarse.weights.sum() == pytest.approx(1)
+    assert coarse.centroid_nm == pytest.approx(fine.centroid_nm)
+    assert gathered(fine, 50) is fine
