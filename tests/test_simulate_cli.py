@@ -15,6 +15,7 @@ from maskfab.camera.transfer import lay
 from maskfab.cli import run_command_line
 from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
+from maskfab.measurement.conditions import Conditions
 
 ROOT = Path(__file__).parents[1]
 JOB = ROOT / "layouts" / "upc12.toml"
@@ -46,6 +47,8 @@ def test_f1_has_its_own_camera_and_draw_and_says_what_it_assumes(
         assert run_command_line([*arguments, "--protocol", protocol, "--light", "code", "--json", "--quiet"]) == 0
         by[protocol] = json.loads(capsys.readouterr().out)
     assert by["f1"]["left_out"] == {"PINV_R150": [f"assumed: {ASSUMED}"]}
+    assert by["f1"]["unused"] == ["[camera]"]
+    assert by["camera"]["unused"] == []
     # The layout is the die's own, the draw of noise another; the camera is the same.
     one, other = (found["scores"][0]["psnr"] for found in by.values())
     assert one != other
@@ -68,11 +71,27 @@ def test_light_and_sensor_of_the_job_change_its_photographs(
         arguments = ["simulate", str(job), "--die", "PINV_R150", "--images", str(photographs), "--json", "--quiet"]
         assert run_command_line(arguments) == 0
         told.append(json.loads(capsys.readouterr().out))
+    assert told[0]["scene"] == {}
     plain, coarse, dark = (found["scores"][0] for found in told)
     assert coarse["psnr"] < plain["psnr"] - 0.1
     assert dark["level_db"] < 25
     assert dark["psnr"] < plain["psnr"] - 0.5
     assert told[1]["sensor"]["bits"] == 5
+
+
+def test_conditions_tell_the_scene_and_what_a_protocol_leaves_of_a_job(tmp_path: Path) -> None:
+    stated = (
+        JOB.read_text()
+        .replace('= "openings/', f'= "{JOB.parent}/openings/')
+        .replace('= "maps/', f'= "{JOB.parent}/maps/')
+    )
+    job = tmp_path / "job.toml"
+    job.write_text(stated + '[scene]\ngap = "0.5 mm"\nspectrum = "rgb"\n[sensor]\nbits = 12\n')
+    own, fixed = (Conditions.of(load_job(job), protocol) for protocol in ("camera", "f1"))
+    assert "scene: gap 500 um, spectrum rgb" in own.lines
+    assert own.unused == ()
+    assert fixed.unused == ("[camera]", "[sensor]", "[scene]")
+    assert "not used of the job: [camera], [sensor], [scene]" in fixed.lines
 
 
 def test_restorers_are_scored_and_the_choice_tells_its_regret(

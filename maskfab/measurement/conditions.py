@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
 from maskfab.camera.die_transfer import DieTransfer, die_transfer
@@ -34,12 +34,17 @@ class Conditions:
         camera: lens, pixels and wavelengths; of protocol F1 where it is a :class:`PhotoCamera`.
         levels: of light, signal-to-noise ratios of white behind the published display, dB.
         stated: how the light was asked for.
+        scene: keys of the job's [scene] that it states, as a job file writes them; what of them is left out, every die
+            says for itself.
+        unused: sections of the job that the protocol has no use for.
     """
 
     protocol: Protocol
     camera: Camera | PhotoCamera
     levels: tuple[float, ...]
     stated: str
+    scene: Mapping[str, Any] = field(default_factory=dict)
+    unused: tuple[str, ...] = ()
 
     @classmethod
     def of(
@@ -63,7 +68,10 @@ class Conditions:
                     "MF105", "protocol f1 takes code values for light", where="light", cure="Use protocol camera"
                 )
             chosen = tuple(LEVELS if levels is None else levels)
-            return cls(F1, F1_CAMERA, chosen, _in_decibels(chosen))
+            spec = job.spec
+            idle = {"camera": spec.camera, "sensor": spec.sensor, "exposure": spec.exposure, "scene": spec.scene}
+            unused = tuple(f"[{name}]" for name, section in idle.items() if section is not None)
+            return cls(F1, F1_CAMERA, chosen, _in_decibels(chosen), unused=unused)
         if protocol != "camera":
             raise JobError("MF105", f"there is no protocol {protocol!r}", where="protocol", cure="Use camera or f1")
         if light not in (None, "linear", "code"):
@@ -71,7 +79,9 @@ class Conditions:
         stated = job.spec.sensor
         sensor = Sensor() if stated is None else Sensor(**dict(stated))
         chosen, told = _light(job, sensor) if levels is None else (tuple(levels), _in_decibels(levels))
-        return cls(Protocol("camera", sensor, linear=light != "code"), job.camera, chosen, told)
+        section = job.spec.scene
+        scene = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
+        return cls(Protocol("camera", sensor, linear=light != "code"), job.camera, chosen, told, scene)
 
     def design(self, name: str, panel: Panel, job: Job) -> tuple[Design, tuple[str, ...]]:
         """A die as it is photographed, and sentences on what the photographs leave out.
@@ -100,6 +110,8 @@ class Conditions:
             f"protocol {self.protocol.name}: {camera_line(self.camera)}",
             f"sensor: {_told(self.protocol.sensor)}",
             f"light: {self.stated}; {scenes}",
+            *([f"scene: {', '.join(f'{key} {value}' for key, value in self.scene.items())}"] if self.scene else []),
+            *([f"not used of the job: {', '.join(self.unused)}"] if self.unused else []),
         )
 
     def to_dict(self) -> dict[str, Any]:
@@ -111,6 +123,8 @@ class Conditions:
             "light": self.stated,
             "linear": self.protocol.linear,
             "levels_db": list(self.levels),
+            "scene": dict(self.scene),
+            "unused": list(self.unused),
         }
 
 
