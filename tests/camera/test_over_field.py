@@ -11,8 +11,11 @@ from optics_cases import noise, panel
 
 from maskfab.camera.die_transfer import die_transfer
 from maskfab.camera.left_out import left_out
-from maskfab.camera.over_field import MOST_NODES, FieldNodes, blurred_over_field, gathered
+from maskfab.camera.over_field import MOST_NODES, FieldNodes, OverField, blurred_over_field, gathered
+from maskfab.camera.photographs import Photograph
+from maskfab.camera.protocol import Protocol, SensorScene
 from maskfab.camera.restorers.wiener import Margin
+from maskfab.camera.sensor import Sensor
 from maskfab.model import Camera, Glass, MaskBlank, Stop, Track
 from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.scene.distortion import Distortion
@@ -97,6 +100,21 @@ def test_what_the_plan_leaves_out_is_told_with_its_error_and_the_rest_is_not():
     assert [each.split(" is left out")[0] for each in told] == [row.name for row in left]
     found = die_transfer("D", PANEL, CAMERA, scene, made)
     assert found.view.choice.diffraction == (not left)
+
+
+def test_a_photograph_of_a_die_over_the_field_is_blurred_by_its_nodes_and_restored_by_the_axis(seen):
+    values = np.random.default_rng(2).random((3, 512 + 64, 512 + 96), dtype=np.float32)
+    known = SensorScene.of(Photograph("noise", 1, values))
+    foretold = plan(PANEL, CAMERA, FAR, 1e-1)
+    die = OverField(seen, replace(foretold, choice=replace(foretold.choice, places=3)))
+    quiet = Protocol("quiet", Sensor(full_well=1e12, read_noise=0.0), linear=False)
+    nodes = FieldNodes.of(seen, die.plan, known.margin.shape)
+    assert (nodes.y_um.size, nodes.x_um.size) == (3, 3)
+    expected = blurred_over_field(values, seen.at, nodes, known.margin)
+    found = quiet.photograph(die, known, 110.0).values
+    assert found == pytest.approx(expected, abs=1e-4)
+    assert abs(found - quiet.photograph(seen, known, 110.0).values).max() > 1e-3
+    np.testing.assert_array_equal(die.on(SHAPE), seen.on(SHAPE))
 
 
 def test_lines_are_gathered_with_their_light_and_its_mean():
