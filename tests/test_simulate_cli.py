@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 from once import leaves
 
+from maskfab.api.verbs.photographs import simulate
 from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.protocol import ASSUMED
+from maskfab.camera.protocol import ASSUMED, Design
 from maskfab.camera.transfer import lay
 from maskfab.cli import run_command_line
+from maskfab.errors import JobError, SourceError
 from maskfab.export.images.light_image import write_png
-from maskfab.job import load_job
+from maskfab.job import Job, load_job
 from maskfab.measurement.conditions import Conditions
+from maskfab.model import Panel
 
 ROOT = Path(__file__).parents[1]
 JOB = ROOT / "layouts" / "upc12.toml"
@@ -26,6 +29,14 @@ def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("photographs")
     write_png(leaves(3, 832, 832).values, folder / "leaves.png", white=1.0)
     return folder
+
+
+def stated() -> str:
+    """The job, to be read from any folder."""
+    text = JOB.read_text()
+    for folder in ("openings", "maps"):
+        text = text.replace(f'= "{folder}/', f'= "{JOB.parent / folder}/')
+    return text
 
 
 def test_a_random_tiling_beats_the_periodic_one(photographs: Path, capsys: pytest.CaptureFixture[str]) -> None:
@@ -58,16 +69,11 @@ def test_f1_has_its_own_camera_and_draw_and_says_what_it_assumes(
 def test_light_and_sensor_of_the_job_change_its_photographs(
     photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    stated = (
-        JOB.read_text()
-        .replace('= "openings/', f'= "{JOB.parent}/openings/')
-        .replace('= "maps/', f'= "{JOB.parent}/maps/')
-    )
     lit = '[exposure]\nluminance = 100\ntime = "5 ms"\nquantum_efficiency = 0.6\n'
     told = []
     for more in ("[exposure]\nsnr = [32]\n", "[exposure]\nsnr = [32]\n[sensor]\nbits = 5\n", lit):
         job = tmp_path / "job.toml"
-        job.write_text(f"{stated}\n{more}")
+        job.write_text(f"{stated()}\n{more}")
         arguments = ["simulate", str(job), "--die", "PINV_R150", "--images", str(photographs), "--json", "--quiet"]
         assert run_command_line(arguments) == 0
         told.append(json.loads(capsys.readouterr().out))
@@ -80,18 +86,31 @@ def test_light_and_sensor_of_the_job_change_its_photographs(
 
 
 def test_conditions_tell_the_scene_and_what_a_protocol_leaves_of_a_job(tmp_path: Path) -> None:
-    stated = (
-        JOB.read_text()
-        .replace('= "openings/', f'= "{JOB.parent}/openings/')
-        .replace('= "maps/', f'= "{JOB.parent}/maps/')
-    )
     job = tmp_path / "job.toml"
-    job.write_text(stated + '[scene]\ngap = "0.5 mm"\nspectrum = "rgb"\n[sensor]\nbits = 12\n')
+    job.write_text(stated() + '[scene]\ngap = "0.5 mm"\nspectrum = "rgb"\n[sensor]\nbits = 12\n')
     own, fixed = (Conditions.of(load_job(job), protocol) for protocol in ("camera", "f1"))
     assert "scene: gap 500 um, spectrum rgb" in own.lines
     assert own.unused == ()
     assert fixed.unused == ("[camera]", "[sensor]", "[scene]")
     assert "not used of the job: [camera], [sensor], [scene]" in fixed.lines
+
+
+def test_dies_that_cannot_be_photographed_are_told_and_a_bad_folder_comes_before_all_of_them(
+    photographs: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def design(self: Conditions, name: str, panel: Panel, job: Job) -> tuple[Design, tuple[str, ...]]:
+        if name != "TOLED_P150":
+            raise JobError("MF114", "the panel is too small")
+        return laid_panel(name, panel), ()
+
+    monkeypatch.setattr(Conditions, "design", design)
+    found = simulate(JOB, images=photographs, levels=[32])
+    assert set(found.refused.values()) == {"MF114 the panel is too small"}
+    assert "PINV_R150" in found.to_dict()["refused"]
+    assert "Not photographed: PINV_R150, MF114 the panel is too small." in str(found)
+    monkeypatch.setattr(Conditions, "design", None)
+    with pytest.raises(SourceError, match="MF301"):
+        simulate(JOB, images=tmp_path / "nowhere")
 
 
 def test_restorers_are_scored_and_the_choice_tells_its_regret(

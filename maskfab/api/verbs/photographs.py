@@ -25,6 +25,7 @@ from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
 from maskfab.job import Job
 from maskfab.measurement.conditions import Conditions, Light, ProtocolName
+from maskfab.model import Panel
 from maskfab.progress import Progress, silent
 from maskfab.report.quantity_table import dataframe
 from maskfab.threads import one_thread
@@ -45,6 +46,7 @@ class Simulation:
         reference: the die that gains are over.
         conditions: that they were taken under.
         left_out: sentences on what the photographs of every die leave out.
+        refused: why dies that nobody named could not be photographed, by name.
         scenes: that were photographed.
         skipped: files of the folder that are no photographs.
         shown: part of the first scene by die, one shot for each level of light; empty unless they were kept.
@@ -54,6 +56,7 @@ class Simulation:
     reference: str
     conditions: Conditions
     left_out: Mapping[str, tuple[str, ...]]
+    refused: Mapping[str, str]
     scenes: Sequence[Photograph]
     skipped: tuple[str, ...]
     shown: Mapping[str, Sequence[Shot]]
@@ -76,6 +79,7 @@ class Simulation:
         """Scores, gains over the reference, and what they were taken with."""
         return {
             "left_out": {name: list(told) for name, told in self.left_out.items()},
+            "refused": dict(self.refused),
             **self.conditions.to_dict(),
             "reference": self.reference,
             "scenes": [scene.name for scene in self.scenes],
@@ -98,6 +102,7 @@ class Simulation:
         below = [f"{interval}; a tie is one that holds 0." if many else "One scene: differences have no interval."]
         if self.skipped:
             below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
+        below += [f"Not photographed: {name}, {reason}." for name, reason in self.refused.items()]
         table = _lines(self.table, self.reference)
         return "\n".join([*self.conditions.lines, *table, *below, *self._left_out()])
 
@@ -167,11 +172,17 @@ def simulate(
     names = (restore,) if isinstance(restore, str) else tuple(restore)
     choose, others = AUTO in names, tuple(name for name in names if name != AUTO)
     restorers = named(others or tuple(RESTORERS))
-    found = _designs(loaded, asked, die)
+    given = None if images is None else folder(Path(images), white)
+    panels = loaded.panels()
+    wanted = dies_of(die, panels)
+    if reference is not None:
+        dies_of(reference, wanted)
+    # The dies are looked at last, for that takes longest.
+    found, refused = _designs(loaded, asked, {name: panels[name] for name in wanted}, named=bool(die))
     designs = [design for design, _ in found]
     dies = [each.name for each in designs]
     base = dies[0] if reference is None else dies_of(reference, dies)[0]
-    source = Folder(scene_sets.bundled(), ()) if images is None else folder(Path(images), white)
+    source = Folder(scene_sets.bundled(), ()) if given is None else given
     scenes = source.photographs
     last = AUTO if choose else restorers[-1].name
     shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
@@ -192,34 +203,38 @@ def simulate(
             protocol=asked.protocol, restorers=restorers, choose=choose, show=show,
         ).scores  # fmt: skip
     progress("photographs", len(dies), len(dies))
-    return Simulation(ScoreTable(tuple(scores)), base, asked, assumed, scenes, source.skipped, shown)
+    table = ScoreTable(tuple(scores))
+    reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
+    return Simulation(table, base, asked, assumed, reasons, scenes, source.skipped, shown)
 
 
-def _designs(job: Job, asked: Conditions, die: str | Sequence[str] | None) -> list[tuple[Design, tuple[str, ...]]]:
-    """The dies that are asked for, as they are photographed, and what is left out; of all, those that can be judged.
+def _designs(
+    job: Job, asked: Conditions, panels: Mapping[str, Panel], *, named: bool
+) -> tuple[list[tuple[Design, tuple[str, ...]]], dict[str, JobError]]:
+    """Dies as they are photographed, with sentences on what is left out; and why others cannot be.
 
     Raises:
-        JobError: as the first where all are refused for one reason; MF122 where they are for several.
+        JobError: for the first that cannot be where dies are ``named``; where none can, as the first if all are refused
+            for one reason, MF122 for several.
     """
-    panels = job.panels()
-    found, refusals = [], list[JobError]()
-    for name in dies_of(die, panels):
+    found, refused = [], dict[str, JobError]()
+    for name, panel in panels.items():
         try:
-            found.append(asked.design(name, panels[name], job))
+            found.append(asked.design(name, panel, job))
         except JobError as refusal:
-            refusals.append(refusal)
-            if die:
+            refused[name] = refusal
+            if named:
                 raise
     if not found:
-        if len({refusal.code for refusal in refusals}) == 1:
-            raise refusals[0]
+        if len({refusal.code for refusal in refused.values()}) == 1:
+            raise next(iter(refused.values()))
         raise JobError(
             "MF122",
             f"no die can be judged behind a camera of {camera_line(asked.camera)}",
             where=job.where,
             cure="Name one die to see why",
         )
-    return found
+    return found, refused
 
 
 def _scored(table: ScoreTable, score: Score) -> dict[str, Any]:
