@@ -66,6 +66,16 @@ def test_f1_has_its_own_camera_and_draw_and_says_what_it_assumes(
     assert one == pytest.approx(other, abs=0.08)
 
 
+def test_the_published_protocol_says_what_it_does() -> None:
+    told = Conditions.of(load_job(JOB), "paper")
+    assert told.lines[0].startswith("protocol paper: focal 10000 um")
+    assert told.lines[3] == (
+        "darkness round the sensor; pictures scored as bright as the die leaves them; restored by published, "
+        "epsilon 0.0037"
+    )
+    assert len(Conditions.of(load_job(JOB), "f1").lines) == len(told.lines) - 1
+
+
 def test_light_and_sensor_of_the_job_change_its_photographs(
     photographs: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -136,6 +146,7 @@ def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFi
         (["--light", "blue"], "MF105"),
         (["--white", "2"], "MF105"),
         (["--restore", "magic"], "MF105"),
+        (["--protocol", "paper", "--restore", "wiener"], "MF105"),
         (["--level", "60"], "MF141"),
         (["--die", "TOLED_P150", "--reference", "TOLED_R300"], "MF105"),
         (["--images", "nowhere"], "MF301"),

@@ -5,13 +5,18 @@ through, and is restored by the same filter, whose one constant ε is chosen for
 for that. Gains are paired, scene by scene.
 
 Protocol F1 is one camera and one sensor, and takes code values for light. Protocol ``camera`` is the job's own: light
-is linear, and a restored picture is coded again before it is scored.
+is linear, and a restored picture is coded again before it is scored. Protocol ``paper`` is the published evaluation, by
+F1's camera and sensor: no light from outside the sensor, one fixed restoration, and pictures scored at the brightness
+that the design leaves them (Yang, Sankaranarayanan 2021, section 5).
 
 Notes:
     Much of a difference between designs is made at the picture's edge, by halo that crosses it. Quote the inner frame,
     64 pixels trimmed, next to the whole one.
     ε is found by climbing on its grid from an estimate by Parseval's theorem: the best of all 15 if the mean PSNR has
     one peak.
+    Under protocol ``paper`` errors count as bright as the design leaves them, so twice the light costs 6 dB, and edges
+    beside darkness cost well-conditioned designs more than others. Its PSNRs compare with published ones; they do not
+    rank designs of unequal light.
 """
 
 from __future__ import annotations
@@ -25,12 +30,13 @@ from typing import Protocol as Interface
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.exposure import F1_SENSOR, Exposure
+from maskfab.camera.exposure import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.quality import Truth, inner, psnr, truth
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.choice import Choice
+from maskfab.camera.restorers.published import EPSILON, Published
 from maskfab.camera.restorers.restorer import Blur, Restorer
 from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_error
 from maskfab.camera.scores import Score, ScoreTable
@@ -66,6 +72,9 @@ class Protocol:
             values are taken for light, as much of the literature does.
         whole: electrons of white behind the published display are rounded.
         strengths: grid of ε, ascending.
+        dark: nothing outside the sensor gives light.
+        dimmed: pictures are scored as bright as the design leaves them, relative to the published display.
+        restorers: that belong to it; none where any may be asked for.
     """
 
     name: str
@@ -73,6 +82,9 @@ class Protocol:
     linear: bool = True
     whole: bool = False
     strengths: tuple[float, ...] = STRENGTHS
+    dark: bool = False
+    dimmed: bool = False
+    restorers: tuple[Restorer, ...] = ()
 
     def exposure(self, level_db: float) -> Exposure:
         """Light of a level.
@@ -96,8 +108,16 @@ class Protocol:
         """Code values of a restored picture."""
         return code_of_light(light) if self.linear else light
 
+    def brightness(self, design: Design) -> float:
+        """What scored pictures of a design are multiplied by."""
+        return design.transmission / REFERENCE_TRANSMISSION if self.dimmed else 1.0
+
 
 F1 = Protocol("f1", linear=False, whole=True, strengths=EPSILONS)
+PAPER = Protocol(
+    "paper", linear=False, whole=True, strengths=(EPSILON,), dark=True, dimmed=True, restorers=(Published(),)
+)
+"""The published evaluation."""
 
 
 class Design(Blur, Interface):
@@ -121,11 +141,12 @@ class SensorScene:
     true: Singles
 
     @classmethod
-    def of(cls, scene: Photograph) -> SensorScene:
-        """The sensor lies in the middle."""
+    def of(cls, scene: Photograph, *, dark: bool = False) -> SensorScene:
+        """The sensor lies in the middle; of a ``dark`` one nothing outside it gives light."""
         rows, columns = scene.values.shape[1:]
         margin = Margin((rows, columns))
-        return cls(scene, margin, margin.sensor(scene.values))
+        true = margin.sensor(scene.values)
+        return cls(Photograph(scene.name, scene.number, margin.dark(true)) if dark else scene, margin, true)
 
     def spectrum(self, *, linear: bool) -> NDArray[np.complex64]:
         """Of light, or of code values taken for light."""
@@ -176,12 +197,15 @@ def evaluate(
         protocol.exposure(level)
     for design in designs:
         _require_light(design)
-    prepared = {id(s): SensorScene.of(s) for s in (*tuning, *test)}
-    likenesses = {id(s): truth(prepared[id(s)].true) for s in test} if details else {}
+    prepared = {id(s): SensorScene.of(s, dark=protocol.dark) for s in (*tuning, *test)}
+    likenesses: dict[float, dict[int, Truth]] = {}
     scores: list[Score] = []
     for design in designs:
+        bright = protocol.brightness(design)
+        if details and bright not in likenesses:
+            likenesses = {bright: {id(s): truth(np.float32(bright) * prepared[id(s)].true) for s in test}}
         for level in sorted(levels):
-            case = _Case.of(protocol, design, level, prepared, likenesses)
+            case = _Case.of(protocol, design, level, prepared, likenesses.get(bright, {}))
             for found, picture in case.scored(test, tuning, restorers, choose=choose):
                 scores.append(found)
                 if show is not None:
@@ -278,9 +302,11 @@ class _Case:
 
     def _score(self, key: int, picture: Singles, epsilon: float, restorer: str, chosen: str = "") -> Score:
         known, like = self.scenes[key], self.likenesses.get(key)
+        bright = np.float32(self.protocol.brightness(self.design))
+        scored, true = bright * picture, bright * known.true
         likeness, likeness_inner, colour, colour_inner = [math.nan] * 4
         if like is not None:
-            similar, differs = like.ssim(picture), like.delta_e(picture)
+            similar, differs = like.ssim(scored), like.delta_e(scored)
             likeness = float(similar.mean(dtype=np.float64))
             likeness_inner = float(inner(similar, TRIM - 5).mean(dtype=np.float64))
             colour, colour_inner = float(differs.mean()), float(differs[TRIM:-TRIM, TRIM:-TRIM].mean())
@@ -289,9 +315,9 @@ class _Case:
             self.level_db,
             known.scene.name,
             epsilon,
-            psnr(picture, known.true),
+            psnr(scored, true),
             likeness,
-            psnr(inner(picture, TRIM), inner(known.true, TRIM)),
+            psnr(inner(scored, TRIM), inner(true, TRIM)),
             likeness_inner,
             colour,
             colour_inner,

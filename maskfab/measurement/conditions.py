@@ -13,7 +13,9 @@ from maskfab.camera.left_out import left_out
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import F1 as F1_CAMERA
 from maskfab.camera.photo_camera import PhotoCamera, camera_line
-from maskfab.camera.protocol import ASSUMED, F1, LEVELS, Design, Protocol
+from maskfab.camera.protocol import ASSUMED, AUTO, F1, LEVELS, PAPER, WIENER, Design, Protocol
+from maskfab.camera.restorers.named import RESTORERS, named
+from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.sensor import Sensor
 from maskfab.errors import JobError
 from maskfab.job import Job
@@ -21,8 +23,10 @@ from maskfab.model import Camera, Panel
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Scene
 
-ProtocolName = Literal["camera", "f1"]
+ProtocolName = Literal["camera", "f1", "paper"]
 Light = Literal["linear", "code"]
+
+_FIXED = {"f1": F1, "paper": PAPER}
 
 
 @dataclass(frozen=True)
@@ -31,7 +35,7 @@ class Conditions:
 
     Attributes:
         protocol: how they are taken and scored.
-        camera: lens, pixels and wavelengths; of protocol F1 where it is a :class:`PhotoCamera`.
+        camera: lens, pixels and wavelengths; of a fixed protocol where it is a :class:`PhotoCamera`.
         levels: of light, signal-to-noise ratios of white behind the published display, dB.
         stated: how the light was asked for.
         scene: keys of the job's [scene] that it states, as a job file writes them; what of them is left out, every die
@@ -53,7 +57,7 @@ class Conditions:
         """Of a protocol for a job.
 
         Args:
-            job: whose camera, sensor and exposure protocol "camera" takes; "f1" has its own.
+            job: whose camera, sensor and exposure protocol "camera" takes; "f1" and "paper" have their own.
             protocol: by name.
             levels: in place of those that the job states.
             light: scenes as linear light or as code values; None for the protocol's own.
@@ -62,18 +66,18 @@ class Conditions:
             JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF140, MF141 for a sensor or a
                 light that cannot be.
         """
-        if protocol == "f1":
+        if protocol in _FIXED:
             if light == "linear":
-                raise JobError(
-                    "MF105", "protocol f1 takes code values for light", where="light", cure="Use protocol camera"
-                )
+                what = f"protocol {protocol} takes code values for light"
+                raise JobError("MF105", what, where="light", cure="Use protocol camera")
             chosen = tuple(LEVELS if levels is None else levels)
             spec = job.spec
             idle = {"camera": spec.camera, "sensor": spec.sensor, "exposure": spec.exposure, "scene": spec.scene}
             unused = tuple(f"[{name}]" for name, section in idle.items() if section is not None)
-            return cls(F1, F1_CAMERA, chosen, _in_decibels(chosen), unused=unused)
+            return cls(_FIXED[protocol], F1_CAMERA, chosen, _in_decibels(chosen), unused=unused)
         if protocol != "camera":
-            raise JobError("MF105", f"there is no protocol {protocol!r}", where="protocol", cure="Use camera or f1")
+            what = f"there is no protocol {protocol!r}"
+            raise JobError("MF105", what, where="protocol", cure="Use camera, f1 or paper")
         if light not in (None, "linear", "code"):
             raise JobError("MF105", f"there is no light {light!r}", where="light", cure="Use linear or code")
         stated = job.spec.sensor
@@ -83,11 +87,36 @@ class Conditions:
         scene = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
         return cls(Protocol("camera", sensor, linear=light != "code"), job.camera, chosen, told, scene)
 
+    def restorers(self, names: str | Sequence[str] | None) -> tuple[tuple[Restorer, ...], bool]:
+        """Restorers that are asked for, and whether one of them is to be chosen for each photograph.
+
+        Args:
+            names: of restorers, and :data:`maskfab.camera.protocol.AUTO`, which alone is of all; None for those that
+                the protocol has, or the Wiener filter.
+
+        Raises:
+            JobError: MF105 for an unknown name, or for any under a protocol that has its own.
+        """
+        own = self.protocol.restorers
+        if names is None:
+            return own or WIENER, False
+        if own:
+            told = ", ".join(each.name for each in own)
+            raise JobError(
+                "MF105",
+                f"protocol {self.protocol.name} restores by its own {told}",
+                where="restore",
+                cure="Name no restorer, or use protocol camera or f1",
+            )
+        given = (names,) if isinstance(names, str) else tuple(names)
+        others = tuple(name for name in given if name != AUTO)
+        return named(others or tuple(RESTORERS)), AUTO in given
+
     def design(self, name: str, panel: Panel, job: Job) -> tuple[Design, tuple[str, ...]]:
         """A die as it is photographed, and sentences on what the photographs leave out.
 
         Raises:
-            JobError: as :func:`maskfab.camera.laid_panel.laid_panel` for protocol F1, else as
+            JobError: as :func:`maskfab.camera.laid_panel.laid_panel` for a fixed protocol, else as
                 :func:`maskfab.camera.die_transfer.die_transfer`.
         """
         if isinstance(self.camera, PhotoCamera):
@@ -110,9 +139,20 @@ class Conditions:
             f"protocol {self.protocol.name}: {camera_line(self.camera)}",
             f"sensor: {_told(self.protocol.sensor)}",
             f"light: {self.stated}; {scenes}",
+            *self._published,
             *([f"scene: {', '.join(f'{key} {value}' for key, value in self.scene.items())}"] if self.scene else []),
             *([f"not used of the job: {', '.join(self.unused)}"] if self.unused else []),
         )
+
+    @property
+    def _published(self) -> list[str]:
+        kind = self.protocol
+        if not kind.restorers:
+            return []
+        told = ["darkness round the sensor"] if kind.dark else []
+        told += ["pictures scored as bright as the die leaves them"] if kind.dimmed else []
+        told += [f"restored by {each.name}, epsilon {kind.strengths[0]:.4f}" for each in kind.restorers]
+        return ["; ".join(told)]
 
     def to_dict(self) -> dict[str, Any]:
         """As data."""

@@ -19,7 +19,6 @@ from maskfab.camera.intervals import CONFIDENCE, MeanDifference
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
 from maskfab.camera.protocol import AUTO, Design, evaluate
-from maskfab.camera.restorers.named import RESTORERS, named
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
@@ -133,7 +132,7 @@ def simulate(
     protocol: ProtocolName = "camera",
     light: Light | None = None,
     levels: Sequence[float] | None = None,
-    restore: str | Sequence[str] = "wiener",
+    restore: str | Sequence[str] | None = None,
     pictures: bool = False,
     progress: Progress = silent,
 ) -> Simulation:
@@ -146,11 +145,13 @@ def simulate(
         reference: die to compare with; by default the first.
         images: folder of photographs; synthetic scenes if None.
         white: light that is white in photographs that hold light, EXR and HDR.
-        protocol: ``"camera"`` for the job's camera, sensor, exposure and light, ``"f1"`` for that protocol's.
+        protocol: ``"camera"`` for the job's camera, sensor, exposure and light, ``"f1"`` or ``"paper"`` for that
+            protocol's.
         light: ``"linear"`` or ``"code"`` values taken for light; by default the protocol's own, linear for the camera.
         levels: signal-to-noise ratios of white behind the published display, dB; by default those of the job.
-        restore: one or several restorers; ``"auto"`` takes for each photograph the one that its record alone speaks
-            for, of those named beside it or of all of :data:`maskfab.camera.restorers.named.RESTORERS`.
+        restore: one or several restorers, by default ``"wiener"`` or the protocol's own; ``"auto"`` takes for each
+            photograph the one that its record alone speaks for, of those named beside it or of all of
+            :data:`maskfab.camera.restorers.named.RESTORERS`.
         pictures: keep part of the photographs of the first scene, by the last restorer.
         progress: told where the work stands.
 
@@ -169,9 +170,7 @@ def simulate(
     asked = Conditions.of(loaded, protocol, levels, light)
     for level in asked.levels:
         asked.protocol.exposure(level)
-    names = (restore,) if isinstance(restore, str) else tuple(restore)
-    choose, others = AUTO in names, tuple(name for name in names if name != AUTO)
-    restorers = named(others or tuple(RESTORERS))
+    restorers, choose = asked.restorers(restore)
     given = None if images is None else folder(Path(images), white)
     panels = loaded.panels()
     wanted = dies_of(die, panels)

@@ -48,6 +48,11 @@ class Margin:
         """The part of a scene that lies on the sensor."""
         return scene[:, *self._cut]
 
+    def dark(self, picture: Singles) -> Singles:
+        """A picture on the sensor with darkness round it, [3, rows, columns] of the scene."""
+        around = (self.width, self.width)
+        return np.pad(picture, [(0, 0), around, around])
+
     def blurred(self, spectrum: NDArray[np.complex64], transfer: Transfer) -> Singles:
         """Light on the sensor: the scene's ``rfft2`` [3, rows, half], times H, back on the sensor's pixels."""
         lines = scipy.fft.ifft(spectrum * transfer, axis=1, overwrite_x=True, workers=1)

@@ -21,7 +21,7 @@ def simulate(
     images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: synthetic scenes.")] = None,
     white: Annotated[float, typer.Option(help="Light that is white in EXR and HDR photographs.")] = 1.0,
     protocol: Annotated[
-        str, typer.Option(help="camera: the job's camera, sensor, exposure and light; f1: that protocol's own.")
+        str, typer.Option(help="camera: the job's camera, sensor, exposure and light; f1, paper: those protocols' own.")
     ] = "camera",
     light: Annotated[
         str | None, typer.Option(help="linear light, or code values taken for light; default: the protocol's own.")
@@ -59,7 +59,7 @@ def simulate(
             protocol=protocol,  # type: ignore[arg-type]
             light=light,  # type: ignore[arg-type]
             levels=level,
-            restore=restore or "wiener",
+            restore=restore,
             pictures=picture is not None,
             progress=progress,
         )
