@@ -42,7 +42,7 @@ from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_erro
 from maskfab.camera.scores import Score, ScoreTable
 from maskfab.camera.sensor import Sensor
 from maskfab.errors import JobError
-from maskfab.optics.numbers.colour import code_of_light
+from maskfab.optics.numbers.colour import code_of_light, light_of_code
 
 Singles = NDArray[np.float32]
 
@@ -94,15 +94,21 @@ class Protocol:
         """
         return Exposure.at(level_db, self.sensor, whole=self.whole)
 
-    def photograph(self, design: Design, known: SensorScene, level_db: float) -> Record:
-        """One scene through one design, in noise of its own: the same for every design at a level."""
-        light = self.exposure(level_db)
+    def seen(self, design: Design, known: SensorScene) -> Singles:
+        """Light of one scene on the sensor behind one design, white is 1 before it, [3, rows, columns]."""
         if isinstance(design, OverField):
-            blurred = design.blurred(known.scene.light if self.linear else known.scene.values, known.margin)
-        else:
-            blurred = known.margin.blurred(known.spectrum(linear=self.linear), design.on(known.margin.shape))
+            return design.blurred(known.scene.light if self.linear else known.scene.values, known.margin)
+        return known.margin.blurred(known.spectrum(linear=self.linear), design.on(known.margin.shape))
+
+    def record(self, seen: Singles, design: Design, known: SensorScene, level_db: float) -> Record:
+        """What is ``seen``, in noise of its own: the same for every design at a level."""
+        light = self.exposure(level_db)
         seed = 1000 * known.scene.number + round(light.electrons)
-        return self.sensor.record(blurred, light.behind(design.transmission), seed)
+        return self.sensor.record(seen, light.behind(design.transmission), seed)
+
+    def photograph(self, design: Design, known: SensorScene, level_db: float) -> Record:
+        """One scene through one design at one level of light."""
+        return self.record(self.seen(design, known), design, known, level_db)
 
     def shown(self, light: Singles) -> Singles:
         """Code values of a restored picture."""
@@ -151,6 +157,12 @@ class SensorScene:
     def spectrum(self, *, linear: bool) -> NDArray[np.complex64]:
         """Of light, or of code values taken for light."""
         return self.scene.light_spectrum if linear else self.scene.spectrum
+
+    def green(self, *, linear: bool) -> NDArray[np.complex64]:
+        """Spectrum of the green that truly fell on the sensor, [1, rows, half], mirrored beyond its edges."""
+        measured = self.scene.measured if linear else None
+        green = self.margin.sensor((self.scene.values if measured is None else measured)[_GREEN])
+        return self.margin.mirrored(light_of_code(green) if linear and measured is None else green)
 
 
 def evaluate(
@@ -204,8 +216,10 @@ def evaluate(
         bright = protocol.brightness(design)
         if details and bright not in likenesses:
             likenesses = {bright: {id(s): truth(np.float32(bright) * prepared[id(s)].true) for s in test}}
+        seen = {key: protocol.seen(design, known) for key, known in prepared.items()}
         for level in sorted(levels):
-            case = _Case.of(protocol, design, level, prepared, likenesses.get(bright, {}))
+            records = {key: protocol.record(seen[key], design, known, level) for key, known in prepared.items()}
+            case = _Case(protocol, design, level, prepared, records, likenesses.get(bright, {}))
             for found, picture in case.scored(test, tuning, restorers, choose=choose):
                 scores.append(found)
                 if show is not None:
@@ -230,19 +244,6 @@ class _Case:
     scenes: Mapping[int, SensorScene]
     records: Mapping[int, Record]
     likenesses: Mapping[int, Truth]
-
-    @classmethod
-    def of(
-        cls,
-        protocol: Protocol,
-        design: Design,
-        level_db: float,
-        scenes: Mapping[int, SensorScene],
-        likenesses: Mapping[int, Truth],
-    ) -> _Case:
-        """With every scene photographed."""
-        records = {key: protocol.photograph(design, known, level_db) for key, known in scenes.items()}
-        return cls(protocol, design, level_db, scenes, records, likenesses)
 
     def scored(
         self, test: Sequence[Photograph], tuning: Sequence[Photograph], restorers: Sequence[Restorer], *, choose: bool
@@ -273,8 +274,7 @@ class _Case:
         seen = []
         for key in map(id, tuning):
             known, margin = self.scenes[key], self.scenes[key].margin
-            true = margin.sensor(known.scene.light) if self.protocol.linear else known.true
-            record, green = margin.mirrored(self.records[key].values[_GREEN]), margin.mirrored(true[_GREEN])
+            record, green = margin.mirrored(self.records[key].values[_GREEN]), known.green(linear=self.protocol.linear)
             seen.append((record, green, self.design.on(margin.shape)[_GREEN], prior(margin.shape)))
 
         def estimate(k: int) -> float:
