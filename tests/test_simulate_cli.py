@@ -10,8 +10,9 @@ import pytest
 from once import leaves
 
 from maskfab.api.verbs.photographs import simulate
+from maskfab.camera.design import Design
 from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.protocol import ASSUMED, Design
+from maskfab.camera.protocol import ASSUMED
 from maskfab.camera.transfer import lay
 from maskfab.cli import run_command_line
 from maskfab.errors import JobError, SourceError

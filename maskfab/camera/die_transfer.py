@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import cast
 
@@ -19,6 +19,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.camera.design import Isoplanatic
 from maskfab.camera.photo_camera import COLOURS
 from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.stop_view import Lines, Samples, StopView
@@ -68,30 +69,20 @@ class Resolution:
 
 
 @dataclass(frozen=True, eq=False)
-class DieTransfer:
+class DieTransfer(Isoplanatic):
     """Transfer of one die before one camera, for the light of one place in the scene: a design to be photographed.
 
     Attributes:
-        name: of the die.
         view: what the light goes through.
         resolution: of what it is on the axis.
     """
 
-    name: str
     view: StopView
     resolution: Resolution
-    _kept: dict[tuple[int, int], Transfer] = field(default_factory=dict, init=False, repr=False)
 
-    def on(self, shape: tuple[int, int]) -> Transfer:
-        """H at the frequencies of ``rfft2`` of pictures of that shape, [3, rows, columns / 2 + 1], 1 at frequency 0.
-
-        float32 without a phase: the point spread is the same turned by 180 degrees; complex64 with one. Read-only, and
-        kept for every shape.
-        """
-        if shape not in self._kept:
-            y, x = np.asarray(scipy.fft.fftfreq(shape[0])), np.asarray(scipy.fft.rfftfreq(shape[1]))
-            self._kept[shape] = self._at(self.resolution.samples, y, x)
-        return self._kept[shape]
+    def _transfer(self, shape: tuple[int, int]) -> Transfer:
+        y, x = np.asarray(scipy.fft.fftfreq(shape[0])), np.asarray(scipy.fft.rfftfreq(shape[1]))
+        return self._at(self.resolution.samples, y, x)
 
     def at(self, image_um: Place) -> DieTransfer:
         """The transfer at another place of the image, from the axis in micrometres to the right and down the picture.
@@ -124,9 +115,7 @@ class DieTransfer:
         return min(1.0, sum(passed) / COLOURS / self.view.camera.stop.area_um2)
 
     def _at(self, samples: Samples, y: Floats, x: Floats) -> Transfer:
-        found = np.stack([self.view.transfer(lines, samples, y, x) for lines in self.resolution.lines])
-        found.flags.writeable = False
-        return cast(Transfer, found)
+        return cast(Transfer, np.stack([self.view.transfer(lines, samples, y, x) for lines in self.resolution.lines]))
 
 
 def die_transfer(

@@ -19,6 +19,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.camera.design import SceneLight
 from maskfab.camera.die_transfer import DieTransfer
 from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.restorers.wiener import Margin
@@ -117,14 +118,14 @@ class OverField:
         """H on the axis, as of :class:`maskfab.camera.die_transfer.DieTransfer`."""
         return self.transfer.on(shape)
 
-    def blurred(self, light: Singles, margin: Margin) -> Singles:
-        """Light on the sensor of a scene [3, rows, columns].
+    def blurred(self, light: SceneLight) -> Singles:
+        """See :class:`maskfab.camera.design.Design`.
 
         Raises:
             JobError: MF114 if the die does not cover the stop from a place of the field.
         """
-        shape = margin.shape
-        return blurred_over_field(light, self._at, FieldNodes.of(self.transfer, self.plan, shape), margin)
+        nodes = FieldNodes.of(self.transfer, self.plan, light.margin.shape)
+        return blurred_over_field(light.values, self._at, nodes, light.margin)
 
     def _at(self, image_um: Place) -> DieTransfer:
         """The transfer at a place, kept for the scenes that follow."""

@@ -13,11 +13,9 @@ import os
 import zlib
 from collections.abc import Iterable
 from dataclasses import dataclass, field
-from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
@@ -49,20 +47,10 @@ class Photograph:
     values: Singles
     measured: Singles | None = field(default=None)
 
-    @cached_property
-    def spectrum(self) -> NDArray[np.complex64]:
-        """``rfft2`` of the values, [3, rows, columns / 2 + 1]; kept, for every design is seen through it."""
-        return np.asarray(scipy.fft.rfft2(self.values, axes=(1, 2), workers=1))
-
     @property
     def light(self) -> Singles:
         """Linear light, float32 [3, rows, columns], white is 1."""
         return light_of_code(self.values) if self.measured is None else self.measured
-
-    @cached_property
-    def light_spectrum(self) -> NDArray[np.complex64]:
-        """``rfft2`` of the light; kept likewise."""
-        return np.asarray(scipy.fft.rfft2(self.light, axes=(1, 2), workers=1))
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,19 +25,18 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import Protocol as Interface
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.camera.design import Design, SceneLight
 from maskfab.camera.exposure import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure
-from maskfab.camera.over_field import OverField
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.quality import Truth, inner, psnr, truth
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.restorers.published import EPSILON, Published
-from maskfab.camera.restorers.restorer import Blur, Restorer
+from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.restorers.wiener import Margin, Wiener, prior, spectral_error
 from maskfab.camera.scores import Score, ScoreTable
 from maskfab.camera.sensor import Sensor
@@ -96,9 +95,7 @@ class Protocol:
 
     def seen(self, design: Design, known: SensorScene) -> Singles:
         """Light of one scene on the sensor behind one design, white is 1 before it, [3, rows, columns]."""
-        if isinstance(design, OverField):
-            return design.blurred(known.scene.light if self.linear else known.scene.values, known.margin)
-        return known.margin.blurred(known.spectrum(linear=self.linear), design.on(known.margin.shape))
+        return design.blurred(known.light(linear=self.linear))
 
     def record(self, seen: Singles, design: Design, known: SensorScene, level_db: float) -> Record:
         """What is ``seen``, in noise of its own: the same for every design at a level."""
@@ -126,18 +123,6 @@ PAPER = Protocol(
 """The published evaluation."""
 
 
-class Design(Blur, Interface):
-    """A panel that lets light through to the sensor; a :class:`maskfab.camera.transfer.Laid` is one."""
-
-    @property
-    def name(self) -> str:
-        """In tables."""
-
-    @property
-    def transmission(self) -> float:
-        """Share of the stop's light that passes."""
-
-
 @dataclass(frozen=True, eq=False)
 class SensorScene:
     """A scene, and its part on the sensor."""
@@ -154,9 +139,9 @@ class SensorScene:
         true = margin.sensor(scene.values)
         return cls(Photograph(scene.name, scene.number, margin.dark(true)) if dark else scene, margin, true)
 
-    def spectrum(self, *, linear: bool) -> NDArray[np.complex64]:
-        """Of light, or of code values taken for light."""
-        return self.scene.light_spectrum if linear else self.scene.spectrum
+    def light(self, *, linear: bool) -> SceneLight:
+        """Of the scene; its code values taken for light where it is not ``linear``."""
+        return SceneLight(self.scene.light if linear else self.scene.values, self.margin)
 
     def green(self, *, linear: bool) -> NDArray[np.complex64]:
         """Spectrum of the green that truly fell on the sensor, [1, rows, half], mirrored beyond its edges."""

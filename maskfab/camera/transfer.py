@@ -18,13 +18,14 @@ Notes:
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 from scipy import sparse
 
+from maskfab.camera.design import Isoplanatic
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError
@@ -160,34 +161,29 @@ def _require_lags(room: CellGrid, where: str) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class Laid:
-    """A panel of cells, as light sees it inside the stop.
+class Laid(Isoplanatic):
+    """A panel of cells, as light sees it inside the stop: a design to be photographed.
 
     Attributes:
-        name: of the design.
         pupil: float64 [side, side], amplitude of every dot, 0 outside the stop.
         lattice: of its cells, behind the camera that looks through them.
     """
 
-    name: str
     pupil: Floats
     lattice: CellGrid
-    _kept: dict[tuple[int, int], NDArray[np.float32]] = field(default_factory=dict, init=False, repr=False)
 
     @property
     def transmission(self) -> float:
         """Share of the stop's light that passes: its clear area, or the energy of a grey pupil."""
         return float((self.pupil**2).sum() / self.lattice.stop.sum())
 
-    def on(self, shape: tuple[int, int]) -> NDArray[np.float32]:
-        """H of red, green and blue for pictures of that shape, kept for each; see :class:`TransferGrid`.
+    def _transfer(self, shape: tuple[int, int]) -> NDArray[np.float32]:
+        """See :class:`TransferGrid`.
 
         Raises:
             JobError: MF134 for a camera of other than three wavelengths.
         """
-        if shape not in self._kept:
-            self._kept[shape] = transfer_grid(shape, self.lattice)(self.pupil)
-        return self._kept[shape]
+        return transfer_grid(shape, self.lattice)(self.pupil)
 
 
 def lay(

@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any, Literal
 
+from maskfab.camera.design import Design
 from maskfab.camera.die_transfer import DieTransfer, die_transfer
 from maskfab.camera.exposure import Exposure
 from maskfab.camera.laid_panel import laid_panel
@@ -13,7 +14,7 @@ from maskfab.camera.left_out import left_out
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import F1 as F1_CAMERA
 from maskfab.camera.photo_camera import PhotoCamera, camera_line
-from maskfab.camera.protocol import ASSUMED, AUTO, F1, LEVELS, PAPER, WIENER, Design, Protocol
+from maskfab.camera.protocol import ASSUMED, AUTO, F1, LEVELS, PAPER, WIENER, Protocol
 from maskfab.camera.restorers.named import RESTORERS, named
 from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.sensor import Sensor

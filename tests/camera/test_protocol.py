@@ -9,6 +9,7 @@ import pytest
 from once import leaves as drawn
 from OpenImageIO import ImageSpec
 
+from maskfab.camera.design import Isoplanatic
 from maskfab.camera.photographs import folder, scene
 from maskfab.camera.protocol import EPSILONS, Protocol, evaluate
 from maskfab.camera.scenes import dead_leaves
@@ -141,14 +142,14 @@ def test_another_protocol_in_code_values_is_f1_but_for_its_draw_of_noise(leaves,
 def test_linear_light_is_scored_as_it_is_shown(leaves):
     """Without noise to speak of and without blur the code values come back whatever light stands for them."""
     kind = Protocol("deep", Sensor(full_well=1e9, read_noise=0.0))
-    (found,) = evaluate([_Clear()], leaves[:1], leaves[:1], (70,), protocol=kind).scores
+    (found,) = evaluate([_Clear("clear")], leaves[:1], leaves[:1], (70,), protocol=kind).scores
     assert found.psnr > 45
 
 
-class _Clear:
-    name, transmission = "clear", 0.2072
+class _Clear(Isoplanatic):
+    transmission = 0.2072
 
-    def on(self, shape):
+    def _transfer(self, shape):
         return np.ones((3, shape[0], shape[1] // 2 + 1), dtype=np.float32)
 
 

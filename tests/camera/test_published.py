@@ -92,4 +92,5 @@ class _Stripe:
         unit = np.zeros((21, 21), dtype=np.bool_)
         unit[:, 5:10] = True
         self.name, self.transmission = name, transmission
-        self.on = lay(name, unit, np.zeros((CELLS, CELLS), dtype=np.int8)).on
+        laid = lay(name, unit, np.zeros((CELLS, CELLS), dtype=np.int8))
+        self.on, self.blurred = laid.on, laid.blurred

@@ -15,10 +15,11 @@ from numpy.typing import NDArray
 from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.camera import scenes as scene_sets
+from maskfab.camera.design import Design
 from maskfab.camera.intervals import CONFIDENCE, MeanDifference
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
-from maskfab.camera.protocol import AUTO, Design, evaluate
+from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
