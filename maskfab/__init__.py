@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.displays import check as check
     from maskfab.api.verbs.displays import render as render
     from maskfab.api.verbs.explaining import explain as explain
+    from maskfab.api.verbs.learning import learn as learn
     from maskfab.api.verbs.photographs import simulate as simulate
     from maskfab.api.verbs.planning import plan as plan
     from maskfab.api.verbs.plates import run as run
@@ -62,6 +63,7 @@ _WHERE = {
     "check": "maskfab.api.verbs.displays",
     "design": "maskfab.api.verbs.designing",
     "explain": "maskfab.api.verbs.explaining",
+    "learn": "maskfab.api.verbs.learning",
     "load_job": "maskfab.job",
     "package": "maskfab.api.verbs.shops",
     "pareto": "maskfab.api.verbs.sweeping",
@@ -94,6 +96,7 @@ __all__ = [
     "check",
     "design",
     "explain",
+    "learn",
     "load_job",
     "package",
     "pareto",

@@ -20,6 +20,7 @@ from maskfab.cli.verbs.bench import bench
 from maskfab.cli.verbs.check import check
 from maskfab.cli.verbs.design import design
 from maskfab.cli.verbs.explain import explain
+from maskfab.cli.verbs.learn import learn
 from maskfab.cli.verbs.package import package
 from maskfab.cli.verbs.pareto import pareto
 from maskfab.cli.verbs.plan import plan
@@ -77,6 +78,11 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         simulate,
         "Examples: maskfab simulate layouts/upc12.toml --die TOLED_P150 --die PINV_R150 | "
         "maskfab simulate job.toml --images photographs --reference TOLED_P150 --json",
+    ),
+    (
+        learn,
+        "Examples: maskfab learn job.toml --die TOLED --level 32 -o toled.npz | "
+        "maskfab learn job.toml --die TOLED --images photographs --minutes 60 -o toled.npz",
     ),
     (explain, "Example: maskfab explain MF106"),
 )

@@ -14,12 +14,14 @@ from numpy.typing import NDArray
 
 from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoints
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.design import Design
 from maskfab.camera.intervals import CONFIDENCE, MeanDifference
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
 from maskfab.camera.protocol import AUTO, evaluate
+from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
@@ -134,6 +136,7 @@ def simulate(
     light: Light | None = None,
     levels: Sequence[float] | None = None,
     restore: str | Sequence[str] | None = None,
+    checkpoints: Sequence[str | Path] = (),
     pictures: bool = False,
     progress: Progress = silent,
 ) -> Simulation:
@@ -153,12 +156,16 @@ def simulate(
         restore: one or several restorers, by default ``"wiener"`` or the protocol's own; ``"auto"`` takes for each
             photograph the one that its record alone speaks for, of those named beside it or of all of
             :data:`maskfab.camera.restorers.named.RESTORERS`.
+        checkpoints: files of :func:`maskfab.api.verbs.learning.learn`, one for each die: one more restorer,
+            ``"learned"``, beside those named.
         pictures: keep part of the photographs of the first scene, by the last restorer.
         progress: told where the work stands.
 
     Raises:
         JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three colours,
-            MF140 or MF141 for a sensor or a light that cannot be.
+            MF140 or MF141 for a sensor or a light that cannot be, MF148 for a checkpoint of another die, camera, sensor
+            or light, or a die without one where some have.
+        SourceError: MF301, MF303, MF304 for a checkpoint that is missing, damaged or none.
     """
     if images is None and white != 1.0:
         raise JobError(
@@ -171,7 +178,8 @@ def simulate(
     asked = Conditions.of(loaded, protocol, levels, light)
     for level in asked.levels:
         asked.protocol.exposure(level)
-    restorers, choose = asked.restorers(restore)
+    trained = read_checkpoints(checkpoints)
+    restorers, choose = _restorers(asked, restore, learned=bool(trained))
     given = None if images is None else folder(Path(images), white)
     panels = loaded.panels()
     wanted = dies_of(die, panels)
@@ -181,10 +189,11 @@ def simulate(
     found, refused = _designs(loaded, asked, {name: panels[name] for name in wanted}, named=bool(die))
     designs = [design for design, _ in found]
     dies = [each.name for each in designs]
+    learned = learned_restorers(trained, loaded, asked, designs)
     base = dies[0] if reference is None else dies_of(reference, dies)[0]
     source = Folder(scene_sets.bundled(), ()) if given is None else given
     scenes = source.photographs
-    last = AUTO if choose else restorers[-1].name
+    last = AUTO if choose else LEARNED if learned else restorers[-1].name
     shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
 
     def show(score: Score, whole: NDArray[np.float32]) -> None:
@@ -200,12 +209,34 @@ def simulate(
         each = designs.pop(0)
         scores += evaluate(
             [each], scenes, scenes, asked.levels,
-            protocol=asked.protocol, restorers=restorers, choose=choose, show=show,
+            protocol=asked.protocol, restorers=(*restorers, *learned.get(each.name, ())), choose=choose, show=show,
         ).scores  # fmt: skip
     progress("photographs", len(dies), len(dies))
     table = ScoreTable(tuple(scores))
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
     return Simulation(table, base, asked, assumed, reasons, scenes, source.skipped, shown)
+
+
+def _restorers(
+    asked: Conditions, names: str | Sequence[str] | None, *, learned: bool
+) -> tuple[tuple[Restorer, ...], bool]:
+    """Those that are named but learned ones, as :meth:`maskfab.measurement.conditions.Conditions.restorers`.
+
+    Raises:
+        JobError: MF105 for a learned one that nothing holds, or as there.
+    """
+    given = (names,) if isinstance(names, str) else names
+    if given is None or LEARNED not in given:
+        return asked.restorers(given)
+    if not learned:
+        raise JobError(
+            "MF105",
+            "no checkpoint holds the restorer learned",
+            where="restore",
+            cure="Train one with maskfab learn, and give it with --checkpoint FILE",
+        )
+    others = tuple(name for name in given if name != LEARNED)
+    return asked.restorers(others) if others else ((), False)
 
 
 def _designs(

@@ -36,6 +36,10 @@ def simulate(
             help="wiener, dct+wiener, gradient, dct+gradient, tv (repeatable); auto: the one each record speaks for."
         ),
     ] = None,
+    checkpoint: Annotated[
+        list[Path] | None,
+        typer.Option(help="File of maskfab learn, one for each die (repeatable): one more restorer, learned."),
+    ] = None,
     picture: Annotated[
         Path | None, typer.Option(help="Write a PNG of the truth and each die, one row per light level.")
     ] = None,
@@ -60,6 +64,7 @@ def simulate(
             light=light,  # type: ignore[arg-type]
             levels=level,
             restore=restore,
+            checkpoints=checkpoint or (),
             pictures=picture is not None,
             progress=progress,
         )

@@ -28,8 +28,8 @@ import torch
 from numpy.typing import NDArray
 
 from maskfab.errors import InternalError, JobError
+from maskfab.files.checkpoint import load_state, save_state
 from maskfab.opening.clear_dots import closed
-from maskfab.optimiser.checkpoint import load_state, save_state
 from maskfab.optimiser.relax.objective import AreaPenalty, Objective
 from maskfab.optimiser.relax.tiled_stop import DTYPES, Precision
 

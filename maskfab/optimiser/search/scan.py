@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
 from maskfab.model import Tiling
-from maskfab.optimiser.checkpoint import Kept
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Objective, Ranked, Scan, State, anneal, scan

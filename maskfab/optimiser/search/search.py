@@ -15,10 +15,10 @@ from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
 from maskfab.camera.transfer import FEWEST_CELLS, CellGrid, lattice
+from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Tiling
 from maskfab.optimiser.bounds.auc_bound import rings
-from maskfab.optimiser.checkpoint import Kept
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import os
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,7 +19,8 @@ from maskfab.errors import SourceError
 from maskfab.files.atomic import partial
 
 State = Mapping[str, NDArray[np.generic]]
-_KEY = "run"
+RUN = "run"
+"""Name of what tells a run from every other."""
 
 
 def save_state(path: Path, run: str, state: State) -> None:
@@ -33,27 +35,36 @@ def save_state(path: Path, run: str, state: State) -> None:
         OutputError: MF401 if the file cannot be written.
     """
     with partial(path) as aside, aside.open("wb") as file:
-        np.savez(file, allow_pickle=False, **{_KEY: np.array(run)}, **state)
+        np.savez(file, allow_pickle=False, **{RUN: np.array(run)}, **state)
         file.flush()
         os.fsync(file.fileno())
 
 
+def read_state(path: Path) -> dict[str, NDArray[np.generic]]:
+    """All arrays of a file that :func:`save_state` wrote, by name.
+
+    Raises:
+        SourceError: MF303 if the file is damaged, or cannot be read.
+    """
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
+            return {name: stored[name] for name in stored.files}
+    except (OSError, ValueError, EOFError, KeyError, TypeError, zipfile.BadZipFile, zlib.error) as error:
+        raise SourceError(
+            "MF303", "the checkpoint is damaged", where=str(path), cure="Delete it and start again"
+        ) from error
+
+
 def load_state(path: Path, run: str) -> dict[str, NDArray[np.generic]] | None:
-    """The state that :func:`save` kept; None if there is no file.
+    """The state that :func:`save_state` kept; None if there is no file.
 
     Raises:
         SourceError: MF303 if the file is damaged, MF304 if it is another run's.
     """
     if not os.path.exists(path):
         return None
-    try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as stored:
-            found = {name: stored[name] for name in stored.files}
-    except (OSError, ValueError, EOFError, KeyError, zipfile.BadZipFile) as error:
-        raise SourceError(
-            "MF303", "the checkpoint is damaged", where=str(path), cure="Delete it and start again"
-        ) from error
-    if _KEY not in found or str(found.pop(_KEY)) != run:
+    found = read_state(path)
+    if RUN not in found or str(found.pop(RUN)) != run:
         raise SourceError(
             "MF304",
             "the checkpoint belongs to another run",

@@ -1,0 +1,259 @@
+"""A restorer that is learned from photographs through one die."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from maskfab.api.camera import Camera
+from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.camera.design import Design
+from maskfab.camera.photo_camera import camera_line
+from maskfab.camera.photographs import Folder, Photograph, folder
+from maskfab.camera.protocol import evaluate
+from maskfab.camera.quality import psnr
+from maskfab.camera.restorers.dct import Dct
+from maskfab.errors import JobError
+from maskfab.files.staging import check_file
+from maskfab.job import Job
+from maskfab.measurement.conditions import Conditions
+from maskfab.optics.numbers.colour import code_of_light
+from maskfab.progress import Progress, silent
+
+if TYPE_CHECKING:
+    from maskfab.camera.learning.checkpoint import Checkpoint, Trade
+    from maskfab.camera.learning.lessons import Lesson
+    from maskfab.camera.learning.view import View
+    from maskfab.camera.restorers.learned import Learned
+
+LEARNED = "learned"
+"""Name of the restorer that a checkpoint holds."""
+_LOOKS = 10
+"""Times that the scenes kept for validation are looked at, and that a checkpoint is written."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Learning:
+    """A trained restorer.
+
+    Attributes:
+        path: of its checkpoint.
+        checkpoint: what is in it.
+        skipped: files of the folder that are no photographs.
+    """
+
+    path: Path
+    checkpoint: Checkpoint
+    skipped: tuple[str, ...]
+
+    @property
+    def gain(self) -> float:
+        """Mean gain over total variation on scenes kept for validation, dB."""
+        return float(self.checkpoint.history[-1]["gain"])
+
+    def to_dict(self) -> dict[str, Any]:
+        """Settings of the training, and its course."""
+        return {"path": str(self.path), "skipped": list(self.skipped), **self.checkpoint.about()}
+
+    def __str__(self) -> str:
+        found = self.checkpoint
+        rows = [f"{each['minutes']:6.1f} min: {_told(each)}" for each in found.history]
+        skipped = [f"Skipped, as no photographs: {', '.join(self.skipped)}."] if self.skipped else []
+        return "\n".join([f"die {found.trade.die}: {found.trade.camera}", *rows, *skipped, str(self.path)])
+
+
+def learn(
+    job: AnyJob,
+    camera: Camera | None = None,
+    *,
+    out: str | Path,
+    die: str | None = None,
+    images: str | Path | None = None,
+    white: float = 1.0,
+    levels: Sequence[float] | None = None,
+    minutes: float = 15.0,
+    seed: int = 0,
+    device: str = "auto",
+    force: bool = False,
+    progress: Progress = silent,
+) -> Learning:
+    """Train a network that restores photographs behind one die, by the job's camera, sensor, exposure and light.
+
+    Args:
+        job: a plate, a loaded job, or the path of a job file.
+        camera: of a plate; by default its own. It has three wavelengths.
+        out: file of the checkpoint. If it exists, its training goes on.
+        die: by name; of a job with one die, that.
+        images: folder of photographs to learn from, besides drawn scenes.
+        white: light that is white in photographs that hold light, EXR and HDR.
+        levels: signal-to-noise ratios of white behind the published display, dB; by default those of the job.
+        minutes: that are trained.
+        seed: of weights, scenes and noise.
+        device: ``"cpu"``, ``"cuda"``, or ``"auto"`` for CUDA where there is any.
+        force: train anew, and replace ``out``.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF105 for a die or device that is not there, or minutes that are none; MF148 for a checkpoint of
+            another die, camera, sensor or light; as :func:`maskfab.api.verbs.photographs.simulate` for the others.
+        SourceError: MF301 without photographs in the folder; MF303, MF304 for a file that is no checkpoint.
+        OutputError: MF401 where ``out`` cannot be written.
+    """
+    from maskfab.camera.learning.checkpoint import Checkpoint
+    from maskfab.camera.learning.lessons import Lessons, kept_for_validation
+    from maskfab.camera.learning.training import Course, Training, device_of
+    from maskfab.camera.restorers.learned import Learned
+
+    if not (math.isfinite(minutes) and minutes > 0):
+        raise JobError("MF105", f"{minutes:g} minutes train nothing", where="minutes", cure="Give a number above 0")
+    path, chosen = Path(out), device_of(device)
+    check_file(path, force=True)
+    before = Checkpoint.read(path) if path.exists() and not force else None
+    begun = time.monotonic()
+    loaded = job_of(job, camera)
+    asked = Conditions.of(loaded, "camera", levels)
+    panels = loaded.panels()
+    name = _one(die, tuple(panels))
+    given = Folder((), ()) if images is None else folder(Path(images), white)
+    design, _ = asked.design(name, panels[name], loaded)
+    trade = trade_of(loaded, asked, design, tuple(each.name for each in given.photographs))
+    course = Course(seed=seed)
+    if before is not None:
+        before.trade.require(trade, str(path), trained=True)
+        course = before.course
+    kept, others = kept_for_validation(given.photographs, max(2, len(asked.levels)))
+    view = before.view if before else _view(asked, design, kept, progress)
+    lessons = Lessons(asked.protocol, design, asked.levels, view, others, course.seed)
+    training = Training(course, lessons, chosen)
+    if before is not None:
+        training.restore(before.state)
+    scenes = [lessons.of(scene, asked.levels[k % len(asked.levels)]) for k, scene in enumerate(kept)]
+    history, earlier = list(before.history if before else ()), before.seconds if before else 0.0
+
+    def save(loss: float) -> Checkpoint:
+        seconds = earlier + time.monotonic() - begun
+        gains = _validated(Learned(training.mean, view), scenes)
+        history.append({"minutes": seconds / 60, "step": training.step, "loss": loss, **gains})
+        found = Checkpoint(trade, course, view, seconds, tuple(history), training.state())
+        found.write(path)
+        return found
+
+    found, look = None, 1
+    while found is None or time.monotonic() - begun < 60 * minutes:
+        loss = training.advance()
+        share = (time.monotonic() - begun) / (60 * minutes)
+        if found is None or share >= look / _LOOKS:
+            found = save(loss)
+            look = int(share * _LOOKS) + 1
+            progress(_told(history[-1]), min(_LOOKS, look - 1), _LOOKS)
+    return Learning(path, found if found.state["step"] == training.step else save(loss), given.skipped)
+
+
+def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:
+    """Files of :func:`learn`, in the order that they are named.
+
+    Raises:
+        SourceError: MF301, MF303, MF304 for one that is missing, damaged or none.
+    """
+    if not paths:
+        return []
+    # torch takes a second to load.
+    from maskfab.camera.learning.checkpoint import Checkpoint
+
+    return [(Path(path), Checkpoint.read(Path(path))) for path in paths]
+
+
+def learned_restorers(
+    trained: Sequence[tuple[Path, Checkpoint]], job: Job, asked: Conditions, designs: Sequence[Design]
+) -> dict[str, tuple[Learned]]:
+    """The restorer of every die, by its name; none where nothing is trained.
+
+    Raises:
+        JobError: MF148 for a checkpoint of another die, camera, sensor or light, or a die without one.
+    """
+    from maskfab.camera.learning.checkpoint import another
+
+    names = [design.name for design in designs]
+    by_die = {found.trade.die: (path, found) for path, found in trained}
+    for die, (path, _) in by_die.items():
+        if die not in names:
+            raise another(f"die {die}", ", ".join(names), str(path))
+    restorers: dict[str, tuple[Learned]] = {}
+    for design in designs if trained else ():
+        if design.name not in by_die:
+            raise another(f"die {', '.join(by_die)}", design.name, "checkpoint")
+        path, found = by_die[design.name]
+        found.trade.require(trade_of(job, asked, design), str(path))
+        restorers[design.name] = (found.restorer(),)
+    return restorers
+
+
+def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...] = ()) -> Trade:
+    """Everything that photographs of a die depend on, by which checkpoints are told apart."""
+    from maskfab.camera.learning.checkpoint import Trade, probe
+
+    light = "linear light" if asked.protocol.linear else "code values taken for light"
+    sensor = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in asdict(asked.protocol.sensor).items())
+    return Trade(
+        job.where,
+        job.digest,
+        design.name,
+        camera_line(asked.camera),
+        sensor,
+        light,
+        asked.levels,
+        images,
+        probe(design),
+    )
+
+
+def _one(die: str | None, names: tuple[str, ...]) -> str:
+    if die is None and len(names) > 1:
+        raise JobError(
+            "MF105",
+            f"the job has {len(names)} dies, and a network is trained behind one",
+            where="die",
+            cure=f"Name one of {', '.join(names)}",
+        )
+    return dies_of(die, names)[0]
+
+
+def _view(asked: Conditions, design: Design, scenes: Sequence[Photograph], progress: Progress) -> View:
+    """The ε that suits the filter at every level, on scenes kept for validation."""
+    from maskfab.camera.learning.view import View
+
+    strengths = {}
+    for done, level in enumerate(asked.levels):
+        progress("strengths", done, len(asked.levels))
+        found = evaluate(
+            [design], scenes, scenes, [level], protocol=asked.protocol, restorers=(Dct(),), details=False
+        )  # fmt: skip
+        strengths[asked.protocol.exposure(level).behind(design.transmission)] = found.scores[0].epsilon
+    progress("strengths", len(asked.levels), len(asked.levels))
+    return View(strengths)
+
+
+def _validated(restorer: Learned, scenes: Sequence[Lesson]) -> dict[str, float]:
+    """Mean gains over both pictures that are shown, dB."""
+    from maskfab.camera.learning.network import COLOURS
+    from maskfab.camera.learning.view import light_of
+
+    rows = []
+    for scene in scenes:
+        pictures = scene.shown[:COLOURS], scene.shown[COLOURS : 2 * COLOURS]
+        before = [psnr(code_of_light(light_of(each)), scene.true) for each in pictures]
+        now = psnr(code_of_light(restorer.mended(scene.shown)), scene.true)
+        rows.append([now - each for each in before])
+    over_tv, over_filter = np.mean(rows, axis=0)
+    return {"gain": float(over_tv), "gain_over_filter": float(over_filter)}
+
+
+def _told(row: Mapping[str, float]) -> str:
+    gains = f"{row['gain']:+.2f} dB over tv, {row['gain_over_filter']:+.2f} dB over dct+wiener"
+    return f"{row['step']:.0f} steps, loss {row['loss']:.3f}, {gains}"

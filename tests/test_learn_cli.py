@@ -1,0 +1,166 @@
+"""maskfab learn, and maskfab simulate with what it leaves."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from once import leaves
+
+from maskfab.api.verbs import photographs as verb
+from maskfab.api.verbs.learning import learn, trade_of
+from maskfab.api.verbs.photographs import simulate
+from maskfab.camera.learning import lessons, training
+from maskfab.camera.learning.checkpoint import Checkpoint
+from maskfab.camera.learning.training import Course, Training
+from maskfab.camera.learning.view import View, shown
+from maskfab.camera.photographs import Photograph
+from maskfab.camera.record import Record
+from maskfab.camera.restorers.restorer import Blur
+from maskfab.camera.restorers.wiener import Wiener
+from maskfab.cli import run_command_line
+from maskfab.errors import JobError
+from maskfab.export.images.light_image import write_png
+from maskfab.job import load_job
+from maskfab.measurement.conditions import Conditions
+
+ROOT = Path(__file__).parents[1]
+JOB = ROOT / "layouts" / "toled_against_ours.toml"
+EPSILON = 0.2
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("photographs")
+    write_png(leaves(3, 832, 832).values, folder / "leaves.png", white=1.0)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A checkpoint of T-OLED at 32 dB, of no steps."""
+    job = load_job(JOB)
+    asked = Conditions.of(job, "camera", [32])
+    design, _ = asked.design("TOLED", job.panels()["TOLED"], job)
+    course = Course(widths=(8, 12))
+    state = Training(course, lambda _: pytest.fail("nothing is taught")).state()
+    path = tmp_path_factory.mktemp("trained") / "toled.npz"
+    Checkpoint(trade_of(job, asked, design), course, View({4000.0: EPSILON}), 0.0, (), state).write(path)
+    return path
+
+
+@pytest.fixture
+def filtered(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Records are shown as the Wiener filter restores them, for total variation takes seconds."""
+
+    def planes(_: View, record: Record, blur: Blur) -> np.ndarray:
+        picture = Wiener().prepare(record, blur)(EPSILON)
+        return shown(np.concatenate([picture, picture, picture[:1]]))
+
+    monkeypatch.setattr(View, "planes", planes)
+
+
+def without_photographs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verb, "evaluate", lambda *_, **__: pytest.fail("a photograph was taken"))
+
+
+@pytest.mark.usefixtures("filtered")
+def test_an_untrained_network_restores_what_it_is_shown_whatever_the_strength(
+    untrained: Path, photographs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    fixed = replace(Conditions.of(load_job(JOB), "camera").protocol, strengths=(EPSILON,))
+    monkeypatch.setattr("maskfab.measurement.conditions.Protocol", lambda *_, **__: fixed)
+    found = simulate(
+        JOB, die="TOLED", images=photographs, levels=[32], restore=["wiener", "auto"], checkpoints=[untrained]
+    )
+    by = {score.restorer: score for score in found.table.scores}
+    assert list(by) == ["wiener", "learned", "auto"]
+    assert by["learned"].psnr == pytest.approx(by["wiener"].psnr, abs=1e-3)
+    assert by["auto"].chosen in ("wiener", "learned")
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        (["--die", "TOLED", "--die", "OURS", "--level", "32"], "OURS"),
+        (["--die", "OURS", "--level", "32"], "die TOLED"),
+        (["--die", "TOLED", "--level", "24"], "light of 32 dB"),
+        (["--die", "TOLED", "--level", "32", "--light", "code"], "light linear light"),
+        (["--die", "TOLED", "--level", "32", "--protocol", "f1"], "light linear light"),
+    ],
+)
+def test_a_checkpoint_is_refused_before_any_photograph(
+    untrained: Path,
+    options: list[str],
+    told: str,
+    capsys: pytest.CaptureFixture[str],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    without_photographs(monkeypatch)
+    assert run_command_line(["simulate", str(JOB), *options, "--checkpoint", str(untrained), "--json", "--quiet"]) == 2
+    error = json.loads(capsys.readouterr().out)["error"]
+    assert error["code"] == "MF148"
+    assert told in error["what"]
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        ('focal = "10 mm"', 'focal = "9 mm"'),
+        ('opening = "openings/toled.toml"', 'opening = "openings/bar.toml"'),
+        ("[plate]", "[sensor]\nread_noise = 3\n\n[plate]"),
+    ],
+)
+def test_a_checkpoint_is_refused_for_a_job_that_changed(
+    untrained: Path, tmp_path: Path, change: tuple[str, str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_photographs(monkeypatch)
+    text = JOB.read_text().replace(*change)
+    for folder in ("openings", "maps"):
+        text = text.replace(f'= "{folder}/', f'= "{JOB.parent / folder}/')
+    (tmp_path / "job.toml").write_text(text)
+    with pytest.raises(JobError, match="MF148"):
+        simulate(tmp_path / "job.toml", die="TOLED", levels=[32], checkpoints=[untrained])
+
+
+def test_learned_needs_a_checkpoint(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run_command_line(["simulate", str(JOB), "--die", "TOLED", "--restore", "learned"]) == 2
+    assert "--checkpoint" in capsys.readouterr().err
+
+
+@pytest.mark.usefixtures("filtered")
+def test_a_network_is_trained_and_trained_on(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def drawn(seed: int, turn: int, shape: tuple[int, int] = (0, 0)) -> Photograph:
+        return replace(leaves(1, 832, 832), name=f"leaves{seed}", number=seed)
+
+    monkeypatch.setattr(lessons, "drawn", drawn)
+    monkeypatch.setattr(training, "Course", lambda seed: replace(SMALL, seed=seed))
+    path = tmp_path / "toled.npz"
+    arguments = ["learn", str(JOB), "--die", "TOLED", "--level", "32", "--minutes", "1e-6", "-o", str(path)]
+    told = []
+    for _ in range(2):
+        assert run_command_line([*arguments, "--json"]) == 0
+        out = capsys.readouterr()
+        told.append(json.loads(out.out))
+        assert "dB over tv" in out.err
+    assert [each["step"] for each in told[1]["history"]] == [1, 2]
+    assert told[1]["history"][0] == told[0]["history"][0]
+    assert told[1]["seconds"] > told[0]["seconds"]
+    assert Checkpoint.read(path).state["step"] == 2
+    with pytest.raises(JobError, match="MF148"):
+        learn(JOB, die="TOLED", levels=[24], minutes=1e-6, out=path)
+
+
+SMALL = Course(widths=(8, 12), patch=(32, 64), first=1, known=1)
+
+
+@pytest.mark.slow
+def test_a_minute_of_training_beats_the_filter_on_scenes_that_were_not_taught(tmp_path: Path) -> None:
+    found = learn(JOB, die="TOLED", levels=[32], minutes=3, out=tmp_path / "toled.npz")
+    assert found.checkpoint.history[-1]["gain_over_filter"] > 0.3
+    assert found.gain > 0.1
