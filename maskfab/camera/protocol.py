@@ -98,7 +98,7 @@ class Protocol:
         return design.blurred(known.light(linear=self.linear))
 
     def record(self, seen: Singles, design: Design, known: SensorScene, level_db: float) -> Record:
-        """What is ``seen``, in noise of its own: the same for every design at a level."""
+        """Light as ``seen``, in noise of its own: the same for every design at a level."""
         light = self.exposure(level_db)
         seed = 1000 * known.scene.number + round(light.electrons)
         return self.sensor.record(seen, light.behind(design.transmission), seed)
@@ -112,7 +112,7 @@ class Protocol:
         return code_of_light(light) if self.linear else light
 
     def brightness(self, design: Design) -> float:
-        """What scored pictures of a design are multiplied by."""
+        """Factor that scored pictures of a design are multiplied by."""
         return design.transmission / REFERENCE_TRANSMISSION if self.dimmed else 1.0
 
 
