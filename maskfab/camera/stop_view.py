@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -197,18 +197,23 @@ def line_transfer(lags: AmplitudeLags, cycle_um: float, y: Floats, x: Floats, we
         weight: of the line.
     """
     up, across = (
-        (share * _folded(axis, sizes, cycle_um, frequency)).astype(np.float32)
-        for axis, sizes, frequency, share in zip((lags.y, lags.x), lags.sizes, (y, x), (1.0, weight), strict=True)
+        _folded(replace(axis, start_um=0.0), sizes, cycle_um, frequency.tobytes())
+        for axis, sizes, frequency in zip((lags.y, lags.x), lags.sizes, (y, x), strict=True)
     )
-    found: Transfer = (across @ np.ascontiguousarray((up @ lags.table).T)).T
+    found: Transfer = (np.float32(weight) * across @ np.ascontiguousarray((up @ lags.table).T)).T
     return found
 
 
-def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequency: Floats) -> sparse.csr_array:
-    """[frequencies, lags]: interpolation of the lags times the pixel's sinc, summed over what sampling folds back."""
+@lru_cache(maxsize=128)
+def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequencies: bytes) -> sparse.csr_array:
+    """[frequencies, lags]: interpolation of the lags times the pixel's sinc, summed over what sampling folds back.
+
+    Kept, as every place of an image takes the same ones.
+    """
+    frequency = np.frombuffer(frequencies, dtype=np.float64)
     edges = lattice.edges_um()
     most = max(0, math.ceil((edges[-1] - edges[0]) / cycle_um + 0.5) - 1)
     nu = frequency[:, None] + np.arange(-most, most + 1)
     places = np.repeat(np.arange(frequency.size), nu.shape[1]), np.arange(nu.size)
     sums = sparse.csr_array((np.sinc(nu).ravel(), places), shape=(frequency.size, nu.size))
-    return sums @ interpolation(lattice, nu.ravel() * cycle_um, sizes)
+    return (sums @ interpolation(lattice, nu.ravel() * cycle_um, sizes)).astype(np.float32)

@@ -9,22 +9,25 @@ import numpy as np
 import pytest
 from optics_cases import noise, panel
 
+from maskfab.camera.design import SceneLight
 from maskfab.camera.die_transfer import die_transfer
 from maskfab.camera.left_out import left_out
-from maskfab.camera.over_field import MOST_NODES, FieldNodes, OverField, blurred_over_field, gathered
+from maskfab.camera.over_field import REACH, FieldChange, FieldNodes, OverField, gathered
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import Protocol, SensorScene
 from maskfab.camera.restorers.wiener import Margin
 from maskfab.camera.sensor import Sensor
+from maskfab.camera.stop_view import Samples
 from maskfab.model import Camera, Glass, MaskBlank, Stop, Track
 from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.scene.distortion import Distortion
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Scene
+from maskfab.optics.wavefront.panel_gap import AXIS
 
 CAMERA = Camera(2000.0, Stop("circle", 300.0), (610.0, 530.0, 470.0), 1.4, 128.0)
 PANEL = panel(noise(7, 0.4, 4), cells=16, seed=3)
-SHAPE, MARGIN = (64, 96), Margin((64, 96), 16)
+SHAPE, MARGIN = (320, 352), Margin((320, 352), 130)
 # Light of the edge of the field meets openings two dots from those that the axis meets.
 FAR = Scene(gap_um=400.0, field_um=80.0)
 
@@ -35,47 +38,118 @@ def seen():
     return replace(found, view=replace(found.view, scene=FAR, gap_um=FAR.gap_um))
 
 
-def nodes_at(y_um: list[float], x_um: list[float]) -> FieldNodes:
-    return FieldNodes(np.array(y_um), np.array(x_um), SHAPE, CAMERA.pixel_um)
-
-
-def test_with_one_node_the_blur_is_that_of_the_axis(seen):
-    scene = np.random.default_rng(1).random((3, *SHAPE), dtype=np.float32)
-    expected = MARGIN.blurred(np.fft.rfft2(scene).astype(np.complex64), seen.on(SHAPE))
-    assert blurred_over_field(scene, seen.at, nodes_at([0.0], [0.0]), MARGIN) == pytest.approx(expected, abs=1e-5)
-
-
-def test_a_point_spreads_as_the_nodes_round_it_do(seen):
-    nodes = nodes_at([0.0], [-30 * 1.4, 30 * 1.4])
-    left, right = (seen.at((x, 0.0)).on(SHAPE) for x in nodes.x_um)
-    # The picture's middle lies between columns 47 and 48; beyond a node it has all of the light.
-    for column, share in ((10, 1.0), (17, 1.0), (32, 45.5 / 60), (77, 0.5 / 60), (90, 0.0)):
-        scene = np.zeros((3, *SHAPE), dtype=np.float32)
-        scene[:, 32, column] = 1
-        spectrum = np.fft.rfft2(scene).astype(np.complex64)
-        expected = MARGIN.blurred(spectrum, share * left + (1 - share) * right)
-        assert blurred_over_field(scene, seen.at, nodes, MARGIN) == pytest.approx(expected, abs=1e-6)
-    assert abs(left - right).max() > 0.01
-
-
-def test_an_even_scene_stays_even_whatever_the_nodes(seen):
-    scene = np.full((3, *SHAPE), 0.5, dtype=np.float32)
-    nodes = nodes_at([-30.0, 0.0, 30.0], [-50.0, 50.0])
-    assert sum(nodes.weights()[0]) == pytest.approx(1.0)
-    assert blurred_over_field(scene, seen.at, nodes, MARGIN) == pytest.approx(0.5, abs=1e-2)
-
-
-def test_places_are_those_of_the_plan_within_picture_and_field(seen):
+@pytest.fixture(scope="module")
+def dies(seen):
+    """A die over the field, by the accuracy that is asked for."""
     made = plan(PANEL, CAMERA, Scene(), 3e-2)
-    for places, expected in ((1, 1), (3, 3), (33, MOST_NODES)):
-        chosen = replace(made, choice=replace(made.choice, places=places))
-        nodes = FieldNodes.of(seen, chosen, SHAPE)
-        assert (nodes.y_um.size, nodes.x_um.size) == (expected, expected)
-        assert math.hypot(nodes.y_um[-1], nodes.x_um[-1]) <= FAR.field_um * (1 + 1e-12)
-        assert nodes.y_um[-1] <= 31.5 * CAMERA.pixel_um
-    errors = [nodes_at(list(reach), list(reach)).error(seen) for reach in ([0.0], [-4.0, 4.0], [-30.0, 30.0])]
-    assert errors[0] == 0.0
-    assert 0 < errors[1] < errors[2]
+    return {accuracy: OverField(seen, replace(made, accuracy=accuracy)) for accuracy in (1e-1, 2e-2, 6e-3)}
+
+
+def point_um(row, column):
+    """Place of a pixel within the field, which ends before the picture does."""
+    reach = 80 / math.sqrt(2)
+    x, y = ((place - (count - 1) / 2) * 1.4 for place, count in ((column, SHAPE[1]), (row, SHAPE[0])))
+    return float(np.clip(x, -reach, reach)), float(np.clip(y, -reach, reach))
+
+
+@pytest.fixture(scope="module")
+def points(seen):
+    """A few bright points, and the light on the sensor of each by the transfer of its own place."""
+    draw = np.random.default_rng(3)
+    scene = np.zeros((3, *SHAPE), dtype=np.float32)
+    expected = np.zeros((3, *SHAPE), dtype=np.float32)
+    for row, column in draw.integers((110, 110), (210, 240), (12, 2)):
+        colour = draw.random(3, dtype=np.float32)
+        scene[:, row, column] += colour
+        spread = np.fft.irfft2(seen.at(point_um(row, column)).on(SHAPE), s=SHAPE)
+        expected += np.roll(spread, (row, column), axis=(1, 2)) * colour[:, None, None]
+    return SceneLight(scene, MARGIN), MARGIN.sensor(expected)
+
+
+def changed(change, place):
+    """Change of the point spread at a place, as a picture's blur has it."""
+    shares = change.shares.reshape(len(change.shares), len(change.nodes.places)) @ change.nodes.shares(place)
+    return np.tensordot(shares, change.spreads, 1)
+
+
+def relative(found, expected):
+    return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
+
+
+@pytest.mark.parametrize("accuracy", [2e-2, 6e-3])
+def test_every_point_spreads_by_the_openings_of_its_own_place(seen, dies, points, accuracy):
+    light, expected = points
+    die = dies[accuracy]
+    assert relative(die.blurred(light), expected) < accuracy < relative(seen.blurred(light), expected)
+    np.testing.assert_array_equal(die.on(SHAPE), seen.on(SHAPE))
+
+
+def test_the_error_told_is_that_of_places_nobody_measured(dies, seen):
+    changes = [each.change(SHAPE) for each in dies.values()]
+    axis = np.fft.irfft2(seen.on(SHAPE), s=SHAPE)
+    across, mean = np.arange(-REACH, REACH + 1), []
+    places = np.random.default_rng(5).uniform(-50, 50, (12, 2))
+    for change in changes:
+        errors = []
+        for x, y in places:
+            found = axis.copy()
+            found[:, across[:, None], across] += changed(change, (x, y))[:, across[:, None], across]
+            errors.append(relative(found, np.fft.irfft2(seen.at((x, y)).on(SHAPE), s=SHAPE)))
+        assert 0.3 * change.error < max(errors) < 1.5 * change.error
+        mean.append(np.mean(errors))
+    assert mean[0] > 2 * mean[1] > 4 * mean[2]
+
+
+def test_an_accuracy_that_the_axis_meets_takes_no_other_place(seen, dies, points):
+    die = dies[1e-1]
+    change = die.change(SHAPE)
+    assert (change.nodes.places, len(change.spreads)) == ([AXIS], 0)
+    assert 0.01 < change.error < 0.1
+    (told,) = die.told
+    assert "that of the axis" in told
+    assert f"{change.error:.1g}" in told
+    np.testing.assert_array_equal(die.blurred(points[0]), seen.blurred(points[0]))
+
+
+def test_an_even_scene_stays_even(dies):
+    scene = SceneLight(np.full((3, *SHAPE), 0.5, dtype=np.float32), MARGIN)
+    change = dies[2e-2].change(SHAPE)
+    assert change.nodes.y_um.size > 1
+    assert sum(change.nodes.weights()[0]) == pytest.approx(1.0)
+    assert dies[2e-2].blurred(scene) == pytest.approx(0.5, abs=2e-3)
+
+
+def test_parts_of_a_sensor_join_without_a_seam(dies, monkeypatch):
+    scene = np.random.default_rng(1).random((3, *SHAPE), dtype=np.float32)
+    change = dies[2e-2].change(SHAPE)
+    whole = change.added(SceneLight(scene, MARGIN))
+    monkeypatch.setattr("maskfab.camera.over_field.MOST_ACROSS", 25)
+    assert change.added(SceneLight(scene, MARGIN)) == pytest.approx(whole, abs=1e-6)
+    assert abs(whole).max() > 1e-3
+
+
+def test_places_lie_within_picture_and_field_and_are_more_where_more_is_asked_for(seen, dies):
+    asked = [die.change(SHAPE).nodes for die in dies.values()]
+    assert [nodes.y_um.size for nodes in asked] == [1, 3, 5]
+    assert all(math.hypot(nodes.y_um[-1], nodes.x_um[-1]) <= FAR.field_um * (1 + 1e-12) for nodes in asked)
+    small = FieldNodes.of(seen.view, (64, 96), 3)
+    assert small.y_um[-1] == 31.5 * CAMERA.pixel_um
+    assert small.x_um[-1] < 47.5 * CAMERA.pixel_um
+
+
+def test_diffraction_over_the_gap_is_the_axiss_only_where_that_is_accurate_enough():
+    far, camera = Scene(gap_um=60.0, field_um=30.0), replace(CAMERA, focal_um=800.0, stop=Stop("circle", 100.0))
+    die = die_transfer("D", PANEL, camera, far)
+    die = replace(die, resolution=replace(die.resolution, samples=Samples(1, 4)))
+    made = plan(PANEL, CAMERA, Scene(), 3e-2)
+    place = (20.0, -20.0)
+    axis, own = (np.fft.irfft2(each.on((255, 255)), s=(255, 255)) for each in (die, die.at(place)))
+    errors = []
+    for accuracy in (1e-1, 2e-2):
+        change = FieldChange.of(die, replace(made, accuracy=accuracy), SHAPE)
+        errors.append(relative(axis + changed(change, place), own))
+        assert errors[-1] < change.error
+    assert errors[1] < 0.5 * errors[0]
 
 
 def test_everything_that_no_photograph_holds_is_named():
@@ -102,19 +176,14 @@ def test_what_the_plan_leaves_out_is_told_with_its_error_and_the_rest_is_not():
     assert found.view.choice.diffraction == (not left)
 
 
-def test_a_photograph_of_a_die_over_the_field_is_blurred_by_its_nodes_and_restored_by_the_axis(seen):
-    values = np.random.default_rng(2).random((3, 512 + 64, 512 + 96), dtype=np.float32)
+def test_a_photograph_of_a_die_over_the_field_is_blurred_by_its_nodes(seen, dies):
+    values = np.random.default_rng(2).random((3, 512 + 16, 512 + 32), dtype=np.float32)
     known = SensorScene.of(Photograph("noise", 1, values))
-    foretold = plan(PANEL, CAMERA, FAR, 1e-1)
-    die = OverField(seen, replace(foretold, choice=replace(foretold.choice, places=3)))
+    die = dies[2e-2]
     quiet = Protocol("quiet", Sensor(full_well=1e12, read_noise=0.0), linear=False)
-    nodes = FieldNodes.of(seen, die.plan, known.margin.shape)
-    assert (nodes.y_um.size, nodes.x_um.size) == (3, 3)
-    expected = blurred_over_field(values, seen.at, nodes, known.margin)
     found = quiet.photograph(die, known, 110.0).values
-    assert found == pytest.approx(expected, abs=1e-4)
+    assert found == pytest.approx(die.blurred(SceneLight(values, known.margin)), abs=1e-4)
     assert abs(found - quiet.photograph(seen, known, 110.0).values).max() > 1e-3
-    np.testing.assert_array_equal(die.on(SHAPE), seen.on(SHAPE))
 
 
 def test_lines_are_gathered_with_their_light_and_its_mean():

@@ -18,6 +18,7 @@ from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoi
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.design import Design
 from maskfab.camera.intervals import CONFIDENCE, MeanDifference
+from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
 from maskfab.camera.protocol import AUTO, evaluate
@@ -211,6 +212,8 @@ def simulate(
             [each], scenes, scenes, asked.levels,
             protocol=asked.protocol, restorers=(*restorers, *learned.get(each.name, ())), choose=choose, show=show,
         ).scores  # fmt: skip
+        if isinstance(each, OverField):
+            assumed[each.name] += each.told
     progress("photographs", len(dies), len(dies))
     table = ScoreTable(tuple(scores))
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
