@@ -40,6 +40,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.shapes import shapes as shapes
     from maskfab.api.verbs.shops import package as package
     from maskfab.api.verbs.shops import shops as shops
+    from maskfab.api.verbs.studying import study as study
     from maskfab.api.verbs.sweeping import pareto as pareto
     from maskfab.errors import MaskfabError as MaskfabError
     from maskfab.job import load_job as load_job
@@ -76,6 +77,7 @@ _WHERE = {
     "shapes": "maskfab.api.verbs.shapes",
     "shops": "maskfab.api.verbs.shops",
     "simulate": "maskfab.api.verbs.photographs",
+    "study": "maskfab.api.verbs.studying",
     "verify": "maskfab.api.verbs.plates",
 }
 """Module of every public name."""
@@ -109,6 +111,7 @@ __all__ = [
     "shapes",
     "shops",
     "simulate",
+    "study",
     "verify",
 ]
 

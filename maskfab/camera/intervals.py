@@ -44,3 +44,12 @@ class MeanDifference:
     def tie(self) -> bool:
         """Whether the interval holds 0, or is not known: nobody can tell which is better."""
         return not abs(self.mean) > self.half_width
+
+    def told(self, unit: str = "dB", digits: int = 2) -> str:
+        """In words: the mean with its sign, the interval if there is one, and whether it is a tie."""
+        mean = f"{self.mean:+.{digits}f}"
+        if math.isnan(self.half_width):
+            return f"{mean} {unit}".rstrip()
+        return " ".join(
+            [mean, f"± {self.half_width:.{digits}f}", *([unit] if unit else []), *(["tie"] if self.tie else [])]
+        )

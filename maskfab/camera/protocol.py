@@ -160,6 +160,7 @@ def evaluate(
     restorers: Sequence[Restorer] = WIENER,
     choose: bool = False,
     details: bool = True,
+    colours: bool = True,
     show: Callable[[Score, Singles], None] | None = None,
 ) -> ScoreTable:
     """Score every design on every test scene at every level, restored in every way.
@@ -173,6 +174,7 @@ def evaluate(
         restorers: of names of their own.
         choose: score the one that each photograph's record speaks for too, as :data:`AUTO`.
         details: score SSIM and S-CIELAB too, which takes half of the time.
+        colours: of these, S-CIELAB.
         show: given every score with its restored picture, float32 [3, rows, columns] of the sensor, row 0 on top.
 
     Raises:
@@ -204,7 +206,7 @@ def evaluate(
         seen = {key: protocol.seen(design, known) for key, known in prepared.items()}
         for level in sorted(levels):
             records = {key: protocol.record(seen[key], design, known, level) for key, known in prepared.items()}
-            case = _Case(protocol, design, level, prepared, records, likenesses.get(bright, {}))
+            case = _Case(protocol, design, level, prepared, records, likenesses.get(bright, {}), colours)
             for found, picture in case.scored(test, tuning, restorers, choose=choose):
                 scores.append(found)
                 if show is not None:
@@ -221,6 +223,7 @@ class _Case:
         scenes: all of them.
         records: of every scene.
         likenesses: of test scenes, empty where nobody asked for details.
+        colours: whether S-CIELAB is scored of them.
     """
 
     protocol: Protocol
@@ -229,6 +232,7 @@ class _Case:
     scenes: Mapping[int, SensorScene]
     records: Mapping[int, Record]
     likenesses: Mapping[int, Truth]
+    colours: bool
 
     def scored(
         self, test: Sequence[Photograph], tuning: Sequence[Photograph], restorers: Sequence[Restorer], *, choose: bool
@@ -291,9 +295,11 @@ class _Case:
         scored, true = bright * picture, bright * known.true
         likeness, likeness_inner, colour, colour_inner = [math.nan] * 4
         if like is not None:
-            similar, differs = like.ssim(scored), like.delta_e(scored)
+            similar = like.ssim(scored)
             likeness = float(similar.mean(dtype=np.float64))
             likeness_inner = float(inner(similar, TRIM - 5).mean(dtype=np.float64))
+        if like is not None and self.colours:
+            differs = like.delta_e(scored)
             colour, colour_inner = float(differs.mean()), float(differs[TRIM:-TRIM, TRIM:-TRIM].mean())
         return Score(
             self.design.name,

@@ -10,6 +10,7 @@ is a minute of arc: the finest that an eye of full acuity tells apart. The pictu
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import scipy.fft
@@ -41,13 +42,16 @@ class Truth:
         values: float32 [3, rows, columns].
         mean: its local mean.
         variance: its local variance.
-        lab: CIE L*a*b* of it as it is seen, float64 [rows, columns, 3].
     """
 
     values: Singles
     mean: Singles
     variance: Singles
-    lab: NDArray[np.float64]
+
+    @cached_property
+    def lab(self) -> NDArray[np.float64]:
+        """CIE L*a*b* of it as it is seen, [rows, columns, 3]; kept."""
+        return seen(self.values)
 
     def ssim(self, restored: Singles) -> Singles:
         """The map of SSIM, [3, rows - 10, columns - 10]."""
@@ -68,7 +72,7 @@ class Truth:
 def truth(values: Singles) -> Truth:
     """Prepare a true picture [3, rows, columns]."""
     mean = _blur(values)
-    return Truth(values, mean, _blur(values * values) - mean * mean, seen(values))
+    return Truth(values, mean, _blur(values * values) - mean * mean)
 
 
 def seen(values: Singles) -> NDArray[np.float64]:

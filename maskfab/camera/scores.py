@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -69,6 +71,15 @@ class ScoreTable:
         case = chosen.design, chosen.level_db, chosen.scene
         others = [each.psnr for each in self.scores if (each.design, each.level_db, each.scene) == case]
         return max(others) - chosen.psnr
+
+    def winners(self, scores: Sequence[Score]) -> str:
+        """The restorer of scores of one case; where each was chosen, how often, and by how much others were better."""
+        chosen = Counter(score.chosen for score in scores if score.chosen)
+        if not chosen:
+            return scores[0].restorer
+        regret = sum(map(self.regret, scores)) / len(scores)
+        listed = ", ".join(f"{count} {name}" for name, count in chosen.items())
+        return f"{scores[0].restorer}: {listed}; regret {regret:.2f} dB"
 
     def gains(self, reference: str) -> tuple[Gain, ...]:
         """Paired gains of every other design over the reference, behind the same restorer.

@@ -29,6 +29,7 @@ from maskfab.cli.verbs.run import run
 from maskfab.cli.verbs.shape import shape
 from maskfab.cli.verbs.shops import shops
 from maskfab.cli.verbs.simulate import simulate
+from maskfab.cli.verbs.study import study
 from maskfab.cli.verbs.verify import verify
 from maskfab.errors import InternalError, JobError, MaskfabError
 
@@ -83,6 +84,11 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         learn,
         "Examples: maskfab learn job.toml --die TOLED --level 32 -o toled.npz | "
         "maskfab learn job.toml --die TOLED --images photographs --minutes 60 -o toled.npz",
+    ),
+    (
+        study,
+        "Examples: maskfab study layouts/studies/fig7.toml -o build/fig7 | "
+        "maskfab study layouts/studies/*.toml --images photographs -o build/studies",
     ),
     (explain, "Example: maskfab explain MF106"),
 )

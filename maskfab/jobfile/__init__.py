@@ -12,6 +12,8 @@ from maskfab.jobfile.sections import (
     AnyDesign,
     BlankSection,
     CameraSection,
+    CaseSection,
+    ClaimSection,
     DesignSection,
     DieSection,
     EmittersSection,
@@ -30,6 +32,7 @@ from maskfab.jobfile.sections import (
     SearchSection,
     SensorSection,
     StopSection,
+    StudySection,
     WiresSection,
 )
 from maskfab.jobfile.values import MASK_FORMATS, MOST_DOTS_PER_UM, FileFormat, check_name
@@ -44,6 +47,8 @@ __all__ = [
     "AnyDesign",
     "BlankSection",
     "CameraSection",
+    "CaseSection",
+    "ClaimSection",
     "DesignSection",
     "DieSection",
     "EmittersSection",
@@ -63,6 +68,7 @@ __all__ = [
     "SearchSection",
     "SensorSection",
     "StopSection",
+    "StudySection",
     "WiresSection",
     "check_die",
     "check_lens",

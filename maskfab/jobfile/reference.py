@@ -44,6 +44,7 @@ _FORMS: Mapping[str, str] = MappingProxyType(
         "Spectrum": '"lines", "rgb" or a file',
         "Illuminant": '"equal", a temperature such as "6500 K", or a file',
         "Formats": "list of formats",
+        "Names": "name, or list of names",
         "Name": "name",
         "DrawnText": "ASCII text",
         "ObjectiveName": "table of an objective's name and its weight",

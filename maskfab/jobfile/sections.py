@@ -25,6 +25,7 @@ from maskfab.jobfile.values import (
     LengthOrZero,
     Method,
     Name,
+    Names,
     ObjectiveName,
     Pitch,
     PlateLength,
@@ -578,6 +579,79 @@ class ExportSection(Section):
         return {**dict.fromkeys(("formats", *DRAWING_KEYS)), **stated}
 
 
+class CaseSection(Section):
+    """[[study.case]]: one state of the scene that a study takes photographs in."""
+
+    name: str = Field(min_length=1, max_length=40)
+    """Name of the case in tables and figures."""
+    scene: dict[str, Any] = {}
+    """Keys of [scene] in place of the job's."""
+
+
+class ClaimSection(Section):
+    """[[study.claim]]: a sentence that a study's numbers agree with or not.
+
+    The number is that of ``die``, less that of ``over``; photograph by photograph where it is a score. A claim holds
+    for every protocol, level, case and restorer of the study unless it names some. It agrees where the whole 95 %
+    interval lies within the limits, does not where all of it lies outside, and cannot be told otherwise.
+    """
+
+    says: str = Field(min_length=1, max_length=400)
+    """The claim, in your own words."""
+    measure: Literal["psnr", "psnr_inner", "ssim", "delta_e", "auc_radial_min", "open_ratio", "psf_difference"] = "psnr"
+    """Number that is compared: a mean score of restored photographs, one of the optics, or the relative difference of
+    two PSFs."""
+    die: Names
+    """Die that the claim is about, or several."""
+    over: Names | None = None
+    """Die that it is compared with; one for all, or one for each."""
+    levels: Annotated[tuple[float, ...], Field(min_length=1, strict=False)] | None = None
+    """Levels of light that it is about, dB."""
+    protocols: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    """Protocols that it is about."""
+    case: str | None = None
+    """Case that it is about."""
+    over_case: str | None = None
+    """Case that it is compared with."""
+    restorer: str | None = None
+    """Restorer that it is about."""
+    over_restorer: str | None = None
+    """Restorer that it is compared with."""
+    at_least: float | None = Field(default=None, allow_inf_nan=False)
+    """Least number that agrees."""
+    at_most: float | None = Field(default=None, allow_inf_nan=False)
+    """Largest number that agrees."""
+    why: str = Field(default="", max_length=600)
+    """Why it does not agree, shown where it does not."""
+
+
+class StudySection(Section):
+    """[study]: a figure made of the job's dies by ``maskfab study``, and claims that are held against its numbers."""
+
+    figure: str = Field(min_length=1, max_length=60)
+    """Figure that it remakes, or a short name of your own."""
+    title: str = Field(min_length=1, max_length=120)
+    """Heading of its page."""
+    about: str = Field(default="", max_length=1500)
+    """Its content, in a few sentences."""
+    optics: bool = False
+    """PSF, autocorrelation and radial-minimum MTF of every die."""
+    protocols: Annotated[tuple[Literal["camera", "f1", "paper"], ...], Field(strict=False)] = ()
+    """Protocols that photographs are taken by; none for a study without photographs."""
+    levels: Annotated[tuple[float, ...], Field(min_length=1, max_length=16, strict=False)] | None = None
+    """Levels of light, dB; default: those of the protocol or of [exposure]."""
+    restore: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] | None = None
+    """Restorers, as ``maskfab simulate --restore`` names them; protocol paper has its own."""
+    scenes: int = Field(default=4, ge=0, le=30)
+    """Drawn scenes, beside the photographs of --images."""
+    axis: Literal["level", "dpi", "restorer", "case"] = "level"
+    """Axis of the figure of scores; along "dpi", dies of one opening and tiling are one curve."""
+    case: Annotated[tuple[CaseSection, ...], Field(max_length=16, strict=False)] = ()
+    """States of the scene; default: the job's own."""
+    claim: Annotated[tuple[ClaimSection, ...], Field(max_length=40, strict=False)] = ()
+    """Claims."""
+
+
 class ProcessSection(Section):
     """[process]: what the mask writer does to corners and widths."""
 
@@ -609,6 +683,7 @@ class JobSpec(Section):
     exposure: ExposureSection | None = None
     export: ExportSection | None = None
     process: ProcessSection | None = None
+    study: StudySection | None = None
     openings: dict[str, str] = {}
     """Openings as text, by the names that dies use: a job is then self-contained."""
     maps: dict[str, str] = {}

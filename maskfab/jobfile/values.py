@@ -64,6 +64,10 @@ def check_name(name: object, *, where: str = "") -> str:
     return name
 
 
+def _listed(value: object) -> object:
+    return [value] if isinstance(value, str) else value
+
+
 def um_text(value: float) -> str:
     """Micrometres as a job file writes them."""
     return f"{value:.15g} um"
@@ -216,6 +220,7 @@ Wavelength = Annotated[
     float, BeforeValidator(lambda v: refusing(units.parse_wavelength_nm, v)), PlainSerializer(_nm_text)
 ]
 DrawnText = Annotated[str, BeforeValidator(lambda v: refusing(_drawn, v))]
+Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
 Name = Annotated[str, BeforeValidator(lambda v: refusing(check_name, v))]
 Area = Annotated[float, BeforeValidator(lambda v: refusing(_area, v)), PlainSerializer(_area_text)]
 ThreeColours = Annotated[tuple[float, float, float], BeforeValidator(lambda v: refusing(_three, v))]

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoints
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.design import Design
-from maskfab.camera.intervals import CONFIDENCE, MeanDifference
+from maskfab.camera.intervals import CONFIDENCE
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
@@ -304,13 +303,13 @@ def _lines(table: ScoreTable, reference: str) -> list[str]:
             sum(getattr(score, key) for score in own) / len(own) for key in ("psnr", "psnr_inner", "ssim", "delta_e")
         ]
         gain = gains.get(case)
-        told = ("", "") if gain is None else (_gain_text(gain.psnr), _gain_text(gain.psnr_inner))
+        told = ("", "") if gain is None else (gain.psnr.told(), gain.psnr_inner.told())
         design, level, _ = case
         rows.append(
             (
                 design,
                 f"{level:.4g} dB",
-                _winners(table, own),
+                table.winners(own),
                 f"{mean[0]:.2f} dB",
                 f"{mean[1]:.2f} dB",
                 f"{mean[2]:.3f}",
@@ -320,19 +319,3 @@ def _lines(table: ScoreTable, reference: str) -> list[str]:
         )
     widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
     return ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-
-
-def _winners(table: ScoreTable, scores: Sequence[Score]) -> str:
-    """The restorer of scores of one case; where each was chosen, how often, and by how much others were better."""
-    chosen = Counter(score.chosen for score in scores if score.chosen)
-    if not chosen:
-        return scores[0].restorer
-    regret = sum(map(table.regret, scores)) / len(scores)
-    listed = ", ".join(f"{count} {name}" for name, count in chosen.items())
-    return f"{scores[0].restorer}: {listed}; regret {regret:.2f} dB"
-
-
-def _gain_text(gain: MeanDifference) -> str:
-    if math.isnan(gain.half_width):
-        return f"{gain.mean:+.2f} dB"
-    return f"{gain.mean:+.2f} ± {gain.half_width:.2f} dB{' tie' if gain.tie else ''}"

@@ -131,6 +131,12 @@ def _page() -> Template:
     return environment.from_string(template("report.html.j2"))
 
 
+@cache
+def style() -> Markup:
+    """The look of every page."""
+    return Markup(template("page.css"))
+
+
 def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, str]]) -> str:
     """The report as one HTML page.
 
@@ -144,6 +150,7 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
     drawn = {place: {name: Markup(image) for name, image in images.items()} for place, images in pictures.items()}
     checks: Sequence[Row] = document["checks"]
     return _page().render(
+        style=style(),
         document=document,
         whole=drawn.get(die_figures.PLATE, {}),
         drawn=drawn,

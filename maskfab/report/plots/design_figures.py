@@ -27,11 +27,11 @@ def pictures(restored: Restored) -> dict[str, str]:
     """
     if restored.truth is None:
         return {}
-    drawn = {"design_truth": _tile(restored.truth, f"part of the scene {restored.scene} as it is")}
+    drawn = {"design_truth": tile(restored.truth, f"part of the scene {restored.scene} as it is")}
     for shot in restored.shots:
         score = shot.score
         words = f"the same through {score.design} at {score.level_db} dB, restored, {score.psnr:.2f} dB"
-        drawn[f"design_{score.level_db}"] = _tile(shot.picture, words)
+        drawn[f"design_{score.level_db}"] = tile(shot.picture, words)
     return drawn
 
 
@@ -87,7 +87,8 @@ def _captioned(shot: Shot) -> tuple[Singles, str]:
     return shot.picture, f"{shot.score.psnr:.1f} dB ({shot.score.psnr_inner:.1f}){chosen}"
 
 
-def _tile(picture: Singles, words: str) -> str:
+def tile(picture: Singles, words: str) -> str:
+    """An ``<img>`` of a picture, float32 [3, rows, columns] of code values, row 0 on top."""
     return img(png.data_uri(png.png_of_colours(_levels(picture)[::-1])), words, "photograph")
 
 

@@ -36,7 +36,8 @@ PLATE = "<plate>"
 _CHROME, _CLEAR = "#2f343c", "#ffffff"
 _GREYS = np.linspace((0x2F, 0x34, 0x3C), (255, 255, 255), 64).round().astype(np.uint8)
 # Okabe and Ito's set, told apart by all common kinds of colour vision; line styles tell the curves apart in grey.
-_OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Colours of curves."""
 _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
     {
         "horizontal": ("horizontal", "#0072B2", "-", 1.1),
@@ -193,7 +194,7 @@ def mtf_comparison(dies: Sequence[DieOptics]) -> Drawing:
         axes.plot(
             curve.frequency_cy_per_mm,
             np.maximum(curve.cuts["radial_min"], 1e-6),
-            color=_OKABE_ITO[names.index(panel.opening.name) % len(_OKABE_ITO)],
+            color=OKABE_ITO[names.index(panel.opening.name) % len(OKABE_ITO)],
             linestyle="-" if panel.tiling is Tiling.PERIODIC else (0, (4, 1.5)),
             linewidth=1.6 if panel.pitch_nm > 0.9 * widest else 0.9,
             label=item.die.name,
@@ -217,10 +218,10 @@ def plate_drawing(plate: Plate, failed: frozenset[str] = frozenset()) -> Drawing
     return Drawing(figure, f"Drawing of plate {plate.name} with {len(plate.dies)} dies")
 
 
-def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108) -> str:
+def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108, kind: str = "small") -> str:
     """A small picture of a square of ``side_nm``; with one side for all dies their cells compare in size."""
     levels = np.rint(png.panel_coverage(panel, side_nm, pixels) * (len(_GREYS) - 1)).astype(np.uint8)
-    return img(png.data_uri(png.png(levels, _GREYS)), f"Cells of opening {panel.opening.name}", "small")
+    return img(png.data_uri(png.png(levels, _GREYS)), f"Cells of opening {panel.opening.name}", kind)
 
 
 def psf_thumbnail(psf: Psf, pixels: int = 97) -> str:

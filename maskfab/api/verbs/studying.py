@@ -1,0 +1,113 @@
+"""Studies: figures of a job's dies, and claims held against their numbers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maskfab.api.jobs import AnyJob, job_of
+from maskfab.files.staging import check_target
+from maskfab.measurement import study as studies
+from maskfab.measurement.claims import Claim
+from maskfab.progress import Progress, silent
+from maskfab.report.page.study_page import blocks, finding_text, limits_text
+from maskfab.report.quantity_table import dataframe
+from maskfab.report.study_files import study_document, write_study
+from maskfab.threads import one_thread
+
+if TYPE_CHECKING:
+    from pandas import DataFrame
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Study:
+    """A study that was made.
+
+    Attributes:
+        found: scores, optics, and what they are of.
+    """
+
+    found: studies.Study
+
+    @property
+    def claims(self) -> tuple[Claim, ...]:
+        """Claims with their numbers and verdicts."""
+        return self.found.claims
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that was found."""
+        return study_document(self.found)
+
+    def to_dataframe(self) -> DataFrame:
+        """One row for each protocol, case, die, level of light, restorer and scene.
+
+        Raises:
+            OutputError: MF431 without pandas.
+        """
+        scores = self.found.scores
+        return dataframe(
+            [
+                {"protocol": take.protocol, "case": take.case, **vars(score)}
+                for take, each in scores.items()
+                for score in each
+            ]
+        )
+
+    def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
+        """Write page, numbers and figures into a directory.
+
+        Raises:
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        return write_study(check_target(Path(out), force=force), self.found)
+
+    def __str__(self) -> str:
+        stated = self.found.plan.study
+        return "\n".join([f"{stated.figure}: {stated.title}", *self._tables(), *self._claims()])
+
+    def _tables(self) -> list[str]:
+        lines = []
+        for block in blocks(self.found):
+            lines += ["", block.setting.case, *block.setting.conditions.lines]
+            rows = [("die", "restorer", *(f"{level:.4g} dB" for level in block.levels))]
+            rows += [
+                (
+                    die,
+                    restorer,
+                    *(f"{cell.psnr:.2f}" + (f" ({cell.gain.psnr.told('')})" if cell.gain else "") for cell in cells),
+                )
+                for die, restorer, cells in block.rows
+            ]
+            widths = [max(len(row[k]) for row in rows) for k in range(len(rows[0]))]
+            lines += [
+                "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
+            ]
+        return lines
+
+    def _claims(self) -> list[str]:
+        lines = []
+        for claim in self.claims:
+            lines += ["", f"{claim.stated.says} ({claim.stated.measure}, {limits_text(claim)})"]
+            for each in claim.findings:
+                told, value, many = finding_text(claim, each)
+                lines.append(f"  {each.of.protocol or 'optics'}: {told}: {value}, {many}: {each.verdict}")
+            lines += [f"  {protocol or 'optics'}: {verdict.upper()}" for protocol, verdict in claim.verdicts.items()]
+        return lines
+
+
+@one_thread
+def study(job: AnyJob, *, images: str | Path | None = None, white: float = 1.0, progress: Progress = silent) -> Study:
+    """Make the figure of a job's [study], and hold its claims against the numbers.
+
+    Args:
+        job: a loaded job, or the path of a job file; it has [study].
+        images: folder of photographs, beside the study's drawn scenes.
+        white: light that is white in photographs that hold light, EXR and HDR.
+        progress: told where the work stands.
+
+    Raises:
+        JobError: MF145 for a claim about what the study does not have, MF146 for a job without a study, or for one that
+            shows nothing; else as for ``simulate``.
+    """
+    return Study(studies.made(studies.planned(job_of(job), images, white), progress))

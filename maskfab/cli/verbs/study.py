@@ -1,0 +1,48 @@
+"""``maskfab study``: figures of dies, and claims held against their numbers."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from maskfab.cli.common.options import Json, Quiet
+from maskfab.cli.common.printing import one_line, print_json
+from maskfab.cli.common.watch import watched
+
+
+def study(
+    jobs: Annotated[list[Path], typer.Argument(metavar="JOB...", help="Job files (.toml) with [study].")],
+    out: Annotated[
+        Path,
+        typer.Option("--out", "-o", help="Directory for page, numbers and figures; of several jobs, one in it each."),
+    ],
+    images: Annotated[Path | None, typer.Option(help="Folder of photographs, beside the study's drawn scenes.")] = None,
+    white: Annotated[float, typer.Option(help="Light that is white in EXR and HDR photographs.")] = 1.0,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result.")] = False,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Make figures of a job's dies, with tables and intervals, and tell which claims agree with the numbers."""
+    from maskfab.api.verbs.studying import study as make
+    from maskfab.files.staging import check_target
+    from maskfab.job import load_job
+    from maskfab.measurement.study import planned
+
+    places = {job: out / job.stem if len(jobs) > 1 else out for job in jobs}
+    loaded = {job: load_job(job) for job in jobs}
+    for job, place in places.items():
+        planned(loaded[job], images, white)
+        check_target(place, force=force)
+    told = []
+    for job, place in places.items():
+        with watched(quiet) as progress:
+            found = make(loaded[job], images=images, white=white, progress=progress)
+        paths = found.save(place, force=force)
+        told.append({**found.to_dict(), "path": str(place)})
+        if not as_json:
+            for line in [*str(found).split("\n"), "", *map(str, paths)]:
+                typer.echo(one_line(line))
+    if as_json:
+        print_json({"studies": told})

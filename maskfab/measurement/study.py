@@ -1,0 +1,322 @@
+"""A study: photographs through the dies of a job under every protocol and in every case, their optics, and claims."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.camera import scenes as drawn_scenes
+from maskfab.camera.intervals import MeanDifference
+from maskfab.camera.photographs import Photograph, folder
+from maskfab.camera.protocol import AUTO, Protocol, evaluate
+from maskfab.camera.restorers.restorer import Restorer
+from maskfab.camera.scores import Score
+from maskfab.camera.shots import Crop, truth_of
+from maskfab.errors import JobError
+from maskfab.files.release_memory import give_back
+from maskfab.job import Job
+from maskfab.jobfile import CaseSection, ClaimSection, SceneSection, StudySection, parse_section
+from maskfab.measurement.claims import OPTICAL, Claim, Take, finding_of_optics, of_optics, of_photographs, pairs
+from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.optics import middle_nm
+from maskfab.model import Camera, Mtf, Panel, Psf
+from maskfab.optics.image.lag_table import lag_table
+from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
+from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_psf
+from maskfab.optics.image.spectrum import line_spectrum
+from maskfab.optics.numbers.metrics import auc_radial_min, relative_difference
+from maskfab.optics.numbers.wiener import sensor_square
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.processes import Alone, Pair
+from maskfab.progress import Progress, silent
+
+Singles = NDArray[np.float32]
+
+CROP = Crop(128, 160)
+"""Part of the first scene that is shown of every die."""
+OWN_SCENE = "the job's scene"
+"""Name of the only case of a study without cases."""
+
+
+@dataclass(frozen=True, eq=False)
+class Optics:
+    """The optics of one die, as designed.
+
+    Attributes:
+        psf: of pixels, at the middle wavelength.
+        autocorrelation: float64 [n, n], the presampled modulation over the sensor's square of frequencies, at the
+            longest wavelength, frequency 0 in the middle.
+        mtfs: of every wavelength, the longest first.
+        open_ratio: of a cell.
+    """
+
+    psf: Psf
+    autocorrelation: NDArray[np.float64]
+    mtfs: tuple[Mtf, ...]
+    open_ratio: float
+
+
+@dataclass(frozen=True, eq=False)
+class Setting:
+    """Conditions of some photographs of a study: one protocol in one case; S-CIELAB is scored where a claim asks."""
+
+    case: str
+    job: Job
+    conditions: Conditions
+    restorers: tuple[Restorer, ...]
+    choose: bool
+    colours: bool
+
+    @property
+    def protocol(self) -> Protocol:
+        return self.conditions.protocol
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A study that was checked and can be made.
+
+    Attributes:
+        job: with [study].
+        panels: of its dies.
+        settings: protocols and cases that photographs are taken in.
+        photographs: of a folder; drawn scenes are beside them.
+        skipped: files of the folder that are no photographs.
+    """
+
+    job: Job
+    panels: Mapping[str, Panel]
+    settings: tuple[Setting, ...]
+    photographs: tuple[Photograph, ...]
+    skipped: tuple[str, ...]
+
+    @property
+    def study(self) -> StudySection:
+        """As the job states it."""
+        stated = self.job.spec.study
+        assert stated is not None
+        return stated
+
+
+@dataclass(frozen=True, eq=False)
+class Study:
+    """A study, made.
+
+    Attributes:
+        plan: as it was asked for.
+        optics: of every die, where they are asked for.
+        scenes: names of the scenes.
+        scores: of every scene in order, by what they are of.
+        left_out: sentences on what the photographs of each protocol, case and die leave out.
+        truth: part of the first scene, code values; None without photographs.
+        shown: the same part of restored photographs.
+    """
+
+    plan: Plan
+    optics: Mapping[str, Optics]
+    scenes: tuple[str, ...]
+    scores: Mapping[Take, tuple[Score, ...]]
+    left_out: Mapping[tuple[str, str, str], tuple[str, ...]]
+    truth: Singles | None
+    shown: Mapping[Take, Singles]
+
+    @cached_property
+    def claims(self) -> tuple[Claim, ...]:
+        """Claims of the study with their numbers and verdicts."""
+        return tuple(self._judged(claim) for claim in self.plan.study.claim)
+
+    def _judged(self, claim: ClaimSection) -> Claim:
+        if claim.measure not in OPTICAL:
+            return of_photographs(claim, self.scores)
+        if claim.measure == "psf_difference":
+            return Claim(claim, tuple(self._difference(claim, die, over) for die, over in pairs(claim) if over))
+        return of_optics(claim, self._numbers(claim.measure))
+
+    def _difference(self, claim: ClaimSection, die: str, over: str) -> Any:
+        one, other = self.optics[die].psf, self.optics[over].psf
+        found = MeanDifference(relative_difference(one, other), 0.0, 0)
+        return finding_of_optics(claim, die, over, one.wavelength_nm, found)
+
+    def _numbers(self, measure: str) -> dict[tuple[str, float | None], tuple[float, float]]:
+        if measure == "open_ratio":
+            return {(die, None): (each.open_ratio, 0.0) for die, each in self.optics.items()}
+        areas = [(die, auc_radial_min(mtf, die)) for die, each in self.optics.items() for mtf in each.mtfs]
+        return {
+            (die, area.wavelength_nm): (float(area.value or 0.0), float(area.uncertainty or 0.0)) for die, area in areas
+        }
+
+
+def planned(job: Job, images: str | Path | None = None, white: float = 1.0) -> Plan:
+    """Check all of a study before any work: its dies, cases, protocols, claims and photographs.
+
+    Raises:
+        JobError: MF146 without [study], or for one that shows nothing or has no scenes; MF145 for a claim about what
+            the study does not have; else as for a job, for :meth:`maskfab.measurement.conditions.Conditions.of` and
+            for :func:`maskfab.camera.photographs.folder`.
+    """
+    study, where = job.spec.study, job.where
+    if study is None:
+        raise JobError("MF146", "the job has no [study]", where=where, cure="Add [study], or use maskfab simulate")
+    if not (study.optics or study.protocols):
+        what = "the study shows neither optics nor photographs"
+        raise JobError("MF146", what, where=f"{where}: study", cure='Add optics = true, or protocols = ["camera"]')
+    given = None if images is None or not study.protocols else folder(Path(images), white)
+    photographs = () if given is None else given.photographs
+    if study.protocols and not (photographs or study.scenes):
+        what = "the study has no scenes: no folder of photographs, and study.scenes = 0"
+        raise JobError("MF146", what, where=f"{where}: study.scenes", cure="Add --images FOLDER, or draw some scenes")
+    cases = study.case or (CaseSection(name=OWN_SCENE),)
+    jobs = {case.name: _in_case(job, case, i) for i, case in enumerate(cases)}
+    if len(jobs) < len(cases):
+        raise JobError("MF109", "two cases have one name", where=f"{where}: study.case", cure="Rename one of them")
+    colours = any(claim.measure == "delta_e" for claim in study.claim)
+    settings = []
+    for protocol in dict.fromkeys(study.protocols):
+        for name, within in jobs.items():
+            conditions = Conditions.of(within, protocol, study.levels)
+            for level in conditions.levels:
+                conditions.protocol.exposure(level)
+            named = None if conditions.protocol.restorers else study.restore
+            settings.append(Setting(name, within, conditions, *conditions.restorers(named), colours))
+    if study.case and any(setting.protocol.name != "camera" for setting in settings):
+        what = "the study has cases of the scene, which protocols f1 and paper do not know"
+        raise JobError("MF146", what, where=f"{where}: study.protocols", cure='Use protocols = ["camera"]')
+    plan = Plan(job, job.panels(), tuple(settings), photographs, () if given is None else given.skipped)
+    for i, claim in enumerate(study.claim):
+        _check_claim(claim, plan, f"{where}: study.claim[{i}]")
+    return plan
+
+
+def _in_case(job: Job, case: CaseSection, i: int) -> Job:
+    """The job with the scene of a case."""
+    if not case.scene:
+        return job
+    section = job.spec.scene
+    stated = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
+    scene = parse_section(SceneSection, {**stated, **case.scene}, where=f"{job.where}: study.case[{i}].scene")
+    found = replace(job, spec=job.spec.model_copy(update={"scene": scene}))
+    _ = found.scene
+    return found
+
+
+def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
+    study = plan.study
+    optical = claim.measure in OPTICAL
+    if not (study.optics if optical else study.protocols):
+        raise JobError(
+            "MF145",
+            f"the claim is about {claim.measure}, and the study has no {'optics' if optical else 'photographs'}",
+            where=where,
+            cure="Add optics = true to [study]" if optical else 'Add protocols = ["camera"] to [study]',
+        )
+    restorers = {each.name for setting in plan.settings for each in setting.restorers}
+    restorers |= {AUTO} if any(setting.choose for setting in plan.settings) else set()
+    levels = {level for setting in plan.settings for level in setting.conditions.levels}
+    cases = {setting.case for setting in plan.settings}
+    for what, named, known in (
+        ("die", (*claim.die, *(claim.over or ())), plan.panels),
+        ("level", claim.levels or (), levels),
+        ("protocol", claim.protocols or (), study.protocols),
+        ("case", [each for each in (claim.case, claim.over_case) if each], cases),
+        ("restorer", [each for each in (claim.restorer, claim.over_restorer) if each], restorers),
+    ):
+        for each in named:
+            if each not in known:
+                listed = ", ".join(f"{one:g}" if isinstance(one, float) else str(one) for one in known) or "none"
+                told = f"{each:g} dB" if isinstance(each, float) else repr(each)
+                problem = f"the claim names the {what} {told}, which the study does not have"
+                raise JobError("MF145", problem, where=where, cure=f"Use one of {listed}")
+    if len(claim.over or ()) not in (0, 1, len(claim.die)):
+        problem = f"the claim compares {len(claim.die)} dies with {len(claim.over or ())}"
+        raise JobError("MF145", problem, where=where, cure="Name one die under over, or one for each")
+    if claim.at_least is None and claim.at_most is None:
+        problem = "the claim has no limit, so nothing could disagree with it"
+        raise JobError("MF145", problem, where=where, cure="Add at_least or at_most")
+    if claim.measure == "psf_difference" and claim.over is None:
+        raise JobError("MF145", "a difference of PSFs is one of two dies", where=where, cure="Add over")
+
+
+def made(plan: Plan, progress: Progress = silent) -> Study:
+    """Make a study, by two processes where there are two processors and photographs enough.
+
+    Raises:
+        JobError: for a die that cannot be photographed, as :meth:`maskfab.measurement.conditions.Conditions.design`.
+    """
+    optics = {}
+    for done, (name, panel) in enumerate(plan.panels.items() if plan.study.optics else ()):
+        progress("optics", done, len(plan.panels))
+        optics[name] = optics_of(panel, plan.job.camera)
+    if optics:
+        progress("optics", len(optics), len(optics))
+    if not plan.settings:
+        return Study(plan, optics, (), {}, {}, None, {})
+    scenes = (*plan.photographs, *(drawn_scenes.bundled(plan.study.scenes) if plan.study.scenes else ()))
+    # What cannot be photographed is refused before the first photograph.
+    designs = [(setting, name) for setting in plan.settings for name in plan.panels]
+    told = {
+        (setting.protocol.name, setting.case, name): setting.conditions.design(name, plan.panels[name], setting.job)[1]
+        for setting, name in designs
+    }
+    give_back()
+    calls = [
+        (_photographed, lambda setting=setting, name=name: (setting, name, plan.panels[name], scenes))
+        for setting, name in designs
+    ]
+    with Pair() if (os.cpu_count() or 1) > 1 and len(calls) > 1 else Alone() as crew:
+        tasks = crew.each(calls, lambda done: progress("photographs", done, len(calls)))
+    scores: dict[Take, tuple[Score, ...]] = {}
+    shown: dict[Take, Singles] = {}
+    for task in tasks:
+        found, pictures = task.result()
+        scores |= found
+        shown |= pictures
+    truth = truth_of(scenes[0], CROP)
+    return Study(plan, optics, tuple(each.name for each in scenes), scores, told, truth, shown)
+
+
+def _photographed(
+    setting: Setting, name: str, panel: Panel, scenes: Sequence[Photograph]
+) -> tuple[dict[Take, tuple[Score, ...]], dict[Take, Singles]]:
+    """Scores of every scene through one die, and part of the first."""
+    design, _ = setting.conditions.design(name, panel, setting.job)
+    shown: dict[Take, Singles] = {}
+    taken: dict[Take, list[Score]] = {}
+
+    def take(score: Score, picture: Singles) -> None:
+        of = Take(setting.protocol.name, setting.case, name, score.level_db, score.restorer)
+        taken.setdefault(of, []).append(score)
+        if score.scene == scenes[0].name:
+            shown[of] = CROP.of(picture)
+
+    evaluate(
+        [design],
+        scenes,
+        scenes,
+        setting.conditions.levels,
+        protocol=setting.protocol,
+        restorers=setting.restorers,
+        choose=setting.choose,
+        colours=setting.colours,
+        show=take,
+    )
+    return {of: tuple(each) for of, each in taken.items()}, shown
+
+
+def optics_of(panel: Panel, camera: Camera) -> Optics:
+    """PSF, autocorrelation and MTFs of a panel as designed."""
+    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+    table = lag_table(pupil, longest_lag_um(camera))
+    lines = sorted(camera.wavelengths_nm, reverse=True)
+    psf = pixel_psf(point_psf(pupil, camera, middle_nm(camera), pixel_margin(camera)), camera)
+    upper = sensor_square(table, camera, line_spectrum([lines[0]])).modulation
+    whole = np.concatenate([upper[::-1, ::-1], upper])
+    mtfs = tuple(presampled_mtf(table, camera, line) for line in lines)
+    return Optics(psf, whole, mtfs, panel.open_ratio)

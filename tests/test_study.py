@@ -1,0 +1,215 @@
+"""maskfab study: figures of dies under a study's protocols, and claims that its numbers agree with or not."""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import maskfab as mf
+from maskfab.camera.intervals import MeanDifference
+from maskfab.cli import run_command_line
+from maskfab.export.images.light_image import write_png
+from maskfab.job import load_job
+from maskfab.measurement import study as studies
+from maskfab.measurement.claims import Verdict, verdict, worst
+from maskfab.measurement.study import planned
+
+ROOT = Path(__file__).parents[1]
+SHIPPED = sorted((ROOT / "layouts" / "studies").glob("*.toml"))
+
+JOB = f"""
+[job]
+name = "OWN"
+title = "MY OWN STUDY"
+[camera]
+focal = "10 mm"
+stop = {{ shape = "circle", diameter = "4 mm" }}
+wavelengths = ["610 nm", "530 nm", "470 nm"]
+pixel = "2 um"
+window = "128 um"
+[plate]
+blank = "5 in"
+writable = "100 mm"
+die_size = "8.4 mm"
+die_pitch = "22 mm"
+columns = 2
+[[die]]
+name = "REPEATED"
+label = "T-OLED"
+opening = "{(ROOT / "layouts/openings/toled.toml").as_posix()}"
+dot = "8 um"
+tiling = "periodic"
+[[die]]
+name = "TURNED"
+label = "T-OLED random"
+opening = "{(ROOT / "layouts/openings/toled.toml").as_posix()}"
+dot = "8 um"
+tiling = "random"
+seed = 3
+[study]
+figure = "mine"
+title = "Does a random tiling gain?"
+protocols = ["f1"]
+levels = [40]
+scenes = 0
+"""
+GAINS = """
+[[study.claim]]
+says = "It gains half a decibel at least."
+die = "TURNED"
+over = "REPEATED"
+at_least = 0.5
+[[study.claim]]
+says = "It loses half a decibel at least."
+die = "TURNED"
+over = "REPEATED"
+at_most = -0.5
+why = "It gains."
+"""
+
+
+@pytest.fixture(scope="module")
+def photographs(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Three scenes of large squares in colours of their own."""
+    folder = tmp_path_factory.mktemp("photographs")
+    for seed in range(3):
+        colours = np.random.default_rng(seed).uniform(0, 1, (3, 26, 26))
+        write_png(colours.repeat(32, axis=1).repeat(32, axis=2), folder / f"{seed}.png")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def made(photographs: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("study")
+    (folder / "own.toml").write_text(JOB + GAINS)
+    arguments = ["study", str(folder / "own.toml"), "--images", str(photographs), "-o", str(folder / "out"), "--quiet"]
+    assert run_command_line(arguments) == 0
+    return folder
+
+
+@given(
+    st.floats(-50, 50),
+    st.floats(0, 20),
+    st.one_of(st.none(), st.floats(-60, 60)),
+    st.one_of(st.none(), st.floats(0, 9)),
+)
+def test_an_interval_agrees_inside_the_limits_and_disagrees_outside(mean, half, low, width):
+    high = None if low is None or width is None else low + width
+    found = verdict(MeanDifference(mean, half, 7), low, high)
+    ends = [mean - half, mean + half, *np.linspace(mean - half, mean + half, 9)]
+    inside = [(low is None or low <= end) and (high is None or end <= high) for end in ends]
+    if found is Verdict.AGREES:
+        assert all(inside)
+    elif found is Verdict.DISAGREES:
+        assert not any(inside)
+    else:
+        assert not all(inside[:2])
+
+
+def test_without_an_interval_nothing_can_be_told():
+    assert verdict(MeanDifference(3.0, math.nan, 1), 0.0, None) is Verdict.OPEN
+    assert worst([Verdict.AGREES, Verdict.OPEN, Verdict.AGREES]) is Verdict.OPEN
+    assert worst([Verdict.OPEN, Verdict.DISAGREES]) is Verdict.DISAGREES
+
+
+def test_claims_are_judged_by_the_photographs_that_simulate_takes(made: Path, photographs: Path):
+    told = json.loads((made / "out" / "study.json").read_text())
+    simulated = mf.simulate(made / "own.toml", images=photographs, protocol="f1", levels=[40]).to_dict()
+    known = {(each["design"], each["scene"]): each["psnr"] for each in simulated["scores"]}
+    assert {(each["design"], each["scene"]): each["psnr"] for each in told["scores"]} == known
+    (gain,) = simulated["gains"]
+    for_it, against = told["claims"]
+    (finding,) = for_it["findings"]
+    assert finding["mean"] == gain["psnr"]["mean"]
+    assert finding["half_width_95"] == gain["psnr"]["half_width_95"]
+    assert finding["photographs"] == 3
+    assert (for_it["verdicts"], against["verdicts"]) == ({"f1": "agrees"}, {"f1": "does not agree"})
+
+
+def test_the_page_tells_what_made_it_and_needs_nothing_else(made: Path):
+    page = (made / "out" / "study.html").read_text()
+    job = load_job(made / "own.toml")
+    for part in (job.signature, "protocol f1: focal 10000 um", "full well 15506", "wiener", "0, 1, 2", "TURNED=3"):
+        assert part in page
+    assert "It gains." in page
+    assert "1 of 2" in page
+    assert "<script" not in page
+    assert not re.search(r"(src|href)=['\"](?!data:|#|%23)|url\((?!#|%23)", page)
+    manifest = json.loads((made / "out" / "manifest.json").read_text())
+    assert {each["path"] for each in manifest["files"]} == {"study.html", "study.json", "scores.svg"}
+
+
+def test_areas_are_those_of_the_polygons_read_back(tmp_path: Path):
+    job = tmp_path / "optics.toml"
+    job.write_text(JOB.replace('protocols = ["f1"]', "optics = true").replace("levels = [40]\n", ""))
+    (one, _) = mf.study(job).to_dict()["optics"]
+    known = mf.analyse(ROOT / "layouts/openings/toled.toml")
+    assert one["auc_radial_min"]["530"] == pytest.approx(known["auc_radial_min", 530].value, abs=2e-6)
+    assert one["open_ratio"] == known["open_ratio"].value
+
+
+CLAIM = '[[study.claim]]\nsays = "x"\ndie = "TURNED"\n'
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "code"),
+    [
+        ("[study]", "[studies]", "MF102"),
+        ("\n[study]\n" + JOB.partition("[study]\n")[2], "", "MF146"),
+        ('protocols = ["f1"]', 'protocols = ["f2"]', "MF105"),
+        ('protocols = ["f1"]', "", "MF146"),
+        ("scenes = 0", 'scenes = 0\naxis = "colour"', "MF105"),
+        ("scenes = 0", "scenes = 0\nrestore = ['magic']", "MF105"),
+        ("scenes = 0", "levels = [40, 60]".replace("levels", "scenes = 1\nlevel"), "MF102"),
+        ("levels = [40]", "levels = [60]", "MF141"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM, "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + 'over = "NOBODY"\nat_least = 0.0', "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + "levels = [32]\nat_least = 0.0", "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + 'restorer = "tv"\nat_least = 0.0', "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + 'case = "near"\nat_least = 0.0', "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + 'protocols = ["paper"]\nat_least = 0.0', "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + 'measure = "auc_radial_min"\nat_least = 0.0', "MF145"),
+        ("scenes = 0", "scenes = 0\n" + CLAIM + 'measure = "beauty"\nat_least = 0.0', "MF105"),
+        ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gap = "1 mm" }', "MF146"),
+        ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gaps = "1 mm" }', "MF102"),
+    ],
+)
+def test_bad_studies_are_refused_before_any_work(tmp_path, photographs, monkeypatch, capsys, old, new, code):
+    monkeypatch.setattr(studies, "evaluate", None)
+    assert old in JOB
+    job = tmp_path / "bad.toml"
+    job.write_text(JOB.replace(old, new, 1))
+    arguments = ["study", str(job), "--images", str(photographs), "-o", str(tmp_path / "out"), "--quiet"]
+    assert run_command_line(arguments) == 2
+    assert code in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
+
+
+def test_a_study_without_scenes_or_photographs_that_are_there_is_refused(tmp_path, capsys):
+    job = tmp_path / "own.toml"
+    job.write_text(JOB)
+    for more, code in (([], "MF146"), (["--images", str(tmp_path / "nowhere")], "MF301")):
+        assert run_command_line(["study", str(job), "-o", str(tmp_path / "out"), "--quiet", *more]) == 2
+        assert code in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_every_shipped_study_can_be_made(path: Path):
+    plan = planned(load_job(path))
+    assert plan.study.claim
+    assert all(claim.why or claim.says.endswith(".") for claim in plan.study.claim)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
+def test_every_shipped_study_is_made_and_every_claim_has_numbers(path: Path, tmp_path: Path):
+    found = mf.study(path)
+    assert all(claim.findings for claim in found.claims)
+    assert (tmp_path / "out" / "study.html") in found.save(tmp_path / "out")
