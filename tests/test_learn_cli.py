@@ -126,6 +126,12 @@ def test_a_checkpoint_is_refused_for_a_job_that_changed(
         simulate(tmp_path / "job.toml", die="TOLED", levels=[32], checkpoints=[untrained])
 
 
+def test_a_die_has_one_checkpoint(untrained: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    without_photographs(monkeypatch)
+    with pytest.raises(JobError, match=r"MF105 .*both of die TOLED"):
+        simulate(JOB, die="TOLED", levels=[32], checkpoints=[untrained, untrained])
+
+
 def test_learned_needs_a_checkpoint(capsys: pytest.CaptureFixture[str]) -> None:
     assert run_command_line(["simulate", str(JOB), "--die", "TOLED", "--restore", "learned"]) == 2
     assert "--checkpoint" in capsys.readouterr().err

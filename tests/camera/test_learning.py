@@ -175,10 +175,14 @@ def test_a_checkpoint_is_refused_for_anything_else(changes: dict[str, object], t
         trade().require(trade(**changes), "net.npz")
 
 
-@pytest.mark.parametrize("changes", [{"levels": (24,)}, {"images": ("01",)}])
-def test_training_goes_on_with_the_same_light_and_photographs_alone(changes: dict[str, object]) -> None:
+@pytest.mark.parametrize(
+    ("changes", "seed"), [({"levels": (24,)}, 0), ({"images": ("01",)}, 0), ({"die": "B"}, 0), ({}, 1)]
+)
+def test_training_goes_on_with_the_same_light_photographs_and_seed_alone(changes: dict[str, object], seed: int) -> None:
+    made = checkpoint(0)
+    made.require(trade(), 0, "net.npz")
     with pytest.raises(JobError, match="MF148"):
-        trade().require(trade(**changes), "net.npz", trained=True)
+        made.require(trade(**changes), seed, "net.npz")
 
 
 def cut_off(path: Path) -> None:

@@ -3,39 +3,28 @@
 from __future__ import annotations
 
 import math
-import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-
-import numpy as np
 
 from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.camera.design import Design
 from maskfab.camera.photo_camera import camera_line
-from maskfab.camera.photographs import Folder, Photograph, folder
-from maskfab.camera.protocol import evaluate
-from maskfab.camera.quality import psnr
-from maskfab.camera.restorers.dct import Dct
+from maskfab.camera.photographs import Folder, folder
 from maskfab.errors import JobError
 from maskfab.files.staging import check_file
 from maskfab.job import Job
 from maskfab.measurement.conditions import Conditions
-from maskfab.optics.numbers.colour import code_of_light
 from maskfab.progress import Progress, silent
 
 if TYPE_CHECKING:
     from maskfab.camera.learning.checkpoint import Checkpoint, Trade
-    from maskfab.camera.learning.lessons import Lesson
-    from maskfab.camera.learning.view import View
     from maskfab.camera.restorers.learned import Learned
 
 LEARNED = "learned"
 """Name of the restorer that a checkpoint holds."""
-_LOOKS = 10
-"""Times that the scenes kept for validation are looked at, and that a checkpoint is written."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -62,8 +51,10 @@ class Learning:
         return {"path": str(self.path), "skipped": list(self.skipped), **self.checkpoint.about()}
 
     def __str__(self) -> str:
+        from maskfab.camera.learning.run import told
+
         found = self.checkpoint
-        rows = [f"{each['minutes']:6.1f} min: {_told(each)}" for each in found.history]
+        rows = [f"{each['minutes']:6.1f} min: {told(each)}" for each in found.history]
         skipped = [f"Skipped, as no photographs: {', '.join(self.skipped)}."] if self.skipped else []
         return "\n".join([f"die {found.trade.die}: {found.trade.camera}", *rows, *skipped, str(self.path)])
 
@@ -106,53 +97,37 @@ def learn(
         OutputError: MF401 where ``out`` cannot be written.
     """
     from maskfab.camera.learning.checkpoint import Checkpoint
-    from maskfab.camera.learning.lessons import Lessons, kept_for_validation
-    from maskfab.camera.learning.training import Course, Training, device_of
-    from maskfab.camera.restorers.learned import Learned
+    from maskfab.camera.learning.run import Run
+    from maskfab.camera.learning.training import Course, device_of
 
     if not (math.isfinite(minutes) and minutes > 0):
         raise JobError("MF105", f"{minutes:g} minutes train nothing", where="minutes", cure="Give a number above 0")
     path, chosen = Path(out), device_of(device)
     check_file(path, force=True)
     before = Checkpoint.read(path) if path.exists() and not force else None
-    begun = time.monotonic()
     loaded = job_of(job, camera)
     asked = Conditions.of(loaded, "camera", levels)
+    for level in asked.levels:
+        asked.protocol.exposure(level)
     panels = loaded.panels()
     name = _one(die, tuple(panels))
     given = Folder((), ()) if images is None else folder(Path(images), white)
     design, _ = asked.design(name, panels[name], loaded)
     trade = trade_of(loaded, asked, design, tuple(each.name for each in given.photographs))
-    course = Course(seed=seed)
     if before is not None:
-        before.trade.require(trade, str(path), trained=True)
-        course = before.course
-    kept, others = kept_for_validation(given.photographs, max(2, len(asked.levels)))
-    view = before.view if before else _view(asked, design, kept, progress)
-    lessons = Lessons(asked.protocol, design, asked.levels, view, others, course.seed)
-    training = Training(course, lessons, chosen)
-    if before is not None:
-        training.restore(before.state)
-    scenes = [lessons.of(scene, asked.levels[k % len(asked.levels)]) for k, scene in enumerate(kept)]
-    history, earlier = list(before.history if before else ()), before.seconds if before else 0.0
-
-    def save(loss: float) -> Checkpoint:
-        seconds = earlier + time.monotonic() - begun
-        gains = _validated(Learned(training.mean, view), scenes)
-        history.append({"minutes": seconds / 60, "step": training.step, "loss": loss, **gains})
-        found = Checkpoint(trade, course, view, seconds, tuple(history), training.state())
-        found.write(path)
-        return found
-
-    found, look = None, 1
-    while found is None or time.monotonic() - begun < 60 * minutes:
-        loss = training.advance()
-        share = (time.monotonic() - begun) / (60 * minutes)
-        if found is None or share >= look / _LOOKS:
-            found = save(loss)
-            look = int(share * _LOOKS) + 1
-            progress(_told(history[-1]), min(_LOOKS, look - 1), _LOOKS)
-    return Learning(path, found if found.state["step"] == training.step else save(loss), given.skipped)
+        before.require(trade, seed, str(path))
+    run = Run.of(
+        path,
+        trade,
+        asked.protocol,
+        design,
+        given.photographs,
+        course=before.course if before else Course(seed=seed),
+        device=chosen,
+        before=before,
+        progress=progress,
+    )
+    return Learning(path, run.until(60 * minutes, progress), given.skipped)
 
 
 def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:
@@ -175,12 +150,21 @@ def learned_restorers(
     """The restorer of every die, by its name; none where nothing is trained.
 
     Raises:
-        JobError: MF148 for a checkpoint of another die, camera, sensor or light, or a die without one.
+        JobError: MF105 for two of one die; MF148 for one of another die, camera, sensor or light, or a die without.
     """
     from maskfab.camera.learning.checkpoint import another
 
     names = [design.name for design in designs]
-    by_die = {found.trade.die: (path, found) for path, found in trained}
+    by_die: dict[str, tuple[Path, Checkpoint]] = {}
+    for path, found in trained:
+        if found.trade.die in by_die:
+            raise JobError(
+                "MF105",
+                f"{by_die[found.trade.die][0]} and {path} are both of die {found.trade.die}",
+                where="checkpoint",
+                cure="Give one of them",
+            )
+        by_die[found.trade.die] = path, found
     for die, (path, _) in by_die.items():
         if die not in names:
             raise another(f"die {die}", ", ".join(names), str(path))
@@ -222,38 +206,3 @@ def _one(die: str | None, names: tuple[str, ...]) -> str:
             cure=f"Name one of {', '.join(names)}",
         )
     return dies_of(die, names)[0]
-
-
-def _view(asked: Conditions, design: Design, scenes: Sequence[Photograph], progress: Progress) -> View:
-    """The ε that suits the filter at every level, on scenes kept for validation."""
-    from maskfab.camera.learning.view import View
-
-    strengths = {}
-    for done, level in enumerate(asked.levels):
-        progress("strengths", done, len(asked.levels))
-        found = evaluate(
-            [design], scenes, scenes, [level], protocol=asked.protocol, restorers=(Dct(),), details=False
-        )  # fmt: skip
-        strengths[asked.protocol.exposure(level).behind(design.transmission)] = found.scores[0].epsilon
-    progress("strengths", len(asked.levels), len(asked.levels))
-    return View(strengths)
-
-
-def _validated(restorer: Learned, scenes: Sequence[Lesson]) -> dict[str, float]:
-    """Mean gains over both pictures that are shown, dB."""
-    from maskfab.camera.learning.network import COLOURS
-    from maskfab.camera.learning.view import light_of
-
-    rows = []
-    for scene in scenes:
-        pictures = scene.shown[:COLOURS], scene.shown[COLOURS : 2 * COLOURS]
-        before = [psnr(code_of_light(light_of(each)), scene.true) for each in pictures]
-        now = psnr(code_of_light(restorer.mended(scene.shown)), scene.true)
-        rows.append([now - each for each in before])
-    over_tv, over_filter = np.mean(rows, axis=0)
-    return {"gain": float(over_tv), "gain_over_filter": float(over_filter)}
-
-
-def _told(row: Mapping[str, float]) -> str:
-    gains = f"{row['gain']:+.2f} dB over tv, {row['gain_over_filter']:+.2f} dB over dct+wiener"
-    return f"{row['step']:.0f} steps, loss {row['loss']:.3f}, {gains}"

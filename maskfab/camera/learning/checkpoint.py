@@ -54,13 +54,12 @@ class Trade:
     images: tuple[str, ...]
     transfer: Transfer
 
-    def require(self, other: Trade, where: str, *, trained: bool = False) -> None:
-        """Refuse a checkpoint for another die, camera, sensor or light.
+    def require(self, other: Trade, where: str) -> None:
+        """Refuse a checkpoint for another die, camera, sensor or light; some of its levels may be asked for.
 
         Args:
             other: what it is wanted for.
             where: the file.
-            trained: it is to be trained further, which takes the same levels and photographs.
 
         Raises:
             JobError: MF148.
@@ -69,11 +68,8 @@ class Trade:
             own, wanted = getattr(self, what), getattr(other, what)
             if own != wanted:
                 raise another(f"{what} {own}", wanted, where)
-        told = ", ".join(f"{level:g} dB" for level in self.levels)
-        if (set(other.levels) != set(self.levels)) if trained else not set(other.levels) <= set(self.levels):
-            raise another(f"light of {told}", ", ".join(f"{level:g} dB" for level in other.levels), where)
-        if trained and self.images != other.images:
-            raise another(f"{len(self.images)} photographs", f"{len(other.images)} others", where)
+        if not set(other.levels) <= set(self.levels):
+            raise another(f"light of {_decibels(self.levels)}", _decibels(other.levels), where)
         if float(abs(self.transfer - other.transfer).max()) > _ALIKE:
             raise another(f"a die {self.die} of other openings, layout or scene", f"that of {other.job}", where)
 
@@ -97,6 +93,21 @@ class Checkpoint:
     seconds: float
     history: Sequence[Mapping[str, float]]
     state: Arrays
+
+    def require(self, trade: Trade, seed: int, where: str) -> None:
+        """Refuse to train it further for anything else, or with other levels, photographs or seed.
+
+        Raises:
+            JobError: MF148.
+        """
+        own = self.trade
+        own.require(trade, where)
+        if set(own.levels) != set(trade.levels):
+            raise another(f"light of {_decibels(own.levels)}", _decibels(trade.levels), where)
+        if own.images != trade.images:
+            raise another(f"{len(own.images)} photographs", f"{len(trade.images)} others", where)
+        if self.course.seed != seed:
+            raise another(f"seed {self.course.seed}", f"seed {seed}", where)
 
     def restorer(self) -> Learned:
         """The network as a restorer."""
@@ -178,3 +189,7 @@ def another(own: str, wanted: str, where: str) -> JobError:
         where=where,
         cure="Train one for this job with maskfab learn, or give the one that was",
     )
+
+
+def _decibels(levels: Sequence[float]) -> str:
+    return ", ".join(f"{level:g} dB" for level in levels)
