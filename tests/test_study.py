@@ -13,7 +13,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import maskfab as mf
+from maskfab.camera.design import SceneLight
 from maskfab.camera.intervals import MeanDifference
+from maskfab.camera.restorers.wiener import Margin
 from maskfab.cli import run_command_line
 from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
@@ -155,6 +157,32 @@ def test_areas_are_those_of_the_polygons_read_back(tmp_path: Path):
     assert one["open_ratio"] == known["open_ratio"].value
 
 
+def test_a_case_is_photographed_as_it_is_and_restored_by_the_blur_of_another(tmp_path: Path):
+    job = tmp_path / "near.toml"
+    cases = """
+    [[study.case]]
+    name = "far"
+    [[study.case]]
+    name = "near"
+    scene = { depth = ["0.1 m", "0.1 m"], focus = "0.1 m" }
+    restored_by = "far"
+    """
+    job.write_text(
+        JOB.replace('protocols = ["f1"]', 'protocols = ["camera"]').replace("scenes = 0", "scenes = 1") + cases
+    )
+    plan = planned(load_job(job))
+    (far, _), (near, told) = (setting.design("REPEATED", plan.panels["REPEATED"]) for setting in plan.settings)
+    shape = 96, 96
+    np.testing.assert_array_equal(near.on(shape), far.on(shape))
+    assert told == ("restored by the blur of the case 'far'",)
+    # Orders are λ f / pitch apart, and a lens focused at 0.1 m is f / 0.9 from its sensor.
+    light = SceneLight(np.zeros((3, 704, 704), dtype=np.float32), Margin((704, 704)))
+    light.values[:, 352, 352] = 1
+    second = [25 + int(design.blurred(light)[1, 96, 96 + 25 : 96 + 45].argmax()) for design in (far, near)]
+    order_px = 0.53 * 10_000 / 168 / 2
+    assert second == pytest.approx([2 * order_px, 2 * order_px / 0.9], abs=1)
+
+
 CLAIM = '[[study.claim]]\nsays = "x"\ndie = "TURNED"\n'
 
 
@@ -179,6 +207,7 @@ CLAIM = '[[study.claim]]\nsays = "x"\ndie = "TURNED"\n'
         ("scenes = 0", "scenes = 0\n" + CLAIM + 'measure = "beauty"\nat_least = 0.0', "MF105"),
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gap = "1 mm" }', "MF146"),
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gaps = "1 mm" }', "MF102"),
+        ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nrestored_by = "far"', "MF145"),
     ],
 )
 def test_bad_studies_are_refused_before_any_work(tmp_path, photographs, monkeypatch, capsys, old, new, code):

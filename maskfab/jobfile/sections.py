@@ -586,6 +586,8 @@ class CaseSection(Section):
     """Name of the case in tables and figures."""
     scene: dict[str, Any] = {}
     """Keys of [scene] in place of the job's."""
+    restored_by: str | None = None
+    """Case whose blur restorers take the photographs' for; default: its own, on the axis."""
 
 
 class ClaimSection(Section):

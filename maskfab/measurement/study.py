@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera import scenes as drawn_scenes
+from maskfab.camera.design import Design, RestoredBy
 from maskfab.camera.intervals import MeanDifference
+from maskfab.camera.over_field import OverField
 from maskfab.camera.photographs import Photograph, folder
 from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.restorers.restorer import Restorer
@@ -66,7 +68,8 @@ class Optics:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Conditions of some photographs of a study: one protocol in one case; S-CIELAB is scored where a claim asks."""
+    """Conditions of some photographs of a study: one protocol in one case; S-CIELAB is scored where a claim asks, and
+    restorers are given the blur of the setting that is ``known`` where it is another."""
 
     case: str
     job: Job
@@ -74,10 +77,20 @@ class Setting:
     restorers: tuple[Restorer, ...]
     choose: bool
     colours: bool
+    known: Setting | None = None
 
     @property
     def protocol(self) -> Protocol:
         return self.conditions.protocol
+
+    def design(self, name: str, panel: Panel) -> tuple[Design, tuple[str, ...]]:
+        """As :meth:`maskfab.measurement.conditions.Conditions.design`, restored by the blur that is ``known``, if any
+        other is."""
+        design, told = self.conditions.design(name, panel, self.job)
+        if self.known is None:
+            return design, told
+        other, _ = self.known.design(name, panel)
+        return RestoredBy(design, other), (*told, f"restored by the blur of the case {self.known.case!r}")
 
 
 @dataclass(frozen=True, eq=False)
@@ -180,12 +193,20 @@ def planned(job: Job, images: str | Path | None = None, white: float = 1.0) -> P
     colours = any(claim.measure == "delta_e" for claim in study.claim)
     settings = []
     for protocol in dict.fromkeys(study.protocols):
+        own: dict[str, Setting] = {}
         for name, within in jobs.items():
             conditions = Conditions.of(within, protocol, study.levels)
             for level in conditions.levels:
                 conditions.protocol.exposure(level)
             named = None if conditions.protocol.restorers else study.restore
-            settings.append(Setting(name, within, conditions, *conditions.restorers(named), colours))
+            own[name] = Setting(name, within, conditions, *conditions.restorers(named), colours)
+        for i, case in enumerate(cases):
+            other = case.restored_by
+            if other is not None and other not in own:
+                problem = f"the case {case.name!r} is restored by {other!r}, which is no case"
+                raise JobError("MF145", problem, where=f"{where}: study.case[{i}]", cure=f"Use one of {', '.join(own)}")
+            mine = own[case.name]
+            settings.append(mine if other in (None, case.name) else replace(mine, known=own[other]))
     if study.case and any(setting.protocol.name != "camera" for setting in settings):
         what = "the study has cases of the scene, which protocols f1 and paper do not know"
         raise JobError("MF146", what, where=f"{where}: study.protocols", cure='Use protocols = ["camera"]')
@@ -262,7 +283,7 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
     # What cannot be photographed is refused before the first photograph.
     designs = [(setting, name) for setting in plan.settings for name in plan.panels]
     told = {
-        (setting.protocol.name, setting.case, name): setting.conditions.design(name, plan.panels[name], setting.job)[1]
+        (setting.protocol.name, setting.case, name): setting.design(name, plan.panels[name])[1]
         for setting, name in designs
     }
     give_back()
@@ -274,19 +295,20 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
         tasks = crew.each(calls, lambda done: progress("photographs", done, len(calls)))
     scores: dict[Take, tuple[Score, ...]] = {}
     shown: dict[Take, Singles] = {}
-    for task in tasks:
-        found, pictures = task.result()
+    for (setting, name), task in zip(designs, tasks, strict=True):
+        found, pictures, more = task.result()
         scores |= found
         shown |= pictures
+        told[setting.protocol.name, setting.case, name] += more
     truth = truth_of(scenes[0], CROP)
     return Study(plan, optics, tuple(each.name for each in scenes), scores, told, truth, shown)
 
 
 def _photographed(
     setting: Setting, name: str, panel: Panel, scenes: Sequence[Photograph]
-) -> tuple[dict[Take, tuple[Score, ...]], dict[Take, Singles]]:
-    """Scores of every scene through one die, and part of the first."""
-    design, _ = setting.conditions.design(name, panel, setting.job)
+) -> tuple[dict[Take, tuple[Score, ...]], dict[Take, Singles], tuple[str, ...]]:
+    """Scores of every scene through one die, part of the first, and sentences on how the blur errs over the field."""
+    design, _ = setting.design(name, panel)
     shown: dict[Take, Singles] = {}
     taken: dict[Take, list[Score]] = {}
 
@@ -307,7 +329,8 @@ def _photographed(
         colours=setting.colours,
         show=take,
     )
-    return {of: tuple(each) for of, each in taken.items()}, shown
+    told = design.told if isinstance(design, OverField) else ()
+    return {of: tuple(each) for of, each in taken.items()}, shown, told
 
 
 def optics_of(panel: Panel, camera: Camera) -> Optics:
