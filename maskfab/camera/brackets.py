@@ -18,7 +18,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.record import Record
+from maskfab.camera.record import MergedNoise, Noise, Record
 from maskfab.errors import JobError
 
 Singles = NDArray[np.float32]
@@ -31,7 +31,7 @@ def merged(exposures: Sequence[Record]) -> Record:
         exposures: with their noise and their full wells, in any order.
 
     Returns:
-        A record with the variance of every pixel, and the full well of the shortest: what that one clips is clipped.
+        A record with the noise of all, and the full well of the shortest: what that one clips is clipped.
 
     Raises:
         JobError: MF105 without exposures; MF121 if they differ in size.
@@ -42,23 +42,24 @@ def merged(exposures: Sequence[Record]) -> Record:
     if len(sizes) > 1:
         told = ", ".join(f"{columns} x {rows}" for _, rows, columns in sorted(sizes))
         raise JobError("MF121", f"exposures of one scene have {told} pixels", where="brackets", cure="Give one size")
-    ordered = sorted(exposures, key=lambda record: record.noise.electrons)
-    shortest = ordered[0]
-    values, variance = shortest.values, shortest.variance
+    ordered = sorted(exposures, key=lambda record: _exposures(record)[-1][0].electrons)
+    values = ordered[0].values
     for _ in range(2):
-        values, variance = _mean(ordered, values)
-    return Record(values, shortest.noise, shortest.ceiling, merged=variance)
+        values = _mean(ordered, values)
+    taken = [each for record in reversed(ordered) for each in _exposures(record)]
+    return Record(values, MergedNoise(tuple(taken)), ordered[0].ceiling)
 
 
-def _mean(ordered: Sequence[Record], light: Singles) -> tuple[Singles, Singles]:
-    """The merged values and their variance, with weights for ``light``; the shortest's own where all are clipped."""
+def _exposures(record: Record) -> tuple[tuple[Noise, float], ...]:
+    noise = record.noise
+    return noise.exposures if isinstance(noise, MergedNoise) else ((noise, record.ceiling),)
+
+
+def _mean(ordered: Sequence[Record], light: Singles) -> Singles:
+    """The merged values, with weights for ``light``; the shortest's own where all are clipped."""
     total, precision = np.zeros_like(light), np.zeros_like(light)
     for record in ordered:
         weight = ~record.clipped / record.noise.variance(light)
         total += weight * record.values
         precision += weight
-    known = precision > 0
-    values, variance = ordered[0].values.copy(), ordered[0].variance.copy()
-    np.divide(total, precision, out=values, where=known)
-    np.divide(1, precision, out=variance, where=known)
-    return values, variance
+    return np.divide(total, precision, out=ordered[0].values.copy(), where=precision > 0)

@@ -29,6 +29,7 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.camera.brackets import merged
 from maskfab.camera.design import Design, SceneLight
 from maskfab.camera.exposure import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure
 from maskfab.camera.photographs import Photograph
@@ -74,6 +75,11 @@ class Protocol:
         dark: nothing outside the sensor gives light.
         dimmed: pictures are scored as bright as the design leaves them, relative to the published display.
         restorers: that belong to it; none where any may be asked for.
+        brackets: exposures that are taken of every scene and merged, as the times by which their light is less than
+            the level's; of scenes with highlights. Empty for one exposure, of any scene.
+
+    Raises:
+        JobError: MF143 for brackets that are below 1, not finite, or of code values.
     """
 
     name: str
@@ -84,6 +90,24 @@ class Protocol:
     dark: bool = False
     dimmed: bool = False
     restorers: tuple[Restorer, ...] = ()
+    brackets: tuple[float, ...] = ()
+
+    def __post_init__(self) -> None:
+        if not all(math.isfinite(cut) and cut >= 1 for cut in self.brackets):
+            cuts = ", ".join(f"{cut:g}" for cut in self.brackets)
+            raise JobError(
+                "MF143",
+                f"brackets of {cuts} times less light than the level's; each must be 1 or more",
+                where="brackets",
+                cure="Give numbers such as 1, 4 and 16",
+            )
+        if self.brackets and not self.linear:
+            raise JobError(
+                "MF143",
+                "brackets are of light, and this protocol takes code values for it",
+                where="brackets",
+                cure="Use protocol camera with linear light, or remove the brackets",
+            )
 
     def exposure(self, level_db: float) -> Exposure:
         """Light of a level.
@@ -99,13 +123,31 @@ class Protocol:
 
     def record(self, seen: Singles, design: Design, known: SensorScene, level_db: float) -> Record:
         """Light as ``seen``, in noise of its own: the same for every design at a level."""
-        light = self.exposure(level_db)
-        seed = 1000 * known.scene.number + round(light.electrons)
-        return self.sensor.record(seen, light.behind(design.transmission), seed)
+        light, taken = self.exposure(level_db), []
+        for cut in self.brackets or (1.0,):
+            seed = 1000 * known.scene.number + round(light.electrons / cut)
+            taken.append(self.sensor.record(seen, light.behind(design.transmission) / cut, seed))
+        return taken[0] if len(taken) == 1 else merged(taken)
 
     def photograph(self, design: Design, known: SensorScene, level_db: float) -> Record:
         """One scene through one design at one level of light."""
         return self.record(self.seen(design, known), design, known, level_db)
+
+    def check(self, scene: Photograph) -> None:
+        """Refuse brackets of a scene that has no light above white.
+
+        Raises:
+            JobError: MF143.
+        """
+        if not self.brackets or (scene.measured is not None and scene.measured.max() > 1):
+            return
+        reason = "code values, which end at white" if scene.measured is None else "no light above white"
+        raise JobError(
+            "MF143",
+            f"brackets are for highlights, and this scene has {reason}",
+            where=scene.name,
+            cure="Give EXR or HDR photographs and the light in them that is white, or remove the brackets",
+        )
 
     def shown(self, light: Singles) -> Singles:
         """Code values of a restored picture."""
@@ -180,7 +222,7 @@ def evaluate(
     Raises:
         JobError: MF105 without designs, levels, scenes or restorers, or for two of one name; MF104 for a closed design;
             MF141 for a level without light, or above a full well; MF134 behind a camera of other than three
-            wavelengths.
+            wavelengths; MF143 for brackets of a scene that has no light above white.
     """
     for what, names in (
         ("designs", [d.name for d in designs]),
@@ -194,6 +236,8 @@ def evaluate(
             raise JobError("MF105", f"{what}: {problem}", where=what, cure="Give each once, with a name of its own")
     for level in levels:
         protocol.exposure(level)
+    for scene in (*test, *tuning):
+        protocol.check(scene)
     for design in designs:
         _require_light(design)
     prepared = {id(s): SensorScene.of(s, dark=protocol.dark) for s in (*tuning, *test)}

@@ -7,6 +7,8 @@ from its seed. From 0.02 to 0.4 cycles per pixel its power falls as f^-2.9, as t
 Photographs taken indoors are dimmer and softer, and what restores them best differs: of three at hand, one has a mean
 of 0.40 of white and a power of f^-2.7, the others 0.10 and 0.11, and f^-3.5 and f^-3.7. So every second scene is dim
 and soft too: 0.10 and f^-3.5.
+
+For highlights, lamps hang in front of them: discs of 2 to 100 times white.
 """
 
 from __future__ import annotations
@@ -17,10 +19,12 @@ import numpy as np
 import scipy.fft
 
 from maskfab.camera.photographs import LONG, SHORT, Photograph
+from maskfab.optics.numbers.colour import code_of_light
 
 _SMALLEST, _LARGEST = 3.0, 300.0
 _DISCS = 6000
 _DIM, _SOFTER, _SOFT_FROM = 0.3, 0.3, 0.01
+_LAMPS, _LAMP_RADII, _LAMP_LIGHT = 24, (1.5, 9.0), (2.0, 100.0)
 
 
 def dead_leaves(seed: int, rows: int = SHORT, columns: int = LONG) -> Photograph:
@@ -55,6 +59,21 @@ def indoors(scene: Photograph) -> Photograph:
     softened = (1 + (frequency / _SOFT_FROM) ** 2) ** (-_SOFTER / 2)
     values = scipy.fft.idctn(scipy.fft.dctn(scene.values, axes=(1, 2)) * softened, axes=(1, 2))
     return replace(scene, name=f"{scene.name}_dim", values=np.clip(_DIM * values, 0, 1).astype(np.float32))
+
+
+def lit(scene: Photograph) -> Photograph:
+    """The scene with 24 lamps, 1.5 to 9 pixels in radius and of 2 to 100 times white; edges one pixel soft."""
+    rows, columns = scene.values.shape[1:]
+    draw = np.random.default_rng(scene.number)
+    light = scene.light.copy()
+    y, x = np.arange(rows, dtype=np.float32)[:, None], np.arange(columns, dtype=np.float32)
+    for _ in range(_LAMPS):
+        top, left = draw.uniform(0, rows), draw.uniform(0, columns)
+        radius = draw.uniform(*_LAMP_RADII)
+        bright = np.exp(draw.uniform(*np.log(_LAMP_LIGHT)))
+        cover = np.clip(np.float32(radius + 0.5) - np.hypot(y - np.float32(top), x - np.float32(left)), 0, 1)
+        light += cover * (np.float32(bright) - light)
+    return Photograph(f"{scene.name}_lit", scene.number, code_of_light(light), light)
 
 
 def bundled(count: int = 4) -> tuple[Photograph, ...]:

@@ -90,14 +90,19 @@ class Sensor:
         seen = light if self.mosaic == "none" else sampled(light)
         counted = draw.poisson(np.maximum(seen, 0) * electrons).astype(np.float32)
         counted += np.float32(self.read_noise) * draw.standard_normal(seen.shape, dtype=np.float32)
-        np.minimum(counted, np.float32(self.full_well), out=counted)
+        full = np.float32(self.full_well)
+        np.minimum(counted, full, out=counted)
         if self.bits is not None:
-            step = np.float32(self.step)
-            np.clip(np.rint(counted / step), -self.black_level, 2**self.bits - 1 - self.black_level, out=counted)
+            step, codes = np.float32(self.step), 2**self.bits - 1 - self.black_level
+            np.clip(np.rint(counted / step), -self.black_level, codes, out=counted)
             counted *= step
+            full = np.float32(codes) * step
         counted /= np.float32(electrons)
         values = counted if self.mosaic == "none" else interpolated(counted)
-        return Record(values, Noise(electrons, self.read_noise, self.step), self.full_well / electrons)
+        ceiling = float(
+            full / np.float32(electrons)
+        )  # as it was rounded for the pixels, or none would be found clipped
+        return Record(values, Noise(electrons, self.read_noise, self.step), ceiling)
 
 
 def _refused(what: str, key: str, cure: str) -> JobError:

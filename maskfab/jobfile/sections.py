@@ -496,7 +496,7 @@ class SensorSection(Section):
 
 
 class ExposureSection(Section):
-    """[exposure]: light of white, stated in one of three ways; without it photographs are taken at 24, 32 and 40 dB.
+    """[exposure]: light of white, stated in one of three ways; without any photographs are taken at 24, 32 and 40 dB.
 
     Levels and electrons are those behind the published display, which passes 20.72 % of the stop's light: behind every
     die there are as many more as it lets through.
@@ -512,6 +512,8 @@ class ExposureSection(Section):
     """Exposure time."""
     quantum_efficiency: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
     """Electrons for each photon."""
+    brackets: Annotated[tuple[float, ...], Field(min_length=1, max_length=8, strict=False)] = ()
+    """Exposures of every scene that ``simulate`` merges: times by which their light is less, such as [1, 4, 16]."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:
@@ -524,7 +526,7 @@ _SCENE_LIGHT = ("luminance", "time", "quantum_efficiency")
 def _stated_once(section: ExposureSection) -> ExposureSection:
     given = [key for key in _SCENE_LIGHT if getattr(section, key) is not None]
     ways = [key for key in ("snr", "white") if getattr(section, key) is not None] + given[:1]
-    if len(ways) != 1 or len(given) not in (0, len(_SCENE_LIGHT)):
+    if len(ways) > 1 or not (ways or section.brackets) or len(given) not in (0, len(_SCENE_LIGHT)):
         stated = ", ".join(key for key in ("snr", "white", *_SCENE_LIGHT) if getattr(section, key) is not None)
         raise JobError(
             "MF105",

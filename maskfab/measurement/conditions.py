@@ -53,7 +53,12 @@ class Conditions:
 
     @classmethod
     def of(
-        cls, job: Job, protocol: ProtocolName, levels: Sequence[float] | None = None, light: Light | None = None
+        cls,
+        job: Job,
+        protocol: ProtocolName,
+        levels: Sequence[float] | None = None,
+        light: Light | None = None,
+        brackets: Sequence[float] | None = None,
     ) -> Conditions:
         """Of a protocol for a job.
 
@@ -62,12 +67,16 @@ class Conditions:
             protocol: by name.
             levels: in place of those that the job states.
             light: scenes as linear light or as code values; None for the protocol's own.
+            brackets: in place of those that the job states.
 
         Raises:
             JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF140, MF141 for a sensor or a
-                light that cannot be.
+                light that cannot be, MF143 for brackets that cannot.
         """
         if protocol in _FIXED:
+            if brackets is not None:
+                what = f"protocol {protocol} takes one exposure"
+                raise JobError("MF143", what, where="brackets", cure="Use protocol camera")
             if light == "linear":
                 what = f"protocol {protocol} takes code values for light"
                 raise JobError("MF105", what, where="light", cure="Use protocol camera")
@@ -86,7 +95,10 @@ class Conditions:
         chosen, told = _light(job, sensor) if levels is None else (tuple(levels), _in_decibels(levels))
         section = job.spec.scene
         scene = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
-        return cls(Protocol("camera", sensor, linear=light != "code"), job.camera, chosen, told, scene)
+        if brackets is None:
+            brackets = () if job.spec.exposure is None else job.spec.exposure.brackets
+        kind = Protocol("camera", sensor, linear=light != "code", brackets=tuple(brackets))
+        return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene)
 
     def restorers(self, names: str | Sequence[str] | None) -> tuple[tuple[Restorer, ...], bool]:
         """Restorers that are asked for, and whether one of them is to be chosen for each photograph.
@@ -164,6 +176,7 @@ class Conditions:
             "light": self.stated,
             "linear": self.protocol.linear,
             "levels_db": list(self.levels),
+            "brackets": list(self.protocol.brackets),
             "scene": dict(self.scene),
             "unused": list(self.unused),
         }
@@ -172,7 +185,7 @@ class Conditions:
 def _light(job: Job, sensor: Sensor) -> tuple[tuple[float, ...], str]:
     """Levels of a job's [exposure], and how it states them."""
     asked = job.spec.exposure
-    if asked is None:
+    if asked is None or (asked.snr, asked.white, asked.luminance) == (None, None, None):
         return LEVELS, _in_decibels(LEVELS)
     if asked.snr is not None:
         return asked.snr, _in_decibels(asked.snr)
@@ -195,6 +208,12 @@ def _light(job: Job, sensor: Sensor) -> tuple[tuple[float, ...], str]:
 
 def _in_decibels(levels: Sequence[float]) -> str:
     return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
+
+
+def _merging(brackets: Sequence[float]) -> str:
+    if not brackets:
+        return ""
+    return f"; exposures of {', '.join('1' if cut == 1 else f'1/{cut:g}' for cut in brackets)} of it, merged"
 
 
 def _told(sensor: Sensor) -> str:

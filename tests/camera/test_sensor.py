@@ -121,3 +121,11 @@ def test_levels_without_light_or_above_a_full_well_are_refused(level):
 def test_a_design_passes_some_light_and_no_more_than_all(transmission):
     with pytest.raises(JobError, match="MF104"):
         Exposure.at(24, Sensor()).behind(transmission)
+
+
+@pytest.mark.parametrize("bits", [None, 10, 12])
+def test_a_full_well_is_known_as_clipped_whatever_the_light_it_is_told_in(bits):
+    """Units of white are no multiples of electrons, and are rounded: by one rounding for pixels and for the limit."""
+    flash = np.full((3, 2, 2), 1e4, dtype=np.float32)
+    for electrons in np.random.default_rng(0).uniform(50, 9000, 100):
+        assert Sensor(bits=bits, black_level=16 if bits else 0).record(flash, electrons, 1).clipped.all()

@@ -20,7 +20,7 @@ from maskfab.camera.intervals import CONFIDENCE
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
-from maskfab.camera.protocol import AUTO, evaluate
+from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
@@ -135,6 +135,7 @@ def simulate(
     protocol: ProtocolName = "camera",
     light: Light | None = None,
     levels: Sequence[float] | None = None,
+    brackets: Sequence[float] | None = None,
     restore: str | Sequence[str] | None = None,
     checkpoints: Sequence[str | Path] = (),
     pictures: bool = False,
@@ -153,6 +154,9 @@ def simulate(
             protocol's.
         light: ``"linear"`` or ``"code"`` values taken for light; by default the protocol's own, linear for the camera.
         levels: signal-to-noise ratios of white behind the published display, dB; by default those of the job.
+        brackets: exposures that are taken of every scene and merged, as the times by which their light is less than
+            the level's, such as 1, 4 and 16; by default those of the job. The photographs are EXR or HDR with light
+            above ``white``; drawn scenes get lamps.
         restore: one or several restorers, by default ``"wiener"`` or the protocol's own; ``"auto"`` takes for each
             photograph the one that its record alone speaks for, of those named beside it or of all of
             :data:`maskfab.camera.restorers.named.RESTORERS`.
@@ -163,8 +167,8 @@ def simulate(
 
     Raises:
         JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three colours,
-            MF140 or MF141 for a sensor or a light that cannot be, MF148 for a checkpoint of another die, camera, sensor
-            or light, or a die without one where some have.
+            MF140 or MF141 for a sensor or a light that cannot be, MF143 for brackets of scenes without highlights,
+            MF148 for a checkpoint of another die, camera, sensor or light, or a die without one where some have.
         SourceError: MF301, MF303, MF304 for a checkpoint that is missing, damaged or none.
     """
     if images is None and white != 1.0:
@@ -175,12 +179,14 @@ def simulate(
             cure="Add images, a folder of EXR or HDR photographs, or remove white",
         )
     loaded = job_of(job, camera)
-    asked = Conditions.of(loaded, protocol, levels, light)
+    asked = Conditions.of(loaded, protocol, levels, light, brackets)
     for level in asked.levels:
         asked.protocol.exposure(level)
     trained = read_checkpoints(checkpoints)
     restorers, choose = _restorers(asked, restore, learned=bool(trained))
     given = None if images is None else folder(Path(images), white)
+    for scene in given.photographs if given else ():
+        asked.protocol.check(scene)
     panels = loaded.panels()
     wanted = dies_of(die, panels)
     if reference is not None:
@@ -191,7 +197,7 @@ def simulate(
     dies = [each.name for each in designs]
     learned = learned_restorers(trained, loaded, asked, designs)
     base = dies[0] if reference is None else dies_of(reference, dies)[0]
-    source = Folder(scene_sets.bundled(), ()) if given is None else given
+    source = Folder(_drawn(asked.protocol), ()) if given is None else given
     scenes = source.photographs
     last = AUTO if choose else LEARNED if learned else restorers[-1].name
     shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
@@ -239,6 +245,11 @@ def _restorers(
         )
     others = tuple(name for name in given if name != LEARNED)
     return asked.restorers(others) if others else ((), False)
+
+
+def _drawn(protocol: Protocol) -> tuple[Photograph, ...]:
+    scenes = scene_sets.bundled()
+    return tuple(map(scene_sets.lit, scenes)) if protocol.brackets else scenes
 
 
 def _designs(

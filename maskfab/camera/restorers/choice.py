@@ -32,7 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.record import Noise, Record
+from maskfab.camera.record import Record
 from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.restorers.restorer import Blur, Restorer, Transfer
 from maskfab.camera.restorers.wiener import MARGIN, Margin, prior, restore, wiener
@@ -162,7 +162,7 @@ def _judge(record: Record, blur: Blur, draw: np.random.Generator, width: int) ->
     left = int(_SHARE * min(rows, columns))
     below = np.nextafter(np.float32(record.ceiling), np.float32(0))
     first = np.where(record.clipped, record.values, np.minimum(record.values + np.float32(_PARTING) * noise, below))
-    shown = Record(np.ascontiguousarray(_inner(first, left)), _noisier(record.noise), record.ceiling)
+    shown = Record(np.ascontiguousarray(_inner(first, left)), record.noise.times(1 + _PARTING**2), record.ceiling)
     return _Judge(shown, margin, left, transfer * inverse, pilot, evidence)
 
 
@@ -175,9 +175,3 @@ def _middle(record: Record) -> Record:
 
 def _inner(picture: Singles, left: int) -> Singles:
     return picture[:, left:-left, left:-left]
-
-
-def _noisier(noise: Noise) -> Noise:
-    """Of y₁: 1 + a² of the variance, at every light."""
-    times = 1 + _PARTING**2
-    return Noise(noise.electrons / times, noise.read_noise / times**0.5, noise.step / times**0.5)

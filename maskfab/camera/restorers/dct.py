@@ -24,7 +24,7 @@ import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from maskfab.camera.record import Noise, Record
+from maskfab.camera.record import MergedNoise, Noise, Record
 from maskfab.camera.restorers.anscombe import stabilised, unbiased
 from maskfab.camera.restorers.restorer import Blur, Restorer
 from maskfab.camera.restorers.wiener import Wiener
@@ -73,7 +73,7 @@ class Dct:
         return lambda epsilon: restored(_LEFT * epsilon)
 
 
-def denoised(light: Singles, noise: Noise, threshold: float = THRESHOLD) -> Singles:
+def denoised(light: Singles, noise: Noise | MergedNoise, threshold: float = THRESHOLD) -> Singles:
     """Light [3, rows, columns] in units of white, of known noise, with less of it; below 0 where the dark was.
 
     Raises:

@@ -61,7 +61,8 @@ class TotalVariation:
         """As every restorer, :meth:`maskfab.camera.restorers.restorer.Restorer.prepare`."""
         problem = Smooth.of(record, blur, self.width)
         start = problem.solve(_START)
-        noise = math.sqrt(float(record.variance.mean(dtype=np.float64)))
+        shown = np.minimum(record.values, 1)  # of merged exposures highlights have most of the noise
+        noise = math.sqrt(float(record.noise.variance(shown).mean(dtype=np.float64)))
 
         def restored(epsilon: float) -> Singles:
             kappa = max(epsilon, _WEAKEST) / (2 * math.pi * PRIOR_CY_PER_PX) ** 2

@@ -30,6 +30,12 @@ def simulate(
         list[float] | None,
         typer.Option(help="Signal-to-noise ratio of white in dB (repeatable); default: the job's, or 24, 32 and 40."),
     ] = None,
+    bracket: Annotated[
+        list[float] | None,
+        typer.Option(
+            help="Times less light of an exposure (repeatable: 1, 4, 16), merged for highlights of EXR and HDR."
+        ),
+    ] = None,
     restore: Annotated[
         list[str] | None,
         typer.Option(
@@ -63,6 +69,7 @@ def simulate(
             protocol=protocol,  # type: ignore[arg-type]
             light=light,  # type: ignore[arg-type]
             levels=level,
+            brackets=bracket,
             restore=restore,
             checkpoints=checkpoint or (),
             pictures=picture is not None,
