@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,7 +15,7 @@ from hypothesis import strategies as st
 from maskfab.api.verbs.learning import learn
 from maskfab.camera.design import SceneLight
 from maskfab.camera.learning import training as learning
-from maskfab.camera.learning.checkpoint import Checkpoint, Trade
+from maskfab.camera.learning.checkpoint import ROW, Checkpoint, Trade
 from maskfab.camera.learning.lessons import Lesson, Lessons, kept_for_validation, mirrored
 from maskfab.camera.learning.network import Network
 from maskfab.camera.learning.training import Course, Training, coded
@@ -51,7 +50,7 @@ def network(seed: int = 0) -> Network:
 
 def trade(**changes: object) -> Trade:
     """That of no job."""
-    known = Trade("job", "0" * 64, "A", "a camera", "a sensor", "linear light", (24, 32), (), np.ones((3, 4, 3)))
+    known = Trade("job", "0" * 64, "A", "a camera", "a sensor", "linear light", (24, 32), (), np.ones((3, 32, 17)))
     return replace(known, **changes)  # type: ignore[arg-type]
 
 
@@ -59,7 +58,7 @@ def checkpoint(steps: int) -> Checkpoint:
     run = Training(SMALL, striped)
     for _ in range(steps):
         run.advance()
-    return Checkpoint(trade(), SMALL, View({4000.0: 0.2}), 1.5, ({"step": 2.0},), run.state())
+    return Checkpoint(trade(), SMALL, View({4000.0: 0.2}), 1.5, (dict.fromkeys(ROW, 2.0),), run.state())
 
 
 def weights(run: Training) -> list[np.ndarray]:
@@ -150,7 +149,7 @@ def test_a_checkpoint_holds_every_bit(tmp_path: Path) -> None:
     made = checkpoint(3)
     made.write(tmp_path / "net.npz")
     read = Checkpoint.read(tmp_path / "net.npz")
-    assert json.dumps(read.about()) == json.dumps(made.about())
+    assert read.about() == made.about()
     assert read.state.keys() == made.state.keys()
     assert all(np.array_equal(read.state[name], array) for name, array in made.state.items())
     seen = striped(9).shown
@@ -166,7 +165,7 @@ def test_a_checkpoint_holds_every_bit(tmp_path: Path) -> None:
         ({"sensor": "another"}, "sensor a sensor"),
         ({"light": "code values taken for light"}, "light linear light"),
         ({"levels": (24, 40)}, "light of 24 dB, 32 dB"),
-        ({"transfer": np.full((3, 4, 3), 0.99)}, "other openings"),
+        ({"transfer": np.full((3, 32, 17), 0.99)}, "other openings"),
     ],
 )
 def test_a_checkpoint_is_refused_for_anything_else(changes: dict[str, object], told: str) -> None:
@@ -207,6 +206,18 @@ def not_finite(path: Path) -> None:
     made.write(path)
 
 
+def of_no_light(path: Path) -> None:
+    replace(checkpoint(1), view=View({})).write(path)
+
+
+def of_a_huge_network(path: Path) -> None:
+    replace(checkpoint(1), course=replace(SMALL, widths=(8, 1_000_000))).write(path)
+
+
+def of_another_probe(path: Path) -> None:
+    replace(checkpoint(1), trade=trade(transfer=np.ones((3, 2, 2)))).write(path)
+
+
 def array_alone(path: Path) -> None:
     with path.open("wb") as file:
         np.save(file, np.zeros(3))
@@ -226,6 +237,9 @@ def of_another_kind(path: Path) -> None:
         (array_alone, "MF303"),
         (without_a_weight, "MF303"),
         (not_finite, "MF303"),
+        (of_no_light, "MF303"),
+        (of_a_huge_network, "MF303"),
+        (of_another_probe, "MF303"),
         (of_another_kind, "MF304"),
     ],
 )

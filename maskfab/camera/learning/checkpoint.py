@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
-from maskfab.camera.learning.network import Network
+from maskfab.camera.learning.network import COLOURS, Network
 from maskfab.camera.learning.training import MEAN, Arrays, Course, named
 from maskfab.camera.learning.view import PLANES, View
 from maskfab.camera.restorers.learned import Learned
@@ -26,6 +26,8 @@ _PROBED = (32, 32)
 _ALIKE = 1e-3
 """Most that the transfer of the same die differs, by rounding."""
 _WIDEST, _DEEPEST = 512, 8
+ROW = ("minutes", "step", "loss", "gain", "gain_over_filter")
+"""Numbers of a history: time and steps from the beginning, loss, gains over both pictures that are shown, dB."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +85,7 @@ class Checkpoint:
         course: of the training.
         view: of records.
         seconds: that were trained.
-        history: steps, loss and gains on scenes kept for that, each time that they were looked at.
+        history: rows of :data:`ROW`, one each time that it was judged by scenes that are not taught.
         state: of the training.
     """
 
@@ -163,17 +165,27 @@ class Checkpoint:
     @classmethod
     def _of(cls, found: dict[str, NDArray[np.generic]]) -> Checkpoint:
         about = json.loads(str(found.pop("about")))
-        transfer = np.asarray(found.pop("transfer"))
-        known = {each.name: about[each.name] for each in fields(Trade) if each.name != "transfer"}
-        trade = Trade(**(known | {key: tuple(known[key]) for key in ("levels", "images")}), transfer=transfer)
+        texts = {key: str(about[key]) for key in ("job", "digest", "die", "camera", "sensor", "light")}
+        levels, images = tuple(map(float, about["levels"])), tuple(map(str, about["images"]))
+        trade = Trade(**texts, levels=levels, images=images, transfer=np.asarray(found["transfer"]))
         settings = about["course"]
         course = Course(**(settings | {key: tuple(settings[key]) for key in ("widths", "patch")}))
-        if len(course.widths) > _DEEPEST or max(course.widths) > _WIDEST:
-            raise ValueError(course.widths)
-        if not all(np.isfinite(array).all() for array in found.values() if array.dtype.kind == "f"):
-            raise ValueError("weights are not finite")
         view = View({float(electrons): float(epsilon) for electrons, epsilon in about["strengths"]})
-        return cls(trade, course, view, float(about["seconds"]), about["history"], found)
+        history = tuple({key: float(row[key]) for key in ROW} for row in about["history"])
+        read = cls(trade, course, view, float(about["seconds"]), history, found)
+        read._check()
+        del found["transfer"]
+        return read
+
+    def _check(self) -> None:
+        """Raise a ValueError for what no training leaves."""
+        widths, strengths = self.course.widths, [*self.view.strengths, *self.view.strengths.values()]
+        finite = all(np.isfinite(array).all() for array in self.state.values() if array.dtype.kind in "fc")
+        small = 0 < len(widths) <= _DEEPEST and max(widths) <= _WIDEST
+        rows, columns = _PROBED
+        probed = self.trade.transfer.shape == (COLOURS, rows, columns // 2 + 1)
+        if not (finite and small and probed and strengths and min(strengths) > 0):
+            raise ValueError(self.about())
 
 
 def probe(blur: Blur) -> Transfer:
