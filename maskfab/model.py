@@ -699,7 +699,7 @@ class Quantity:
     passed: bool | None = None
     die: str | None = None
     wavelength_nm: float | None = None
-    level_db: int | None = None
+    level_db: float | None = None
     at_most: bool = False
     detail: str | None = None
 

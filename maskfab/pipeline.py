@@ -38,10 +38,11 @@ from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box
 from maskfab.measurement.as_written import Written, measure_written
+from maskfab.measurement.conditions import Conditions
 from maskfab.measurement.display_rows import display_quantities
 from maskfab.measurement.features import judged, limits_as_rules, smallest_features
 from maskfab.measurement.optics import measure_with_bar, reach_box, read_openings
-from maskfab.measurement.restored import Restored, restore_photographs
+from maskfab.measurement.restored import Photographs, Restored, photograph_die
 from maskfab.measurement.scene_result import SceneOptics
 from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
@@ -50,7 +51,7 @@ from maskfab.optics.scene.plan import Plan
 from maskfab.processes import Alone, Given, Pair, Task
 from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
-from maskfab.report.documents import design_data, report_data
+from maskfab.report.documents import design_data, photograph_data, report_data
 from maskfab.report.page import html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.quantity_table import Quantities
@@ -186,8 +187,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
                 scenes = measure_scenes(job, plate, plans, layout, progress, clock.seconds)
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
-            restored = photographs.result(progress)
-            clock.seconds["photographs"] = round(photographs.seconds, 3)
+            restored = photographs.result(progress, clock.seconds)
             found = Findings(job, built, read, optics, scenes, restored, written)
             report = found.report(files, clock.seconds)
             with clock.stage("figures"):
@@ -219,7 +219,7 @@ class Findings:
         read: rows of what reading files back has shown, and the shop's rules.
         optics: of every die.
         scenes: through every die; none for a job without a scene.
-        restored: photographs, by die.
+        restored: photographs through all dies.
         written: dies as their writer makes them, by name.
     """
 
@@ -228,7 +228,7 @@ class Findings:
     read: Sequence[Quantity]
     optics: Sequence[DieOptics]
     scenes: Sequence[SceneOptics]
-    restored: Mapping[str, Restored]
+    restored: Photographs
     written: Mapping[str, Written]
 
     @property
@@ -244,8 +244,8 @@ class Findings:
         for die in built.plate.dies:
             if die.name in built.found and die.name in of_dies:
                 of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)
-        for name, photographs in self.restored.items():
-            of_dies[name] += photographs.quantities
+        for name in self.restored.dies:
+            of_dies[name] += self.restored.quantities(name)
         for name, process in self.written.items():
             of_dies[name] += process.quantities
         for name, note in design_data.camera_notes(job).items():
@@ -261,10 +261,13 @@ class Findings:
     def document(self, report: Report) -> report_data.Document:
         """The content of report.json."""
         designs = {
-            name: design_data.design_document(said, self.restored.get(name))
+            name: design_data.design_document(said, self.restored.conditions.levels, self.restored.dies.get(name))
             for name, said in design_data.stated(self.job).items()
         }
-        return report_data.to_document(report, self.plate, self.job.camera, self.scenes, self.built.found, designs)
+        photographs = photograph_data.photographs_document(self.restored)
+        return report_data.to_document(
+            report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs
+        )
 
 
 def draw_files(job: Job, plate: Plate) -> PlateFiles:
@@ -468,10 +471,42 @@ def measure_process(
     return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
 
 
-def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Task[dict[str, Restored]]:
-    """Photographs through the dies of a plate, which need nothing of its files."""
-    designed = frozenset(design_data.stated(job))
-    return crew.submit(restore_photographs, lambda: (plate.dies, job.camera, designed), tells=True)
+@dataclass(frozen=True)
+class Begun:
+    """Photographs that are being taken.
+
+    Attributes:
+        conditions: of all.
+        tasks: by die.
+    """
+
+    conditions: Conditions
+    tasks: Mapping[str, Task[Restored]]
+
+    def result(self, progress: Progress, seconds: dict[str, float] | None = None) -> Photographs:
+        """All of them; the time of every die is added to ``seconds``."""
+        dies = {}
+        for done, (name, task) in enumerate(self.tasks.items()):
+            progress("photographs", done, len(self.tasks))
+            dies[name] = task.result()
+            if seconds is not None:
+                seconds[f"photographs {name}"] = round(task.seconds, 3)
+        progress("photographs", len(dies), len(dies))
+        return Photographs(self.conditions, dies)
+
+
+def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
+    """Photographs through the dies of a plate, which need nothing of its files.
+
+    Raises:
+        JobError: MF140 or MF141 for a sensor or a light that cannot be.
+    """
+    conditions, shown = Conditions.of(job, "camera"), design_data.stated(job)
+
+    def given(die: Die) -> Given:
+        return lambda: (conditions, job, die.name, die.panel, die.name in shown)
+
+    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in plate.dies})
 
 
 def _mask(die: Die) -> Die:
@@ -516,8 +551,8 @@ def draw_pictures(
         name = die.name
         if name in built.found:
             more.append(Figures(name, display_figures.pictures, (die.panel, built.found[name])))
-        if name in found.restored:
-            more.append(Figures(name, design_figures.pictures, (found.restored[name],)))
+        if found.restored.dies[name].shots:
+            more.append(Figures(name, design_figures.pictures, (found.restored.dies[name],)))
         if name in found.written:
             more.append(Figures(name, written_figures.pictures, (found.written[name],)))
     best = _most_invertible(found.optics)

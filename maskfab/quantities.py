@@ -412,17 +412,26 @@ _ENTRIES = (
         "PSNR",
         "dB",
         "Restored PSNR",
-        "Expected peak signal-to-noise ratio of restored photographs through this die at a given light "
-        "level: taken by the job's camera, restored as protocol F1 does, no denoiser. The level is the "
-        "signal-to-noise ratio of white behind the published display.",
+        "Peak signal-to-noise ratio of restored photographs of drawn scenes through this die at a given light "
+        "level: taken by the job's camera and sensor in linear light, restored by the Wiener filter, no denoiser. The "
+        "level is the signal-to-noise ratio of white behind the published display.",
+        "Choose one compact opening with a designed orientation map, or raise the open ratio.",
+    ),
+    Entry(
+        "restored_gain",
+        "ΔPSNR",
+        "dB",
+        "Gain of restored photographs",
+        "Mean difference in PSNR to the first die of the job that can be photographed, scene by scene, with its 95 % "
+        "interval. Dies whose interval holds 0 are a tie.",
         "Choose one compact opening with a designed orientation map, or raise the open ratio.",
     ),
     Entry(
         "photographs_refused",
         "",
         "",
-        "Photographs not judged",
-        "Why restored photographs behind this die are not judged, or not taken, by the job's camera.",
+        "Photographs not taken",
+        "Why the job's camera takes no photographs behind this die.",
         "Change the camera as it says; everything else is measured all the same.",
     ),
     Entry(

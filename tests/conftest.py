@@ -10,7 +10,7 @@ import copies
 import numpy as np
 import pytest
 from hypothesis import settings
-from once import BOUNDS, DESIGN, FIGURES, compared_once, dimmed, leaves, once, statistics
+from once import BOUNDS, DESIGN, FIGURES, compared_once, dimmed, leaves, once, small_scenes, statistics
 from small_job import finished, write_job
 
 from maskfab.camera import scenes
@@ -18,6 +18,7 @@ from maskfab.export.gds import write_gdsii
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import Job, load_job
+from maskfab.measurement import restored
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 from maskfab.optimiser.bounds import bounds
 from maskfab.optimiser.model.expected_psnr import SceneStatistics
@@ -79,11 +80,13 @@ def small_plate() -> Plate:
 
 @pytest.fixture(scope="session", autouse=True)
 def scenes_drawn_once() -> Iterator[None]:
-    """The scenes of whoever has no photographs, a second each, which every run and every search would draw again."""
+    """The scenes of whoever has no photographs, a second each, which every run and every search would draw again; a run
+    has small ones."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(scenes, "dead_leaves", leaves)
         patch.setattr(scenes, "indoors", dimmed)
         patch.setattr(SceneStatistics, "of", statistics)
+        patch.setattr(restored, "_drawn", small_scenes)
         yield
 
 

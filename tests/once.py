@@ -48,6 +48,13 @@ leaves = cache(dead_leaves)
 dimmed = cache(indoors)
 """The same scene indoors."""
 
+
+@cache
+def small_scenes() -> tuple[Photograph, ...]:
+    """Scenes for the photographs of a run, a sixth as large as its own; the sensor has 192 x 256 pixels."""
+    return leaves(1, 704, 768), dimmed(leaves(2, 704, 768))
+
+
 _statistics = SceneStatistics.of
 _scenes: dict[tuple[int, ...], tuple[Sequence[Photograph], SceneStatistics]] = {}
 

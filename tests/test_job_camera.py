@@ -15,7 +15,6 @@ from maskfab.cli.verbs.design import _targets
 from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
 from maskfab.jobfile import read
-from maskfab.measurement.restored import OTHER_RESIDUAL_DB, photographer
 from maskfab.model import Tiling
 from maskfab.opening import openings
 from maskfab.plate import maps
@@ -161,19 +160,6 @@ def test_a_sweep_judges_behind_the_jobs_camera(folder, capsys):
         best[name] = max(each.provenance["expected_psnr_32"] for each in files)
         assert all(each.provenance["camera"] == camera_line(load_job(folder / f"{name}.toml").camera) for each in files)
     assert abs(best["phone"] - best["fast"]) > 0.1
-
-
-def test_a_report_predicts_behind_the_jobs_camera(folder):
-    values = {}
-    for name in ("phone", "fast"):
-        job = load_job(folder / f"{name}.toml")
-        die = job.plate().dies[0]
-        take = photographer([die], [picture()], PhotoCamera.of(job.camera))
-        rows = take(die, photographs=False).quantities
-        assert {row.level_db: row.uncertainty for row in rows} == dict(OTHER_RESIDUAL_DB)
-        assert all("job's camera" in row.method for row in rows)
-        values[name] = rows[0].value
-    assert abs(values["phone"] - values["fast"]) > 0.1
 
 
 def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judged(folder, tmp_path):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
 
 from maskfab.model import MaskBlank, Panel
 from maskfab.optics.scene.plan import Plan
@@ -22,6 +23,20 @@ def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = N
         plan: that the transfer follows; None if it holds all of the scene.
     """
     return (*_by_plan(scene, plan), *_of_lens(scene), *_of_plate(panel, blank))
+
+
+def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
+    """Every sentence once, with the dies that it is about where these are not all.
+
+    Args:
+        left_out: by die, what its photographs leave out.
+    """
+    dies: dict[str, list[str]] = {}
+    for name, told in left_out.items():
+        for sentence in told:
+            dies.setdefault(sentence, []).append(name)
+    every = len(left_out)
+    return [f"{'' if len(names) == every else ', '.join(names) + ': '}{sentence}." for sentence, names in dies.items()]
 
 
 def _by_plan(scene: Scene, plan: Plan | None) -> list[str]:

@@ -1,18 +1,15 @@
-"""Restored photographs to look at, beside the truth: part of what protocol F1 scores as a whole."""
+"""Restored photographs to look at, beside the truth: part of what a protocol scores as a whole."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.photographs import Photograph
-from maskfab.camera.protocol import evaluate
 from maskfab.camera.restorers.wiener import Margin
 from maskfab.camera.scores import Score
-from maskfab.camera.transfer import Laid
 from maskfab.errors import JobError
 
 Singles = NDArray[np.float32]
@@ -48,27 +45,12 @@ class Shot:
     """A photograph through a design, restored.
 
     Attributes:
-        score: of the whole frame and of the inner one, its SSIM NaN.
+        score: of the whole frame and of the inner one.
         picture: part of it, float32 [3, rows, columns] within 0 to 1, row 0 on top; code values as the scene's.
     """
 
     score: Score
     picture: Singles
-
-
-def shots(design: Laid, scene: Photograph, levels: Sequence[int], crop: Crop) -> tuple[Shot, ...]:
-    """One scene through a design at every level, in rising order, each with the ε that is best for that very picture.
-
-    Raises:
-        JobError: as :func:`maskfab.camera.protocol.evaluate` and :meth:`Crop.of`.
-    """
-    taken: list[Shot] = []
-
-    def show(score: Score, whole: Singles) -> None:
-        taken.append(Shot(score, crop.of(whole)))
-
-    evaluate([design], [scene], [scene], levels, details=False, show=show)
-    return tuple(taken)
 
 
 def truth_of(scene: Photograph, crop: Crop) -> Singles:

@@ -84,7 +84,7 @@ class Conditions:
             spec = job.spec
             idle = {"camera": spec.camera, "sensor": spec.sensor, "exposure": spec.exposure, "scene": spec.scene}
             unused = tuple(f"[{name}]" for name, section in idle.items() if section is not None)
-            return cls(_FIXED[protocol], F1_CAMERA, chosen, _in_decibels(chosen), unused=unused)
+            return cls(_lit(_FIXED[protocol], chosen), F1_CAMERA, chosen, _in_decibels(chosen), unused=unused)
         if protocol != "camera":
             what = f"there is no protocol {protocol!r}"
             raise JobError("MF105", what, where="protocol", cure="Use camera, f1 or paper")
@@ -97,7 +97,7 @@ class Conditions:
         scene = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
         if brackets is None:
             brackets = () if job.spec.exposure is None else job.spec.exposure.brackets
-        kind = Protocol("camera", sensor, linear=light != "code", brackets=tuple(brackets))
+        kind = _lit(Protocol("camera", sensor, linear=light != "code", brackets=tuple(brackets)), chosen)
         return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene)
 
     def restorers(self, names: str | Sequence[str] | None) -> tuple[tuple[Restorer, ...], bool]:
@@ -204,6 +204,13 @@ def _light(job: Job, sensor: Sensor) -> tuple[tuple[float, ...], str]:
             sensor=sensor,
         )
     return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
+
+
+def _lit(protocol: Protocol, levels: Sequence[float]) -> Protocol:
+    """The protocol, if it has light of all these levels."""
+    for level in levels:
+        protocol.exposure(level)
+    return protocol
 
 
 def _in_decibels(levels: Sequence[float]) -> str:

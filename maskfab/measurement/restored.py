@@ -1,200 +1,151 @@
-"""Restored photographs behind a die: the surrogate's prediction, and photographs simulated through it."""
+"""Photographs through the dies of a plate, restored and scored by protocol ``camera``: what a report says of them."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
+from functools import cache, cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photo_camera import F1, PhotoCamera
+from maskfab.camera import scenes as scene_sets
+from maskfab.camera.intervals import CONFIDENCE
 from maskfab.camera.photographs import Photograph
-from maskfab.camera.protocol import ASSUMED, LEVELS
-from maskfab.camera.scenes import bundled
-from maskfab.camera.shots import Crop, Shot, shots, truth_of
-from maskfab.camera.transfer import CELLS, FEWEST_CELLS, PITCH_UM, CellGrid, Laid
+from maskfab.camera.protocol import evaluate
+from maskfab.camera.scores import Gain, Score, ScoreTable
+from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
-from maskfab.files.release_memory import give_back
-from maskfab.model import Camera, Die, Panel, Quantity, Tiling, refined
-from maskfab.optimiser.model.expected_psnr import SceneStatistics, Surrogate
-from maskfab.progress import Progress, silent
-from maskfab.units import NM_PER_UM
+from maskfab.job import Job
+from maskfab.measurement.conditions import Conditions
+from maskfab.model import Panel, Quantity
 
-SHOWN_LEVELS = (24, 40)
-"""Levels at which photographs are taken, dB: little light and much."""
 CROP = Crop(144, 192)
 """Part of the photographs that is shown."""
-
-_SAME_UM = 1e-6
-
-RESIDUAL_DB: Mapping[int, float] = MappingProxyType({24: 0.7, 32: 0.5, 40: 1.0})
-"""Largest difference, by level, of the prediction from protocol F1 run on the four bundled scenes (mean of their PSNRs,
-ε the best for all four): twelve dies, cells of 84, 92 and 168 um, repeated, turned at random, and by a designed map.
-"""
-
-
-OTHER_RESIDUAL_DB: Mapping[int, float] = MappingProxyType({24: 1.2, 32: 0.8, 40: 1.0})
-"""Errors behind other cameras, on two of the scenes: five of f = 2 to 15 mm, stops of 1 to 4 mm and pixels of 1 to
-3 um, four dies each, repeated and turned at random."""
-
-_OTHER_CAMERA = "surrogate over the bundled scenes behind the job's camera, at the levels of light of protocol F1"
-_OF_CAMERAS = ("MF133", "MF134", "MF135", "MF136")
+NOISE_DB = 0.05
+"""By which another draw of the noise changes a mean over the scenes at most."""
 
 
 @dataclass(frozen=True, eq=False)
 class Restored:
-    """Quality of the photographs behind one die.
+    """Photographs behind one die.
 
     Attributes:
-        quantities: ``restored_psnr`` at every level of light, or a note on why the camera allows none.
-        scene: of the photographs; None if none were taken.
-        truth: part of the scene, float32 [3, rows, columns], row 0 on top; None likewise.
-        shots: the same part of every restored photograph, by rising level.
+        scores: of every scene at every level of light; none if it cannot be photographed.
+        left_out: sentences on what the photographs leave out.
+        refused: why the die cannot be photographed; None if it can.
+        scene: of the photographs that are shown; None if none are.
+        truth: part of that scene, float32 [3, rows, columns], row 0 on top; None likewise.
+        shots: the same part of its restored photographs, in least light and in most.
     """
 
-    quantities: tuple[Quantity, ...]
+    scores: tuple[Score, ...] = ()
+    left_out: tuple[str, ...] = ()
+    refused: str | None = None
     scene: str | None = None
     truth: NDArray[np.float32] | None = None
     shots: tuple[Shot, ...] = ()
 
-
-def restore_photographs(
-    dies: Sequence[Die], camera: Camera, designed: Collection[str], progress: Progress = silent
-) -> dict[str, Restored]:
-    """Restored photographs behind dies that can be judged so: expected PSNRs; taken through ``designed`` ones."""
-    try:
-        seen = PhotoCamera.of(camera)
-    except JobError as refusal:
-        return {die.name: not_judged(die, refusal) for die in dies}
-    take = photographer(dies, camera=seen)
-    if take is None:
-        return {}
-    found = dict(take.refused)
-    judged = [die for die in dies if die.name in take.laid]
-    for done, die in enumerate(judged):
-        progress("photographs", done, len(judged))
-        found[die.name] = take(die, photographs=die.name in designed)
-        give_back()
-    if judged:
-        progress("photographs", len(judged), len(judged))
-    return found
+    def psnr(self, level_db: float) -> float:
+        """Mean over the scenes, whole frame, in dB."""
+        own = [score.psnr for score in self.scores if score.level_db == level_db]
+        return float(np.mean(own))
 
 
 @dataclass(frozen=True, eq=False)
-class Photographer:
-    """Everything that does not depend on the die.
+class Photographs:
+    """Photographs behind the dies of one plate.
 
     Attributes:
-        laid: every die that can be judged, as the camera sees it, by name.
-        refused: of others, why the camera cannot judge them.
-        scenes: photographs that are averaged over.
-        estimates: surrogates by the cells behind the stop.
-        camera: that looks through all dies.
+        conditions: that they were taken under.
+        dies: by name, in the plate's order.
     """
 
-    laid: Mapping[str, Laid]
-    refused: Mapping[str, Restored]
-    scenes: tuple[Photograph, ...]
-    estimates: Mapping[CellGrid, Surrogate]
-    camera: PhotoCamera
+    conditions: Conditions
+    dies: Mapping[str, Restored]
 
-    def __call__(self, die: Die, *, photographs: bool) -> Restored:
-        """Predict the PSNR of one of ``laid``, and with ``photographs`` take some of the first scene through it."""
-        quantities = tuple(self._predicted(die))
-        if not photographs:
-            return Restored(quantities)
-        try:
-            _ = self.camera.colours_nm
-        except JobError as refusal:
-            return Restored((*quantities, *not_judged(die, refusal).quantities))
-        scene = self.scenes[0]
-        taken = shots(self.laid[die.name], scene, SHOWN_LEVELS, CROP)
-        return Restored(quantities, scene.name, truth_of(scene, CROP), taken)
+    @cached_property
+    def table(self) -> ScoreTable:
+        """Scores of all dies."""
+        return ScoreTable(tuple(score for die in self.dies.values() for score in die.scores))
 
-    def _predicted(self, die: Die) -> list[Quantity]:
-        panel, laid = die.panel, self.laid[die.name]
-        estimate = self.estimates[laid.lattice]
-        if not panel.others and panel.tiling in (Tiling.PERIODIC, Tiling.RANDOM):
-            found = estimate(_unit(panel, laid), periodic=panel.tiling is Tiling.PERIODIC)
-            how = "all random layouts" if panel.tiling is Tiling.RANDOM else "the repeated opening"
-        elif self.camera.is_f1 and abs(laid.lattice.side * laid.lattice.dot_um - CELLS * PITCH_UM) > _SAME_UM:
-            return []  # the error of one layout is only known of panels of the protocol's own side
-        else:
-            # It brings torch along, which takes longer to start than most plates take to check.
-            from maskfab.optimiser.model.layout_error import pupil_error
+    @property
+    def reference(self) -> str | None:
+        """The die that gains are over: the first that can be photographed."""
+        return next((name for name, die in self.dies.items() if die.scores), None)
 
-            found = pupil_error(estimate).psnr(laid.pupil)
-            how = "this very layout"
-        told = "surrogate of protocol F1 over the bundled scenes" if self.camera.is_f1 else _OTHER_CAMERA
-        against = "for twelve dies" if self.camera.is_f1 else "behind five cameras"
-        residual = RESIDUAL_DB if self.camera.is_f1 else OTHER_RESIDUAL_DB
-        return [
+    @cached_property
+    def gains(self) -> Mapping[str, tuple[Gain, ...]]:
+        """Paired gains over the reference, by die, of those that were photographed."""
+        reference = self.reference
+        every = () if reference is None else self.table.gains(reference)
+        return {name: tuple(gain for gain in every if gain.design == name) for name in self.dies}
+
+    def quantities(self, name: str) -> tuple[Quantity, ...]:
+        """Rows of a die: its PSNR and its gain at every level of light, or why there is none."""
+        die = self.dies[name]
+        if die.refused is not None:
+            told = "photographs behind this die are not taken, for this reason"
+            return (Quantity("photographs_refused", die.refused, told, die=name),)
+        scenes = len({score.scene for score in die.scores})
+        how = f"{'; '.join(self.conditions.lines)}; {scenes} drawn scenes, restored by the Wiener filter"
+        means = [
             Quantity(
                 "restored_psnr",
-                value,
-                f"expected: {told}, for {how}; error: its largest difference from the protocol itself, run on these "
-                f"scenes {against}; assumed: {ASSUMED}",
-                uncertainty=residual[level],
-                die=die.name,
+                die.psnr(level),
+                f"mean over the scenes: {how}; error: another draw of the noise; other scenes have other means, see "
+                "the paired gain",
+                uncertainty=NOISE_DB,
+                die=name,
                 level_db=level,
             )
-            for level, value in zip(LEVELS, found, strict=True)
+            for level in self.conditions.levels
         ]
+        gains = [
+            Quantity(
+                "restored_gain",
+                gain.psnr.mean,
+                f"mean of the differences to {self.reference}, scene by scene: {how}; error: half the {CONFIDENCE:.0%} "
+                f"interval by Student's t; {'a tie, for it holds 0' if gain.psnr.tie else 'it does not hold 0'}",
+                uncertainty=gain.psnr.half_width,
+                die=name,
+                level_db=gain.level_db,
+            )
+            for gain in self.gains[name]
+        ]
+        return (*means, *gains)
 
 
-def photographer(
-    dies: Sequence[Die], scenes: Sequence[Photograph] | None = None, camera: PhotoCamera = F1
-) -> Photographer | None:
-    """Prepare for the dies that cover the camera's stop and that can be judged; None if there are none.
+def photograph_die(conditions: Conditions, job: Job, name: str, panel: Panel, shown: bool) -> Restored:
+    """Photograph the drawn scenes through one die.
 
     Args:
-        dies: of a plate.
-        scenes: of 1024 x 1536 pixels; None for the bundled ones.
-        camera: that looks through them.
+        conditions: of the job.
+        job: whose scene and glass lie before the die.
+        name: of the die.
+        panel: of it.
+        shown: keep part of the first scene.
     """
-    laid: dict[str, Laid] = {}
-    refused: dict[str, Restored] = {}
-    for die in dies:
-        if min(die.panel.size_nm) < camera.stop.diameter_um * NM_PER_UM:
-            continue
-        try:
-            seen = laid_panel(die.name, die.panel, camera)
-            _require_cells(die, seen.lattice)
-            laid[die.name] = seen
-        except JobError as refusal:
-            if refusal.code in _OF_CAMERAS:
-                refused[die.name] = not_judged(die, refusal)
-    if not laid:
-        return Photographer({}, refused, (), {}, camera) if refused else None
-    known = tuple(scenes) if scenes is not None else bundled()
-    statistics = SceneStatistics.of(known)
-    estimates = {room: statistics.behind(room) for room in dict.fromkeys(each.lattice for each in laid.values())}
-    return Photographer(laid, refused, known, estimates, camera)
+    scenes, shots = _drawn(), list[Shot]()
+    levels = {min(conditions.levels), max(conditions.levels)} if shown else set()
 
+    def keep(score: Score, whole: NDArray[np.float32]) -> None:
+        if score.scene == scenes[0].name and score.level_db in levels:
+            shots.append(Shot(score, CROP.of(whole)))
 
-def _require_cells(die: Die, room: CellGrid) -> None:
-    """Refuse random layouts of too few cells for the mean over all layouts to represent them."""
-    if die.panel.tiling is Tiling.RANDOM and room.cells < FEWEST_CELLS and not room.camera.is_f1:
-        raise JobError(
-            "MF136",
-            f"the stop of {room.camera.stop.diameter_um:g} um has {room.cells} x {room.cells} cells of "
-            f"{die.panel.cell_size.pitch_um:g} um behind it; a random layout of fewer than {FEWEST_CELLS} x "
-            f"{FEWEST_CELLS} may lie 2 dB from the mean over all layouts",
-            where=die.name,
-            cure="Use another tiling, smaller cells or a larger stop",
+    try:
+        design, told = conditions.design(name, panel, job)
+        table = evaluate(
+            [design], scenes, scenes, conditions.levels, protocol=conditions.protocol, details=False, show=keep
         )
+    except JobError as refusal:
+        return Restored(refused=f"{refusal.code} {refusal.what}")
+    if not shots:
+        return Restored(table.scores, told)
+    return Restored(table.scores, told, None, scenes[0].name, truth_of(scenes[0], CROP), tuple(shots))
 
 
-def not_judged(die: Die, why: JobError) -> Restored:
-    """A note that photographs behind a die are not judged, or not taken."""
-    told = "photographs behind this die are not judged, or not taken, for this reason"
-    return Restored((Quantity("photographs_refused", f"{why.code} {why.what}", told, die=die.name),))
-
-
-def _unit(panel: Panel, laid: Laid) -> NDArray[np.bool_]:
-    """The opening on these dots, its gutter round it."""
-    fine = refined(panel.opening.mask, panel.dot_nm // round(NM_PER_UM * laid.lattice.dot_um))
-    return np.pad(fine, (laid.lattice.dots - len(fine)) // 2)
+@cache
+def _drawn() -> tuple[Photograph, ...]:
+    """The scenes, and with them their spectra, for all dies of a process."""
+    return scene_sets.bundled()

@@ -14,11 +14,24 @@ from maskfab.camera import protocol
 from maskfab.camera.protocol import evaluate
 from maskfab.camera.quality import psnr
 from maskfab.camera.restorers import wiener
-from maskfab.camera.shots import Crop, shots, truth_of
+from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.camera.transfer import lay
 from maskfab.errors import JobError
 
 SENSOR = Crop(320, 320)
+
+
+def shots(design, scene, levels, crop):
+    taken = []
+    evaluate(
+        [design],
+        [scene],
+        [scene],
+        levels,
+        details=False,
+        show=lambda score, whole: taken.append(Shot(score, crop.of(whole))),
+    )
+    return tuple(taken)
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,4 @@
-"""Restored photographs behind the dies of a plate: predicted for all that can be judged, taken for some."""
+"""Photographs in a report: the protocol's own, of the job's camera and light, and ties told as ties."""
 
 from __future__ import annotations
 
@@ -8,112 +8,175 @@ from pathlib import Path
 import numpy as np
 import pytest
 from once import leaves
+from report.test_report_data import check
 
-from maskfab.camera.laid_panel import laid_panel
-from maskfab.camera.photographs import Photograph
-from maskfab.camera.protocol import LEVELS, evaluate
+from maskfab.api.verbs.photographs import simulate
+from maskfab.camera import scenes as scene_sets
+from maskfab.camera.intervals import MeanDifference
+from maskfab.camera.protocol import Score
+from maskfab.errors import JobError
 from maskfab.job import load_job
-from maskfab.measurement.restored import CROP, RESIDUAL_DB, SHOWN_LEVELS, photographer
-from maskfab.model import Die, Tiling
-from maskfab.optimiser.model import expected_psnr
-from maskfab.optimiser.model.expected_psnr import surrogate
+from maskfab.measurement import restored
+from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.restored import CROP, NOISE_DB, Photographs, Restored, photograph_die
+from maskfab.pipeline import begin_photographs
+from maskfab.processes import Alone
+from maskfab.report.documents.photograph_data import photographs_document, photographs_schema
+from maskfab.report.page.photograph_table import best_photographed, photograph_table
 
-LAYOUTS = Path(__file__).parents[2] / "layouts"
+JOB = Path(__file__).parents[2] / "layouts" / "toled_against_ours.toml"
+PIXEL = ('pixel = "2 um"', 'pixel = "1 um"')
+LIGHT = "\n[exposure]\nsnr = [24, 40]\n"
 
 
-def scenes() -> tuple[Photograph, ...]:
-    return (leaves(1),)
+def job_of(folder: Path, more: str = "", edits: tuple[tuple[str, str], ...] = ()):
+    """The job with further sections, on two levels of light."""
+    text = JOB.read_text().replace("openings/", f"{JOB.parent}/openings/").replace("maps/", f"{JOB.parent}/maps/")
+    for old, new in edits:
+        assert old in text
+        text = text.replace(old, new)
+    path = folder / "job.toml"
+    path.write_text(text + more)
+    return load_job(path)
 
 
-def _values(take, die: Die) -> list[float]:
-    return [row.value for row in take(die, photographs=False).quantities]
+def taken(job) -> Photographs:
+    with Alone() as crew:
+        return begin_photographs(job, job.plate(), crew).result(lambda *_: None)
+
+
+def psnrs(found: Photographs) -> dict[tuple[str, float], float]:
+    return {
+        (name, row.level_db): row.value
+        for name in found.dies
+        for row in found.quantities(name)
+        if row.name == "restored_psnr"
+    }
 
 
 @pytest.fixture(scope="module")
-def dies() -> dict[str, Die]:
-    return {die.name: die for die in load_job(LAYOUTS / "toled_against_ours.toml").plate().dies}
+def job(tmp_path_factory):
+    return job_of(tmp_path_factory.mktemp("job"), LIGHT)
 
 
 @pytest.fixture(scope="module")
-def take(dies):
-    toled, small = dies["TOLED"], dies["TOLED"].panel.orientations[:23, :23]
-    others = [
-        replace(toled, name="RANDOM", panel=replace(toled.panel, tiling=Tiling.RANDOM, seed=1)),
-        replace(toled, name="FOURS", panel=replace(toled.panel, tiling=Tiling.PAPER4, seed=1)),
-        replace(toled, name="HEXAGONAL", panel=replace(toled.panel, tiling=Tiling.HEXAGONAL, seed=1)),
-        replace(toled, name="SMALL", panel=replace(toled.panel, orientations=small, tiling=Tiling.RANDOM, seed=1)),
-        replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000)),
+def found(job):
+    return taken(job)
+
+
+def test_a_report_says_what_simulate_says(job, found, monkeypatch):
+    monkeypatch.setattr(scene_sets, "bundled", restored._drawn)
+    told = simulate(job)
+    scores: dict[tuple[str, float], list[float]] = {}
+    for score in told.table.scores:
+        scores.setdefault((score.design, score.level_db), []).append(score.psnr)
+    assert psnrs(found) == pytest.approx({case: np.mean(each) for case, each in scores.items()}, abs=1e-9)
+    gains = {(gain.design, gain.level_db): gain.psnr for gain in told.table.gains("TOLED")}
+    rows = {row.level_db: row for row in found.quantities("OURS") if row.name == "restored_gain"}
+    for (die, level), gain in gains.items():
+        assert (rows[level].value, rows[level].uncertainty) == pytest.approx((gain.mean, gain.half_width)), die
+
+
+def test_another_draw_of_the_noise_stays_within_the_error(job, found):
+    other = tuple(replace(scene, number=scene.number + 100) for scene in restored._drawn())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(restored, "_drawn", lambda: other)
+        again = psnrs(taken(job))
+    differences = [abs(again[case] - value) for case, value in psnrs(found).items()]
+    # These scenes are two, and small: of so many fewer pixels noise is averaged less.
+    rows, columns = (side - 512 for side in other[0].values.shape[1:])
+    fewer = 4 * 512 * 1024 / (len(other) * rows * columns)
+    assert 0 < max(differences) < NOISE_DB * fewer**0.5
+
+
+@pytest.mark.parametrize(
+    ("more", "edits", "better"),
+    [
+        (LIGHT + "[sensor]\nread_noise = 60\n", (), False),
+        (LIGHT.replace("24, 40", "28, 40"), (), True),
+        (LIGHT, (PIXEL,), False),
+    ],
+    ids=["more read noise", "more light", "smaller pixels"],
+)
+def test_sensor_light_and_camera_change_the_report_as_physics_says(job, found, tmp_path, more, edits, better):
+    before, after = psnrs(found), psnrs(taken(job_of(tmp_path, more, edits)))
+    for die in ("TOLED", "OURS"):
+        lowest = min(level for name, level in after if name == die)
+        assert (
+            (after[die, lowest] > before[die, 24] + NOISE_DB)
+            if better
+            else (after[die, lowest] < before[die, 24] - NOISE_DB)
+        )
+
+
+def test_rows_say_what_they_assume(found):
+    rows = found.quantities("OURS")
+    assert [(row.name, row.level_db) for row in rows] == [
+        (name, level) for name in ("restored_psnr", "restored_gain") for level in (24, 40)
     ]
-    return photographer([*dies.values(), *others], scenes())
-
-
-def test_a_die_is_judged_if_it_covers_the_stop_in_square_cells(take):
-    assert set(take.laid) == {"TOLED", "OURS", "RANDOM", "FOURS", "GUTTER"}
-
-
-def test_numbers_are_the_surrogates_of_the_repeated_and_of_the_turned_opening(take, dies):
-    unit, toled = dies["TOLED"].panel.opening.mask, dies["TOLED"]
-    estimate = surrogate(scenes())
-    turned = replace(toled, name="RANDOM", panel=replace(toled.panel, tiling=Tiling.RANDOM, seed=1))
-    assert _values(take, toled) == list(estimate(unit, periodic=True))
-    assert _values(take, turned) == list(estimate(unit))
-    gutter = replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000))
-    wide = surrogate(scenes(), 23, dot_nm=8000)(np.pad(unit, 1), periodic=True)
-    assert _values(take, gutter) == list(wide)
-
-
-def test_scenes_are_looked_at_once_for_cells_of_every_size(dies, monkeypatch):
-    seen, spectrum = [], expected_psnr._spectrum
-
-    def once(given):
-        seen.append(len(given))
-        return spectrum(given)
-
-    monkeypatch.setattr(expected_psnr, "_spectrum", once)
-    toled = dies["TOLED"]
-    wide = replace(toled, name="GUTTER", slot_nm=9_200_000, panel=replace(toled.panel, gutter_nm=16000))
-    fresh = [replace(scene) for scene in scenes()]
-    assert len(photographer([toled, wide], fresh).estimates) == 2
-    assert seen == [1]
-
-
-def test_a_layout_that_repeats_is_told_as_the_repeated_opening(take, dies):
-    """The layout's own error, cut cells and all, against the closed form without them."""
-    toled = dies["TOLED"]
-    alike = replace(toled, name="FOURS", panel=replace(toled.panel, tiling=Tiling.PAPER4, seed=1))
-    assert _values(take, alike) == pytest.approx(_values(take, toled), abs=0.3)
-
-
-def test_rows_state_level_method_and_error(take, dies):
-    rows = take(dies["OURS"], photographs=False).quantities
-    assert [row.level_db for row in rows] == list(LEVELS)
     for row in rows:
-        assert (row.name, row.unit, row.die, row.passed) == ("restored_psnr", "dB", "OURS", None)
-        assert row.uncertainty == RESIDUAL_DB[row.level_db]
-        assert "surrogate" in row.method
-        assert "this very layout" in row.method
-        assert "assumed: an opaque film and no glass" in row.method
+        for said in ("focal 10000 um", "read noise 4.87 electrons", "linear light", "2 drawn scenes", "Wiener"):
+            assert said in row.method
+    assert "TOLED" in rows[-1].method
+    assert [row.name for row in found.quantities("TOLED")] == ["restored_psnr"] * 2
 
 
-def test_a_photograph_is_near_its_prediction(take, dies):
-    """On one scene the surrogate is about as good as on all."""
-    rows = {row.level_db: row for row in take(dies["OURS"], photographs=False).quantities}
-    table = evaluate([laid_panel("OURS", dies["OURS"].panel)], scenes(), scenes(), (40,))
-    assert table.scores[0].psnr == pytest.approx(rows[40].value, abs=2 * RESIDUAL_DB[40])
+def test_photographs_are_shown_of_designed_dies_as_they_were_scored(found):
+    shown, other = found.dies["OURS"], found.dies["TOLED"]
+    assert (other.scene, other.truth, other.shots) == (None, None, ())
+    assert [shot.score for shot in shown.shots] == [score for score in shown.scores if score.scene == shown.scene]
+    assert {shot.picture.shape for shot in shown.shots} == {shown.truth.shape} == {(3, CROP.rows, CROP.columns)}
 
 
-def test_photographs_are_taken_only_where_they_are_asked_for(take, dies):
-    plain = take(dies["OURS"], photographs=False)
-    assert (plain.scene, plain.truth, plain.shots) == (None, None, ())
-    taken = take(dies["OURS"], photographs=True)
-    assert taken.quantities == plain.quantities
-    assert taken.scene == "leaves1"
-    assert tuple(shot.score.level_db for shot in taken.shots) == SHOWN_LEVELS
-    assert {shot.picture.shape for shot in taken.shots} == {taken.truth.shape} == {(3, CROP.rows, CROP.columns)}
+def test_a_die_that_the_camera_cannot_see_is_told_with_its_reason(job):
+    die = job.plate().dies[0]
+    small = replace(die.panel, orientations=die.panel.orientations[:5, :5])
+    conditions = Conditions.of(job, "camera")
+    seen = photograph_die(conditions, job, "SMALL", small, False)
+    rows = Photographs(conditions, {"SMALL": seen}).quantities("SMALL")
+    assert [row.name for row in rows] == ["photographs_refused"]
+    assert rows[0].value.startswith("MF114")
+    document = photographs_document(Photographs(conditions, {"SMALL": seen}))
+    assert document["reference"] is None
+    assert photograph_table(document).refused == {"SMALL": seen.refused}
 
 
-def test_a_plate_without_a_die_to_judge_costs_nothing(dies):
-    panel = dies["TOLED"].panel
-    small = replace(dies["TOLED"], panel=replace(panel, orientations=panel.orientations[:5, :5]))
-    assert photographer([small]) is None
-    assert photographer([]) is None
+@pytest.mark.parametrize(
+    ("section", "code"),
+    [("[exposure]\nwhite = 90000\n", "MF141"), ("[sensor]\nfull_well = 100\n", "MF141")],
+    ids=["more than a full well", "too small a well"],
+)
+def test_light_that_cannot_be_is_refused_before_a_die_is_looked_at(tmp_path, section, code):
+    job = job_of(tmp_path, "\n" + section)
+    with pytest.raises(JobError) as refusal, Alone() as crew:
+        begin_photographs(job, job.plate(), crew)
+    assert refusal.value.code == code
+
+
+def table_of(job, **psnr: tuple[float, ...]) -> dict:
+    def die(name: str, values: tuple[float, ...]) -> Restored:
+        return Restored(
+            tuple(Score(name, 24, f"s{k}", 0.1, value, 0.5, value + 1, 0.5) for k, value in enumerate(values))
+        )
+
+    conditions = replace(Conditions.of(job, "camera"), levels=(24,))
+    return photographs_document(Photographs(conditions, {name: die(name, values) for name, values in psnr.items()}))
+
+
+def test_dies_that_cannot_be_told_from_the_best_are_marked_with_it(job):
+    """B is .2 dB better than A on average, and worse on one photograph; C is worse for sure, by .5 dB."""
+    document = table_of(job, A=(20.0, 25.0, 30.0), B=(20.5, 24.8, 30.3), C=(19.5, 24.5, 29.5), D=(10.0, 12.0, 11.0))
+    assert best_photographed(document, 24) == {"A", "B"}
+    table = photograph_table(document)
+    assert [cells[0].best for cells in table.rows.values()] == [True, True, False, False]
+    width = MeanDifference.of([0.5, -0.2, 0.3]).half_width
+    assert table.rows["B"][0].gain == f"+0.20 ± {width:.2f}, tie"
+    assert table.rows["C"][0].gain == "-0.50 ± 0"
+    assert best_photographed(table_of(job, A=(20.0, 25.0), B=(20.5, 24.8)), 24) == frozenset()
+
+
+def test_the_document_is_as_its_schema_says(found):
+    document = photographs_document(found)
+    check(document, photographs_schema(), {}, "photographs")
+    assert document["scenes"] == [scene.name for scene in restored._drawn()]
+    assert leaves(1).name in document["scenes"]

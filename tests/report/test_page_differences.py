@@ -24,7 +24,9 @@ def photographed(
 ) -> Restored:
     noise = grain * np.random.default_rng(seed).standard_normal(TRUTH.shape)
     picture = (0.1 + 0.8 * seen + noise).astype(np.float32)
-    return Restored((), "leaves1", truth, (Shot(Score("A", 24, "leaves1", 0.1, psnr, 0.9, psnr, 0.9), picture),))
+    return Restored(
+        (), (), None, "leaves1", truth, (Shot(Score("A", 24, "leaves1", 0.1, psnr, 0.9, psnr, 0.9), picture),)
+    )
 
 
 def compared(forged: Restored) -> list[str]:

@@ -17,6 +17,7 @@ from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoi
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.design import Design
 from maskfab.camera.intervals import CONFIDENCE
+from maskfab.camera.left_out import by_sentence
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
@@ -106,18 +107,7 @@ class Simulation:
             below.append(f"Skipped, as no photographs: {', '.join(self.skipped)}.")
         below += [f"Not photographed: {name}, {reason}." for name, reason in self.refused.items()]
         table = _lines(self.table, self.reference)
-        return "\n".join([*self.conditions.lines, *table, *below, *self._left_out()])
-
-    def _left_out(self) -> list[str]:
-        """A sentence once, with the dies that it is about where they are not all."""
-        dies: dict[str, list[str]] = {}
-        for name, told in self.left_out.items():
-            for sentence in told:
-                dies.setdefault(sentence, []).append(name)
-        every = len(self.left_out)
-        return [
-            f"{'' if len(names) == every else ', '.join(names) + ': '}{sentence}." for sentence, names in dies.items()
-        ]
+        return "\n".join([*self.conditions.lines, *table, *below, *by_sentence(self.left_out)])
 
     def _repr_png_(self) -> bytes | None:
         return self.picture() if self.shown else None
@@ -180,8 +170,6 @@ def simulate(
         )
     loaded = job_of(job, camera)
     asked = Conditions.of(loaded, protocol, levels, light, brackets)
-    for level in asked.levels:
-        asked.protocol.exposure(level)
     trained = read_checkpoints(checkpoints)
     restorers, choose = _restorers(asked, restore, learned=bool(trained))
     given = None if images is None else folder(Path(images), white)

@@ -12,6 +12,7 @@ from maskfab.measurement.display_rows import display_quantities
 from maskfab.model import COLOURS, Die
 from maskfab.report.documents.display_data import display_document, display_schema
 from maskfab.report.documents.report_data import schema
+from maskfab.report.documents.schema_terms import closed_object, or_null
 from maskfab.report.quantity_table import quantity_document
 from maskfab.units import NM_PER_UM
 
@@ -68,38 +69,34 @@ def check_schema() -> Document:
     """The JSON Schema (draft 2020-12) of what ``maskfab check --json`` prints."""
     number, text = {"type": "number"}, {"type": "string"}
     pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
-    colours = _object(dict.fromkeys(COLOURS, number))
-    broken = _object({"rule": text, "area_um2": number, "place_um": pair})
+    colours = closed_object(dict.fromkeys(COLOURS, number))
+    broken = closed_object({"rule": text, "area_um2": number, "place_um": pair})
     parts = {
         "broken": {"type": "array", "items": broken},
-        "circuits": _object({"room_um2": number, "closed_um2": number, "need_um2": number}),
-        "light": _object(
+        "circuits": closed_object({"room_um2": number, "closed_um2": number, "need_um2": number}),
+        "light": closed_object(
             {"density_ma_per_cm2": colours, "relative_life": colours, "centroid_px": pair, "wander_px": number}
         ),
-        "largest_gap": _object({"found_um": {"type": ["number", "null"]}, "excluded_um": {"type": ["number", "null"]}}),
+        "largest_gap": closed_object(
+            {"found_um": {"type": ["number", "null"]}, "excluded_um": {"type": ["number", "null"]}}
+        ),
     }
-    die = _object(
+    die = closed_object(
         {
             "name": text,
-            "display": _or_null(display_schema()),
+            "display": or_null(display_schema()),
             "quantities": {"type": "array", "items": {"$ref": "#/$defs/quantity"}},
-            **{name: _or_null(part) for name, part in parts.items()},
+            **{name: or_null(part) for name, part in parts.items()},
         }
     )
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "maskfab check",
-        **_object({"job_hash": text, "verdict": {"enum": ["pass", "fail"]}, "dies": {"type": "array", "items": die}}),
+        **closed_object(
+            {"job_hash": text, "verdict": {"enum": ["pass", "fail"]}, "dies": {"type": "array", "items": die}}
+        ),
         "$defs": {"quantity": schema()["$defs"]["quantity"]},
     }
 
 
 _PARTS = ("broken", "circuits", "light", "largest_gap")
-
-
-def _object(properties: Document) -> Document:
-    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
-
-
-def _or_null(part: Document) -> Document:
-    return {"anyOf": [part, {"type": "null"}]}

@@ -7,17 +7,17 @@ from it, and nothing that is measured here depends on it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from maskfab.camera.photo_camera import F1, camera_line
-from maskfab.camera.protocol import LEVELS
 from maskfab.job import Job
 from maskfab.measurement.restored import Restored
 from maskfab.model import Opening, Quantity
 from maskfab.optimiser.rules.rule import priced_rule
 from maskfab.plate import maps
+from maskfab.report.documents.schema_terms import closed_object, or_null
 from maskfab.units import NM_PER_UM
 
 Document = dict[str, Any]
@@ -78,27 +78,27 @@ def _camera(facts: Facts) -> object:
     return camera_line(F1) if facts.get("author") == "maskfab" and "loss" not in facts else None
 
 
-def design_document(said: Stated, restored: Restored | None = None) -> Document:
+def design_document(said: Stated, levels_db: Sequence[float], restored: Restored | None = None) -> Document:
     """One die's design; all PSNRs and their differences in dB.
 
     Args:
         said: by its files.
-        restored: photographs behind the die; None if they cannot be judged.
+        levels_db: of light.
+        restored: photographs behind the die; None if it is not known.
     """
     opening, cells = said.opening, said.cells or {}
     shots = {} if restored is None else {shot.score.level_db: shot.score for shot in restored.shots}
-    predicted = {} if restored is None else {row.level_db: row.value for row in restored.quantities}
     levels = []
-    for level in LEVELS:
+    for level in levels_db:
         score = shots.get(level)
         levels.append(
             {
                 "level_db": level,
-                "stated_psnr": _number(opening, f"expected_psnr_{level}"),
-                "head_room": _number(opening, f"head_room_{level}"),
-                "head_room_frame": _number(opening, f"head_room_frame_{level}"),
-                "map_gain": _number(cells, f"gain_db_{level}"),
-                "predicted_psnr": predicted.get(level),
+                "stated_psnr": _number(opening, f"expected_psnr_{level:g}"),
+                "head_room": _number(opening, f"head_room_{level:g}"),
+                "head_room_frame": _number(opening, f"head_room_frame_{level:g}"),
+                "map_gain": _number(cells, f"gain_db_{level:g}"),
+                "restored_psnr": restored.psnr(level) if restored is not None and restored.scores else None,
                 "photograph": None
                 if score is None
                 else {"psnr": score.psnr, "psnr_inner": score.psnr_inner, "epsilon": score.epsilon},
@@ -129,22 +129,25 @@ def design_schema() -> Document:
     """JSON Schema of :func:`design_document`."""
     text = {"type": ["string", "null"]}
     number = {"type": ["number", "null"]}
-    photograph = _object({key: {"type": "number"} for key in ("psnr", "psnr_inner", "epsilon")})
+    photograph = closed_object({key: {"type": "number"} for key in ("psnr", "psnr_inner", "epsilon")})
     level = {
-        "level_db": {"type": "integer"},
-        **dict.fromkeys(("stated_psnr", "head_room", "head_room_frame", "map_gain", "predicted_psnr"), number),
-        "photograph": _or_null(photograph),
+        "level_db": {"type": "number"},
+        **dict.fromkeys(("stated_psnr", "head_room", "head_room_frame", "map_gain", "restored_psnr"), number),
+        "photograph": or_null(photograph),
     }
     cells = {"name": text, **dict.fromkeys(("mode", "command", "version", "seed"), text), "light": number}
-    return _object(
+    return closed_object(
         {
             **dict.fromkeys(("shape", "command", "version", "seed"), text),
             "evaluated": number,
             "dot_um": {"type": "number"},
             "rules_cost": number,
-            "prices": {"type": "array", "items": _object({"rule": {"type": "string"}, "price": {"type": "number"}})},
-            "map": _or_null(_object(cells)),
-            "levels": {"type": "array", "items": _object(level)},
+            "prices": {
+                "type": "array",
+                "items": closed_object({"rule": {"type": "string"}, "price": {"type": "number"}}),
+            },
+            "map": or_null(closed_object(cells)),
+            "levels": {"type": "array", "items": closed_object(level)},
             "scene": text,
         }
     )
@@ -177,11 +180,3 @@ def _plain(text: str) -> str:
     """One short line that can be printed."""
     line = " ".join("".join(c if c.isprintable() else " " for c in text[: 2 * _MOST_CHARACTERS]).split())
     return line if len(line) <= _MOST_CHARACTERS else line[: _MOST_CHARACTERS - 1] + "…"
-
-
-def _object(properties: Document) -> Document:
-    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
-
-
-def _or_null(schema: Document) -> Document:
-    return {**schema, "type": ["object", "null"]}

@@ -7,6 +7,7 @@ from typing import Any
 from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.model import COLOURS
+from maskfab.report.documents.schema_terms import closed_object, or_null
 from maskfab.units import NM_PER_UM
 
 Document = dict[str, Any]
@@ -73,8 +74,10 @@ def display_schema() -> Document:
     """JSON Schema of :func:`display_document`."""
     number, integer, text = {"type": "number"}, {"type": "integer"}, {"type": "string"}
     pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
-    proof = _object({"proof": text, "statement": text, "numbers": {"type": "object", "additionalProperties": number}})
-    return _object(
+    proof = closed_object(
+        {"proof": text, "statement": text, "numbers": {"type": "object", "additionalProperties": number}}
+    )
+    return closed_object(
         {
             "verdict": {"enum": [verdict.value for verdict in Verdict]},
             "required": number,
@@ -83,11 +86,11 @@ def display_schema() -> Document:
             "bound_share": number,
             "rectangles_share": number,
             "method": text,
-            "emitters": _or_null(
-                _object(
+            "emitters": or_null(
+                closed_object(
                     {
                         "cell_um": number,
-                        "areas_um2": _object(dict.fromkeys(COLOURS, number)),
+                        "areas_um2": closed_object(dict.fromkeys(COLOURS, number)),
                         "centroid_px": pair,
                         "wander_px": number,
                         "circuit_rooms_um2": {"type": "array", "items": number},
@@ -96,21 +99,21 @@ def display_schema() -> Document:
                     }
                 )
             ),
-            "circuits": _object({"room_um2": number, "need_um2": number}),
-            "borders": _or_null(
-                _object(
+            "circuits": closed_object({"room_um2": number, "need_um2": number}),
+            "borders": or_null(
+                closed_object(
                     {
                         "side_pairs": integer,
                         "side_violations": integer,
                         "diagonal_pairs": integer,
                         "diagonal_violations": integer,
-                        "worst_pair": _or_null({"type": "array", "items": integer, "minItems": 2, "maxItems": 2}),
+                        "worst_pair": or_null({"type": "array", "items": integer, "minItems": 2, "maxItems": 2}),
                         "sufficient_margin_um": number,
                     }
                 )
             ),
-            "wires": _or_null(
-                _object(
+            "wires": or_null(
+                closed_object(
                     {
                         "verdict": {"enum": [verdict.value for verdict in Verdict]},
                         "wanted": integer,
@@ -122,14 +125,6 @@ def display_schema() -> Document:
                 )
             ),
             "proofs": {"type": "array", "items": proof},
-            "bound_proof": _or_null(proof),
+            "bound_proof": or_null(proof),
         }
     )
-
-
-def _object(properties: Document) -> Document:
-    return {"type": "object", "properties": properties, "required": list(properties), "additionalProperties": False}
-
-
-def _or_null(schema: Document) -> Document:
-    return {"anyOf": [schema, {"type": "null"}]}

@@ -20,10 +20,12 @@ from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tilin
 from maskfab.optics.scene.plan import AT_MOST, plan_document
 from maskfab.report.documents.design_data import design_schema
 from maskfab.report.documents.display_data import display_document, display_schema
+from maskfab.report.documents.photograph_data import photographs_schema
+from maskfab.report.documents.schema_terms import closed_object
 from maskfab.report.quantity_table import quantity_document
 from maskfab.units import NM_PER_UM
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 
 Document = dict[str, Any]
 
@@ -38,11 +40,13 @@ def to_document(
     scenes: Sequence[SceneOptics] = (),
     displays: Mapping[str, Feasibility] = NO_DISPLAYS,
     designs: Mapping[str, Document] = NO_DESIGNS,
+    photographs: Document | None = None,
 ) -> Document:
     """The report.json of one run, of plain Python types throughout.
 
     ``scenes``, ``displays`` and ``designs`` are those of dies that have one; a design is a document of
-    :func:`maskfab.report.documents.design_data.design_document`.
+    :func:`maskfab.report.documents.design_data.design_document`, and ``photographs`` one of
+    :func:`maskfab.report.documents.photograph_data.photographs_document`.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
 
@@ -61,6 +65,7 @@ def to_document(
         "verdict": "pass" if report.passed else "fail",
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
+        **({} if photographs is None else {"photographs": photographs}),
         "dies": [
             _die(die, report.dies[die.name], of_die.get(die.name), displays.get(die.name), designs.get(die.name))
             for die in plate.dies
@@ -88,7 +93,7 @@ def schema() -> Document:
     quantities = {"type": "array", "items": {"$ref": "#/$defs/quantity"}}
     pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
     scalar = {"type": ["number", "string", "null"]}
-    quantity = _object(
+    quantity = closed_object(
         {
             "name": text,
             "symbol": text,
@@ -99,13 +104,13 @@ def schema() -> Document:
             "limit": scalar | {"description": "what `passed` was judged against; null if nothing is required"},
             "passed": {"type": ["boolean", "null"]},
             "wavelength_nm": number,
-            "level_db": integer | {"description": "signal-to-noise ratio of white behind the published display"},
+            "level_db": number | {"description": "signal-to-noise ratio of white behind the published display"},
             "at_most": {"const": True, "description": "the truth may lie far below the value, not above it"},
             "die": text,
         },
         optional=("wavelength_nm", "level_db", "at_most", "die"),
     )
-    die = _object(
+    die = closed_object(
         {
             "name": text,
             "label": text,
@@ -126,10 +131,10 @@ def schema() -> Document:
         },
         optional=("scene", "display", "design"),
     )
-    camera = _object(
+    camera = closed_object(
         {
             "focal_um": number,
-            "stop": _object(
+            "stop": closed_object(
                 {
                     "shape": {"enum": list(get_args(StopShape))},
                     "diameter_um": number | {"description": "side of the square about the axis that holds it"},
@@ -148,7 +153,7 @@ def schema() -> Document:
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "maskfab report",
-        **_object(
+        **closed_object(
             {
                 "schema_version": {"const": SCHEMA_VERSION},
                 "maskfab_version": text,
@@ -157,14 +162,16 @@ def schema() -> Document:
                 "verdict": {"enum": ["pass", "fail"]},
                 "seeds": {"type": "object", "additionalProperties": integer},
                 "camera": camera,
+                "photographs": photographs_schema(),
                 "dies": {"type": "array", "items": die},
                 "plate": quantities,
                 "checks": quantities,
                 "files": {
                     "type": "array",
-                    "items": _object({"path": text, "format": text, "bytes": integer, "sha256": text}),
+                    "items": closed_object({"path": text, "format": text, "bytes": integer, "sha256": text}),
                 },
-            }
+            },
+            optional=("photographs",),
         ),
         "$defs": {"quantity": quantity},
     }
@@ -174,11 +181,11 @@ def _scene_schema(quantities: Document) -> Document:
     text, number, integer, flag = ({"type": kind} for kind in ("string", "number", "integer", "boolean"))
     distance = {"type": ["number", "null"], "description": "from the lens; null is infinity"}
     pair = {"type": "array", "items": number, "minItems": 2, "maxItems": 2}
-    band = _object({"name": text, "low_nm": number, "high_nm": number})
-    view = _object(
+    band = closed_object({"name": text, "low_nm": number, "high_nm": number})
+    view = closed_object(
         {"image_um": pair, "object_um": distance, "wavelength_nm": number, "change": number, "residual": number}
     )
-    ingredient = _object(
+    ingredient = closed_object(
         {
             "name": text,
             "modelled": flag,
@@ -205,29 +212,19 @@ def _scene_schema(quantities: Document) -> Document:
         **dict.fromkeys(("nearest_um", "farthest_um", "focus_um"), distance),
         **dict.fromkeys(("field_um", "gap_um"), number),
         "aberrations": {"type": "array", "items": pair},
-        "distortion": _object({"ratio": number, "height_um": number}),
+        "distortion": closed_object({"ratio": number, "height_um": number}),
         "saturation": flag,
         "bands": {"type": "array", "items": band},
     }
-    return _object(
+    return closed_object(
         {
-            "asked": _object(asked, optional=("distortion",)),
-            "plan": _object(plan),
+            "asked": closed_object(asked, optional=("distortion",)),
+            "plan": closed_object(plan),
             "field": {"type": "array", "items": {"type": "array", "items": view}},
             "depth": {"type": "array", "items": view},
             "quantities": quantities,
         }
     )
-
-
-def _object(properties: Mapping[str, Any], optional: Sequence[str] = ()) -> Document:
-    required = [name for name in properties if name not in optional]
-    return {
-        "type": "object",
-        "properties": dict(properties),
-        "required": required,
-        "additionalProperties": False,
-    }
 
 
 def _camera(camera: Camera) -> Document:

@@ -16,6 +16,7 @@ from maskfab.measurement.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.quantities import QUANTITIES, Entry, registered
 from maskfab.report.page.glossary import WORDS
+from maskfab.report.page.photograph_table import best_photographed, middle_level, photograph_table
 from maskfab.report.plots import die_figures
 from maskfab.report.plots.number_text import rounded, short
 from maskfab.resources import template
@@ -51,15 +52,17 @@ class Column:
         lines: ``each`` wavelength has its own column, or the ``worst`` (largest) of them, or the ``middle`` one, stands
             for all.
         best: whether a larger value is better, so that the best is marked.
-        level_db: of light, for a quantity that has a value for several.
+        lit: whether it has a value for several levels of light, of which the middle one is shown.
+        level_db: that level.
     """
 
     name: str
     title: str
     lines: Literal["each", "middle", "worst"]
     best: bool = False
+    lit: bool = False
     wavelength_nm: float | None = None
-    level_db: int | None = None
+    level_db: float | None = None
 
 
 @dataclass(frozen=True)
@@ -100,7 +103,7 @@ _COLUMNS = (
     Column("auc_radial_min", "AUC radial min", "each", best=True),
     Column("mtf50", "MTF50", "middle", best=True),
     Column("wiener_worst30", "Restored, worst 30 %", "middle", best=True),
-    Column("restored_psnr", "Restored PSNR", "worst", best=True, level_db=32),
+    Column("restored_psnr", "Restored PSNR", "worst", best=True, lit=True),
     Column("psf_energy_in_window", "Energy in window", "middle"),
     Column("readback_psf_difference", "Read-back difference", "worst"),
     Column("corner_touches", "Corner touches", "worst"),
@@ -159,6 +162,7 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         summary=_by_name(checks),
         failed_dies={check["die"] for check in checks if not check["passed"] and "die" in check},
         columns=_columns(document),
+        photographs=photograph_table(document["photographs"]) if "photographs" in document else None,
         cell=_cell,
         best=_best,
         wavelengths=_wavelengths,
@@ -215,7 +219,7 @@ def where(row: Row) -> str:
     """Die, wavelength and level of light of a row, as far as it has them."""
     places = [row["die"]] if "die" in row else []
     places += [f"{row['wavelength_nm']:g} nm"] if "wavelength_nm" in row else []
-    return ", ".join(places + ([f"{row['level_db']} dB"] if "level_db" in row else []))
+    return ", ".join(places + ([f"{row['level_db']:g} dB"] if "level_db" in row else []))
 
 
 def _headlines(document: Mapping[str, Any]) -> Iterable[tuple[str, Row]]:
@@ -253,7 +257,8 @@ def _columns(document: Mapping[str, Any]) -> list[Column]:
     for column in _COLUMNS:
         if column.name in present:
             chosen = {"each": lines, "middle": [lines[len(lines) // 2]], "worst": [None]}[column.lines]
-            columns += [replace(column, wavelength_nm=line) for line in chosen]
+            level = middle_level(document["photographs"]) if column.lit else None
+            columns += [replace(column, wavelength_nm=line, level_db=level) for line in chosen]
     return columns
 
 
@@ -267,11 +272,15 @@ def _cell(die: Mapping[str, Any], column: Column) -> Row | None:
     return max(rows, key=lambda row: (row["passed"] is False, _value(row)), default=None)
 
 
-def _best(dies: Sequence[Mapping[str, Any]], column: Column) -> float | None:
-    """The largest value of a column that wants large ones, unless all are equal."""
-    cells = [_cell(die, column) for die in dies] if column.best else []
-    values = {_value(cell) for cell in cells if cell is not None}
-    return max(values) if len(values) > 1 else None
+def _best(document: Mapping[str, Any], column: Column) -> frozenset[str]:
+    """Dies with the largest value of a column that wants large ones, unless all are equal; photographs may tie."""
+    if not column.best:
+        return frozenset()
+    if column.level_db is not None:
+        return best_photographed(document["photographs"], column.level_db)
+    values = {die["name"]: _value(cell) for die in document["dies"] if (cell := _cell(die, column)) is not None}
+    largest = max(values.values(), default=0.0)
+    return frozenset(name for name, value in values.items() if value == largest and len(set(values.values())) > 1)
 
 
 def _wavelengths(die: Mapping[str, Any]) -> list[float]:

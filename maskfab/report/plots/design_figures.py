@@ -30,8 +30,8 @@ def pictures(restored: Restored) -> dict[str, str]:
     drawn = {"design_truth": tile(restored.truth, f"part of the scene {restored.scene} as it is")}
     for shot in restored.shots:
         score = shot.score
-        words = f"the same through {score.design} at {score.level_db} dB, restored, {score.psnr:.2f} dB"
-        drawn[f"design_{score.level_db}"] = tile(shot.picture, words)
+        words = f"the same through {score.design} at {score.level_db:g} dB, restored, {score.psnr:.2f} dB"
+        drawn[f"design_{score.level_db:g}"] = tile(shot.picture, words)
     return drawn
 
 

@@ -1,0 +1,101 @@
+"""The table of photographs on the page, from report.json alone: who is best, and who cannot be told from it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from maskfab.camera.intervals import CONFIDENCE, MeanDifference
+from maskfab.camera.left_out import by_sentence
+from maskfab.report.plots.number_text import rounded
+
+Document = Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One die at one level of light.
+
+    Attributes:
+        psnr: mean over the scenes, whole frame, dB.
+        gain: over the reference, with its interval; empty for the reference itself.
+        best: whether no other die is better for sure.
+    """
+
+    psnr: float
+    gain: str
+    best: bool
+
+
+@dataclass(frozen=True)
+class Table:
+    """All dies.
+
+    Attributes:
+        levels_db: of light, one column each.
+        rows: by die, its cells; none where it was refused.
+        refused: by die, why it was not photographed.
+        left_out: sentences, with the dies that each is about where these are not all.
+        confidence: of the intervals, a share.
+    """
+
+    levels_db: Sequence[float]
+    rows: Mapping[str, Sequence[Cell]]
+    refused: Mapping[str, str]
+    left_out: Sequence[str]
+    confidence: float
+
+
+def photograph_table(taken: Document) -> Table:
+    """From the photographs of report.json."""
+    levels: list[float] = taken["levels_db"]
+    best = {level: best_photographed(taken, level) for level in levels}
+    rows = {}
+    for die in taken["dies"]:
+        name = die["name"]
+        rows[name] = [
+            Cell(
+                float(np.mean(own)),
+                "" if name == taken["reference"] else _gain(_difference(taken, level, name, taken["reference"])),
+                name in best[level],
+            )
+            for level in levels
+            if (own := _scores(taken, level).get(name)) is not None
+        ]
+    left_out = {die["name"]: die["left_out"] for die in taken["dies"] if not die["refused"]}
+    refused = {die["name"]: die["refused"] for die in taken["dies"] if die["refused"]}
+    return Table(levels, rows, refused, by_sentence(left_out), CONFIDENCE)
+
+
+def middle_level(taken: Document) -> float:
+    """The level of light that stands for all where there is room for one."""
+    levels: list[float] = sorted(taken["levels_db"])
+    return levels[len(levels) // 2]
+
+
+def best_photographed(taken: Document, level_db: float) -> frozenset[str]:
+    """The die of the highest mean, and those whose difference to it is a tie; none where there is nothing to choose."""
+    scores = _scores(taken, level_db)
+    if len(scores) < 2:
+        return frozenset()
+    first = max(scores, key=lambda name: float(np.mean(scores[name])))
+    found = {name for name in scores if name == first or _difference(taken, level_db, name, first).tie}
+    return frozenset(found) if len(found) < len(scores) else frozenset()
+
+
+def _scores(taken: Document, level_db: float) -> dict[str, list[float]]:
+    return {
+        die["name"]: level["psnr"] for die in taken["dies"] for level in die["levels"] if level["level_db"] == level_db
+    }
+
+
+def _difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
+    scores = _scores(taken, level_db)
+    return MeanDifference.of([one - two for one, two in zip(scores[name], scores[other], strict=True)])
+
+
+def _gain(found: MeanDifference) -> str:
+    return f"{found.mean:+.2f} ± {rounded(found.half_width, 2)}{', tie' if found.tie else ''}"
