@@ -71,10 +71,11 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     place = tmp_path_factory.mktemp("cameras")
     (place / "bar.toml").write_text(BAR)
     for name, camera in (("phone", PHONE), ("fast", FAST)):
-        (place / f"{name}.toml").write_text(JOB.format(camera=camera))
+        (place / f"{name}.toml").write_text(JOB.format(camera=camera) + "\n[exposure]\nsnr = [24, 32, 40]\n")
     for name, part in (("photographs", picture().values), ("small", picture().values[:, :832, :832])):
         (place / name).mkdir()
         write_png(part, place / name / "noise.png", white=1.0)
+        (place / name / "by_whom.txt").write_text("somebody")
     return place
 
 
@@ -97,6 +98,12 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dict[str
     return found
 
 
+def require_notes(notes):
+    """What is not used, by its name: a section of the job, and a file of the folder."""
+    assert any("not used of the job: [exposure]" in note and "protocol F1" in note for note in notes)
+    assert any("by_whom.txt" in note for note in notes)
+
+
 def test_photographs_are_taken_by_the_jobs_camera_and_by_f1s_where_that_is_asked_for(folder, capsys):
     images = "--images", folder / "small"
     by = {name: told(capsys, "simulate", folder / f"{name}.toml", *images) for name in ("phone", "fast")}
@@ -116,7 +123,8 @@ def test_a_design_follows_the_camera_and_states_it(folder, capsys):
     found = {}
     for name in ("phone", "fast"):
         target = folder / f"only_{name}.toml"
-        told(capsys, "design", folder / f"{name}.toml", "--out", target, "--images", folder / "photographs")
+        arguments = folder / f"{name}.toml", "--out", target, "--images", folder / "photographs"
+        require_notes(told(capsys, "design", *arguments)["notes"])
         facts = openings.load_opening(target).provenance
         assert facts["camera"] == camera_line(load_job(folder / f"{name}.toml").camera)
         assert facts["protocol"] == "another camera at the levels of F1"
@@ -155,7 +163,8 @@ def test_a_sweep_judges_behind_the_jobs_camera(folder, capsys):
     best = {}
     for name in ("phone", "fast"):
         out = folder / f"pareto_{name}"
-        told(capsys, "pareto", folder / f"{name}.toml", "--out", out, *images)
+        require_notes(told(capsys, "pareto", folder / f"{name}.toml", "--out", out, *images)["notes"])
+        require_notes(json.loads((out / "pareto.json").read_text())["notes"])
         files = [openings.load_opening(path) for path in sorted(out.rglob("*.toml"))]
         best[name] = max(each.provenance["expected_psnr_32"] for each in files)
         assert all(each.provenance["camera"] == camera_line(load_job(folder / f"{name}.toml").camera) for each in files)
@@ -163,7 +172,7 @@ def test_a_sweep_judges_behind_the_jobs_camera(folder, capsys):
 
 
 def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judged(folder, tmp_path):
-    """A stop of 32 dots: everything else is reported, and nothing fails."""
+    """One colour of light: everything else is reported, and nothing fails."""
     (tmp_path / "bar.toml").write_text(BAR + DESIGNED)
     small = PHONE.replace('"1 mm"', '"450 um"')
     lines = JOB.format(camera=small).replace('["610 nm", "530 nm", "470 nm"]', '["530 nm"]')
@@ -173,7 +182,7 @@ def test_a_run_says_which_camera_its_dies_were_designed_for_and_why_none_is_judg
     rows = {row["name"]: row for die in report["dies"] for row in die["quantities"]}
     assert rows["designed_for"]["value"] == camera_line(F1)
     assert rows["designed_for"]["passed"] is None
-    assert "MF135" in rows["photographs_refused"]["value"]
+    assert "MF134" in rows["photographs_refused"]["value"]
     assert "restored_psnr" not in rows
 
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
-from maskfab.camera.photographs import Photograph, folder
+from maskfab.camera.photographs import Folder, folder
 from maskfab.camera.transfer import lattice
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
@@ -17,6 +17,18 @@ from maskfab.optimiser.result import Designed, constraints_of
 from maskfab.progress import Progress, silent
 
 _SCENES_OF_MAPS = 16
+_IDLE = ("sensor", "exposure", "scene")
+"""Sections of a job that say how photographs are taken, and that no search asks."""
+
+
+def notes_of(spec: JobSpec, scenes: Folder) -> tuple[str, ...]:
+    """Sentences on what a search leaves out of a job, and of the folder of its photographs."""
+    idle = [f"[{name}]" for name in _IDLE if getattr(spec, name) is not None]
+    told = "Openings are compared in the light of protocol F1, code values taken for light; not used of the job: "
+    notes = [f"{told}{', '.join(idle)}."] if idle else []
+    if scenes.skipped:
+        notes.append(f"Skipped, as no photographs: {', '.join(scenes.skipped)}.")
+    return tuple(notes)
 
 
 def check_possible(spec: JobSpec, *, where: str) -> None:
@@ -67,16 +79,19 @@ def design(
             cure="Create that directory, or give a path in one that exists",
         )
     section, camera = section_of(spec, where), spec.camera.camera()
-    scenes = _scenes(images, for_map=getattr(section, "map", None) is not None)
+    source = _scenes(images, for_map=getattr(section, "map", None) is not None)
+    scenes = source.photographs
     if isinstance(section, RelaxSection):
         from maskfab.optimiser.relax.relax import relax
 
-        return relax(section, camera, scenes, command, progress, budget_s=budget_s, checkpoint=checkpoint)
-    from maskfab.optimiser.search.search import search
+        found = relax(section, camera, scenes, command, progress, budget_s=budget_s, checkpoint=checkpoint)
+    else:
+        from maskfab.optimiser.search.search import search
 
-    assert isinstance(section, SearchSection)
-    seen = PhotoCamera.of(camera)
-    return search(section, scenes, command, progress, camera=seen, budget_s=budget_s, checkpoint=checkpoint)
+        assert isinstance(section, SearchSection)
+        seen = PhotoCamera.of(camera)
+        found = search(section, scenes, command, progress, camera=seen, budget_s=budget_s, checkpoint=checkpoint)
+    return replace(found, notes=(*found.notes, *notes_of(spec, source)))
 
 
 def section_of(spec: JobSpec, where: str) -> DesignSection:
@@ -95,8 +110,8 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
     return spec.design
 
 
-def _scenes(images: Path | None, *, for_map: bool) -> Sequence[Photograph]:
+def _scenes(images: Path | None, *, for_map: bool) -> Folder:
     """Maps fit the very pictures they are designed on, so they get more of them."""
     if images is not None:
-        return folder(images).photographs
-    return scene_sets.bundled(_SCENES_OF_MAPS) if for_map else scene_sets.bundled()
+        return folder(images)
+    return Folder(scene_sets.bundled(_SCENES_OF_MAPS) if for_map else scene_sets.bundled(), ())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -24,8 +24,8 @@ DOCUMENT, TABLE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.png", "p
 Named = Mapping[str, tuple[JudgedOpening, Opening]]
 
 
-def pareto_document(found: Pareto, named: Named, job_hash: str) -> dict[str, Any]:
-    """Everything that was found; what pareto.json and ``--json`` say."""
+def pareto_document(found: Pareto, named: Named, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
+    """Everything that was found, and notes for a user; what pareto.json and ``--json`` say."""
     names = {id(judged): name for name, (judged, _) in named.items()}
     best = {id(each) for each in found.best}
 
@@ -51,6 +51,7 @@ def pareto_document(found: Pareto, named: Named, job_hash: str) -> dict[str, Any
         "compared": [
             {"name": each.shape, **_numbers(each), "best_gain_db": found.gain_db(each)} for each in found.compared
         ],
+        "notes": list(notes),
     }
 
 
@@ -70,8 +71,8 @@ def table(found: Pareto, named: Named) -> str:
     return buffer.getvalue()
 
 
-def write_pareto(place: Place, found: Pareto, named: Named, job_hash: str) -> list[Path]:
-    """Write everything into a directory that appears whole, and return the paths.
+def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], named: Named) -> list[Path]:
+    """Write everything, and its document, into a directory that appears whole, and return the paths.
 
     Raises:
         OutputError: MF401 or MF404 as :func:`maskfab.files.staging.staged`.
@@ -82,12 +83,15 @@ def write_pareto(place: Place, found: Pareto, named: Named, job_hash: str) -> li
         _text(folder / TABLE, table(found, named))
         _text(folder / DRAWING, svg(found))
         (folder / FIGURE).write_bytes(pareto_png(found))
-        _text(folder / DOCUMENT, _json(pareto_document(found, named, job_hash)))
+        _text(folder / DOCUMENT, _json(document))
         files = [
             {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
             for path in sorted(folder.iterdir())
         ]
-        _text(folder / RESULT_MARK, _json({"maskfab_version": __version__, "job_hash": job_hash, "files": files}))
+        _text(
+            folder / RESULT_MARK,
+            _json({"maskfab_version": __version__, "job_hash": document["job_hash"], "files": files}),
+        )
     return sorted(place.asked.iterdir())
 
 

@@ -134,7 +134,7 @@ rubbish = st.dictionaries(
 @examples(60)
 @given(rubbish, rubbish)
 def test_any_provenance_is_told_as_the_schema_says(opening, cells):
-    document = json.loads(json.dumps(design_document(Stated(opening, 8.0, cells, "m")), allow_nan=False))
+    document = json.loads(json.dumps(design_document(Stated(opening, 8.0, cells, "m"), LEVELS), allow_nan=False))
     rules = schema()["properties"]["dies"]["items"]["properties"]["design"]
     check(document, rules, {}, "design")
 

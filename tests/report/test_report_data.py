@@ -135,6 +135,8 @@ def check(value: Any, rules: dict[str, Any], shared: dict[str, Any], where: str)
     """The part of JSON Schema that the report's schema uses."""
     if "$ref" in rules:
         rules = shared[rules["$ref"].removeprefix("#/$defs/")]
+    if "anyOf" in rules:
+        rules = next(one for one in rules["anyOf"] if (one.get("type") == "null") == (value is None))
     if "const" in rules:
         assert value == rules["const"], where
     if "enum" in rules:

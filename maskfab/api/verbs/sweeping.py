@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 from maskfab import provenance
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
-from maskfab.camera.photographs import folder
+from maskfab.camera.photographs import Folder, folder
 from maskfab.camera.transfer import lattice
 from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.jobfile import SearchSection, read
 from maskfab.opening.openings import load_opening, opening_text
+from maskfab.optimiser.design import notes_of
 from maskfab.optimiser.pareto import JudgedOpening, Pareto, openings, rules_of, sweep
 from maskfab.progress import Progress, silent
 from maskfab.report import pareto_files
@@ -35,15 +36,17 @@ class ParetoFront:
         found: curves, the best of all, and what they are compared with.
         named: the openings by name.
         digest: of the job.
+        notes: what a user should know, as sentences.
     """
 
     found: Pareto
     named: Named
     digest: str
+    notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was found."""
-        return pareto_files.pareto_document(self.found, self.named, self.digest)
+        return pareto_files.pareto_document(self.found, self.named, self.digest, self.notes)
 
     def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
         """Write numbers, openings and figure into a directory.
@@ -51,7 +54,7 @@ class ParetoFront:
         Raises:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
-        return pareto_files.write_pareto(check_target(Path(out), force=force), self.found, self.named, self.digest)
+        return pareto_files.write_pareto(check_target(Path(out), force=force), self.found, self.to_dict(), self.named)
 
     def plot(self) -> Drawing:
         """The curves, and what they are compared with."""
@@ -60,7 +63,7 @@ class ParetoFront:
         return pareto_drawing(self.found)
 
     def __str__(self) -> str:
-        return "\n".join(_lines(self.found, self.named))
+        return "\n".join([*_lines(self.found, self.named), *(f"note: {note}" for note in self.notes)])
 
     def _repr_svg_(self) -> str:
         return self.plot().svg()
@@ -117,10 +120,11 @@ def pareto(
         )
     rules = None if spec.emitters is None else DisplayRules.of(spec.emitters, None, None, where=str(path)).emitters
     lattice(section.dots, rules_of(section, compared, rules).dot_nm, camera=camera, where=f"{path}: design.dots")
+    scenes = Folder(scene_sets.bundled(), ()) if images is None else folder(Path(images))
     found = sweep(
         spec.pareto,
         section,
-        scene_sets.bundled() if images is None else folder(Path(images)).photographs,
+        scenes.photographs,
         compared=compared,
         emitters=rules,
         camera=camera,
@@ -129,7 +133,7 @@ def pareto(
     )
     named = openings(found, section, command or f"maskfab.pareto({path.as_posix()!r})", camera)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
-    return ParetoFront(found, named, digest)
+    return ParetoFront(found, named, digest, notes_of(spec, scenes))
 
 
 def _lines(found: Pareto, named: Named) -> list[str]:

@@ -65,7 +65,7 @@ def photographs_schema() -> Document:
             "light": text,
             "linear": flag,
             "levels_db": numbers,
-            "scene": {"type": "object"},
+            "scene": {"type": "object", "additionalProperties": {}},
             "unused": texts,
             "told": texts,
             "reference": {"type": ["string", "null"]},
