@@ -48,8 +48,13 @@ Singles = NDArray[np.float32]
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 _FINER = EPSILONS[1] / EPSILONS[0]
-STRENGTHS = (*(EPSILONS[0] / _FINER**k for k in range(12, 0, -1)), *EPSILONS)
-"""The grid of ε, and as far below it as linear light in little noise, or a record without noise, asks for."""
+STRENGTHS = (
+    *(EPSILONS[0] / _FINER**k for k in range(12, 0, -1)),
+    *EPSILONS,
+    *(EPSILONS[-1] * _FINER**k for k in range(1, 11)),
+)
+"""The grid of ε, as far below it as linear light in little noise, or a record without noise, asks for, and as far above
+it as a hundred electrons of white do."""
 TRIM = 64
 """Pixels left out at each edge of the inner frame."""
 LEVELS = (24, 32, 40)

@@ -11,8 +11,8 @@ from OpenImageIO import ImageSpec
 
 from maskfab.camera.design import Isoplanatic
 from maskfab.camera.photographs import folder, scene
-from maskfab.camera.protocol import EPSILONS, Protocol, evaluate
-from maskfab.camera.scenes import dead_leaves
+from maskfab.camera.protocol import EPSILONS, STRENGTHS, Protocol, evaluate
+from maskfab.camera.scenes import dead_leaves, indoors
 from maskfab.camera.sensor import Sensor
 from maskfab.camera.transfer import CELLS, lay
 from maskfab.errors import JobError, SourceError
@@ -144,6 +144,19 @@ def test_linear_light_is_scored_as_it_is_shown(leaves):
     kind = Protocol("deep", Sensor(full_well=1e9, read_noise=0.0))
     (found,) = evaluate([_Clear("clear")], leaves[:1], leaves[:1], (70,), protocol=kind).scores
     assert found.psnr > 45
+
+
+def test_little_light_asks_for_more_than_the_largest_strength_of_f1(leaves):
+    """Of dim scenes at 16 dB that largest one restores a decibel worse than the best, which is no end of the grid."""
+    bar = np.zeros((21, 21), dtype=np.bool_)
+    bar[:6, :17] = True
+    scene = [indoors(leaves[1])]
+    wide, narrow = (
+        evaluate([lay("bar", bar)], scene, scene, (16,), protocol=kind, details=False).scores[0]
+        for kind in (Protocol("wide"), Protocol("narrow", strengths=EPSILONS))
+    )
+    assert EPSILONS[-1] < wide.epsilon < STRENGTHS[-1]
+    assert wide.psnr > narrow.psnr + 1
 
 
 class _Clear(Isoplanatic):
