@@ -144,7 +144,7 @@ class FieldChange:
         )
 
     def added(self, light: SceneLight) -> Singles:
-        """What the change adds to the light on the sensor, [3, rows, columns]."""
+        """Light that the change adds on the sensor, [3, rows, columns]."""
         found = np.zeros_like(light.margin.sensor(light.values))
         if not len(self.spreads):
             return found

@@ -480,7 +480,7 @@ class SceneSection(Section):
 class SensorSection(Section):
     """[sensor]: what turns light into numbers; the defaults are those of protocol F1.
 
-    ``simulate`` and ``run`` take photographs with it; ``design`` and ``pareto`` compare openings by protocol F1's sensor.
+    ``simulate`` and ``run`` take photographs with it; ``design`` and ``pareto`` compare openings by F1's sensor.
     """
 
     full_well: float = Field(default=15506.0, gt=0, le=1e9, allow_inf_nan=False)
