@@ -23,7 +23,7 @@ import pytest
 from klayout import db
 
 from maskfab.camera.photographs import Photograph
-from maskfab.camera.scenes import dead_leaves, indoors
+from maskfab.camera.scenes import dead_leaves, indoors, lit
 from maskfab.comparison import files
 from maskfab.optimiser.model.expected_psnr import SceneStatistics
 from maskfab.processes import read_only
@@ -50,9 +50,10 @@ dimmed = cache(indoors)
 
 
 @cache
-def small_scenes() -> tuple[Photograph, ...]:
+def small_scenes(highlights: bool = False) -> tuple[Photograph, ...]:
     """Scenes for the photographs of a run, a sixth as large as its own; the sensor has 192 x 256 pixels."""
-    return leaves(1, 704, 768), dimmed(leaves(2, 704, 768))
+    scenes = leaves(1, 704, 768), dimmed(leaves(2, 704, 768))
+    return tuple(map(lit, scenes)) if highlights else scenes
 
 
 _statistics = SceneStatistics.of

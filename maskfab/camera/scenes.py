@@ -80,3 +80,9 @@ def bundled(count: int = 4) -> tuple[Photograph, ...]:
     """The scenes used where no photographs are given: dead leaves of seeds 1 to ``count``, every second one indoors."""
     leaves = (dead_leaves(seed) for seed in range(1, count + 1))
     return tuple(scene if scene.number % 2 else indoors(scene) for scene in leaves)
+
+
+def drawn(*, highlights: bool) -> tuple[Photograph, ...]:
+    """The same scenes, with lamps in them where ``highlights`` are wanted."""
+    scenes = bundled()
+    return tuple(map(lit, scenes)) if highlights else scenes

@@ -126,7 +126,7 @@ def photograph_die(conditions: Conditions, job: Job, name: str, panel: Panel, sh
         panel: of it.
         shown: keep part of the first scene.
     """
-    scenes, shots = _drawn(), list[Shot]()
+    scenes, shots = _drawn(bool(conditions.protocol.brackets)), list[Shot]()
     levels = {min(conditions.levels), max(conditions.levels)} if shown else set()
 
     def keep(score: Score, whole: NDArray[np.float32]) -> None:
@@ -146,6 +146,6 @@ def photograph_die(conditions: Conditions, job: Job, name: str, panel: Panel, sh
 
 
 @cache
-def _drawn() -> tuple[Photograph, ...]:
+def _drawn(highlights: bool) -> tuple[Photograph, ...]:
     """The scenes, and with them their spectra, for all dies of a process."""
-    return scene_sets.bundled()
+    return scene_sets.drawn(highlights=highlights)

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from once import leaves
+from once import leaves, small_scenes
 from report.test_report_data import check
 
 from maskfab.api.verbs.photographs import simulate
@@ -65,7 +65,7 @@ def found(job):
 
 
 def test_a_report_says_what_simulate_says(job, found, monkeypatch):
-    monkeypatch.setattr(scene_sets, "bundled", restored._drawn)
+    monkeypatch.setattr(scene_sets, "bundled", small_scenes)
     told = simulate(job)
     scores: dict[tuple[str, float], list[float]] = {}
     for score in told.table.scores:
@@ -78,9 +78,9 @@ def test_a_report_says_what_simulate_says(job, found, monkeypatch):
 
 
 def test_another_draw_of_the_noise_stays_within_the_error(job, found):
-    other = tuple(replace(scene, number=scene.number + 100) for scene in restored._drawn())
+    other = tuple(replace(scene, number=scene.number + 100) for scene in small_scenes())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(restored, "_drawn", lambda: other)
+        patch.setattr(restored, "_drawn", lambda highlights: other)
         again = psnrs(taken(job))
     differences = [abs(again[case] - value) for case, value in psnrs(found).items()]
     # These scenes are two, and small: of so many fewer pixels noise is averaged less.
@@ -107,6 +107,15 @@ def test_sensor_light_and_camera_change_the_report_as_physics_says(job, found, t
             if better
             else (after[die, lowest] < before[die, 24] - NOISE_DB)
         )
+
+
+def test_brackets_of_a_job_are_taken_of_scenes_with_highlights(tmp_path):
+    taken_of = taken(job_of(tmp_path, "\n[exposure]\nsnr = [40]\nbrackets = [1, 16]\n"))
+    document = photographs_document(taken_of)
+    assert document["scenes"] == [f"{scene.name}_lit" for scene in small_scenes()]
+    assert document["brackets"] == [1, 16]
+    assert "exposures of 1, 1/16 of it, merged" in taken_of.quantities("OURS")[0].method
+    check(document, photographs_schema(), {}, "photographs")
 
 
 def test_rows_say_what_they_assume(found):
@@ -179,5 +188,5 @@ def test_dies_that_cannot_be_told_from_the_best_are_marked_with_it(job):
 def test_the_document_is_as_its_schema_says(found):
     document = photographs_document(found)
     check(document, photographs_schema(), {}, "photographs")
-    assert document["scenes"] == [scene.name for scene in restored._drawn()]
+    assert document["scenes"] == [scene.name for scene in small_scenes()]
     assert leaves(1).name in document["scenes"]

@@ -21,7 +21,7 @@ from maskfab.camera.left_out import by_sentence
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph, folder
-from maskfab.camera.protocol import AUTO, Protocol, evaluate
+from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
@@ -185,7 +185,7 @@ def simulate(
     dies = [each.name for each in designs]
     learned = learned_restorers(trained, loaded, asked, designs)
     base = dies[0] if reference is None else dies_of(reference, dies)[0]
-    source = Folder(_drawn(asked.protocol), ()) if given is None else given
+    source = Folder(scene_sets.drawn(highlights=bool(asked.protocol.brackets)), ()) if given is None else given
     scenes = source.photographs
     last = AUTO if choose else LEARNED if learned else restorers[-1].name
     shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
@@ -233,11 +233,6 @@ def _restorers(
         )
     others = tuple(name for name in given if name != LEARNED)
     return asked.restorers(others) if others else ((), False)
-
-
-def _drawn(protocol: Protocol) -> tuple[Photograph, ...]:
-    scenes = scene_sets.bundled()
-    return tuple(map(scene_sets.lit, scenes)) if protocol.brackets else scenes
 
 
 def _designs(

@@ -63,6 +63,7 @@ def photographs_schema() -> Document:
             "camera": text,
             "sensor": closed_object(sensor),
             "light": text,
+            "brackets": numbers,
             "linear": flag,
             "levels_db": numbers,
             "scene": {"type": "object", "additionalProperties": {}},
