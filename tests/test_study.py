@@ -15,8 +15,9 @@ from hypothesis import strategies as st
 import maskfab as mf
 from maskfab.camera.design import SceneLight
 from maskfab.camera.intervals import MeanDifference
-from maskfab.camera.restorers.wiener import Margin
+from maskfab.camera.restorers.wiener import Margin, Wiener
 from maskfab.cli import run_command_line
+from maskfab.errors import JobError
 from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
 from maskfab.measurement import study as studies
@@ -181,6 +182,28 @@ def test_a_case_is_photographed_as_it_is_and_restored_by_the_blur_of_another(tmp
     second = [25 + int(design.blurred(light)[1, 96, 96 + 25 : 96 + 45].argmax()) for design in (far, near)]
     order_px = 0.53 * 10_000 / 168 / 2
     assert second == pytest.approx([2 * order_px, 2 * order_px / 0.9], abs=1)
+
+
+def test_a_claim_may_be_about_a_restorer_that_was_trained(tmp_path: Path):
+    job = tmp_path / "own.toml"
+    claim = CLAIM + 'restorer = "learned"\nover_restorer = "wiener"\nat_least = 0.0'
+    job.write_text(JOB.replace("scenes = 0", f"scenes = 1\n{claim}"))
+    with pytest.raises(JobError, match="MF145"):
+        planned(load_job(job))
+    trained = {"TURNED": (Wiener(name="learned"),)}
+    (setting,) = planned(load_job(job), learned=lambda _: trained).settings
+    assert setting.learned == trained
+
+
+def test_several_studies_are_made_at_places_of_their_own(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    optics = JOB.replace('protocols = ["f1"]', "optics = true").replace("levels = [40]\n", "")
+    for folder in "ab":
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "same.toml").write_text(optics)
+    jobs = [str(tmp_path / folder / "same.toml") for folder in "ab"]
+    assert run_command_line(["study", *jobs, "-o", str(tmp_path / "out"), "--quiet"]) == 2
+    assert "MF105" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()
 
 
 CLAIM = '[[study.claim]]\nsays = "x"\ndie = "TURNED"\n'

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,8 +39,10 @@ from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.processes import Alone, Pair
 from maskfab.progress import Progress, silent
+from maskfab.threads import one_thread
 
 Singles = NDArray[np.float32]
+Learned: TypeAlias = Mapping[str, tuple[Restorer, ...]]
 
 CROP = Crop(128, 160)
 """Part of the first scene that is shown of every die."""
@@ -68,8 +70,18 @@ class Optics:
 
 @dataclass(frozen=True, eq=False)
 class Setting:
-    """Conditions of some photographs of a study: one protocol in one case; S-CIELAB is scored where a claim asks, and
-    restorers are given the blur of the setting that is ``known`` where it is another."""
+    """Conditions of some photographs of a study: one protocol in one case.
+
+    Attributes:
+        case: its name.
+        job: with the scene of the case.
+        conditions: of the protocol.
+        restorers: for every die.
+        choose: whether one of them is chosen for each photograph too.
+        colours: whether S-CIELAB is scored.
+        known: whose blur restorers are given; None for its own.
+        learned: restorers trained behind dies, by their names.
+    """
 
     case: str
     job: Job
@@ -78,6 +90,7 @@ class Setting:
     choose: bool
     colours: bool
     known: Setting | None = None
+    learned: Learned = field(default_factory=dict)
 
     @property
     def protocol(self) -> Protocol:
@@ -167,8 +180,16 @@ class Study:
         }
 
 
-def planned(job: Job, images: str | Path | None = None, white: float = 1.0) -> Plan:
+def planned(
+    job: Job, images: str | Path | None = None, white: float = 1.0, learned: Callable[[Setting], Learned] | None = None
+) -> Plan:
     """Check all of a study before any work: its dies, cases, protocols, claims and photographs.
+
+    Args:
+        job: with [study].
+        images: folder of photographs.
+        white: light that is white in photographs that hold light.
+        learned: finds restorers that were trained behind dies, by their names.
 
     Raises:
         JobError: MF146 without [study], or for one that shows nothing or has no scenes; MF145 for a claim about what
@@ -210,6 +231,8 @@ def planned(job: Job, images: str | Path | None = None, white: float = 1.0) -> P
     if study.case and any(setting.protocol.name != "camera" for setting in settings):
         what = "the study has cases of the scene, which protocols f1 and paper do not know"
         raise JobError("MF146", what, where=f"{where}: study.protocols", cure='Use protocols = ["camera"]')
+    if learned is not None:
+        settings = [replace(setting, learned=learned(setting)) for setting in settings]
     plan = Plan(job, job.panels(), tuple(settings), photographs, () if given is None else given.skipped)
     for i, claim in enumerate(study.claim):
         _check_claim(claim, plan, f"{where}: study.claim[{i}]")
@@ -239,6 +262,7 @@ def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
             cure="Add optics = true to [study]" if optical else 'Add protocols = ["camera"] to [study]',
         )
     restorers = {each.name for setting in plan.settings for each in setting.restorers}
+    restorers |= {each.name for setting in plan.settings for every in setting.learned.values() for each in every}
     restorers |= {AUTO} if any(setting.choose for setting in plan.settings) else set()
     levels = {level for setting in plan.settings for level in setting.conditions.levels}
     cases = {setting.case for setting in plan.settings}
@@ -265,6 +289,7 @@ def _check_claim(claim: ClaimSection, plan: Plan, where: str) -> None:
         raise JobError("MF145", "a difference of PSFs is one of two dies", where=where, cure="Add over")
 
 
+@one_thread
 def made(plan: Plan, progress: Progress = silent) -> Study:
     """Make a study, by two processes where there are two processors and photographs enough.
 
@@ -291,8 +316,17 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
         (_photographed, lambda setting=setting, name=name: (setting, name, plan.panels[name], scenes))
         for setting, name in designs
     ]
+    reached = 0
+
+    def tell(done: int) -> None:
+        nonlocal reached
+        if done > reached:
+            reached = done
+            progress("photographs", done, len(calls))
+
+    progress("photographs", 0, len(calls))
     with Pair() if (os.cpu_count() or 1) > 1 and len(calls) > 1 else Alone() as crew:
-        tasks = crew.each(calls, lambda done: progress("photographs", done, len(calls)))
+        tasks = crew.each(calls, tell)
     scores: dict[Take, tuple[Score, ...]] = {}
     shown: dict[Take, Singles] = {}
     for (setting, name), task in zip(designs, tasks, strict=True):
@@ -324,7 +358,7 @@ def _photographed(
         scenes,
         setting.conditions.levels,
         protocol=setting.protocol,
-        restorers=setting.restorers,
+        restorers=(*setting.restorers, *setting.learned.get(name, ())),
         choose=setting.choose,
         colours=setting.colours,
         show=take,

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from maskfab.api.jobs import AnyJob, job_of
+from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.api.verbs.learning import learned_restorers, read_checkpoints
 from maskfab.files.staging import check_target
 from maskfab.measurement import study as studies
 from maskfab.measurement.claims import Claim
@@ -14,7 +16,6 @@ from maskfab.progress import Progress, silent
 from maskfab.report.page.study_page import blocks, finding_text, limits_text
 from maskfab.report.quantity_table import dataframe
 from maskfab.report.study_files import study_document, write_study
-from maskfab.threads import one_thread
 
 if TYPE_CHECKING:
     from pandas import DataFrame
@@ -96,18 +97,47 @@ class Study:
         return lines
 
 
-@one_thread
-def study(job: AnyJob, *, images: str | Path | None = None, white: float = 1.0, progress: Progress = silent) -> Study:
+def plan(
+    job: AnyJob,
+    *,
+    images: str | Path | None = None,
+    white: float = 1.0,
+    checkpoints: Sequence[str | Path] = (),
+) -> studies.Plan:
+    """Check all of a study before any work; arguments and errors as for :func:`study`."""
+    loaded, trained = job_of(job), read_checkpoints(checkpoints)
+    if not trained:
+        return studies.planned(loaded, images, white)
+    panels = loaded.panels()
+    behind = dies_of([found.trade.die for _, found in trained], panels)
+
+    def learned(setting: studies.Setting) -> studies.Learned:
+        designs = [setting.design(name, panels[name])[0] for name in behind]
+        return learned_restorers(trained, setting.job, setting.conditions, designs)
+
+    return studies.planned(loaded, images, white, learned)
+
+
+def study(
+    job: AnyJob,
+    *,
+    images: str | Path | None = None,
+    white: float = 1.0,
+    checkpoints: Sequence[str | Path] = (),
+    progress: Progress = silent,
+) -> Study:
     """Make the figure of a job's [study], and hold its claims against the numbers.
 
     Args:
         job: a loaded job, or the path of a job file; it has [study].
         images: folder of photographs, beside the study's drawn scenes.
         white: light that is white in photographs that hold light, EXR and HDR.
+        checkpoints: files of :func:`maskfab.api.verbs.learning.learn`, for some of the dies: one more restorer,
+            ``learned``.
         progress: told where the work stands.
 
     Raises:
         JobError: MF145 for a claim about what the study does not have, MF146 for a job without a study, or for one that
             shows nothing; else as for ``simulate``.
     """
-    return Study(studies.made(studies.planned(job_of(job), images, white), progress))
+    return Study(studies.made(plan(job, images=images, white=white, checkpoints=checkpoints), progress))

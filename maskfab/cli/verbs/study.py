@@ -10,6 +10,7 @@ import typer
 from maskfab.cli.common.options import Json, Quiet
 from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.common.watch import watched
+from maskfab.errors import JobError
 
 
 def study(
@@ -20,25 +21,31 @@ def study(
     ],
     images: Annotated[Path | None, typer.Option(help="Folder of photographs, beside the study's drawn scenes.")] = None,
     white: Annotated[float, typer.Option(help="Light that is white in EXR and HDR photographs.")] = 1.0,
+    checkpoint: Annotated[
+        list[Path] | None,
+        typer.Option(help="File of maskfab learn, of a die (repeatable): one more restorer, learned."),
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier result.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Make figures of a job's dies, with tables and intervals, and tell which claims agree with the numbers."""
-    from maskfab.api.verbs.studying import study as make
+    from maskfab.api.verbs.studying import Study, plan
     from maskfab.files.staging import check_target
-    from maskfab.job import load_job
-    from maskfab.measurement.study import planned
+    from maskfab.measurement.study import made
 
-    places = {job: out / job.stem if len(jobs) > 1 else out for job in jobs}
-    loaded = {job: load_job(job) for job in jobs}
-    for job, place in places.items():
-        planned(loaded[job], images, white)
+    plans = {}
+    for job in jobs:
+        place = out / job.stem if len(jobs) > 1 else out
+        if place in plans:
+            problem = f"two of the jobs are called {job.stem}, and would be written to {place}"
+            raise JobError("MF105", problem, where="JOB", cure="Make them one after the other, or rename one")
+        plans[place] = plan(job, images=images, white=white, checkpoints=checkpoint or ())
         check_target(place, force=force)
     told = []
-    for job, place in places.items():
+    for place, planned in plans.items():
         with watched(quiet) as progress:
-            found = make(loaded[job], images=images, white=white, progress=progress)
+            found = Study(made(planned, progress))
         paths = found.save(place, force=force)
         told.append({**found.to_dict(), "path": str(place)})
         if not as_json:
