@@ -184,6 +184,19 @@ def test_a_case_is_photographed_as_it_is_and_restored_by_the_blur_of_another(tmp
     assert second == pytest.approx([2 * order_px, 2 * order_px / 0.9], abs=1)
 
 
+def test_photographs_without_highlights_do_not_serve_a_study_of_brackets(tmp_path: Path, photographs: Path):
+    job = tmp_path / "bright.toml"
+    case = '[[study.case]]\nname = "two"\nbrackets = [1, 16]'
+    job.write_text(JOB.replace('protocols = ["f1"]', 'protocols = ["camera"]') + case)
+    with pytest.raises(JobError, match="MF146"):
+        planned(load_job(job), photographs)
+    job.write_text(job.read_text().replace("scenes = 0", "scenes = 1"))
+    plan = planned(load_job(job), photographs)
+    assert plan.photographs == ()
+    assert plan.skipped == tuple(f"{seed} without highlights" for seed in range(3))
+    assert plan.settings[0].protocol.brackets == (1, 16)
+
+
 def test_a_claim_may_be_about_a_restorer_that_was_trained(tmp_path: Path):
     job = tmp_path / "own.toml"
     claim = CLAIM + 'restorer = "learned"\nover_restorer = "wiener"\nat_least = 0.0'
@@ -231,6 +244,7 @@ CLAIM = '[[study.claim]]\nsays = "x"\ndie = "TURNED"\n'
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gap = "1 mm" }', "MF146"),
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nscene = { gaps = "1 mm" }', "MF102"),
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "near"\nrestored_by = "far"', "MF145"),
+        ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "two"\nbrackets = [1, 16]', "MF143"),
     ],
 )
 def test_bad_studies_are_refused_before_any_work(tmp_path, photographs, monkeypatch, capsys, old, new, code):

@@ -588,6 +588,9 @@ class CaseSection(Section):
     """Name of the case in tables and figures."""
     scene: dict[str, Any] = {}
     """Keys of [scene] in place of the job's."""
+    brackets: Annotated[tuple[float, ...], Field(min_length=1, max_length=8, strict=False)] | None = None
+    """Exposures in place of exposure.brackets; a study with any draws lamps, and leaves out photographs without light
+    above white."""
     restored_by: str | None = None
     """Case whose blur restorers take the photographs' for; default: its own, on the axis."""
 

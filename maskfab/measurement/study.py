@@ -16,7 +16,7 @@ from maskfab.camera import scenes as drawn_scenes
 from maskfab.camera.design import Design, RestoredBy
 from maskfab.camera.intervals import MeanDifference
 from maskfab.camera.over_field import OverField
-from maskfab.camera.photographs import Photograph, folder
+from maskfab.camera.photographs import Folder, Photograph, folder
 from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.scores import Score
@@ -115,7 +115,7 @@ class Plan:
         panels: of its dies.
         settings: protocols and cases that photographs are taken in.
         photographs: of a folder; drawn scenes are beside them.
-        skipped: files of the folder that are no photographs.
+        skipped: files of the folder that are no photographs, or do not serve.
     """
 
     job: Job
@@ -203,10 +203,6 @@ def planned(
         what = "the study shows neither optics nor photographs"
         raise JobError("MF146", what, where=f"{where}: study", cure='Add optics = true, or protocols = ["camera"]')
     given = None if images is None or not study.protocols else folder(Path(images), white)
-    photographs = () if given is None else given.photographs
-    if study.protocols and not (photographs or study.scenes):
-        what = "the study has no scenes: no folder of photographs, and study.scenes = 0"
-        raise JobError("MF146", what, where=f"{where}: study.scenes", cure="Add --images FOLDER, or draw some scenes")
     cases = study.case or (CaseSection(name=OWN_SCENE),)
     jobs = {case.name: _in_case(job, case, i) for i, case in enumerate(cases)}
     if len(jobs) < len(cases):
@@ -215,12 +211,12 @@ def planned(
     settings = []
     for protocol in dict.fromkeys(study.protocols):
         own: dict[str, Setting] = {}
-        for name, within in jobs.items():
-            conditions = Conditions.of(within, protocol, study.levels)
+        for case, within in zip(cases, jobs.values(), strict=True):
+            conditions = Conditions.of(within, protocol, study.levels, brackets=case.brackets)
             for level in conditions.levels:
                 conditions.protocol.exposure(level)
             named = None if conditions.protocol.restorers else study.restore
-            own[name] = Setting(name, within, conditions, *conditions.restorers(named), colours)
+            own[case.name] = Setting(case.name, within, conditions, *conditions.restorers(named), colours)
         for i, case in enumerate(cases):
             other = case.restored_by
             if other is not None and other not in own:
@@ -233,10 +229,30 @@ def planned(
         raise JobError("MF146", what, where=f"{where}: study.protocols", cure='Use protocols = ["camera"]')
     if learned is not None:
         settings = [replace(setting, learned=learned(setting)) for setting in settings]
-    plan = Plan(job, job.panels(), tuple(settings), photographs, () if given is None else given.skipped)
+    photographs, skipped = _serving(given, settings)
+    if settings and not (photographs or study.scenes):
+        what = "the study has no scenes: no photographs that serve it, and study.scenes = 0"
+        raise JobError("MF146", what, where=f"{where}: study.scenes", cure="Add --images FOLDER, or draw some scenes")
+    plan = Plan(job, job.panels(), tuple(settings), photographs, skipped)
     for i, claim in enumerate(study.claim):
         _check_claim(claim, plan, f"{where}: study.claim[{i}]")
     return plan
+
+
+def _serving(given: Folder | None, settings: Sequence[Setting]) -> tuple[tuple[Photograph, ...], tuple[str, ...]]:
+    """Photographs of a folder that a study can take, and names of the others; brackets are for highlights."""
+    if given is None:
+        return (), ()
+    serving, skipped = [], list(given.skipped)
+    for each in given.photographs:
+        try:
+            for setting in settings:
+                setting.protocol.check(each)
+        except JobError:
+            skipped.append(f"{each.name} without highlights")
+        else:
+            serving.append(each)
+    return tuple(serving), tuple(skipped)
 
 
 def _in_case(job: Job, case: CaseSection, i: int) -> Job:
@@ -304,7 +320,10 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
         progress("optics", len(optics), len(optics))
     if not plan.settings:
         return Study(plan, optics, (), {}, {}, None, {})
-    scenes = (*plan.photographs, *(drawn_scenes.bundled(plan.study.scenes) if plan.study.scenes else ()))
+    drawn = drawn_scenes.bundled(plan.study.scenes)
+    if any(setting.protocol.brackets for setting in plan.settings):
+        drawn = tuple(map(drawn_scenes.lit, drawn))
+    scenes = (*plan.photographs, *drawn)
     # What cannot be photographed is refused before the first photograph.
     designs = [(setting, name) for setting in plan.settings for name in plan.panels]
     told = {
