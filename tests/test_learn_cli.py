@@ -112,6 +112,7 @@ def test_a_checkpoint_is_refused_before_any_photograph(
         ('focal = "10 mm"', 'focal = "9 mm"'),
         ('opening = "openings/toled.toml"', 'opening = "openings/bar.toml"'),
         ("[plate]", "[sensor]\nread_noise = 3\n\n[plate]"),
+        ("[plate]", "[exposure]\nsnr = [32]\nbrackets = [1, 4]\n\n[plate]"),
     ],
 )
 def test_a_checkpoint_is_refused_for_a_job_that_changed(
@@ -141,7 +142,7 @@ def test_learned_needs_a_checkpoint(capsys: pytest.CaptureFixture[str]) -> None:
 def test_a_network_is_trained_and_trained_on(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def drawn(seed: int, turn: int, shape: tuple[int, int] = (0, 0)) -> Photograph:
+    def drawn(seed: int, turn: int, shape: tuple[int, int] = (0, 0), *, lamps: bool) -> Photograph:
         return replace(leaves(1, 832, 832), name=f"leaves{seed}", number=seed)
 
     monkeypatch.setattr(lessons, "drawn", drawn)

@@ -294,6 +294,9 @@ def test_nothing_that_is_learned_from_is_judged_by() -> None:
     assert kept_for_validation(photographs[:1], 0, small)[1] == photographs[:1]
     # The scenes that simulate draws have the numbers from 1 on, those that are learned from begin at ten million.
     assert all(1000 < each.number < 10_000_000 for each in kept[:2])
+    # Exposures are merged for highlights alone.
+    assert max(each.light.max() for each in kept[:2]) <= 1
+    assert kept_for_validation((), 1, small, lamps=True)[0][0].light.max() > 1
 
 
 def test_a_mirrored_photograph_keeps_its_light() -> None:

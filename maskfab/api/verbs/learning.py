@@ -112,6 +112,8 @@ def learn(
     panels = loaded.panels()
     name = _one(die, tuple(panels))
     given = Folder((), ()) if images is None else folder(Path(images), white)
+    for scene in given.photographs:
+        asked.protocol.check(scene)
     design, _ = asked.design(name, panels[name], loaded)
     trade = trade_of(loaded, asked, design, tuple(each.name for each in given.photographs))
     if before is not None:
@@ -183,6 +185,8 @@ def trade_of(job: Job, asked: Conditions, design: Design, images: tuple[str, ...
     from maskfab.camera.learning.checkpoint import Trade, probe
 
     light = "linear light" if asked.protocol.linear else "code values taken for light"
+    if asked.protocol.brackets:
+        light += f", brackets of {', '.join(f'{cut:g}' for cut in asked.protocol.brackets)}"
     sensor = ", ".join(f"{key.replace('_', ' ')} {value}" for key, value in asdict(asked.protocol.sensor).items())
     return Trade(
         job.where,

@@ -19,7 +19,7 @@ from maskfab.camera.design import Design
 from maskfab.camera.learning.view import View
 from maskfab.camera.photographs import LONG, SHORT, Photograph
 from maskfab.camera.protocol import Protocol, SensorScene
-from maskfab.camera.scenes import dead_leaves, indoors
+from maskfab.camera.scenes import dead_leaves, indoors, lit
 
 Singles = NDArray[np.float32]
 
@@ -70,7 +70,7 @@ class Lessons:
         if self.photographs and number % 2:
             scene = mirrored(self.photographs[turn % len(self.photographs)], own)
         else:
-            scene = drawn(own, turn, self.shape)
+            scene = drawn(own, turn, self.shape, lamps=bool(self.protocol.brackets))
         return self.of(scene, level)
 
     def of(self, scene: Photograph, level: float) -> Lesson:
@@ -80,11 +80,14 @@ class Lessons:
         return Lesson(self.view.planes(record, self.design), known.true)
 
 
-def drawn(seed: int, turn: int, shape: tuple[int, int] = (SHORT, LONG)) -> Photograph:
-    """Dead leaves, indoors and textured in turns of four."""
-    leaves = dead_leaves(seed, *shape)
-    scene = textured(leaves) if turn % 4 >= 2 else leaves
-    return indoors(scene) if turn % 2 else scene
+def drawn(seed: int, turn: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False) -> Photograph:
+    """Dead leaves, indoors and textured in turns of four, with lamps if exposures are merged."""
+    scene = dead_leaves(seed, *shape)
+    if turn % 4 >= 2:
+        scene = textured(scene)
+    if turn % 2:
+        scene = indoors(scene)
+    return lit(scene) if lamps else scene
 
 
 def textured(scene: Photograph) -> Photograph:
@@ -110,13 +113,13 @@ def mirrored(scene: Photograph, seed: int) -> Photograph:
 
 
 def kept_for_validation(
-    photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG)
+    photographs: Sequence[Photograph], count: int, shape: tuple[int, int] = (SHORT, LONG), *, lamps: bool = False
 ) -> tuple[list[Photograph], Sequence[Photograph]]:
     """Scenes that nothing is learned from, so many of them drawn, and the photographs that are left to learn from.
 
     The last photograph is kept where there are several.
     """
-    kept = [drawn(_FIRST - 1 - k, 3 * k, shape) for k in range(count)]
+    kept = [drawn(_FIRST - 1 - k, 3 * k, shape, lamps=lamps) for k in range(count)]
     if len(photographs) < 2:
         return kept, photographs
     return [*kept, photographs[-1]], photographs[:-1]

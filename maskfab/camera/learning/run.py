@@ -67,7 +67,7 @@ class Run:
     ) -> Run:
         """One that begins, or goes on from a checkpoint."""
         begun, levels = time.monotonic(), trade.levels
-        kept, others = kept_for_validation(photographs, max(2, len(levels)))
+        kept, others = kept_for_validation(photographs, max(2, len(levels)), lamps=bool(protocol.brackets))
         progress("scenes to judge by", 0, len(kept))
         view = before.view if before else fitted(protocol, design, levels, kept)
         lessons = Lessons(protocol, design, levels, view, others, course.seed)
