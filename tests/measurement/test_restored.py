@@ -179,7 +179,7 @@ def test_dies_that_cannot_be_told_from_the_best_are_marked_with_it(job):
     table = photograph_table(document)
     assert [cells[0].best for cells in table.rows.values()] == [True, True, False, False]
     width = MeanDifference.of([0.5, -0.2, 0.3]).half_width
-    assert table.rows["B"][0].gain == f"+0.20 ± {width:.2f}, tie"
+    assert table.rows["B"][0].gain == f"+0.20 ± {width:.2f} tie"
     assert table.rows["D"][0].gain.startswith("-14.00 ± ")
     assert "tie" not in table.rows["D"][0].gain
     assert best_photographed(table_of(job, A=(20.0, 25.0), B=(20.5, 24.8)), 24) == frozenset()

@@ -10,7 +10,6 @@ import numpy as np
 
 from maskfab.camera.intervals import CONFIDENCE, MeanDifference
 from maskfab.camera.left_out import by_sentence
-from maskfab.report.plots.number_text import rounded
 
 Document = Mapping[str, Any]
 
@@ -59,7 +58,7 @@ def photograph_table(taken: Document) -> Table:
         rows[name] = [
             Cell(
                 float(np.mean(own)),
-                "" if name == taken["reference"] else _gain(_difference(taken, level, name, taken["reference"])),
+                "" if name == taken["reference"] else _difference(taken, level, name, taken["reference"]).told(""),
                 name in best[level],
             )
             for level in levels
@@ -95,7 +94,3 @@ def _scores(taken: Document, level_db: float) -> dict[str, list[float]]:
 def _difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
     scores = _scores(taken, level_db)
     return MeanDifference.of([one - two for one, two in zip(scores[name], scores[other], strict=True)])
-
-
-def _gain(found: MeanDifference) -> str:
-    return f"{found.mean:+.2f} ± {rounded(found.half_width, 2)}{', tie' if found.tie else ''}"
