@@ -102,16 +102,15 @@ class Run:
 
     def _kept(self, loss: float) -> Checkpoint:
         seconds = self.earlier_s + time.monotonic() - self.begun_s
-        gains = self._gains(Learned(self.training.mean, self.view))
-        self.history.append({"minutes": seconds / 60, "step": self.training.step, "loss": loss, **gains})
+        self.history.append({"minutes": seconds / 60, "step": self.training.step, "loss": loss, **self.gains()})
         training = self.training
         found = Checkpoint(self.trade, training.course, self.view, seconds, tuple(self.history), training.state())
         found.write(self.path)
         return found
 
-    def _gains(self, restorer: Learned) -> dict[str, float]:
-        """Means over both pictures that are shown, dB."""
-        rows = []
+    def gains(self) -> dict[str, float]:
+        """Mean gains over both pictures that are shown, dB, on scenes that are not taught."""
+        restorer, rows = Learned(self.training.mean, self.view), []
         for scene in self.scenes:
             pictures = scene.shown[:COLOURS], scene.shown[COLOURS : 2 * COLOURS]
             before = [psnr(code_of_light(light_of(each)), scene.true) for each in pictures]
