@@ -82,7 +82,7 @@ def bundled(count: int = 4) -> tuple[Photograph, ...]:
     return tuple(scene if scene.number % 2 else indoors(scene) for scene in leaves)
 
 
-def drawn(*, highlights: bool) -> tuple[Photograph, ...]:
-    """The same scenes, with lamps in them where ``highlights`` are wanted."""
-    scenes = bundled()
+def drawn(count: int = 4, *, highlights: bool) -> tuple[Photograph, ...]:
+    """Bundled scenes, with lamps in them where ``highlights`` are wanted."""
+    scenes = bundled(count)
     return tuple(map(lit, scenes)) if highlights else scenes

@@ -12,13 +12,13 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera import scenes as drawn_scenes
 from maskfab.camera.design import Design, RestoredBy
 from maskfab.camera.intervals import MeanDifference
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photographs import Folder, Photograph, folder
 from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.restorers.restorer import Restorer
+from maskfab.camera.scenes import drawn
 from maskfab.camera.scores import Score
 from maskfab.camera.shots import Crop, truth_of
 from maskfab.errors import JobError
@@ -320,10 +320,8 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
         progress("optics", len(optics), len(optics))
     if not plan.settings:
         return Study(plan, optics, (), {}, {}, None, {})
-    drawn = drawn_scenes.bundled(plan.study.scenes)
-    if any(setting.protocol.brackets for setting in plan.settings):
-        drawn = tuple(map(drawn_scenes.lit, drawn))
-    scenes = (*plan.photographs, *drawn)
+    lamps = any(setting.protocol.brackets for setting in plan.settings)
+    scenes = (*plan.photographs, *drawn(plan.study.scenes, highlights=lamps))
     # What cannot be photographed is refused before the first photograph.
     designs = [(setting, name) for setting in plan.settings for name in plan.panels]
     told = {

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import product
 
 import matplotlib as mpl
 import numpy as np
@@ -37,27 +38,29 @@ def scores_figure(study: Study) -> Drawing:
     labels = list(dict.fromkeys(key[1] for key in curves))
     ticks = list(dict.fromkeys(x for points in curves.values() for x, _ in points))
     words = all(isinstance(tick, str) for tick in ticks)
-    width = _LEFT + len(columns) * (_WIDE + _GAP) + _LEGEND
-    height = _TOP + 2 * _HIGH + _GAP / 2 + _FOOT
-    figure = Figure(figsize=(width, height))
-    for column, protocol in enumerate(columns):
-        for row, (measure, title) in enumerate(_ROWS):
-            bottom = _FOOT + (1 - row) * (_HIGH + _GAP / 2)
-            axes = place(figure, (_LEFT + column * (_WIDE + _GAP), bottom, _WIDE, _HIGH))
-            for number, label in enumerate(labels):
-                points = curves.get((protocol, label))
-                if points:
-                    across = [float(ticks.index(x) if words else x) for x, _ in points]
-                    _curve(
-                        axes, across, [_mean(study, of, measure) for _, of in points], number, label, joined=not words
-                    )
-            _dress(axes, ticks if words else None, lowest=row == 1, title=title if column == 0 else "")
-            if row == 0:
-                axes.set_title(f"protocol {protocol}", loc="left")
-            else:
-                axes.set_xlabel(_AXES[axis])
+    # One protocol has its scores side by side, several have them one above the other.
+    across, rows = (2, 1) if len(columns) == 1 else (len(columns), 2)
+    figure = Figure(
+        figsize=(_LEFT + across * (_WIDE + _GAP) + _LEGEND, _TOP + rows * _HIGH + (rows - 1) * _GAP / 2 + _FOOT)
+    )
+    for (column, protocol), (row, (measure, title)) in product(enumerate(columns), enumerate(_ROWS)):
+        right, down = (row, 0) if rows == 1 else (column, row)
+        bottom = _FOOT + (rows - 1 - down) * (_HIGH + _GAP / 2)
+        axes = place(figure, (_LEFT + right * (_WIDE + _GAP), bottom, _WIDE, _HIGH))
+        for number, label in enumerate(labels):
+            points = curves.get((protocol, label))
+            if points:
+                at = [float(ticks.index(x) if words else x) for x, _ in points]
+                _curve(axes, at, [_mean(study, of, measure) for _, of in points], number, label, joined=not words)
+        lowest = down == rows - 1
+        _dress(axes, ticks if words else None, lowest=lowest, title=title if right == row * (rows == 1) else "")
+        if down == 0:
+            axes.set_title(f"protocol {protocol}", loc="left")
+        if lowest:
+            axes.set_xlabel(_AXES[axis])
     handles, told = figure.axes[0].get_legend_handles_labels()
-    figure.legend(handles, told, loc="center right", fontsize=7.5)
+    beside = (1 - _LEGEND / figure.get_size_inches()[0], 0.5)
+    figure.legend(handles, told, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
     return Drawing(figure, f"{study.plan.study.figure}: mean PSNR and SSIM of {len(study.scenes)} scenes, by {axis}")
 
 
