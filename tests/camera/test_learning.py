@@ -316,6 +316,7 @@ def test_a_mirrored_photograph_keeps_its_light() -> None:
         ({"die": "TOLED", "device": "abacus"}, "MF105", "abacus"),
         ({"die": "TOLED", "out": "nowhere/net.npz"}, "MF401", "cannot be written"),
         ({"die": "TOLED", "images": "nowhere"}, "MF301", "no photographs"),
+        ({"die": "TOLED", "white": 2.0}, "MF105", "stated as white"),
     ],
 )
 def test_bad_input_is_refused_before_anything_is_trained(

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab.api.camera import Camera
+from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.camera.design import Design
 from maskfab.camera.photo_camera import camera_line
-from maskfab.camera.photographs import Folder, folder
+from maskfab.camera.photographs import Folder
 from maskfab.errors import JobError
 from maskfab.files.staging import check_file
 from maskfab.job import Job
@@ -111,7 +112,7 @@ def learn(
         asked.protocol.exposure(level)
     panels = loaded.panels()
     name = _one(die, tuple(panels))
-    given = Folder((), ()) if images is None else folder(Path(images), white)
+    given = given_folder(images, white) or Folder((), ())
     for scene in given.photographs:
         asked.protocol.check(scene)
     design, _ = asked.design(name, panels[name], loaded)

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.api.camera import Camera
+from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoints
 from maskfab.camera import scenes as scene_sets
@@ -20,7 +21,7 @@ from maskfab.camera.intervals import CONFIDENCE
 from maskfab.camera.left_out import by_sentence
 from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import camera_line
-from maskfab.camera.photographs import Folder, Photograph, folder
+from maskfab.camera.photographs import Folder, Photograph
 from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.scores import Gain, Score, ScoreTable
@@ -161,18 +162,11 @@ def simulate(
             MF148 for a checkpoint of another die, camera, sensor or light, or a die without one where some have.
         SourceError: MF301, MF303, MF304 for a checkpoint that is missing, damaged or none.
     """
-    if images is None and white != 1.0:
-        raise JobError(
-            "MF105",
-            f"light of {white:g} is stated as white, and the drawn scenes have a white of their own",
-            where="white",
-            cure="Add images, a folder of EXR or HDR photographs, or remove white",
-        )
     loaded = job_of(job, camera)
     asked = Conditions.of(loaded, protocol, levels, light, brackets)
     trained = read_checkpoints(checkpoints)
     restorers, choose = _restorers(asked, restore, learned=bool(trained))
-    given = None if images is None else folder(Path(images), white)
+    given = given_folder(images, white)
     for scene in given.photographs if given else ():
         asked.protocol.check(scene)
     panels = loaded.panels()

@@ -26,6 +26,8 @@ _PROBED = (32, 32)
 _ALIKE = 1e-3
 """Most that the transfer of the same die differs, by rounding."""
 _WIDEST, _DEEPEST = 512, 8
+_USE = "Train one for this job with maskfab learn, or give the one that was"
+_GO_ON = "Give the settings it was trained with, add --force to train anew, or choose another --out"
 ROW = ("minutes", "step", "loss", "gain", "gain_over_filter")
 """Numbers of a history: time and steps from the beginning, loss, gains over both pictures that are shown, dB."""
 
@@ -56,12 +58,13 @@ class Trade:
     images: tuple[str, ...]
     transfer: Transfer
 
-    def require(self, other: Trade, where: str) -> None:
+    def require(self, other: Trade, where: str, cure: str = _USE) -> None:
         """Refuse a checkpoint for another die, camera, sensor or light; some of its levels may be asked for.
 
         Args:
             other: what it is wanted for.
             where: the file.
+            cure: told with a refusal.
 
         Raises:
             JobError: MF148.
@@ -69,11 +72,11 @@ class Trade:
         for what in ("die", "camera", "sensor", "light"):
             own, wanted = getattr(self, what), getattr(other, what)
             if own != wanted:
-                raise another(f"{what} {own}", wanted, where)
+                raise another(f"{what} {own}", wanted, where, cure)
         if not set(other.levels) <= set(self.levels):
-            raise another(f"light of {_decibels(self.levels)}", _decibels(other.levels), where)
+            raise another(f"light of {_decibels(self.levels)}", _decibels(other.levels), where, cure)
         if float(abs(self.transfer - other.transfer).max()) > _ALIKE:
-            raise another(f"a die {self.die} of other openings, layout or scene", f"that of {other.job}", where)
+            raise another(f"a die {self.die} of other openings, layout or scene", f"that of {other.job}", where, cure)
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,13 +106,13 @@ class Checkpoint:
             JobError: MF148.
         """
         own = self.trade
-        own.require(trade, where)
+        own.require(trade, where, _GO_ON)
         if set(own.levels) != set(trade.levels):
-            raise another(f"light of {_decibels(own.levels)}", _decibels(trade.levels), where)
+            raise another(f"light of {_decibels(own.levels)}", _decibels(trade.levels), where, _GO_ON)
         if own.images != trade.images:
-            raise another(f"{len(own.images)} photographs", f"{len(trade.images)} others", where)
+            raise another(f"{len(own.images)} photographs", f"{len(trade.images)} others", where, _GO_ON)
         if self.course.seed != seed:
-            raise another(f"seed {self.course.seed}", f"seed {seed}", where)
+            raise another(f"seed {self.course.seed}", f"seed {seed}", where, _GO_ON)
 
     def restorer(self) -> Learned:
         """The network as a restorer."""
@@ -193,13 +196,13 @@ def probe(blur: Blur) -> Transfer:
     return blur.on(_PROBED)
 
 
-def another(own: str, wanted: str, where: str) -> JobError:
+def another(own: str, wanted: str, where: str, cure: str = _USE) -> JobError:
     """The refusal of a checkpoint for something else."""
     return JobError(
         "MF148",
         f"the checkpoint was trained for {own}; asked for is {wanted}",
         where=where,
-        cure="Train one for this job with maskfab learn, or give the one that was",
+        cure=cure,
     )
 
 

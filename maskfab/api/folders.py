@@ -1,0 +1,31 @@
+"""Folders of photographs that a user names."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from maskfab.camera.photographs import Folder, folder
+from maskfab.errors import JobError
+
+
+def given_folder(images: str | Path | None, white: float) -> Folder | None:
+    """The photographs of a folder; None where none is named, and scenes are drawn.
+
+    Args:
+        images: the folder.
+        white: light that is white in photographs that hold light, EXR and HDR.
+
+    Raises:
+        JobError: MF105 for a white that nothing is measured by; as :func:`maskfab.camera.photographs.folder`.
+        SourceError: MF301 without photographs in it.
+    """
+    if images is not None:
+        return folder(Path(images), white)
+    if white != 1.0:
+        raise JobError(
+            "MF105",
+            f"light of {white:g} is stated as white, and the drawn scenes have a white of their own",
+            where="white",
+            cure="Add images, a folder of EXR or HDR photographs, or remove white",
+        )
+    return None
