@@ -47,7 +47,7 @@ def merged(exposures: Sequence[Record]) -> Record:
     for _ in range(2):
         values = _mean(ordered, values)
     taken = [each for record in reversed(ordered) for each in _exposures(record)]
-    return Record(values, MergedNoise(tuple(taken)), ordered[0].ceiling)
+    return Record(values, MergedNoise(tuple(taken)), ordered[0].ceiling, ordered[0].interpolated)
 
 
 def _exposures(record: Record) -> tuple[tuple[Noise, float], ...]:

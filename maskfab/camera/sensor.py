@@ -102,7 +102,7 @@ class Sensor:
         ceiling = float(
             full / np.float32(electrons)
         )  # as it was rounded for the pixels, or none would be found clipped
-        return Record(values, Noise(electrons, self.read_noise, self.step), ceiling)
+        return Record(values, Noise(electrons, self.read_noise, self.step), ceiling, self.mosaic != "none")
 
 
 def _refused(what: str, key: str, cure: str) -> JobError:

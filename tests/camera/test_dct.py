@@ -2,21 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
 import scipy.fft
+import scipy.ndimage
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.lib.stride_tricks import sliding_window_view
 from once import leaves
 
 from maskfab import resources
+from maskfab.camera.mosaic import interpolated
 from maskfab.camera.protocol import EPSILONS, F1, evaluate
 from maskfab.camera.quality import psnr
 from maskfab.camera.record import Noise, Record
-from maskfab.camera.restorers.dct import Dct, denoised
+from maskfab.camera.restorers.dct import Dct, denoised, mosaic_noise
 from maskfab.camera.restorers.wiener import Margin, Wiener
+from maskfab.camera.sensor import Sensor
 from maskfab.camera.transfer import lay
 from maskfab.errors import JobError
 from maskfab.opening.openings import load_opening
@@ -46,7 +50,7 @@ def taken(light, noise, seed=0):
 def test_a_flat_field_keeps_its_mean_and_loses_its_noise(light):
     flat = np.full((3, 96, 128), light)
     values = taken(flat, DIM)
-    calm = denoised(values, DIM)
+    calm = denoised(Record(values, DIM))
     sigma = float(np.sqrt(DIM.variance(np.float32([light])))[0])
     # Colours are worked on together, so their mean is what is kept; 4 standard errors, and the inverse's own bias.
     assert float(calm.mean(dtype=np.float64)) == pytest.approx(light, abs=4 * sigma / np.sqrt(flat.size) + 0.02 * sigma)
@@ -55,34 +59,34 @@ def test_a_flat_field_keeps_its_mean_and_loses_its_noise(light):
 
 def test_what_has_no_noise_comes_back():
     scene = np.random.default_rng(3).random((3, 40, 72)).astype(np.float32)
-    np.testing.assert_allclose(denoised(scene, Noise(1e9, 0.0)), scene, atol=2e-5)
+    np.testing.assert_allclose(denoised(Record(scene, Noise(1e9, 0.0))), scene, atol=2e-5)
 
 
 def test_turned_mirrored_and_recoloured_records_give_turned_mirrored_and_recoloured_light():
     """All windows are taken, so no direction is preferred; red and blue may change places, green may not."""
     values = taken(np.broadcast_to(np.linspace(0.05, 0.9, 80) ** 2, (3, 61, 80)), DIM)
-    calm = denoised(values, DIM)
+    calm = denoised(Record(values, DIM))
     for change in (
         lambda a: a[:, ::-1],
         lambda a: a[:, :, ::-1],
         lambda a: a.transpose(0, 2, 1),
         lambda a: a[::-1],
     ):
-        np.testing.assert_allclose(denoised(np.ascontiguousarray(change(values)), DIM), change(calm), atol=2e-5)
+        np.testing.assert_allclose(denoised(Record(np.ascontiguousarray(change(values)), DIM)), change(calm), atol=2e-5)
 
 
 def test_a_part_far_from_its_edges_does_not_know_how_large_the_record_is():
     """Whatever strips the rows are worked on in; two passes of windows reach 14 pixels."""
     values = taken(np.broadcast_to(np.linspace(0.05, 0.9, 64), (3, 150, 64)), DIM)
-    part = denoised(values[:, 21:121], DIM)
-    np.testing.assert_allclose(part[:, 14:-14], denoised(values, DIM)[:, 35:107], atol=2e-5)
+    part = denoised(Record(values[:, 21:121], DIM))
+    np.testing.assert_allclose(part[:, 14:-14], denoised(Record(values, DIM))[:, 35:107], atol=2e-5)
 
 
 @settings(max_examples=15)
 @given(st.integers(8, 45), st.integers(8, 45), st.floats(0, 1), st.integers(0, 99))
 def test_any_size_stays_finite_and_near_the_light(rows, columns, light, seed):
     flat = np.full((3, rows, columns), light)
-    calm = denoised(taken(flat, DIM, seed), DIM)
+    calm = denoised(Record(taken(flat, DIM, seed), DIM))
     assert calm.shape == flat.shape
     sigma = float(np.sqrt(DIM.variance(np.float32([light])))[0])
     assert abs(calm - light).max() < 5 * sigma
@@ -90,7 +94,7 @@ def test_any_size_stays_finite_and_near_the_light(rows, columns, light, seed):
 
 def test_a_record_smaller_than_a_window_is_refused():
     with pytest.raises(JobError, match="MF121"):
-        denoised(np.zeros((3, 7, 30), dtype=np.float32), DIM)
+        denoised(Record(np.zeros((3, 7, 30), dtype=np.float32), DIM))
 
 
 @pytest.mark.parametrize("electrons", [273.0, 10024.0])
@@ -121,6 +125,23 @@ def test_a_full_well_stays_full_and_nothing_becomes_undefined():
     assert np.isfinite(picture).all()
     assert record.clipped.mean() > 0.4
     np.testing.assert_array_equal(seen[0].values[record.clipped], np.float32(ceiling))
+
+
+def test_noise_of_an_interpolated_mosaic_is_what_draws_of_it_have():
+    """White noise of variance 1, interpolated, in the cosine transforms of all windows."""
+    seen = np.random.default_rng(5).standard_normal((400, 400)).astype(np.float32)
+    opponent = np.tensordot(scipy.fft.dct(np.eye(3), norm="ortho", axis=0), interpolated(seen), axes=1)
+    windows = sliding_window_view(opponent[:, 4:-4, 4:-4], (8, 8), axis=(1, 2))[:, ::3, ::3]
+    drawn = np.square(scipy.fft.dctn(windows, axes=(3, 4), norm="ortho")).mean(axis=(1, 2))
+    np.testing.assert_allclose(drawn, mosaic_noise(), rtol=0.12, atol=0.01)
+
+
+@pytest.mark.parametrize("electrons", [273.0, 1600.0])
+def test_noise_that_interpolation_made_coarse_is_taken_out_too(electrons):
+    light = np.maximum(scipy.ndimage.gaussian_filter(leaves(1, 192, 192).values, (0, 1, 1)), 0)
+    record = Sensor(mosaic="rggb").record(light, electrons, 1)
+    honest, as_white = (psnr(denoised(replace(record, interpolated=known)), light) for known in (True, False))
+    assert honest > as_white + 0.3
 
 
 @pytest.mark.slow

@@ -9,7 +9,7 @@ from scipy.signal import fftconvolve
 from maskfab.camera.exposure import ELECTRONS
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import F1, PAPER, WIENER, evaluate
-from maskfab.camera.record import Noise
+from maskfab.camera.record import Noise, Record
 from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.transfer import CELLS, lay
 
@@ -46,7 +46,7 @@ def test_the_protocol_is_what_its_description_says(level):
     draw = np.random.default_rng(1000 * SCENE.number + electrons)
     counted = draw.poisson(np.maximum(blurred, 0) * electrons) + 4.87 * draw.standard_normal(true.shape, np.float32)
     record = np.minimum(counted, 15506) / electrons
-    calm = denoised((record / brightness).astype(np.float32), Noise(electrons * brightness, 4.87)) * brightness
+    calm = denoised(Record((record / brightness).astype(np.float32), Noise(electrons * brightness, 4.87))) * brightness
     wide = np.pad(calm, [(0, 0), (256, 256), (256, 256)])
     spectrum = np.fft.fft2(np.fft.ifftshift(spread, axes=(1, 2)))
     filtered = spectrum.conj() / (abs(spectrum) ** 2 + (20 / 35) ** 10)

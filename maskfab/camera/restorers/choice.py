@@ -32,6 +32,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.camera.mosaic import interpolated, sampled
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.restorers.restorer import Blur, Restorer, Transfer
@@ -152,9 +153,11 @@ def _judge(record: Record, blur: Blur, draw: np.random.Generator, width: int) ->
     rows, columns = record.values.shape[1:]
     margin = Margin((rows + 2 * width, columns + 2 * width), width)
     transfer, inverse_prior = blur.on(margin.shape), prior(margin.shape)
-    calm = denoised(record.values, record.noise)
+    calm = denoised(record)
     variance = record.noise.variance(calm)
     noise = draw.standard_normal(calm.shape, dtype=np.float32) * np.sqrt(variance)
+    if record.interpolated:
+        noise = interpolated(sampled(noise))
     pilot = restore(margin.mirrored(calm), wiener(transfer, inverse_prior, _PILOT), margin)
     inverse = wiener(transfer, inverse_prior, float(variance.mean()))
     rest = record.values - noise / np.float32(_PARTING) - margin.blurred(margin.mirrored(pilot), transfer)
@@ -162,7 +165,12 @@ def _judge(record: Record, blur: Blur, draw: np.random.Generator, width: int) ->
     left = int(_SHARE * min(rows, columns))
     below = np.nextafter(np.float32(record.ceiling), np.float32(0))
     first = np.where(record.clipped, record.values, np.minimum(record.values + np.float32(_PARTING) * noise, below))
-    shown = Record(np.ascontiguousarray(_inner(first, left)), record.noise.times(1 + _PARTING**2), record.ceiling)
+    shown = Record(
+        np.ascontiguousarray(_inner(first, left)),
+        record.noise.times(1 + _PARTING**2),
+        record.ceiling,
+        record.interpolated,
+    )
     return _Judge(shown, margin, left, transfer * inverse, pilot, evidence)
 
 

@@ -11,20 +11,23 @@ Notes:
     Photographs and drawn scenes behind protocol F1's camera, nine cases from 24 to 40 dB, each with its best ε, mean
     gain over the Wiener filter alone: thresholds of 2.2, 2.5, 2.8 and 3.1 give 2.08, 2.21, 2.24 and 2.22 dB; the first
     pass alone 2.08 dB at 2.7. On red, green and blue apart the first pass gives .4 to 1 dB less.
-    The noise of pixels is taken to be independent; of a mosaic that was interpolated it is not, and more of it stays.
+    Interpolating a mosaic correlates noise. What becomes of it in every coefficient follows from the filters alone, if
+    the three colours have the same light; with that in place of 1, see :func:`mosaic_noise`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 
-from maskfab.camera.record import MergedNoise, Noise, Record
+from maskfab.camera.mosaic import interpolated
+from maskfab.camera.record import Record
 from maskfab.camera.restorers.anscombe import stabilised, unbiased
 from maskfab.camera.restorers.restorer import Blur, Restorer
 from maskfab.camera.restorers.wiener import Wiener
@@ -67,51 +70,81 @@ class Dct:
         Raises:
             JobError: MF121 for fewer than 8 pixels along a side.
         """
-        calm = denoised(record.values, record.noise, self.threshold)
+        calm = denoised(record, self.threshold)
         # A full well says only that there was more light; the neighbours' mean must not make it look measured.
         restored = self.then.prepare(replace(record, values=np.where(record.clipped, record.values, calm)), blur)
         return lambda epsilon: restored(_LEFT * epsilon)
 
 
-def denoised(light: Singles, noise: Noise | MergedNoise, threshold: float = THRESHOLD) -> Singles:
-    """Light [3, rows, columns] in units of white, of known noise, with less of it; below 0 where the dark was.
+def denoised(record: Record, threshold: float = THRESHOLD) -> Singles:
+    """Light [3, rows, columns] of a record, in units of white, with less noise; below 0 where the dark was.
 
     Raises:
         JobError: MF121 for fewer than 8 pixels along a side.
     """
-    rows, columns = light.shape[1:]
+    rows, columns = record.values.shape[1:]
     if min(rows, columns) < WINDOW:
         raise JobError(
             "MF121",
             f"the record has {columns} x {rows} pixels, fewer than {WINDOW} along a side",
             cure=f"Give a record of {WINDOW} x {WINDOW} pixels or more",
         )
-    stable = np.tensordot(_OPPONENT, stabilised(light, noise), axes=1)
-    for colour in stable:
-        guess = _mean_of_windows(colour, None, np.float32(threshold))
-        colour[:] = _mean_of_windows(colour, guess, np.float32(threshold))
-    return unbiased(np.tensordot(_OPPONENT.T, stable, axes=1), noise)
+    stable = np.tensordot(_OPPONENT, stabilised(record.values, record.noise), axes=1)
+    white = np.ones((3, WINDOW, WINDOW), dtype=np.float32)
+    for colour, variance in zip(stable, mosaic_noise() if record.interpolated else white, strict=True):
+        guess = _mean_of_windows(colour, None, variance, threshold)
+        colour[:] = _mean_of_windows(colour, guess, variance, threshold)
+    return unbiased(np.tensordot(_OPPONENT.T, stable, axes=1), record.noise)
 
 
-def _mean_of_windows(picture: Singles, guess: Singles | None, threshold: np.float32) -> Singles:
-    """A picture [rows, columns] with noise of variance 1, less noisy.
+@cache
+def mosaic_noise() -> Singles:
+    """Variance of windows' coefficients after a mosaic with noise of variance 1 was interpolated; read-only.
+
+    Returns:
+        float32 [3 opponent colours, 8, 8], the mean over windows' four places on the mosaic.
+    """
+    reach, side = 2, WINDOW + 6
+    total = np.zeros((3, WINDOW, WINDOW))
+    for place in range(side**2):
+        # What one pixel of the mosaic adds to every window that it is in.
+        pixel = np.zeros(side**2, dtype=np.float32)
+        pixel[place] = 1
+        colours = np.tensordot(_OPPONENT, interpolated(pixel.reshape(side, side)), axes=1)
+        for top, left in np.ndindex(2, 2):
+            window = colours[:, reach + top :, reach + left :][:, :WINDOW, :WINDOW]
+            total += np.square(_COSINES @ window @ _COSINES.T) / 4
+    found = total.astype(np.float32)
+    found.flags.writeable = False
+    return found
+
+
+def _mean_of_windows(picture: Singles, guess: Singles | None, variance: Singles, threshold: float) -> Singles:
+    """A noisy picture [rows, columns], less noisy.
 
     Args:
         picture: what is filtered.
         guess: of it without noise, for the second pass; None for the first.
-        threshold: of the first pass.
+        variance: of the noise in every coefficient of a window, [8, 8].
+        threshold: of the first pass, in standard deviations.
     """
+    variance = np.repeat(variance, picture.shape[1] - WINDOW + 1, axis=1)
+    least = np.float32(threshold) * np.sqrt(variance)
     total, weights = np.zeros_like(picture), np.zeros_like(picture)
     for top in range(0, len(picture) - WINDOW + 1, _STRIP):
         strip = slice(top, top + _STRIP + WINDOW - 1)
-        _add_windows(picture[strip], None if guess is None else guess[strip], threshold, total[strip], weights[strip])
+        guessed = None if guess is None else guess[strip]
+        _add_windows(picture[strip], guessed, variance, least, total[strip], weights[strip])
     return np.asarray(np.divide(total, weights, out=total))
 
 
 def _add_windows(
-    picture: Singles, guess: Singles | None, threshold: np.float32, total: Singles, weights: Singles
+    picture: Singles, guess: Singles | None, variance: Singles, least: Singles, total: Singles, weights: Singles
 ) -> None:
-    """Add all windows of a strip, filtered, to ``total``, and their weights to ``weights``; all [rows, columns]."""
+    """Add all windows of a strip, filtered, to ``total``, and their weights to ``weights``; all [rows, columns].
+
+    ``variance`` and ``least``, what a coefficient must exceed, are of all windows of a row, [8, 8 · (columns - 7)].
+    """
     rows, across = len(picture), picture.shape[1] - WINDOW + 1
     lines = _along_rows(picture)
     guessed = None if guess is None else _along_rows(guess)
@@ -121,13 +154,13 @@ def _add_windows(
         window = slice(y, y + WINDOW)
         np.matmul(_COSINES, lines[window], out=spectrum)
         if guessed is None:
-            np.greater(np.abs(spectrum, out=kept), threshold, out=kept, casting="unsafe")
-            noise = kept
+            np.greater(np.abs(spectrum, out=kept), least, out=kept, casting="unsafe")
+            noise = np.multiply(kept, variance, out=spare)
         else:
             np.matmul(_COSINES, guessed[window], out=kept)
             np.square(kept, out=kept)
-            np.divide(kept, np.add(kept, 1, out=spare), out=kept)
-            noise = np.square(kept, out=spare)
+            np.divide(kept, np.add(kept, variance, out=spare), out=kept)
+            noise = np.multiply(np.square(kept, out=spare), variance, out=spare)
         weight = 1 / np.maximum(noise.reshape(WINDOW**2, across).sum(axis=0), 1)
         spectrum *= kept
         spectrum.reshape(WINDOW**2, across)[:] *= weight

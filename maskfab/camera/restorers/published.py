@@ -43,7 +43,7 @@ class Published:
         """See :class:`maskfab.camera.restorers.restorer.Restorer`; as published, light above white is left."""
         rows, columns = record.values.shape[1:]
         margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
-        calm = margin.dark(denoised(record.values, record.noise))
+        calm = margin.dark(denoised(record))
         spectrum = np.asarray(scipy.fft.rfft2(calm, axes=(1, 2), workers=1))
         transfer = blur.on(margin.shape)
 
