@@ -297,7 +297,7 @@ class _Case:
                     picture = self._restored(restorer, key)(epsilon)
                 yield self._score(key, picture, epsilon, restorer.name), picture
         for key in map(id, test) if choose else ():
-            won = Choice(restorers).restore(self.records[key], self.design, epsilons)
+            won = Choice(restorers, coded=self.protocol.linear).restore(self.records[key], self.design, epsilons)
             picture = self.protocol.shown(won.picture)
             yield self._score(key, picture, won.epsilon, AUTO, won.name), picture
 

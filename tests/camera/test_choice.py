@@ -15,6 +15,7 @@ from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.restorers.dct import Dct
 from maskfab.camera.restorers.wiener import Margin, Wiener
 from maskfab.errors import JobError
+from maskfab.optics.numbers.colour import code_of_light
 
 WIDTH = 64
 NOISE = Noise(2000.0, 4.87)
@@ -65,6 +66,10 @@ def true():
     return MARGIN.sensor(leaves(1, 256, 320).values)
 
 
+def draws(shape):
+    return np.random.default_rng(4).standard_normal(shape, dtype=np.float32)
+
+
 def taken(blur=None, noise=NOISE, seed=0):
     """A record of leaves that go on beyond the sensor."""
     blur = blur or Halo()
@@ -99,6 +104,23 @@ def test_the_criterion_is_the_mean_squared_error_less_a_number_that_is_the_same_
     for name, change in off.items():
         wanted = float(np.square(change[24:-24]).mean())
         assert found.criteria[name] - found.criteria["true"] == pytest.approx(wanted, rel=0.15, abs=1e-5)
+
+
+def test_where_light_is_coded_an_error_in_the_dark_counts_as_it_is_seen(true):
+    """The same scene with a dim half: 0.01 off in the dim half is more code values than 0.015 in the other."""
+    half = np.arange(192) < 96
+    light = true * np.where(half, np.float32(0.1), np.float32(1))
+    record = Record(light + np.sqrt(NOISE.variance(light)) * draws(light.shape), NOISE)
+    known = {"dim": light + np.float32(0.01) * half, "bright": light + np.float32(0.015) * ~half}
+    restorers, none = [Known(name, whole) for name, whole in known.items()], dict.fromkeys(known, 0.0)
+    plain, coded = (
+        Choice(restorers, width=WIDTH, coded=c).restore(record, Halo(0.0, sharp=0.0), none) for c in (False, True)
+    )
+    assert (plain.name, coded.name) == ("dim", "bright")
+    cut = (slice(None), slice(24, -24), slice(24, -24))
+    error = {k: np.square(code_of_light(p[cut]) - code_of_light(light[cut])).mean() for k, p in known.items()}
+    told = coded.criteria["dim"] - coded.criteria["bright"]
+    assert told == pytest.approx(error["dim"] - error["bright"], rel=0.3)
 
 
 def test_what_explains_the_record_by_a_wrong_edge_does_not_win(true):

@@ -13,20 +13,24 @@ has the expectation || A (x̂ - x) ||², the error in the true scene x, less one
 unbiased risk, without its divergence (Stein, Ann. Statist. 9, 1135, 1981; Eldar, IEEE Trans. Signal Process. 57, 471,
 2009, behind a blur). The smallest wins, and restores the whole record.
 
+Where light is coded before it is shown, both products weigh every pixel by the square of the code's slope at the mean
+of all x̂, of which y₂ knows nothing: an error in the dark shows, and is scored, up to a hundred times as much as one in
+white. For three photographs behind three dies at three levels this takes the mean regret from 0.50 to 0.10 dB.
+
 Notes:
     Behind a panel, much of a restored picture's error comes from light that its edges hide, and a filter that explains
     the record as if there were none looks best where it is worst. So the restorers see an inner part of which the
     record knows the surroundings. Halo that reaches from beyond these goes unseen.
     G is a Wiener filter whose ε is the noise's variance. Frequencies that the panel does not pass are not judged;
-    there, nothing in the record speaks for any restorer. Behind stripes this matters: total variation lets edges go on
-    across the gaps of the transfer and gains 1 to 4 dB so, and for one photograph of six it is passed over, for 1.3 dB.
+    there, nothing in the record speaks for any restorer. Behind stripes total variation lets edges go on across the
+    gaps of the transfer, which gains 1 to 5 dB and counts for nothing here.
     Pixels that a full well cut off are not judged, but their halo is, of which the record has too little: with a tenth
     of them, an error of the mean level counts a tenth too much or too little.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -38,6 +42,7 @@ from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.restorers.restorer import Blur, Restorer, Transfer
 from maskfab.camera.restorers.wiener import MARGIN, Margin, prior, restore, wiener
 from maskfab.errors import JobError
+from maskfab.optics.numbers.colour import code_of_light
 
 Singles = NDArray[np.float32]
 
@@ -49,6 +54,8 @@ _LARGEST = 1024
 """Pixels along a side of what is looked at, from the record's middle."""
 _PILOT = 0.01
 """ε of p."""
+_STEP = 0.02
+"""Of light, to either side, over which a code's slope is taken: about the errors that are judged."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,8 +66,9 @@ class Chosen:
         name: of the restorer that won.
         epsilon: its strength.
         picture: float32 [3, rows, columns] within 0 to 1.
-        criteria: for every restorer, at the best of its strengths, the mean squared error where it was judged, in units
-            of white squared, less the same unknown number for all; empty where there was nothing to choose.
+        criteria: for every restorer, at the best of its strengths, the mean squared error where it was judged, of
+            light or of code values, white is 1, less the same unknown number for all; empty where there was nothing to
+            choose.
     """
 
     name: str
@@ -78,12 +86,14 @@ class Choice:
         seed: of the noise that parts the record.
         width: pixels by which the record is mirrored beyond its edges to judge.
         steps: times the ε that is given, those that are tried.
+        coded: errors are those of sRGB code values, as where light is coded before it is shown; otherwise of light.
     """
 
     restorers: Sequence[Restorer]
     seed: int = 0
     width: int = MARGIN
     steps: tuple[float, ...] = (1.0,)
+    coded: bool = False
 
     def restore(self, record: Record, blur: Blur, epsilons: Mapping[str, float]) -> Chosen:
         """Judge every restorer on a part of the record, and restore all of it by the best.
@@ -108,7 +118,10 @@ class Choice:
         winner, epsilon, criteria = self.restorers[0], tried[names[0]][0], dict[str, float]()
         if len(self.restorers) * len(self.steps) > 1:
             judge = _judge(_middle(record), blur, np.random.default_rng(self.seed), self.width)
-            errors = {r.name: judge.errors(r.prepare(judge.shown, blur), tried[r.name]) for r in self.restorers}
+            prepared = ((r.name, r.prepare(judge.shown, blur)) for r in self.restorers)
+            pictures = {name: [restored(e) for e in tried[name]] for name, restored in prepared}
+            weight = _seen(pictures.values()) if self.coded else np.float32(1)
+            errors = {name: [judge.error(each, weight) for each in made] for name, made in pictures.items()}
             criteria = {name: min(each) for name, each in errors.items()}
             winner = min(self.restorers, key=lambda r: criteria[r.name])
             epsilon = tried[winner.name][errors[winner.name].index(criteria[winner.name])]
@@ -135,18 +148,15 @@ class _Judge:
     pilot: Singles
     evidence: Singles
 
-    def errors(self, restored: Callable[[float], Singles], epsilons: Iterable[float]) -> list[float]:
-        """Of what a restorer makes of ``shown`` with every strength."""
-        return [self.error(restored(epsilon)) for epsilon in epsilons]
-
-    def error(self, picture: Singles) -> float:
-        """Mean squared error of a picture of ``shown``, less a number that is the same for all."""
+    def error(self, picture: Singles, weight: Singles | np.float32) -> float:
+        """Mean weighted squared error of a picture of ``shown``, less a number that is the same for all."""
         change = np.zeros_like(self.pilot)
         differing = picture - _inner(self.pilot, self.left)
         # A full well says nothing of how much more there was: there, any light is as good.
         _inner(change, self.left)[:] = np.where(self.shown.clipped, np.float32(0), differing)
-        seen = self.margin.blurred(self.margin.mirrored(change), self.passed)
-        return float((seen * (seen - 2 * self.evidence)).sum(dtype=np.float64) / picture.size)
+        seen = _inner(self.margin.blurred(self.margin.mirrored(change), self.passed), self.left)
+        known = _inner(self.evidence, self.left)
+        return float((weight * seen * (seen - 2 * known)).mean(dtype=np.float64))
 
 
 def _judge(record: Record, blur: Blur, draw: np.random.Generator, width: int) -> _Judge:
@@ -179,6 +189,14 @@ def _middle(record: Record) -> Record:
     rows, columns = record.values.shape[1:]
     top, left = max(0, rows - _LARGEST) // 2, max(0, columns - _LARGEST) // 2
     return replace(record, values=record.values[:, top : top + _LARGEST, left : left + _LARGEST])
+
+
+def _seen(pictures: Iterable[Sequence[Singles]]) -> Singles:
+    """The square of the slope of sRGB code values at the mean of all pictures, within 0 to 1."""
+    each = [picture for made in pictures for picture in made]
+    mean = np.asarray(sum(each) / np.float32(len(each)), dtype=np.float32)
+    low, high = np.maximum(mean - np.float32(_STEP), 0), np.minimum(mean + np.float32(_STEP), 1)
+    return np.asarray(np.square((code_of_light(high) - code_of_light(low)) / (high - low)))
 
 
 def _inner(picture: Singles, left: int) -> Singles:
