@@ -31,7 +31,7 @@ def bar(deep: int, name: str = "bar"):
     return lay(name, unit)
 
 
-@pytest.mark.parametrize("level", [24, 40])
+@pytest.mark.parametrize("level", [24, pytest.param(40, marks=pytest.mark.slow)])
 def test_the_protocol_is_what_its_description_says(level):
     """Scaled brightness, darkness round the sensor, noise, a denoiser, a Wiener filter with darkness round the record.
 
