@@ -84,7 +84,7 @@ class Protocol:
             the level's; of scenes with highlights. Empty for one exposure, of any scene.
 
     Raises:
-        JobError: MF143 for brackets that are below 1, not finite, or of code values.
+        JobError: MF143 for brackets that are below 1, not finite, alike, or of code values.
     """
 
     name: str
@@ -98,11 +98,12 @@ class Protocol:
     brackets: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:
-        if not all(math.isfinite(cut) and cut >= 1 for cut in self.brackets):
+        possible = all(math.isfinite(cut) and cut >= 1 for cut in self.brackets)
+        if not possible or len(set(self.brackets)) < len(self.brackets):
             cuts = ", ".join(f"{cut:g}" for cut in self.brackets)
             raise JobError(
                 "MF143",
-                f"brackets of {cuts} times less light than the level's; each must be 1 or more",
+                f"brackets of {cuts} times less light than the level's; each must be 1 or more, and another",
                 where="brackets",
                 cure="Give numbers such as 1, 4 and 16",
             )

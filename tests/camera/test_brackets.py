@@ -190,7 +190,7 @@ def test_scenes_without_highlights_are_no_brackets(scene, said):
         evaluate([Halo()], [scene], [scene], (40,), protocol=Protocol("camera", brackets=(1, 16)))
 
 
-@pytest.mark.parametrize("cuts", [(0.5,), (1, -4), (1, np.nan), (np.inf,)])
+@pytest.mark.parametrize("cuts", [(0.5,), (1, -4), (1, np.nan), (np.inf,), (4, 4)])
 def test_brackets_that_are_no_shares_of_the_light_are_refused(cuts):
     with pytest.raises(JobError, match="MF143"):
         Protocol("camera", brackets=cuts)
