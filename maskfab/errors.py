@@ -55,6 +55,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF136": "Too few cells cover the lens stop for the mean over random layouts to represent one of them.",
         "MF140": "A sensor's numbers contradict each other, or its mosaic does not fill the picture.",
         "MF141": "A light level has no light, or white overflows the sensor's full well.",
+        "MF142": "Photographs are so large that restoring them takes more memory than maskfab allows itself.",
         "MF143": "Brackets cannot be taken: of a scene without light above white, or with more light than the level's.",
         "MF145": "A claim of a study is about something that the study does not have.",
         "MF146": "A study shows nothing, or has no scenes.",

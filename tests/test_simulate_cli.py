@@ -146,6 +146,7 @@ def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFi
         (["--protocol", "f1", "--light", "linear"], "MF105"),
         (["--light", "blue"], "MF105"),
         (["--white", "2"], "MF105"),
+        (["--whole"], "MF105"),
         (["--restore", "magic"], "MF105"),
         (["--protocol", "paper", "--restore", "wiener"], "MF105"),
         (["--level", "60"], "MF141"),
@@ -154,6 +155,20 @@ def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFi
     ):
         assert run_command_line(["simulate", str(JOB), *arguments, "--quiet"]) == 2
         assert code in capsys.readouterr().err
+
+
+def test_a_whole_photograph_is_scored_and_too_large_a_one_by_one_restorer_alone(
+    photographs: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    arguments = ["simulate", str(JOB), "--die", "PINV_R150", "--images", str(photographs), "--level", "32", "--quiet"]
+    scores = []
+    for more in ([], ["--whole"]):
+        assert run_command_line([*arguments, *more, "--json"]) == 0
+        scores.append(json.loads(capsys.readouterr().out)["scores"])
+    assert scores[0] == scores[1]  # there is nothing beyond their middle
+    monkeypatch.setattr("maskfab.api.verbs.photographs.LARGE", 1)
+    assert run_command_line([*arguments, "--whole", "--restore", "gradient"]) == 2
+    assert "MF142" in capsys.readouterr().err
 
 
 def test_a_random_die_is_drawn_as_the_protocol_draws_it() -> None:

@@ -30,12 +30,13 @@ class SceneLight:
 
     def through(self, transfer: Transfer) -> Singles:
         """Light on the sensor where every point spreads alike, by H [3, rows, columns / 2 + 1]."""
+        found = np.empty_like(self.margin.sensor(self.values))
         # Colour by colour, so that a large scene's spectrum takes a third of the memory.
-        colours = [slice(k, k + 1) for k in range(len(self.values))]
-        return np.concatenate([self.margin.blurred(self._spectrum(each), transfer[each]) for each in colours])
-
-    def _spectrum(self, colours: slice) -> NDArray[np.complex64]:
-        return np.asarray(scipy.fft.rfft2(self.values[colours], axes=(1, 2), workers=1))
+        for colour in range(len(self.values)):
+            each = slice(colour, colour + 1)
+            spectrum = np.asarray(scipy.fft.rfft2(self.values[each], axes=(1, 2), workers=1))
+            found[each] = self.margin.blurred(spectrum, transfer[each])
+        return found
 
 
 class Design(Blur, Protocol):

@@ -1,7 +1,7 @@
 """Photographs as scenes: code values, the light that they stand for, and the middle of the picture.
 
-A scene is the middle of a picture, at most 1024 x 1536 (1536 x 1024 of an upright one), its sides cut to multiples of
-64 so that transforms are fast; pictures are never scaled. A grey one has three equal channels.
+A scene is the middle of a picture, at most 1024 x 1536 (1536 x 1024 of an upright one), or all of it, its sides cut to
+multiples of 64 so that transforms are fast; pictures are never scaled. A grey one has three equal channels.
 
 Integers are sRGB code values, whose light follows by the sRGB curve. Floats (EXR, HDR) are light, and have code values
 by the same curve; above white they are refused unless the light that is white is stated, as nobody can know it.
@@ -12,7 +12,7 @@ from __future__ import annotations
 import os
 import zlib
 from collections.abc import Iterable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +24,8 @@ from maskfab.optics.numbers.colour import code_of_light, light_of_code
 
 SHORT, LONG = 1024, 1536
 SMALLEST = 832
+MOST_WHOLE = 60_000_000
+"""Pixels of whole pictures together: they take four gigabytes until they are scored."""
 _STEP = 64
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr", ".hdr")
 
@@ -48,6 +50,14 @@ class Photograph:
     measured: Singles | None = field(default=None)
 
     @property
+    def middle(self) -> Photograph:
+        """At most 1024 x 1536 of it, as a scene has where nobody asks for whole ones."""
+        part = _middle(self.values.shape[1:])
+        return replace(
+            self, values=self.values[:, *part], measured=None if self.measured is None else self.measured[:, *part]
+        )
+
+    @property
     def light(self) -> Singles:
         """Linear light, float32 [3, rows, columns], white is 1."""
         return light_of_code(self.values) if self.measured is None else self.measured
@@ -67,7 +77,13 @@ class Folder:
 
 
 def scene(
-    name: str, values: Singles, number: int | None = None, *, coded: bool = True, white: float = 1.0
+    name: str,
+    values: Singles,
+    number: int | None = None,
+    *,
+    coded: bool = True,
+    white: float = 1.0,
+    whole: bool = False,
 ) -> Photograph:
     """Cut a picture [rows, columns] or [rows, columns, 1 or 3] to a scene.
 
@@ -77,6 +93,7 @@ def scene(
         number: seeds the noise; None takes it from the name.
         coded: whether they are code values.
         white: light that is white; more of it is a highlight.
+        whole: keep all of it but for multiples of 64.
 
     Raises:
         JobError: MF121 if it is too small, not within 0 to 1, or negative or not finite light.
@@ -92,10 +109,7 @@ def scene(
             cure=f"Give a photograph of {LONG} x {SHORT} or more",
         )
     _require_light(name, picture, coded=coded, white=white)
-    most = (SHORT, LONG) if columns >= rows else (LONG, SHORT)
-    sides = [min(have, limit) // _STEP * _STEP for have, limit in zip((rows, columns), most, strict=True)]
-    top, left = (rows - sides[0]) // 2, (columns - sides[1]) // 2
-    middle = picture[top : top + sides[0], left : left + sides[1]]
+    middle = picture[_middle((rows, columns), whole=whole)]
     colours = middle[:, :, :3] if picture.shape[2] >= 3 else np.repeat(middle[:, :, :1], 3, axis=2)
     if number is None:
         number = int(name) if name.isdecimal() else zlib.crc32(name.encode()) % 1_000_000
@@ -104,6 +118,15 @@ def scene(
         return Photograph(name, number, planes)
     planes = planes / np.float32(white)
     return Photograph(name, number, code_of_light(planes), planes)
+
+
+def _middle(shape: tuple[int, ...], *, whole: bool = False) -> tuple[slice, slice]:
+    """Rows and columns of a scene in a picture."""
+    rows, columns = shape
+    most = shape if whole else (SHORT, LONG) if columns >= rows else (LONG, SHORT)
+    sides = [min(have, limit) // _STEP * _STEP for have, limit in zip(shape, most, strict=True)]
+    top, left = ((have - side) // 2 for have, side in zip(shape, sides, strict=True))
+    return slice(top, top + sides[0]), slice(left, left + sides[1])
 
 
 def _require_light(name: str, picture: Singles, *, coded: bool, white: float) -> None:
@@ -130,16 +153,18 @@ def _require_light(name: str, picture: Singles, *, coded: bool, white: float) ->
         )
 
 
-def folder(path: str | Path, white: float = 1.0) -> Folder:
+def folder(path: str | Path, white: float = 1.0, *, whole: bool = False) -> Folder:
     """Every photograph of a folder, by name.
 
     Args:
         path: of the folder.
         white: light that is white in pictures of light.
+        whole: take whole pictures rather than their middle.
 
     Raises:
         SourceError: MF301 if there is no folder or no photograph in it; as :func:`maskfab.eye.picture.read_picture`.
-        JobError: MF121 as :func:`scene`, and for a picture that is transparent in places.
+        JobError: MF121 as :func:`scene`, and for a picture that is transparent in places; MF142 for whole pictures of
+            more than 60 million pixels together.
     """
     where = Path(path)
     there = sorted(each for each in where.iterdir() if each.name[0] != ".") if os.path.isdir(where) else []
@@ -149,10 +174,23 @@ def folder(path: str | Path, white: float = 1.0) -> Folder:
             "MF301", f"there are no photographs in {where}", cure=f"Give a folder of {_listed(_SUFFIXES)} files"
         )
     skipped = tuple(each.name for each in there if each not in files)
-    return Folder(tuple(_of_file(each, white) for each in files), skipped)
+    found: list[Photograph] = []
+    pixels = 0
+    for each in files:
+        found.append(_of_file(each, white, whole=whole))
+        pixels += found[-1].values[0].size
+        if whole and pixels > MOST_WHOLE:
+            raise JobError(
+                "MF142",
+                f"whole pictures up to {each.name} have {pixels / 1e6:.3g} million pixels; the limit is "
+                f"{MOST_WHOLE / 1e6:g} million together",
+                where=str(where),
+                cure="Give fewer photographs at a time, or photograph their middle",
+            )
+    return Folder(tuple(found), skipped)
 
 
-def _of_file(file: Path, white: float) -> Photograph:
+def _of_file(file: Path, white: float, *, whole: bool) -> Photograph:
     picture = read_picture(file)
     values = picture.values
     if values.shape[2] in (2, 4):
@@ -164,7 +202,7 @@ def _of_file(file: Path, white: float) -> Photograph:
                 cure="Save it without transparency",
             )
         values = values[:, :, :-1]
-    return scene(file.stem, values, coded=picture.coded, white=white)
+    return scene(file.stem, values, coded=picture.coded, white=white, whole=whole)
 
 
 def _listed(suffixes: Iterable[str]) -> str:

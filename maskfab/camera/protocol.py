@@ -25,6 +25,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,7 +34,7 @@ from maskfab.camera.brackets import merged
 from maskfab.camera.design import Design, SceneLight
 from maskfab.camera.exposure import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure
 from maskfab.camera.photographs import Photograph
-from maskfab.camera.quality import Truth, inner, psnr, truth
+from maskfab.camera.quality import Truth, inner, psnr
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.choice import Choice
 from maskfab.camera.restorers.published import EPSILON, Published
@@ -252,10 +253,15 @@ def evaluate(
     for design in designs:
         bright = protocol.brightness(design)
         if details and bright not in likenesses:
-            likenesses = {bright: {id(s): truth(np.float32(bright) * prepared[id(s)].true) for s in test}}
-        seen = {key: protocol.seen(design, known) for key, known in prepared.items()}
+            likenesses = {bright: {id(s): Truth(_times(bright, prepared[id(s)].true)) for s in test}}
+        seen = {key: protocol.seen(design, known) for key, known in prepared.items() if not known.margin.large}
         for level in sorted(levels):
-            records = {key: protocol.record(seen[key], design, known, level) for key, known in prepared.items()}
+            records = {
+                key: protocol.record(seen[key], design, known, level)
+                if key in seen
+                else protocol.photograph(design, known, level)
+                for key, known in prepared.items()
+            }
             case = _Case(protocol, design, level, prepared, records, likenesses.get(bright, {}), colours)
             for found, picture in case.scored(test, tuning, restorers, choose=choose):
                 scores.append(found)
@@ -326,31 +332,29 @@ class _Case:
     def _best(self, restorer: Restorer, tuning: Sequence[Photograph], start: int) -> tuple[int, dict[int, Singles]]:
         """Place of the best ε, looked for from ``start``, and the pictures that it restores."""
         ready = {key: self._restored(restorer, key) for key in map(id, tuning)}
-        pictures: dict[int, dict[int, Singles]] = {}
+        best, highest, kept = start, -math.inf, dict[int, Singles]()
 
         def mean(k: int) -> float:
-            # Those of three neighbours are all that a climb can still ask for.
-            for passed in [j for j in pictures if abs(j - k) > 2]:
-                del pictures[passed]
-            pictures[k] = {key: restored(self.protocol.strengths[k]) for key, restored in ready.items()}
-            each = [psnr(picture, self.scenes[key].true) for key, picture in pictures[k].items()]
-            return sum(each) / len(each)
+            nonlocal best, highest, kept
+            pictures = {key: restored(self.protocol.strengths[k]) for key, restored in ready.items()}
+            each = [psnr(picture, self.scenes[key].true) for key, picture in pictures.items()]
+            height = sum(each) / len(each)
+            if height > highest:
+                best, highest, kept = k, height, pictures
+            return height
 
-        best = _climb(mean, start, len(self.protocol.strengths))
-        return best, pictures[best]
+        _climb(mean, start, len(self.protocol.strengths))
+        return best, kept
 
     def _score(self, key: int, picture: Singles, epsilon: float, restorer: str, chosen: str = "") -> Score:
         known, like = self.scenes[key], self.likenesses.get(key)
-        bright = np.float32(self.protocol.brightness(self.design))
-        scored, true = bright * picture, bright * known.true
+        bright = self.protocol.brightness(self.design)
+        scored, true = _times(bright, picture), _times(bright, known.true)
         likeness, likeness_inner, colour, colour_inner = [math.nan] * 4
         if like is not None:
-            similar = like.ssim(scored)
-            likeness = float(similar.mean(dtype=np.float64))
-            likeness_inner = float(inner(similar, TRIM - 5).mean(dtype=np.float64))
+            likeness, likeness_inner = _means(like.ssim(scored), TRIM - 5)
         if like is not None and self.colours:
-            differs = like.delta_e(scored)
-            colour, colour_inner = float(differs.mean()), float(differs[TRIM:-TRIM, TRIM:-TRIM].mean())
+            colour, colour_inner = _means(like.delta_e(scored), TRIM)
         return Score(
             self.design.name,
             self.level_db,
@@ -365,6 +369,18 @@ class _Case:
             restorer,
             chosen,
         )
+
+
+def _means(values: NDArray[np.floating[Any]], trim: int) -> tuple[float, float]:
+    """Over all of a map [..., rows, columns], and without ``trim`` elements at each edge."""
+    return (
+        float(values.mean(dtype=np.float64)),
+        float(values[..., trim:-trim, trim:-trim].mean(dtype=np.float64)),
+    )
+
+
+def _times(bright: float, picture: Singles) -> Singles:
+    return picture if bright == 1 else np.float32(bright) * picture
 
 
 def _require_light(design: Design) -> None:

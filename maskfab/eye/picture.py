@@ -17,8 +17,8 @@ from maskfab.readers.tiff_tone import shown_alike
 
 Floats = NDArray[np.float64]
 
-LARGEST = 40_000_000
-"""Pixels of the largest picture that is read: half a gigabyte once it is floating point."""
+LARGEST = 60_000_000
+"""Pixels of the largest picture that is read: three quarters of a gigabyte once it is floating point."""
 
 MOST_CHANNELS = 16
 """Read before those without colour are left out; a few bytes can state thousands."""

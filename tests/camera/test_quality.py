@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from maskfab.camera.quality import PIXELS_PER_DEGREE, seen, truth
+from maskfab.camera.quality import PIXELS_PER_DEGREE, Truth, seen
 from maskfab.eye.scielab import OPPONENT_OF_RGB, gains
 from maskfab.optics.numbers.colour import code_of_light, delta_e_1976, lab_of_linear_srgb
 
@@ -29,7 +29,7 @@ def test_a_wave_of_grey_fades_by_the_gain_of_its_frequency(k):
 
 def test_a_difference_is_nought_with_itself_and_turns_with_the_picture():
     one, other = np.random.default_rng(1).random((2, 3, 24, 32)).astype(np.float32)
-    assert truth(one).delta_e(one).max() < 1e-3
-    turned = truth(np.ascontiguousarray(one[:, ::-1])).delta_e(np.ascontiguousarray(other[:, ::-1]))
-    np.testing.assert_allclose(turned[::-1], truth(one).delta_e(other), atol=2e-3)
+    assert Truth(one).delta_e(one).max() < 1e-3
+    turned = Truth(np.ascontiguousarray(one[:, ::-1])).delta_e(np.ascontiguousarray(other[:, ::-1]))
+    np.testing.assert_allclose(turned[::-1], Truth(one).delta_e(other), atol=2e-3)
     assert delta_e_1976(seen(one), seen(other)).mean() > 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.fft
 
-from maskfab.camera.quality import inner, psnr, truth
+from maskfab.camera.quality import Truth, inner, psnr
 from maskfab.camera.restorers.wiener import Margin, prior, restore, wiener
 
 
@@ -60,10 +60,10 @@ def test_psnr_of_a_known_error():
 
 def test_ssim_is_one_for_equal_pictures_and_its_formula_for_flat_ones():
     scene = picture()
-    np.testing.assert_allclose(truth(scene).ssim(scene), 1, atol=1e-5)
+    np.testing.assert_allclose(Truth(scene).ssim(scene), 1, atol=1e-5)
     flat = np.full((3, 30, 30), 0.5, dtype=np.float32)
     wanted = (2 * 0.5 * 0.25 + 1e-4) / (0.25 + 0.0625 + 1e-4)
-    np.testing.assert_allclose(truth(flat).ssim(flat / 2), wanted, rtol=2e-3)
+    np.testing.assert_allclose(Truth(flat).ssim(flat / 2), wanted, rtol=2e-3)
 
 
 def test_the_inner_frame():

@@ -24,6 +24,7 @@ from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph
 from maskfab.camera.protocol import AUTO, evaluate
 from maskfab.camera.restorers.restorer import Restorer
+from maskfab.camera.restorers.wiener import LARGE, Wiener
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
@@ -123,6 +124,7 @@ def simulate(
     reference: str | None = None,
     images: str | Path | None = None,
     white: float = 1.0,
+    whole: bool = False,
     protocol: ProtocolName = "camera",
     light: Light | None = None,
     levels: Sequence[float] | None = None,
@@ -141,6 +143,8 @@ def simulate(
         reference: die to compare with; by default the first.
         images: folder of photographs; synthetic scenes if None.
         white: light that is white in photographs that hold light, EXR and HDR.
+        whole: photograph whole pictures, 60 million pixels together at most, rather than their middle, on which
+            restorers are tuned in either case; those of more than 8 million pixels are restored by the Wiener filter.
         protocol: ``"camera"`` for the job's camera, sensor, exposure and light, ``"f1"`` or ``"paper"`` for that
             protocol's.
         light: ``"linear"`` or ``"code"`` values taken for light; by default the protocol's own, linear for the camera.
@@ -157,7 +161,8 @@ def simulate(
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for an unknown die or protocol, MF122 if no die can be judged, MF134 without three colours,
+        JobError: MF105 for an unknown die or protocol, MF142 for pictures that take more memory than there should be,
+            MF122 if no die can be judged, MF134 without three colours,
             MF140 or MF141 for a sensor or a light that cannot be, MF143 for brackets of scenes without highlights,
             MF148 for a checkpoint of another die, camera, sensor or light, or a die without one where some have.
         SourceError: MF301, MF303, MF304 for a checkpoint that is missing, damaged or none.
@@ -166,7 +171,10 @@ def simulate(
     asked = Conditions.of(loaded, protocol, levels, light, brackets)
     trained = read_checkpoints(checkpoints)
     restorers, choose = _restorers(asked, restore, learned=bool(trained))
-    given = given_folder(images, white)
+    given = given_folder(images, white, whole=whole)
+    if given is not None:
+        kinds = [*(each.name for each in restorers), *([LEARNED] if trained else [])]
+        _require_memory(given.photographs, kinds, brackets=bool(asked.protocol.brackets))
     for scene in given.photographs if given else ():
         asked.protocol.check(scene)
     panels = loaded.panels()
@@ -181,6 +189,7 @@ def simulate(
     base = dies[0] if reference is None else dies_of(reference, dies)[0]
     source = Folder(scene_sets.drawn(highlights=bool(asked.protocol.brackets)), ()) if given is None else given
     scenes = source.photographs
+    middles = tuple(each.middle for each in scenes) if whole else scenes
     last = AUTO if choose else LEARNED if learned else restorers[-1].name
     shown: dict[str, list[Shot]] = {name: [] for name in dies} if pictures else {}
 
@@ -196,7 +205,7 @@ def simulate(
         # Transfers over the field take half a gigabyte, and go with their die.
         each = designs.pop(0)
         scores += evaluate(
-            [each], scenes, scenes, asked.levels,
+            [each], scenes, middles, asked.levels,
             protocol=asked.protocol, restorers=(*restorers, *learned.get(each.name, ())), choose=choose, show=show,
         ).scores  # fmt: skip
         if isinstance(each, OverField):
@@ -205,6 +214,21 @@ def simulate(
     table = ScoreTable(tuple(scores))
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
     return Simulation(table, base, asked, assumed, reasons, scenes, source.skipped, shown)
+
+
+def _require_memory(scenes: Sequence[Photograph], restorers: Sequence[str], *, brackets: bool) -> None:
+    """Refuse what takes more memory than a large picture leaves."""
+    others = [f"restorer {name} keeps" for name in restorers if name != Wiener().name]
+    others += ["brackets keep"] if brackets else []
+    for scene in scenes:
+        if others and scene.values[0].size > LARGE:
+            raise JobError(
+                "MF142",
+                f"{others[0]} too much of {scene.values[0].size / 1e6:.3g} million pixels; the limit is "
+                f"{LARGE / 1e6:g} million",
+                where=scene.name,
+                cure="Take one exposure and restore it by wiener alone, or photograph the middle",
+            )
 
 
 def _restorers(

@@ -23,6 +23,8 @@ from maskfab.optics.numbers.wiener import wiener_filter
 MARGIN = 256
 """Pixels of scene, and of mirrored record, round the sensor."""
 PRIOR_CY_PER_PX = 0.1
+LARGE = 8_000_000
+"""Pixels of a picture from which on nothing is kept that can be computed again."""
 
 Singles = NDArray[np.float32]
 
@@ -38,6 +40,12 @@ class Margin:
 
     shape: tuple[int, int]
     width: int = MARGIN
+
+    @property
+    def large(self) -> bool:
+        """Whether nothing is kept of such pictures that can be computed again."""
+        rows, columns = self.shape
+        return rows * columns > LARGE
 
     @property
     def _cut(self) -> tuple[slice, slice]:
@@ -122,5 +130,15 @@ class Wiener:
         rows, columns = record.values.shape[1:]
         margin = Margin((rows + 2 * self.width, columns + 2 * self.width), self.width)
         transfer, inverse_prior = blur.on(margin.shape), prior(margin.shape)
-        mirrored = margin.mirrored(record.values)
-        return lambda epsilon: restore(mirrored, wiener(transfer, inverse_prior, epsilon), margin)
+        # Colour by colour, so that a large picture takes a third of the memory.
+        colours = [slice(colour, colour + 1) for colour in range(len(record.values))]
+        kept = None if margin.large else [margin.mirrored(record.values[each]) for each in colours]
+
+        def restored(epsilon: float) -> Singles:
+            found = np.empty_like(record.values)
+            for colour, each in enumerate(colours):
+                mirrored = margin.mirrored(record.values[each]) if kept is None else kept[colour]
+                found[each] = restore(mirrored, wiener(transfer[each], inverse_prior, epsilon), margin)
+            return found
+
+        return restored

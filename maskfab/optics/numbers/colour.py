@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TypeVar
 
 import numpy as np
@@ -21,18 +22,32 @@ JUST_NOTICEABLE = 2.3
 """ΔE of 1976 that is just seen (M. Mahy, L. Van Eycken, A. Oosterlinck, Color Res. Appl. 19, 105, 1994)."""
 
 _KNEE = 6 / 29
+_AT_ONCE = 1 << 18
 
 
 def light_of_code(code: Reals) -> Reals:
     """Linear light of sRGB code values of 0 to 1, any shape, in their own precision (IEC 61966-2-1)."""
-    return np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4).astype(code.dtype, copy=False)
+    return _by_parts(lambda part: np.where(part <= 0.04045, part / 12.92, ((part + 0.055) / 1.055) ** 2.4), code)
 
 
 def code_of_light(light: Reals) -> Reals:
     """sRGB code values of 0 to 1 of linear light, which is cut to 0 to 1, in its own precision (IEC 61966-2-1)."""
-    shown = np.clip(light, 0.0, 1.0)
-    code = np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * np.power(shown, 1 / 2.4) - 0.055)
-    return code.astype(light.dtype, copy=False)
+
+    def coded(part: Reals) -> Reals:
+        shown = np.clip(part, 0.0, 1.0)
+        return np.where(shown <= 0.0031308, 12.92 * shown, 1.055 * np.power(shown, 1 / 2.4) - 0.055)
+
+    return _by_parts(coded, light)
+
+
+def _by_parts(curve: Callable[[Reals], Reals], values: Reals) -> Reals:
+    """A function of every value; a few at a time, so that a large picture takes little more than itself."""
+    flat = values.ravel()
+    found = np.empty_like(flat)
+    for start in range(0, flat.size, _AT_ONCE):
+        part = slice(start, start + _AT_ONCE)
+        found[part] = curve(flat[part])
+    return found.reshape(values.shape)
 
 
 def lab_of_linear_srgb(rgb: Floats) -> Floats:

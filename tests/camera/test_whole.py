@@ -1,0 +1,142 @@
+"""Photographs of which nothing is cut off, in little memory: the same numbers, part by part."""
+
+from __future__ import annotations
+
+import tracemalloc
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from maskfab.camera import photographs, quality
+from maskfab.camera.photographs import Photograph, folder, scene
+from maskfab.camera.protocol import Protocol, SensorScene, evaluate
+from maskfab.camera.quality import Truth, psnr
+from maskfab.camera.restorers import wiener
+from maskfab.camera.sensor import Sensor
+from maskfab.camera.transfer import lay
+from maskfab.errors import JobError
+from maskfab.export.images.light_image import write_png
+from maskfab.optics.numbers import colour
+from maskfab.optics.numbers.colour import code_of_light, light_of_code
+
+BAR = np.zeros((21, 21), dtype=np.bool_)
+BAR[:6, :17] = True
+
+
+@pytest.fixture
+def in_parts(monkeypatch):
+    """Every picture is large, and worked on a few rows at a time."""
+    for module in (wiener, quality):
+        monkeypatch.setattr(module, "LARGE", 1)
+    monkeypatch.setattr(quality, "_AT_ONCE", 5000)
+    monkeypatch.setattr(colour, "_AT_ONCE", 999)
+
+
+def noise(rows, columns):
+    return Photograph("noise", 1, np.random.default_rng(1).random((3, rows, columns), dtype=np.float32))
+
+
+def taken(scenes):
+    pictures = []
+
+    def keep(_, picture):
+        pictures.append(picture)
+
+    table = evaluate([lay("bar", BAR)], scenes, scenes, (32,), protocol=Protocol("camera"), show=keep)
+    return table.scores[0], pictures[0]
+
+
+def test_a_photograph_in_parts_is_the_same_photograph(request):
+    scenes = (noise(704, 736),)
+    score, picture = taken(scenes)
+    request.getfixturevalue("in_parts")
+    again, parts = taken(scenes)
+    assert abs(parts - picture).max() < 1e-5
+    for name in ("psnr", "psnr_inner", "ssim", "ssim_inner", "delta_e", "delta_e_inner"):
+        assert getattr(again, name) == pytest.approx(getattr(score, name), rel=1e-5), name
+
+
+def peak(work):
+    """Most memory that work takes beyond what was there, in bytes."""
+    tracemalloc.start()
+    try:
+        work()
+        return tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+
+
+def test_every_step_of_a_large_photograph_leaves_room_for_the_others_within_80_bytes_a_pixel(monkeypatch):
+    """80 bytes for each of 50 million pixels are four gigabytes: 24 hold scene and record, 6 or 12 the transfer."""
+    monkeypatch.setattr(wiener, "LARGE", 1)
+    monkeypatch.setattr(quality, "LARGE", 1)
+    for module in (quality, colour):
+        monkeypatch.setattr(module, "_AT_ONCE", 1 << 13)
+    known = SensorScene.of(noise(832, 864))
+    pixels, design, kind = known.scene.values[0].size, lay("bar", BAR), Protocol("camera")
+    design.on(known.margin.shape)
+    record = kind.photograph(design, known, 32)
+    blur, restore, similar, differ = (
+        peak(work) / pixels
+        for work in (
+            lambda: kind.photograph(design, known, 32),
+            lambda: kind.shown(wiener.Wiener().prepare(record, design)(0.01)),
+            lambda: Truth(known.true).ssim(record.values),
+            lambda: Truth(known.true).delta_e(record.values),
+        )
+    )
+    # The record is there while a photograph is restored, the picture too while it is scored.
+    assert blur < 80 - 24
+    assert restore < 80 - 36
+    assert max(similar, differ) < 80 - 48
+
+
+@pytest.mark.parametrize("mosaic", ["none", "rggb"])
+def test_noise_drawn_row_by_row_is_that_of_the_whole_picture(mosaic):
+    light = np.random.default_rng(0).random((3, 12, 14), dtype=np.float32)
+    found = Sensor(read_noise=3.0, mosaic=mosaic).record(light, 500.0, 7).values
+    draw = np.random.default_rng(7)
+    seen = light
+    if mosaic == "rggb":
+        seen = np.empty((12, 14), dtype=np.float32)
+        for (y, x), k in {(0, 0): 0, (0, 1): 1, (1, 0): 1, (1, 1): 2}.items():
+            seen[y::2, x::2] = light[k, y::2, x::2]
+    counted = draw.poisson(seen * 500.0) + np.float32(3) * draw.standard_normal(seen.shape, dtype=np.float32)
+    if mosaic == "none":
+        np.testing.assert_allclose(found, counted / 500, atol=1e-6)
+    else:
+        np.testing.assert_allclose(found[0, ::2, ::2], counted[::2, ::2] / 500, atol=1e-6)
+        np.testing.assert_allclose(found[2, 1::2, 1::2], counted[1::2, 1::2] / 500, atol=1e-6)
+
+
+def test_curves_and_sums_do_not_depend_on_where_they_are_parted(in_parts):
+    code = np.random.default_rng(1).random((3, 40, 50))[:, 3:-3, 1:]
+    light = light_of_code(code)
+    expected = np.where(code <= 0.04045, code / 12.92, ((code + 0.055) / 1.055) ** 2.4)
+    np.testing.assert_allclose(light, expected, rtol=1e-14)
+    np.testing.assert_allclose(code_of_light(light), code, atol=1e-7)
+    other = (code + 0.1).astype(np.float32)
+    assert psnr(other, code.astype(np.float32)) == pytest.approx(20.0, abs=1e-5)
+    assert Truth(other).ssim(other) == pytest.approx(1.0, abs=1e-5)
+
+
+def test_a_whole_scene_holds_the_picture_but_for_whole_blocks_and_its_middle_is_the_scene_of_old():
+    picture = np.random.default_rng(2).random((1100, 2050, 3), dtype=np.float32)
+    whole = scene("7", picture, whole=True)
+    assert whole.values.shape == (3, 1088, 2048)
+    np.testing.assert_array_equal(whole.values, picture[6:1094, 1:2049].transpose(2, 0, 1))
+    old = scene("7", picture)
+    np.testing.assert_array_equal(whole.middle.values, old.values)
+    assert (whole.middle.number, whole.middle.name) == (old.number, old.name)
+    bright = replace(whole, measured=2 * whole.values)
+    np.testing.assert_array_equal(bright.middle.measured, 2 * old.values)
+
+
+def test_whole_photographs_that_memory_does_not_hold_are_refused(tmp_path, monkeypatch):
+    for name in "ab":
+        write_png(np.full((3, 832, 896), 0.5), tmp_path / f"{name}.png")
+    monkeypatch.setattr(photographs, "MOST_WHOLE", 832 * 896 + 1)
+    with pytest.raises(JobError, match=r"MF142.*b\.png"):
+        folder(tmp_path, whole=True)
+    assert len(folder(tmp_path).photographs) == 2
