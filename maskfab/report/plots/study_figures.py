@@ -75,7 +75,11 @@ _AXES: Mapping[str, str] = {
 def _curves(study: Study) -> dict[tuple[str, str], list[tuple[float | str, Take]]]:
     """Points of every curve, by protocol and label; several restorers, levels or cases off the axis part curves."""
     axis, panels = study.plan.study.axis, study.plan.panels
-    kinds = {key: len({getattr(take, key) for take in study.scores}) > 1 for key in ("case", "level_db", "restorer")}
+    kinds = {
+        (protocol, key): len({getattr(take, key) for take in study.scores if take.protocol == protocol}) > 1
+        for protocol in study.plan.study.protocols
+        for key in ("case", "level_db", "restorer")
+    }
     found: dict[tuple[str, str], list[tuple[float | str, Take]]] = {}
     for take in study.scores:
         along: Mapping[str, float | str] = {
@@ -86,9 +90,9 @@ def _curves(study: Study) -> dict[tuple[str, str], list[tuple[float | str, Take]
         }
         panel = panels[take.die]
         label = f"{panel.opening.name}, {panel.tiling.value}" if axis == "dpi" else take.die
-        more = [take.case] if kinds["case"] and axis != "case" else []
-        more += [f"{take.level_db:g} dB"] if kinds["level_db"] and axis != "level" else []
-        more += [take.restorer] if kinds["restorer"] and axis != "restorer" else []
+        more = [take.case] if kinds[take.protocol, "case"] and axis != "case" else []
+        more += [f"{take.level_db:g} dB"] if kinds[take.protocol, "level_db"] and axis != "level" else []
+        more += [take.restorer] if kinds[take.protocol, "restorer"] and axis != "restorer" else []
         found.setdefault((take.protocol, ", ".join([label, *more])), []).append((along[axis], take))
     return {
         key: points if any(isinstance(x, str) for x, _ in points) else sorted(points, key=lambda point: point[0])
