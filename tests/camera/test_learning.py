@@ -272,6 +272,20 @@ class _Open:
         return light.through(self.on(light.margin.shape))
 
 
+@pytest.mark.parametrize("share", [0.0, 0.1, 1.0])
+def test_a_network_has_its_way_as_far_as_the_die_passes_nothing(share: float) -> None:
+    class Grey(_Open):
+        def on(self, shape: tuple[int, int]) -> np.ndarray:
+            return np.float32(share**0.5) * super().on(shape)
+
+    planes = np.random.default_rng(3).uniform(0.3, 0.8, (PLANES, 80, 96)).astype(np.float32)
+    restorer = Learned(network(), View({1.0: 1.0}))
+    before, mended = light_of(planes[:3]), restorer.mended(planes)
+    expected = np.clip(mended + share / (share + 0.03) * (before - mended), 0, 1)
+    assert abs(before - mended).max() > 0.05
+    np.testing.assert_allclose(restorer.restored(planes, Grey()), expected, atol=2e-6)
+
+
 def test_lessons_are_the_same_in_any_order_and_mix_drawn_scenes_and_photographs() -> None:
     own = Photograph("own", 1, np.linspace(0, 1, 3 * 536 * 544, dtype=np.float32).reshape(3, 536, 544))
     lessons = Lessons(Protocol("camera"), _Open(), (24, 40), _Everything(), (own,), shape=(528, 528))  # type: ignore[arg-type]

@@ -34,6 +34,7 @@ class Run:
     Attributes:
         path: of the checkpoint.
         trade: the die, camera and light.
+        design: of the die.
         training: where it stands.
         view: of records.
         scenes: that it is judged by.
@@ -44,6 +45,7 @@ class Run:
 
     path: Path
     trade: Trade
+    design: Design
     training: Training
     view: View
     scenes: Sequence[Lesson]
@@ -75,7 +77,7 @@ class Run:
         for done, scene in enumerate(kept):
             scenes.append(lessons.of(scene, levels[done % len(levels)]))
             progress("scenes to judge by", done + 1, len(kept))
-        made = cls(path, trade, Training(course, lessons, device), view, scenes, begun_s=begun)
+        made = cls(path, trade, design, Training(course, lessons, device), view, scenes, begun_s=begun)
         if before is not None:
             made.training.restore(before.state)
             made.history.extend(before.history)
@@ -114,7 +116,7 @@ class Run:
         for scene in self.scenes:
             pictures = scene.shown[:COLOURS], scene.shown[COLOURS : 2 * COLOURS]
             before = [psnr(code_of_light(light_of(each)), scene.true) for each in pictures]
-            now = psnr(code_of_light(restorer.mended(scene.shown)), scene.true)
+            now = psnr(code_of_light(restorer.restored(scene.shown, self.design)), scene.true)
             rows.append([now - each for each in before])
         over_tv, over_filter = np.mean(rows, axis=0)
         return {"gain": float(over_tv), "gain_over_filter": float(over_filter)}
