@@ -151,7 +151,11 @@ class FieldChange:
         sides = found.shape[1:]
         sizes = tuple(_size(count) for count in sides)
         up, across = self.nodes.weights()
-        transfers = self._transfers(sizes)
+        transfers = self._kept.get(sizes)
+        if transfers is None:
+            transfers = self._transfers(sizes)
+            if not light.margin.large:
+                self._kept[sizes] = transfers
         starts = (range(0, count, size - 2 * REACH) for count, size in zip(sides, sizes, strict=True))
         for top, left in product(*starts):
             y, x = (
@@ -172,15 +176,13 @@ class FieldChange:
 
     def _transfers(self, sizes: tuple[int, ...]) -> NDArray[np.complex64]:
         """Of every component, at the frequencies of ``rfft2`` of parts of that size, [components, 3, ...]."""
-        if sizes not in self._kept:
-            found = np.empty((*self.spreads.shape[:2], sizes[0], sizes[1] // 2 + 1), dtype=np.complex64)
-            place = np.arange(-REACH, REACH + 1)
-            for spread, transfer in zip(self.spreads, found, strict=True):
-                wide = np.zeros((3, *sizes), dtype=np.float32)
-                wide[:, place[:, None], place] = spread[:, place[:, None], place]
-                transfer[:] = scipy.fft.rfft2(wide, axes=(1, 2), workers=1)
-            self._kept[sizes] = found
-        return self._kept[sizes]
+        found = np.empty((*self.spreads.shape[:2], sizes[0], sizes[1] // 2 + 1), dtype=np.complex64)
+        place = np.arange(-REACH, REACH + 1)
+        for spread, transfer in zip(self.spreads, found, strict=True):
+            wide = np.zeros((3, *sizes), dtype=np.float32)
+            wide[:, place[:, None], place] = spread[:, place[:, None], place]
+            transfer[:] = scipy.fft.rfft2(wide, axes=(1, 2), workers=1)
+        return found
 
 
 @dataclass(frozen=True, eq=False)

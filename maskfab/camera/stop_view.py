@@ -48,6 +48,7 @@ from maskfab.units import UM_PER_NM
 Floats = NDArray[np.float64]
 
 _PLACES = 257
+_MOST_KEPT = 512
 
 
 @dataclass(frozen=True)
@@ -197,7 +198,9 @@ def line_transfer(lags: AmplitudeLags, cycle_um: float, y: Floats, x: Floats, we
         weight: of the line.
     """
     up, across = (
-        _folded(replace(axis, start_um=0.0), sizes, cycle_um, frequency.tobytes())
+        (_folded if frequency.size <= _MOST_KEPT else _folded.__wrapped__)(
+            replace(axis, start_um=0.0), sizes, cycle_um, frequency.tobytes()
+        )
         for axis, sizes, frequency in zip((lags.y, lags.x), lags.sizes, (y, x), strict=True)
     )
     found: Transfer = (np.float32(weight) * across @ np.ascontiguousarray((up @ lags.table).T)).T
@@ -208,7 +211,7 @@ def line_transfer(lags: AmplitudeLags, cycle_um: float, y: Floats, x: Floats, we
 def _folded(lattice: Lattice, sizes: tuple[int, int], cycle_um: float, frequencies: bytes) -> sparse.csr_array:
     """[frequencies, lags]: interpolation of the lags times the pixel's sinc, summed over what sampling folds back.
 
-    Kept, as every place of an image takes the same ones.
+    Kept where they are few, as every place of an image takes the same ones.
     """
     frequency = np.frombuffer(frequencies, dtype=np.float64)
     edges = lattice.edges_um()
