@@ -128,24 +128,21 @@ def _mean_of_windows(picture: Singles, guess: Singles | None, variance: Singles,
         variance: of the noise in every coefficient of a window, [8, 8].
         threshold: of the first pass, in standard deviations.
     """
-    variance = np.repeat(variance, picture.shape[1] - WINDOW + 1, axis=1)
-    least = np.float32(threshold) * np.sqrt(variance)
     total, weights = np.zeros_like(picture), np.zeros_like(picture)
     for top in range(0, len(picture) - WINDOW + 1, _STRIP):
         strip = slice(top, top + _STRIP + WINDOW - 1)
         guessed = None if guess is None else guess[strip]
-        _add_windows(picture[strip], guessed, variance, least, total[strip], weights[strip])
+        _add_windows(picture[strip], guessed, variance, threshold, total[strip], weights[strip])
     return np.asarray(np.divide(total, weights, out=total))
 
 
 def _add_windows(
-    picture: Singles, guess: Singles | None, variance: Singles, least: Singles, total: Singles, weights: Singles
+    picture: Singles, guess: Singles | None, variance: Singles, threshold: float, total: Singles, weights: Singles
 ) -> None:
-    """Add all windows of a strip, filtered, to ``total``, and their weights to ``weights``; all [rows, columns].
-
-    ``variance`` and ``least``, what a coefficient must exceed, are of all windows of a row, [8, 8 · (columns - 7)].
-    """
+    """Add all windows of a strip, filtered, to ``total``, and their weights to ``weights``; all [rows, columns]."""
     rows, across = len(picture), picture.shape[1] - WINDOW + 1
+    wide = np.repeat(variance, across, axis=1)
+    least = np.float32(threshold) * np.sqrt(wide)
     lines = _along_rows(picture)
     guessed = None if guess is None else _along_rows(guess)
     found, counted = np.zeros_like(lines), np.zeros((rows, across), dtype=np.float32)
@@ -155,13 +152,13 @@ def _add_windows(
         np.matmul(_COSINES, lines[window], out=spectrum)
         if guessed is None:
             np.greater(np.abs(spectrum, out=kept), least, out=kept, casting="unsafe")
-            noise = np.multiply(kept, variance, out=spare)
+            noise = kept
         else:
             np.matmul(_COSINES, guessed[window], out=kept)
             np.square(kept, out=kept)
-            np.divide(kept, np.add(kept, variance, out=spare), out=kept)
-            noise = np.multiply(np.square(kept, out=spare), variance, out=spare)
-        weight = 1 / np.maximum(noise.reshape(WINDOW**2, across).sum(axis=0), 1)
+            np.divide(kept, np.add(kept, wide, out=spare), out=kept)
+            noise = np.square(kept, out=spare)
+        weight = 1 / np.maximum(variance.ravel() @ noise.reshape(WINDOW**2, across), 1)
         spectrum *= kept
         spectrum.reshape(WINDOW**2, across)[:] *= weight
         found[window] += np.matmul(_COSINES.T, spectrum, out=spare)
