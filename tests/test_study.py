@@ -17,13 +17,15 @@ import maskfab as mf
 from maskfab.camera.design import SceneLight
 from maskfab.camera.intervals import MeanDifference
 from maskfab.camera.restorers.wiener import Margin, Wiener
+from maskfab.camera.scores import Score
 from maskfab.cli import run_command_line
 from maskfab.errors import JobError
 from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
 from maskfab.measurement import study as studies
-from maskfab.measurement.claims import Verdict, verdict, worst
+from maskfab.measurement.claims import Take, Verdict, verdict, worst
 from maskfab.measurement.study import planned
+from maskfab.report.plots.study_figures import scores_figure
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = sorted((ROOT / "layouts" / "studies").glob("*.toml"))
@@ -187,6 +189,21 @@ def test_a_case_is_photographed_as_it_is_and_restored_by_the_blur_of_another(tmp
     second = [25 + int(design.blurred(light)[1, 96, 96 + 25 : 96 + 45].argmax()) for design in (far, near)]
     order_px = 0.53 * 10_000 / 168 / 2
     assert second == pytest.approx([2 * order_px, 2 * order_px / 0.9], abs=1)
+
+
+def test_a_die_has_one_colour_whatever_a_protocol_restores_by(tmp_path: Path):
+    job = tmp_path / "own.toml"
+    job.write_text(JOB.replace('["f1"]', '["paper", "f1"]').replace("scenes = 0", "scenes = 1"))
+    scores = {
+        Take(protocol, studies.OWN_SCENE, die, 40, restorer): (Score(die, 40, "x", 0.1, psnr, 0.5, psnr, 0.5),)
+        for protocol, restorer in (("paper", "published"), ("f1", "wiener"))
+        for die, psnr in (("REPEATED", 20.0), ("TURNED", 30.0))
+    }
+    drawn = scores_figure(studies.Study(planned(load_job(job)), {}, ("x",), scores, {}, None, {})).figure
+    assert [text.get_text() for text in drawn.legends[0].get_texts()] == ["REPEATED", "TURNED"]
+    paper, _, f1, _ = ([line.get_color() for line in axes.lines] for axes in drawn.axes)
+    assert paper == f1
+    assert len(set(paper)) == 2
 
 
 def test_photographs_without_highlights_do_not_serve_a_study_of_brackets(tmp_path: Path, photographs: Path):

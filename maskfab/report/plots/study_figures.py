@@ -75,7 +75,7 @@ _AXES: Mapping[str, str] = {
 def _curves(study: Study) -> dict[tuple[str, str], list[tuple[float | str, Take]]]:
     """Points of every curve, by protocol and label; several restorers, levels or cases off the axis part curves."""
     axis, panels = study.plan.study.axis, study.plan.panels
-    kinds = {
+    kinds: dict[tuple[str, str], bool] = {
         (protocol, key): len({getattr(take, key) for take in study.scores if take.protocol == protocol}) > 1
         for protocol in study.plan.study.protocols
         for key in ("case", "level_db", "restorer")
