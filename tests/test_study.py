@@ -269,13 +269,12 @@ CLAIM = '[[study.claim]]\nsays = "x"\ndie = "TURNED"\n'
         ("scenes = 0", 'scenes = 0\n[[study.case]]\nname = "two"\nbrackets = [1, 16]', "MF143"),
     ],
 )
-def test_bad_studies_are_refused_before_any_work(tmp_path, photographs, monkeypatch, capsys, old, new, code):
+def test_bad_studies_are_refused_before_any_work(tmp_path, monkeypatch, capsys, old, new, code):
     monkeypatch.setattr(studies, "evaluate", None)
     assert old in JOB
     job = tmp_path / "bad.toml"
-    job.write_text(JOB.replace(old, new, 1))
-    arguments = ["study", str(job), "--images", str(photographs), "-o", str(tmp_path / "out"), "--quiet"]
-    assert run_command_line(arguments) == 2
+    job.write_text(JOB.replace(old, new, 1).replace("scenes = 0", "scenes = 1"))
+    assert run_command_line(["study", str(job), "-o", str(tmp_path / "out"), "--quiet"]) == 2
     assert code in capsys.readouterr().err
     assert not (tmp_path / "out").exists()
 
