@@ -52,7 +52,6 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF133": "A command does not support lens stops of that shape.",
         "MF134": "Photographs need a camera of three wavelengths.",
         "MF135": "The dots are too coarse or too fine for photographs with this camera.",
-        "MF136": "Too few cells cover the lens stop for the mean over random layouts to represent one of them.",
         "MF140": "A sensor's numbers contradict each other, or its mosaic does not fill the picture.",
         "MF141": "A light level has no light, or white overflows the sensor's full well.",
         "MF142": "Photographs are so large that restoring them takes more memory than maskfab allows itself.",

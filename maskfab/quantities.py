@@ -1050,6 +1050,13 @@ _ENTRIES = (
     Entry("report", "", "", "Report", "Whether report.json can be read.", _RUN),
     Entry("report_schema", "", "", "Schema of the report", "Earlier schema by which report.json was written."),
     Entry("report_units", "", "", "Units of the report", "A unit as report.json of an earlier version spells it."),
+    Entry(
+        "report_photographs",
+        "",
+        "",
+        "Photographs of the report",
+        "Numbers of photographs that report.json of an earlier version predicts by a model.",
+    ),
     Entry("reported", "", "", "Reported value", "A value of report.json against the one measured now.", _REPORT),
     Entry(
         "reported_differences",

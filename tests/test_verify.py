@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import json
 import shutil
 from collections.abc import Callable
@@ -18,6 +19,7 @@ from maskfab.errors import JobError, OutputError
 from maskfab.model import Quantity
 from maskfab.provenance import sha256_of_file
 from maskfab.report.plots.sheet import bitmap
+from maskfab.verification import _reported
 
 pytestmark = pytest.mark.usefixtures("drawn_once", "verified_once")
 
@@ -271,7 +273,7 @@ def test_a_later_version_verifies_what_an_earlier_one_made(out, monkeypatch):
     assert failures(out) == []
 
 
-@pytest.mark.parametrize(("stated", "earlier"), [(1, True), (3, False)])
+@pytest.mark.parametrize(("stated", "earlier"), [(1, True), (4, False)])
 def test_a_report_of_an_earlier_schema_is_said_to_be_one_and_compared(out, stated, earlier):
     def edit(report: dict) -> None:
         report.update(schema_version=stated, time={"seconds": {"optics": 3.0}})
@@ -411,3 +413,30 @@ def test_what_other_versions_made_otherwise_is_told_and_not_judged(out):
     path.write_text(json.dumps(manifest), encoding="utf-8")
     (found,) = failures(out)
     assert (found.name, found.passed) == ("made_again", None)
+
+
+PHOTOGRAPHED = {
+    "schema_version": 3,
+    "photographs": {"dies": [{"name": "A", "levels": [{"level_db": 24.0, "epsilon": 0.1, "psnr": [20.0, 30.0]}]}]},
+    "dies": [{"name": "A", "quantities": [{"name": "restored_psnr", "level_db": 24.0, "value": 25.0}]}],
+}
+
+
+def told_of(folder: Path, then: dict) -> dict[str, object]:
+    (folder / "report.json").write_text(json.dumps(then))
+    return {check.name: check.method for check in _reported(folder, PHOTOGRAPHED) if not check.passed}
+
+
+def test_photographs_that_an_earlier_version_predicted_are_a_note(tmp_path):
+    earlier = {"schema_version": 2, "dies": [{"name": "A", "quantities": []}]}
+    earlier["dies"][0]["quantities"] = [{"name": "restored_psnr", "level_db": 24, "value": 28.5, "method": "model"}]
+    assert set(told_of(tmp_path, earlier)) == {"report_schema", "report_photographs"}
+    assert "reported" in told_of(tmp_path, {**earlier, "title": "forged"})
+
+
+@pytest.mark.parametrize(("by", "told"), [(0.1, False), (0.5, True)], ids=["another draw of noise", "a better number"])
+def test_a_number_of_photographs_is_compared_as_far_as_noise_allows(tmp_path, by, told):
+    then = copy.deepcopy(PHOTOGRAPHED)
+    assert told_of(tmp_path, then) == {}
+    then["photographs"]["dies"][0]["levels"][0]["psnr"][1] += by
+    assert ("photographs, dies, A, levels, 24 dB, psnr, 1" in told_of(tmp_path, then).get("reported", "")) is told

@@ -35,7 +35,7 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
     """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn.
 
     Raises:
-        JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF136 for the camera.
+        JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF135 for the camera.
     """
     section = section_of(spec, where)
     rules = constraints_of(section, where=f"{where}: design")
