@@ -213,8 +213,6 @@ def planned(
         own: dict[str, Setting] = {}
         for case, within in zip(cases, jobs.values(), strict=True):
             conditions = Conditions.of(within, protocol, study.levels, brackets=case.brackets)
-            for level in conditions.levels:
-                conditions.protocol.exposure(level)
             named = None if conditions.protocol.restorers else study.restore
             own[case.name] = Setting(case.name, within, conditions, *conditions.restorers(named), colours)
         for i, case in enumerate(cases):

@@ -108,8 +108,6 @@ def learn(
     before = Checkpoint.read(path) if path.exists() and not force else None
     loaded = job_of(job, camera)
     asked = Conditions.of(loaded, "camera", levels)
-    for level in asked.levels:
-        asked.protocol.exposure(level)
     panels = loaded.panels()
     name = _one(die, tuple(panels))
     given = given_folder(images, white) or Folder((), ())
