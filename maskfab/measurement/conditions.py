@@ -96,7 +96,7 @@ class Conditions:
         section = job.spec.scene
         scene = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
         if brackets is None:
-            brackets = () if job.spec.exposure is None else job.spec.exposure.brackets
+            brackets = (None if job.spec.exposure is None else job.spec.exposure.brackets) or ()
         kind = _lit(Protocol("camera", sensor, linear=light != "code", brackets=tuple(brackets)), chosen)
         return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene)
 

@@ -65,7 +65,7 @@ def found(job):
 
 
 def test_a_report_says_what_simulate_says(job, found, monkeypatch):
-    monkeypatch.setattr(scene_sets, "bundled", small_scenes)
+    monkeypatch.setattr(scene_sets, "drawn", small_scenes)
     told = simulate(job)
     scores: dict[tuple[str, float], list[float]] = {}
     for score in told.table.scores:

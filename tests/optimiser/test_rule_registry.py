@@ -110,7 +110,7 @@ def test_a_rule_that_is_registered_is_searched_for_priced_and_reported() -> None
     assert [(each.rule, each.alone, each.last) for each in paid.each] == [("rim_dots", 0, 0), ("open_rows", 2, 2)]
     facts = {"shape": best.name, **of_prices(paid)}
     found = Designed(Opening("x", best.unit, 28_000, facts), best.name, (20.0, 21.0, 22.0), None, 9, paid)
-    stated = design_document(Stated(parse_opening(opening_text(found.opening)).provenance, 28.0))
+    stated = design_document(Stated(parse_opening(opening_text(found.opening)).provenance, 28.0), (24, 32, 40))
     assert stated["prices"] == [{"rule": "rim dots", "price": 0}, {"rule": "open rows", "price": 2}]
     assert "  open_rows: 2.000 dB if it is the only rule, 2.000 dB on top of the others" in designed_lines(found, ())
 

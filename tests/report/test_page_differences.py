@@ -77,7 +77,7 @@ def test_numbers_of_photographs_are_compared_within_their_noise(tmp_path, key, b
         numbers = {"psnr": 22.0, "psnr_inner": 23.0, "epsilon": 0.05}
         numbers[key] += changed
         design = {"scene": "leaves1", "levels": [{"level_db": 24, "photograph": numbers}]}
-        return {"schema_version": 2, "dies": [{"name": "A", "design": design}]}
+        return {"schema_version": 3, "dies": [{"name": "A", "design": design}]}
 
     (tmp_path / "report.json").write_text(json.dumps(report(by)), encoding="utf-8")
     found = [check for check in _reported(tmp_path, report(0.0)) if not check.passed]
