@@ -289,7 +289,8 @@ def _reported(folder: Path, now: report_data.Document) -> Iterator[Quantity]:
     if renamed:
         told = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
         yield Quantity("report_units", renamed[0], told)
-    predicted = [place for place, _, _ in found if stated < _PHOTOGRAPHED and _of_photographs(place)]
+    lapsed = earlier and stated < _PHOTOGRAPHED
+    predicted = [place for place, _, _ in found if lapsed and _of_photographs(place)]
     if predicted:
         told = f"{REPORT} predicts photographs by a model, as earlier versions did: these numbers are not compared"
         yield Quantity("report_photographs", len(predicted), told)

@@ -434,6 +434,10 @@ def test_photographs_that_an_earlier_version_predicted_are_a_note(tmp_path):
     assert "reported" in told_of(tmp_path, {**earlier, "title": "forged"})
 
 
+def test_a_schema_that_is_no_number_is_a_difference(tmp_path):
+    assert "schema_version" in told_of(tmp_path, {**PHOTOGRAPHED, "schema_version": "two"})["reported"]
+
+
 @pytest.mark.parametrize(("by", "told"), [(0.1, False), (0.5, True)], ids=["another draw of noise", "a better number"])
 def test_a_number_of_photographs_is_compared_as_far_as_noise_allows(tmp_path, by, told):
     then = copy.deepcopy(PHOTOGRAPHED)

@@ -50,6 +50,10 @@ class Design(Blur, Protocol):
     def transmission(self) -> float:
         """Share of the stop's light that passes."""
 
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Sentences on how its blur errs, once a scene was blurred."""
+
     def blurred(self, light: SceneLight) -> Singles:
         """Light of a scene as it falls on the sensor, float32 [3, rows, columns] of the sensor, white is 1."""
 
@@ -69,6 +73,11 @@ class Isoplanatic(ABC):
     @abstractmethod
     def transmission(self) -> float:
         """Share of the stop's light that passes."""
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """None: one transfer is all there is."""
+        return ()
 
     @abstractmethod
     def _transfer(self, shape: tuple[int, int]) -> Transfer:
@@ -117,6 +126,11 @@ class RestoredBy:
     def transmission(self) -> float:
         """Of what is photographed."""
         return self.seen.transmission
+
+    @property
+    def told(self) -> tuple[str, ...]:
+        """Of what is photographed."""
+        return self.seen.told
 
     def blurred(self, light: SceneLight) -> Singles:
         """As what is photographed does."""

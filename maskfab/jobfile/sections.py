@@ -513,7 +513,7 @@ class ExposureSection(Section):
     quantum_efficiency: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
     """Electrons for each photon."""
     brackets: Annotated[tuple[float, ...], Field(min_length=1, max_length=8, strict=False)] | None = None
-    """Exposures of every scene that ``simulate`` merges: times by which their light is less, such as [1, 4, 16]."""
+    """Exposures of every scene that photographs merge: times by which their light is less, such as [1, 4, 16]."""
 
     @model_validator(mode="after")
     def _one_way(self) -> Self:

@@ -140,6 +140,7 @@ def photograph_die(conditions: Conditions, job: Job, name: str, panel: Panel, sh
         )
     except JobError as refusal:
         return Restored(refused=f"{refusal.code} {refusal.what}")
+    told += design.told
     if not shots:
         return Restored(table.scores, told)
     return Restored(table.scores, told, None, scenes[0].name, truth_of(scenes[0], CROP), tuple(shots))

@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from maskfab.camera.design import Design, RestoredBy
 from maskfab.camera.intervals import MeanDifference
-from maskfab.camera.over_field import OverField
 from maskfab.camera.photographs import Folder, Photograph, folder
 from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.restorers.restorer import Restorer
@@ -378,8 +377,7 @@ def _photographed(
         colours=setting.colours,
         show=take,
     )
-    told = design.told if isinstance(design, OverField) else ()
-    return {of: tuple(each) for of, each in taken.items()}, shown, told
+    return {of: tuple(each) for of, each in taken.items()}, shown, design.told
 
 
 def optics_of(panel: Panel, camera: Camera) -> Optics:

@@ -12,6 +12,7 @@ from report.test_report_data import check
 
 from maskfab.api.verbs.photographs import simulate
 from maskfab.camera import scenes as scene_sets
+from maskfab.camera.design import Isoplanatic
 from maskfab.camera.intervals import MeanDifference
 from maskfab.camera.protocol import Score
 from maskfab.errors import JobError
@@ -135,6 +136,12 @@ def test_photographs_are_shown_of_designed_dies_as_they_were_scored(found):
     assert (other.scene, other.truth, other.shots) == (None, None, ())
     assert [shot.score for shot in shown.shots] == [score for score in shown.scores if score.scene == shown.scene]
     assert {shot.picture.shape for shot in shown.shots} == {shown.truth.shape} == {(3, CROP.rows, CROP.columns)}
+
+
+def test_how_a_blur_errs_is_told_with_the_photographs(job, monkeypatch):
+    monkeypatch.setattr(Isoplanatic, "told", ("it errs by so much",))
+    seen = photograph_die(Conditions.of(job, "camera"), job, "TOLED", job.plate().dies[0].panel, False)
+    assert "it errs by so much" in seen.left_out
 
 
 def test_a_die_that_the_camera_cannot_see_is_told_with_its_reason(job):

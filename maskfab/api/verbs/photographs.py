@@ -19,7 +19,6 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera.design import Design
 from maskfab.camera.intervals import CONFIDENCE
 from maskfab.camera.left_out import by_sentence
-from maskfab.camera.over_field import OverField
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder, Photograph
 from maskfab.camera.protocol import AUTO, evaluate
@@ -208,8 +207,7 @@ def simulate(
             [each], scenes, middles, asked.levels,
             protocol=asked.protocol, restorers=(*restorers, *learned.get(each.name, ())), choose=choose, show=show,
         ).scores  # fmt: skip
-        if isinstance(each, OverField):
-            assumed[each.name] += each.told
+        assumed[each.name] += each.told
     progress("photographs", len(dies), len(dies))
     table = ScoreTable(tuple(scores))
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
