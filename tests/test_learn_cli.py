@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,7 +12,7 @@ import pytest
 from once import leaves
 
 from maskfab.api.verbs import photographs as verb
-from maskfab.api.verbs.learning import learn, trade_of
+from maskfab.api.verbs.learning import learn, learned_restorers, trade_of
 from maskfab.api.verbs.photographs import simulate
 from maskfab.camera.learning import lessons, training
 from maskfab.camera.learning.checkpoint import Checkpoint
@@ -133,6 +134,12 @@ def test_a_die_has_one_checkpoint(untrained: Path, monkeypatch: pytest.MonkeyPat
     without_photographs(monkeypatch)
     with pytest.raises(JobError, match=r"MF105 .*both of die TOLED"):
         simulate(JOB, die="TOLED", levels=[32], checkpoints=[untrained, untrained])
+
+
+def test_photographs_without_a_network_do_not_load_torch(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "maskfab.camera.learning.checkpoint", None)
+    job = load_job(JOB)
+    assert learned_restorers([], job, Conditions.of(job, "camera"), []) == {}
 
 
 def test_learned_needs_a_checkpoint(capsys: pytest.CaptureFixture[str]) -> None:

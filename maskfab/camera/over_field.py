@@ -143,12 +143,11 @@ class FieldChange:
             math.hypot(found, places.left_out),
         )
 
-    def added(self, light: SceneLight) -> Singles:
-        """Light that the change adds on the sensor, [3, rows, columns]."""
-        found = np.zeros_like(light.margin.sensor(light.values))
+    def add(self, light: SceneLight, seen: Singles) -> None:
+        """Add what the change does to the light of a scene as ``seen`` on the sensor, [3, rows, columns]."""
         if not len(self.spreads):
-            return found
-        sides = found.shape[1:]
+            return
+        sides = seen.shape[1:]
         sizes = tuple(_size(count) for count in sides)
         up, across = self.nodes.weights()
         transfers = self._kept.get(sizes)
@@ -170,9 +169,8 @@ class FieldChange:
                 spectrum *= transfer
                 total += spectrum
             change = scipy.fft.irfft2(total, s=sizes, axes=(1, 2), overwrite_x=True, workers=1)[:, REACH:, REACH:]
-            seen = found[:, top : top + sizes[0] - 2 * REACH, left : left + sizes[1] - 2 * REACH]
-            seen[:] = change[:, : seen.shape[1], : seen.shape[2]]
-        return found
+            there = seen[:, top : top + sizes[0] - 2 * REACH, left : left + sizes[1] - 2 * REACH]
+            there += change[:, : there.shape[1], : there.shape[2]]
 
     def _transfers(self, sizes: tuple[int, ...]) -> NDArray[np.complex64]:
         """Of every component, at the frequencies of ``rfft2`` of parts of that size, [components, 3, ...]."""
@@ -238,7 +236,7 @@ class OverField:
     def blurred(self, light: SceneLight) -> Singles:
         """See :class:`maskfab.camera.design.Design`; errors as for :meth:`change`."""
         found = self.transfer.blurred(light)
-        found += self.change(light.margin.shape).added(light)
+        self.change(light.margin.shape).add(light, found)
         return found
 
 

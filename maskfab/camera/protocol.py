@@ -256,12 +256,7 @@ def evaluate(
             likenesses = {bright: {id(s): Truth(_times(bright, prepared[id(s)].true)) for s in test}}
         seen = {key: protocol.seen(design, known) for key, known in prepared.items() if not known.margin.large}
         for level in sorted(levels):
-            records = {
-                key: protocol.record(seen[key], design, known, level)
-                if key in seen
-                else protocol.photograph(design, known, level)
-                for key, known in prepared.items()
-            }
+            records = {key: protocol.record(light, design, prepared[key], level) for key, light in seen.items()}
             case = _Case(protocol, design, level, prepared, records, likenesses.get(bright, {}), colours)
             for found, picture in case.scored(test, tuning, restorers, choose=choose):
                 scores.append(found)
@@ -277,7 +272,7 @@ class _Case:
     Attributes:
         protocol, design, level_db: of the case.
         scenes: all of them.
-        records: of every scene.
+        records: of scenes that are not large; those of others are made again for each that restores them.
         likenesses: of test scenes, empty where nobody asked for details.
         colours: whether S-CIELAB is scored of them.
     """
@@ -304,13 +299,17 @@ class _Case:
                     picture = self._restored(restorer, key)(epsilon)
                 yield self._score(key, picture, epsilon, restorer.name), picture
         for key in map(id, test) if choose else ():
-            won = Choice(restorers, coded=self.protocol.linear).restore(self.records[key], self.design, epsilons)
+            won = Choice(restorers, coded=self.protocol.linear).restore(self._record(key), self.design, epsilons)
             picture = self.protocol.shown(won.picture)
             yield self._score(key, picture, won.epsilon, AUTO, won.name), picture
 
+    def _record(self, key: int) -> Record:
+        known = self.records.get(key)
+        return self.protocol.photograph(self.design, self.scenes[key], self.level_db) if known is None else known
+
     def _restored(self, restorer: Restorer, key: int) -> Callable[[float], Singles]:
         """Code values of a scene restored, as a function of ε."""
-        prepared = restorer.prepare(self.records[key], self.design)
+        prepared = restorer.prepare(self._record(key), self.design)
         return lambda epsilon: self.protocol.shown(prepared(epsilon))
 
     def _estimated(self, tuning: Sequence[Photograph]) -> int:
@@ -319,7 +318,7 @@ class _Case:
         seen = []
         for key in map(id, tuning):
             known, margin = self.scenes[key], self.scenes[key].margin
-            record, green = margin.mirrored(self.records[key].values[_GREEN]), known.green(linear=self.protocol.linear)
+            record, green = margin.mirrored(self._record(key).values[_GREEN]), known.green(linear=self.protocol.linear)
             seen.append((record, green, self.design.on(margin.shape)[_GREEN], prior(margin.shape)))
 
         def estimate(k: int) -> float:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tracemalloc
+import weakref
 from dataclasses import replace
 
 import numpy as np
@@ -90,6 +91,30 @@ def test_every_step_of_a_large_photograph_leaves_room_for_the_others_within_80_b
     assert blur < 80 - 24
     assert restore < 80 - 36
     assert max(similar, differ) < 80 - 48
+
+
+def test_the_record_of_a_large_photograph_is_gone_once_it_is_restored(in_parts, monkeypatch):
+    """Twelve of the 80 bytes a pixel, while a score takes the most."""
+    taken, held = [], []
+    photograph, delta_e = Protocol.photograph, Truth.delta_e
+
+    def watched(*arguments):
+        record = photograph(*arguments)
+        taken.append(weakref.ref(record))
+        return record
+
+    def scored(*arguments):
+        held.append(any(record() is not None for record in taken))
+        return delta_e(*arguments)
+
+    monkeypatch.setattr(Protocol, "photograph", watched)
+    monkeypatch.setattr(Truth, "delta_e", scored)
+    large = noise(704, 736)
+    monkeypatch.setattr(wiener, "LARGE", 680 * 680)
+    small = replace(noise(672, 672), name="middle")
+    evaluate([lay("bar", BAR)], [large], [small], (24, 32), protocol=Protocol("camera"))
+    assert len(taken) == 2
+    assert held == [False, False]
 
 
 @pytest.mark.parametrize("mosaic", ["none", "rggb"])

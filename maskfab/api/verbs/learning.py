@@ -153,6 +153,9 @@ def learned_restorers(
     Raises:
         JobError: MF105 for two of one die; MF148 for one of another die, camera, sensor or light, or a die without.
     """
+    if not trained:
+        return {}
+    # torch takes a second to load, and a fifth of a gigabyte.
     from maskfab.camera.learning.checkpoint import another
 
     names = [design.name for design in designs]
@@ -170,7 +173,7 @@ def learned_restorers(
         if die not in names:
             raise another(f"die {die}", ", ".join(names), str(path))
     restorers: dict[str, tuple[Learned]] = {}
-    for design in designs if trained else ():
+    for design in designs:
         if design.name not in by_die:
             raise another(f"die {', '.join(by_die)}", design.name, "checkpoint")
         path, found = by_die[design.name]
