@@ -18,12 +18,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.camera.restorers.wiener import MARGIN, Margin
 from maskfab.errors import JobError, SourceError
 from maskfab.eye.picture import read_picture
 from maskfab.optics.numbers.colour import code_of_light, light_of_code
 
 SHORT, LONG = 1024, 1536
-SMALLEST = 832
+NARROW, WIDE = 128, 832
+"""Pixels of scene round the sensor where a side of a picture has fewer than the second of them."""
+SMALLEST = 512
+"""Pixels along a side: 128 round the sensor, 64 more that the inner frame leaves out, and 128 of that frame."""
 MOST_WHOLE = 60_000_000
 """Pixels of whole pictures together: they take four gigabytes until they are scored."""
 _STEP = 64
@@ -42,12 +46,20 @@ class Photograph:
         values: float32 [3, rows, columns], code values within 0 to 1.
         measured: its light in units of white where a file holds that rather than code values, else None; highlights
             are above 1.
+        around: pixels of it on every side of the sensor.
     """
 
     name: str
     number: int
     values: Singles
     measured: Singles | None = field(default=None)
+    around: int = MARGIN
+
+    @property
+    def margin(self) -> Margin:
+        """Where the sensor lies in it."""
+        rows, columns = self.values.shape[1:]
+        return Margin((rows, columns), self.around)
 
     @property
     def middle(self) -> Photograph:
@@ -104,9 +116,10 @@ def scene(
     if min(rows, columns) < SMALLEST:
         raise JobError(
             "MF121",
-            f"the picture has {columns} x {rows} pixels, fewer than {SMALLEST} along a side",
+            f"the picture has {columns} x {rows} pixels, fewer than {SMALLEST} along a side: at each edge {NARROW} lie "
+            "outside the sensor, which their light reaches, and 64 outside the inner frame that is scored",
             where=name,
-            cure=f"Give a photograph of {LONG} x {SHORT} or more",
+            cure=f"Give a photograph of {LONG} x {SHORT} or more, or at least {SMALLEST} along each side",
         )
     _require_light(name, picture, coded=coded, white=white)
     middle = picture[_middle((rows, columns), whole=whole)]
@@ -114,10 +127,11 @@ def scene(
     if number is None:
         number = int(name) if name.isdecimal() else zlib.crc32(name.encode()) % 1_000_000
     planes = np.ascontiguousarray(colours.transpose(2, 0, 1))
+    around = MARGIN if min(rows, columns) >= WIDE else NARROW
     if coded:
-        return Photograph(name, number, planes)
+        return Photograph(name, number, planes, around=around)
     planes = planes / np.float32(white)
-    return Photograph(name, number, code_of_light(planes), planes)
+    return Photograph(name, number, code_of_light(planes), planes, around)
 
 
 def _middle(shape: tuple[int, ...], *, whole: bool = False) -> tuple[slice, slice]:

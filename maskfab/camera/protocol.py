@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
@@ -183,10 +183,9 @@ class SensorScene:
     @classmethod
     def of(cls, scene: Photograph, *, dark: bool = False) -> SensorScene:
         """The sensor lies in the middle; of a ``dark`` one nothing outside it gives light."""
-        rows, columns = scene.values.shape[1:]
-        margin = Margin((rows, columns))
+        margin = scene.margin
         true = margin.sensor(scene.values)
-        return cls(Photograph(scene.name, scene.number, margin.dark(true)) if dark else scene, margin, true)
+        return cls(replace(scene, values=margin.dark(true), measured=None) if dark else scene, margin, true)
 
     def light(self, *, linear: bool) -> SceneLight:
         """Of the scene; its code values taken for light where it is not ``linear``."""

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.photographs import Photograph
-from maskfab.camera.restorers.wiener import Margin
 from maskfab.camera.scores import Score
 from maskfab.errors import JobError
 
@@ -59,5 +58,4 @@ def truth_of(scene: Photograph, crop: Crop) -> Singles:
     Raises:
         JobError: as :meth:`Crop.of`.
     """
-    rows, columns = scene.values.shape[1:]
-    return crop.of(Margin((rows, columns)).sensor(scene.values))
+    return crop.of(scene.margin.sensor(scene.values))

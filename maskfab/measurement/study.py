@@ -12,6 +12,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.camera import surroundings
 from maskfab.camera.design import Design, RestoredBy
 from maskfab.camera.intervals import MeanDifference
 from maskfab.camera.photographs import Folder, Photograph, folder
@@ -322,7 +323,7 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
     # What cannot be photographed is refused before the first photograph.
     designs = [(setting, name) for setting in plan.settings for name in plan.panels]
     told = {
-        (setting.protocol.name, setting.case, name): setting.design(name, plan.panels[name])[1]
+        (setting.protocol.name, setting.case, name): _told(*setting.design(name, plan.panels[name]), plan.photographs)
         for setting, name in designs
     }
     give_back()
@@ -350,6 +351,10 @@ def made(plan: Plan, progress: Progress = silent) -> Study:
         told[setting.protocol.name, setting.case, name] += more
     truth = truth_of(scenes[0], CROP)
     return Study(plan, optics, tuple(each.name for each in scenes), scores, told, truth, shown)
+
+
+def _told(design: Design, left_out: tuple[str, ...], photographs: Sequence[Photograph]) -> tuple[str, ...]:
+    return (*left_out, *surroundings.told(design, photographs))
 
 
 def _photographed(

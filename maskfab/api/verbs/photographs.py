@@ -16,6 +16,7 @@ from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoints
 from maskfab.camera import scenes as scene_sets
+from maskfab.camera import surroundings
 from maskfab.camera.design import Design
 from maskfab.camera.intervals import CONFIDENCE
 from maskfab.camera.left_out import by_sentence
@@ -197,7 +198,7 @@ def simulate(
             shown[score.design].append(Shot(score, _CROP.of(whole)))
 
     scores: list[Score] = []
-    assumed = {design.name: told for design, told in found}
+    assumed = {design.name: (*told, *surroundings.told(design, scenes)) for design, told in found}
     del found
     for done in range(len(dies)):
         progress("photographs", done, len(dies))

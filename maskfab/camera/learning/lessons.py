@@ -109,7 +109,8 @@ def mirrored(scene: Photograph, seed: int) -> Photograph:
     """A photograph turned left to right, upside down, both or neither, in noise of its own."""
     down, across = (slice(None, None, int(step)) for step in np.random.default_rng(seed).choice((-1, 1), 2))
     measured = None if scene.measured is None else np.ascontiguousarray(scene.measured[:, down, across])
-    return Photograph(scene.name, seed, np.ascontiguousarray(scene.values[:, down, across]), measured)
+    values = np.ascontiguousarray(scene.values[:, down, across])
+    return replace(scene, number=seed, values=values, measured=measured)
 
 
 def kept_for_validation(
