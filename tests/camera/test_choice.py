@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 import pytest
 import scipy.fft
+import scipy.ndimage
 from once import leaves
 
 from maskfab.camera.quality import psnr
 from maskfab.camera.record import Noise, Record
-from maskfab.camera.restorers.choice import Choice
+from maskfab.camera.restorers.choice import Choice, expected_errors
 from maskfab.camera.restorers.dct import Dct
+from maskfab.camera.restorers.judge import Judge
+from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.restorers.wiener import Margin, Wiener
 from maskfab.errors import JobError
 from maskfab.optics.numbers.colour import code_of_light
@@ -46,6 +50,40 @@ class Ghosts:
         row = (1 + 1.4 * np.cos(16 * np.pi * x) + 0.8 * np.cos(32 * np.pi * x)) / 3.2
         one = row * np.exp(-((np.pi * 0.8) ** 2) * (y**2 + x**2))
         return np.broadcast_to(one, (3, *one.shape)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Stripes:
+    """Passes no detail across of a period from 4 to 8 pixels."""
+
+    def on(self, shape):
+        y, x = scipy.fft.fftfreq(shape[0])[:, None], scipy.fft.rfftfreq(shape[1])
+        one = np.exp(-2 * (np.pi * 0.6) ** 2 * (y**2 + x**2)) * ((x < 1 / 8) | (x > 1 / 4))
+        return np.broadcast_to(one, (3, *one.shape)).astype(np.float32)
+
+
+@dataclass(frozen=True)
+class Changed:
+    """Changes another restorer's pictures, as a network may that has learned the wrong thing."""
+
+    name: str
+    by: Restorer
+    change: Callable[[np.ndarray], np.ndarray]
+
+    def prepare(self, record, blur):
+        restored = self.by.prepare(record, blur)
+        return lambda epsilon: np.clip(self.change(restored(epsilon)), 0, 1).astype(np.float32)
+
+
+def hallucinated(picture):
+    """Detail where edges are, but of a period of 5.5 pixels, of which the stripes pass nothing."""
+    across = np.arange(picture.shape[2], dtype=np.float32)
+    edges = scipy.ndimage.gaussian_filter(np.abs(np.diff(picture, axis=2, append=0)), (0, 8, 8))
+    return picture + 2 * edges * np.sin(2 * np.pi * across / 5.5)
+
+
+def softened(picture):
+    return scipy.ndimage.gaussian_filter(picture, (0, 1.5, 1.5))
 
 
 @dataclass(frozen=True)
@@ -131,6 +169,45 @@ def test_what_explains_the_record_by_a_wrong_edge_does_not_win(true):
     scores = [psnr(restored(e), true) for e in steps]
     chosen = Choice([Wiener(WIDTH)], width=WIDTH, steps=steps).restore(record, blur, {"wiener": 1.0})
     assert psnr(chosen.picture, true) > max(scores) - 0.2
+
+
+@pytest.mark.parametrize("change", [hallucinated, softened])
+def test_what_invents_detail_or_takes_it_away_loses_to_what_does_not(true, change):
+    """Less noise where the record speaks makes up for nothing that is wrong where it is silent."""
+    record, blur = taken(Stripes(), Noise(300.0, 4.87)), Stripes()
+    wrong, honest = Changed("wrong", Dct(Wiener(WIDTH)), change), Wiener(WIDTH)
+    assert psnr(honest.prepare(record, blur)(0.06), true) > psnr(wrong.prepare(record, blur)(0.5), true) + 1
+    found = Choice([wrong, honest], width=WIDTH).restore(record, blur, {"wrong": 0.5, "wiener": 0.06})
+    assert found.name == "wiener"
+
+
+def test_the_noise_of_what_a_record_tells_is_known():
+    """Of differences between pictures, over records with noise of their own."""
+    margin, told = Margin((224, 256), WIDTH), []
+    scene = leaves(1, 224, 256).values
+    light, clean = margin.sensor(scene), np.maximum(margin.blurred(scipy.fft.rfft2(scene), Halo().on((224, 256))), 0)
+    off = [0, 0.02 * draws(light.shape), scipy.ndimage.gaussian_filter(light, (0, 2, 2)) - light]
+    for seed in range(100, 116):
+        draw = np.random.default_rng(seed)
+        noise = np.sqrt(NOISE.variance(clean)) * draw.standard_normal(clean.shape, dtype=np.float32)
+        judge = Judge.of(Record(clean + noise, NOISE), Halo(), draw, WIDTH)
+        inner = (slice(None), slice(judge.left, -judge.left), slice(judge.left, -judge.left))
+        seen = [judge.seen((light + each)[inner]) for each in off]
+        told.append([judge.error(each, np.float32(1)) for each in seen])
+    covariance = judge.covariance(seen, np.float32(1))
+    differ = np.array([[1, -1, 0], [0, -1, 1]])
+    deviation = np.sqrt(np.diag(differ @ covariance @ differ.T))
+    assert deviation == pytest.approx(np.std(np.array(told) @ differ.T, axis=0, ddof=1), rel=0.4)
+
+
+def test_the_record_counts_by_its_noise():
+    """Exact it alone decides, silent the imagined record does, and between them the mean by their precisions."""
+    imagined, passed, told = np.array([2.0, 2.0]), np.array([1.5, 1.0]), np.array([0.5, 0.4])
+    scatter = 2 * 0.4**2
+    for noise in (0.0, scatter, 1e9):
+        found = expected_errors(told, np.eye(2) * noise / 2, imagined, passed)
+        wanted = (0.1 - 0.5) * scatter / (scatter + noise)
+        assert found[0] - found[1] == pytest.approx(wanted, rel=1e-6, abs=1e-9)
 
 
 def test_the_same_again_and_hardly_another_with_another_parting(true):
