@@ -361,13 +361,15 @@ class Furniture:
     Attributes:
         name: identifier, also its cell's name.
         kind: title, label, fiducial, alignment (cross), parity, cd (bars), resolution (test figures), map (of dies),
-            code (data matrix) or outline.
+            code (data matrix), outline, or wires across a die.
         layer: where it is drawn.
         polygons: simple, hole-free outlines in plate coordinates, nanometres.
     """
 
     name: str
-    kind: Literal["title", "label", "fiducial", "alignment", "parity", "cd", "resolution", "map", "code", "outline"]
+    kind: Literal[
+        "title", "label", "fiducial", "alignment", "parity", "cd", "resolution", "map", "code", "outline", "wires"
+    ]
     layer: Layer
     polygons: tuple[Polygon, ...]
 

@@ -643,14 +643,7 @@ _ENTRIES = (
         "Relative life, {colour}",
         "Life of the {colour} emitters relative to that of an emitter of 9.3 % of the pixel at equal luminance.",
     ),
-    Entry("wire_lines_{axis}", "n", "1", "Wires along {axis}", "Lines along {axis} drawn across every pixel."),
-    Entry(
-        "wire_lines_{axis}_bound",
-        "n̄",
-        "1",
-        "Most opaque wires along {axis}",
-        "Proven upper bound of the opaque lines along {axis} on one metal.",
-    ),
+    Entry("wire_lines_{axis}", "n", "1", "Wires along {axis}", "Lines along {axis} drawn for every pixel."),
     Entry(
         "wired_transmission",
         "τ̄",

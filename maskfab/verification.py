@@ -61,8 +61,9 @@ _SCHEMA = "report_schema"
 _FORMER_UNITS = {"um^2": "um2"}
 """Units as reports of earlier versions spell them."""
 _PLACES = (("wavelength_nm", "nm"), ("level_db", "dB"))
-_PHOTOGRAPHED = 3
-"""Schema of the first reports whose numbers of photographs are those of photographs."""
+_PHOTOGRAPHED, _LAID = 3, 4
+"""Schemas of the first reports whose numbers of photographs are those of photographs, and whose lines may be laid
+across a panel."""
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
@@ -289,15 +290,20 @@ def _reported(folder: Path, now: report_data.Document) -> Iterator[Quantity]:
     if renamed:
         told = f"{REPORT} spells the unit of {len(renamed)} numbers as earlier versions did: it is not judged"
         yield Quantity("report_units", renamed[0], told)
-    lapsed = earlier and stated < _PHOTOGRAPHED
-    predicted = [place for place, _, _ in found if lapsed and _of_photographs(place)]
-    if predicted:
-        told = f"{REPORT} predicts photographs by a model, as earlier versions did: these numbers are not compared"
-        yield Quantity("report_photographs", len(predicted), told)
+    lapsed = set()
+    for name, since, of, told in (
+        ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
+        ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
+    ):
+        places = [place for place, _, _ in found if earlier and stated < since and of(place)]
+        if places:
+            why = f"{REPORT} {told}, as earlier versions did: these numbers are not compared"
+            yield Quantity(name, len(places), why)
+        lapsed |= set(places)
     differences = [
         _equal("reported", new, old, f"{', '.join(place)}: measured now against {REPORT}")
         for place, new, old in found
-        if not _former_unit(place, new, old) and place not in predicted
+        if not _former_unit(place, new, old) and place not in lapsed
     ]
     yield from differences
     yield _equal("reported_differences", len(differences), 0, f"numbers and words of {REPORT} against those found now")
@@ -306,6 +312,11 @@ def _reported(folder: Path, now: report_data.Document) -> Iterator[Quantity]:
 def _of_photographs(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of photographs: their section, a row of a die, or a part of its design."""
     return any(part.startswith("photograph") or "restored_" in part or part == "predicted_psnr" for part in place)
+
+
+def _of_wires(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells of wires, or of an answer that rests on them."""
+    return any(part == "wires" or "wire_lines" in part for part in place) or place[-1] in ("verdict", "proofs")
 
 
 def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:

@@ -18,6 +18,7 @@ import maskfab
 from maskfab.errors import JobError, OutputError
 from maskfab.model import Quantity
 from maskfab.provenance import sha256_of_file
+from maskfab.report.documents.report_data import SCHEMA_VERSION
 from maskfab.report.plots.sheet import bitmap
 from maskfab.verification import _reported
 
@@ -273,7 +274,7 @@ def test_a_later_version_verifies_what_an_earlier_one_made(out, monkeypatch):
     assert failures(out) == []
 
 
-@pytest.mark.parametrize(("stated", "earlier"), [(1, True), (4, False)])
+@pytest.mark.parametrize(("stated", "earlier"), [(1, True), (SCHEMA_VERSION + 1, False)])
 def test_a_report_of_an_earlier_schema_is_said_to_be_one_and_compared(out, stated, earlier):
     def edit(report: dict) -> None:
         report.update(schema_version=stated, time={"seconds": {"optics": 3.0}})
@@ -416,15 +417,15 @@ def test_what_other_versions_made_otherwise_is_told_and_not_judged(out):
 
 
 PHOTOGRAPHED = {
-    "schema_version": 3,
+    "schema_version": SCHEMA_VERSION,
     "photographs": {"dies": [{"name": "A", "levels": [{"level_db": 24.0, "epsilon": 0.1, "psnr": [20.0, 30.0]}]}]},
     "dies": [{"name": "A", "quantities": [{"name": "restored_psnr", "level_db": 24.0, "value": 25.0}]}],
 }
 
 
-def told_of(folder: Path, then: dict) -> dict[str, object]:
+def told_of(folder: Path, then: dict, now: dict | None = None) -> dict[str, object]:
     (folder / "report.json").write_text(json.dumps(then))
-    return {check.name: check.method for check in _reported(folder, PHOTOGRAPHED) if not check.passed}
+    return {check.name: check.method for check in _reported(folder, now or PHOTOGRAPHED) if not check.passed}
 
 
 def test_photographs_that_an_earlier_version_predicted_are_a_note(tmp_path):
@@ -432,6 +433,16 @@ def test_photographs_that_an_earlier_version_predicted_are_a_note(tmp_path):
     earlier["dies"][0]["quantities"] = [{"name": "restored_psnr", "level_db": 24, "value": 28.5, "method": "model"}]
     assert set(told_of(tmp_path, earlier)) == {"report_schema", "report_photographs"}
     assert "reported" in told_of(tmp_path, {**earlier, "title": "forged"})
+
+
+def test_wires_that_an_earlier_version_drew_are_a_note(tmp_path):
+    before, after = {"verdict": "UNKNOWN", "wires": {"bounds": [2, 2]}}, {"verdict": "FITS", "wires": {"lines": [4, 4]}}
+    earlier = {"schema_version": 3, "dies": [{"name": "A", "display": before}]}
+    now = {"schema_version": SCHEMA_VERSION, "dies": [{"name": "A", "display": after}]}
+    told = told_of(tmp_path, earlier, now)
+    assert "report_wires" in told
+    assert "reported" not in told
+    assert "reported" in told_of(tmp_path, {**earlier, "schema_version": SCHEMA_VERSION}, now)
 
 
 def test_a_schema_that_is_no_number_is_a_difference(tmp_path):

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from maskfab.display.emitters.borders import meetings
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility, widest_gap
-from maskfab.model import Die, Panel, Plate
+from maskfab.display.wires.panel_routing import PanelLines
+from maskfab.model import WIRES, Die, Furniture, Panel, Plate
 from maskfab.progress import Progress, silent
 
 
@@ -21,7 +22,9 @@ class Populated:
 
 
 def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, largest: bool = False) -> Populated:
-    """Emitters for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+    """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
+
+    Wires that every pixel has alike are drawn with it, those that are laid across a die are furniture of the plate.
 
     Args:
         plate: laid out, without emitters.
@@ -34,10 +37,11 @@ def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, 
     """
     known: dict[object, Feasibility | None] = {}
     dies: list[Die] = []
+    lines: list[Furniture] = []
     found: dict[str, Feasibility] = {}
     for done, die in enumerate(plate.dies):
         progress("emitters", done, len(plate.dies))
-        key = _key(die.panel)
+        key = (_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes())
         if key not in known:
             known[key] = feasibility(die.panel, rules, largest=largest)
         answer = known[key]
@@ -46,9 +50,11 @@ def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, 
             continue
         found[die.name] = answer
         tracks = () if answer.wiring is None else answer.wiring.tracks
+        if answer.wiring is not None and answer.wiring.laid is not None and rules.wires is not None:
+            lines += [_drawn(die, each, rules.wires.rules.line_nm) for each in answer.wiring.laid]
         dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
     progress("emitters", len(plate.dies), len(plate.dies))
-    return Populated(replace(plate, dies=tuple(dies)), found)
+    return Populated(replace(plate, dies=tuple(dies), furniture=(*plate.furniture, *lines)), found)
 
 
 def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) -> dict[str, LargestGap]:
@@ -69,6 +75,15 @@ def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) 
             found[die.name] = answer
     progress("colour gaps", len(plate.dies), len(plate.dies))
     return found
+
+
+def _drawn(die: Die, laid: PanelLines, line_nm: int) -> Furniture:
+    """Lines across a die, where they lie on the plate."""
+    x0, y0 = die.origin_nm
+    outlines = tuple(
+        tuple((point.x + x0, point.y + y0) for point in outline.each_point_hull()) for outline in laid.polygons(line_nm)
+    )
+    return Furniture(f"{die.name}_WIRES_{laid.axis.upper()}", "wires", WIRES[laid.axis == "y"], outlines)
 
 
 def _key(panel: Panel) -> object:

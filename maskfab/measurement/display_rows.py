@@ -130,12 +130,16 @@ def _wires(die: Die, found: Feasibility) -> Iterator[Quantity]:
     wires, name = found.wiring, die.name
     if wires is None:
         return
-    for axis, through, bound, proof in zip("xy", wires.through, wires.bounds, wires.proofs, strict=True):
+    how = (
+        f"{wires.in_gutter} in every gutter, the others through closed area"
+        if wires.laid is None
+        else "laid across the whole panel, each within a pixel of its own"
+    )
+    for axis, lines in zip("xy", wires.lines, strict=True):
         yield Quantity(
             f"wire_lines_{axis}",
-            wires.in_gutter + through + wires.transparent,
-            f"lines along {axis} drawn across every pixel, of {wires.wanted} asked for: {wires.in_gutter} in the "
-            f"gutter, {through} through closed area, {wires.transparent} transparent",
+            lines,
+            f"lines along {axis} drawn for every pixel, of {wires.wanted} asked for: {wires.transparent} transparent, "
+            f"{how}",
             die=name,
         )
-        yield Quantity(f"wire_lines_{axis}_bound", bound, f"opaque lines on one metal: {proof.statement}", die=name)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 
 from maskfab.display.emitters.fit import LargestGap
+from maskfab.display.emitters.measure import Violation
 from maskfab.display.feasibility import Feasibility
 from maskfab.units import NM_PER_UM
 
@@ -51,8 +52,12 @@ def _placement(found: Feasibility) -> Iterator[Line]:
     if not found.broken:
         yield "rules broken", "none, measured from the polygons"
     for each in found.broken:
-        x, y = (along / NM_PER_UM for along in each.place_nm)
-        yield "rules broken", f"{each.rule}: {each.area_um2:g} um^2 near ({x:g}, {y:g}) um"
+        yield "rules broken", _broken(each)
+
+
+def _broken(each: Violation) -> str:
+    x, y = (along / NM_PER_UM for along in each.place_nm)
+    return f"{each.rule}: {each.area_um2:g} um^2 near ({x:g}, {y:g}) um"
 
 
 def _circuits(found: Feasibility) -> Iterator[Line]:
@@ -64,13 +69,14 @@ def _wires(found: Feasibility) -> Iterator[Line]:
     wires = found.wiring
     if wires is None:
         return
-    both = zip("xy", wires.through, wires.bounds, strict=True)
-    drawn = ", ".join(f"{through} along {axis} through closed area (at most {bound})" for axis, through, bound in both)
-    yield (
-        "wires",
-        f"{wires.verdict}: of {wires.wanted} lines {wires.in_gutter} in the gutter, {wires.transparent} transparent, "
-        f"{drawn}",
-    )
+    if wires.laid is not None:
+        drawn = f"{wires.wanted - wires.transparent} laid across the panel each way"
+    else:
+        along_x, along_y = wires.through
+        drawn = f"{wires.in_gutter} in the gutter, {along_x} along x and {along_y} along y through closed area"
+    yield "wires", f"{wires.verdict}: of {wires.wanted} lines {wires.transparent} transparent, {drawn}"
+    for each in wires.broken:
+        yield "rules broken", _broken(each)
 
 
 def _light(found: Feasibility) -> Iterator[Line]:

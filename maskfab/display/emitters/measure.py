@@ -5,16 +5,17 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+import numpy as np
 from klayout import db
 
 from maskfab.display.emitters.borders import meetings
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.geometry.plate_layout import simple_polygon
 from maskfab.geometry.unit_cell import unit_shapes
-from maskfab.model import CLEAR, EMITTERS, Panel, Polygon
+from maskfab.model import CLEAR, EMITTERS, Layer, Panel, Polygon
 
-# Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances.
-_SQUARE = 2
+SQUARE = 2
+"""Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances."""
 # Pairs stand so far apart, in pixels, that no rule reaches from one to the next.
 _APART, _COLUMNS = 4, 16
 
@@ -43,7 +44,7 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     growing back; gaps are exact, widths to 1 nm.
     """
     cells = _clusters(panel)
-    regions = _regions(panel, cells)
+    regions = _regions(panel, cells, (CLEAR, *EMITTERS))
     clear, colours = regions[CLEAR], [regions[layer] for layer in EMITTERS]
     pitch = panel.pitch_nm
     frame = db.Region()
@@ -51,28 +52,37 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
         frame.insert(db.Box(column * pitch, row * pitch, (column + 1) * pitch, (row + 1) * pitch))
     found = [("emitter outside its pixel", shape - frame) for shape in colours]
     for name, shape in zip(("red", "green", "blue"), colours, strict=True):
-        grown = shape.sized(rules.gap_to_opening_nm, _SQUARE)
+        grown = shape.sized(rules.gap_to_opening_nm, SQUARE)
         found.append((f"gap from {name} to openings", grown & clear))
         # Doubled, so that half a width is a whole number too, and a nanometre short, so that what is exactly wide
         # enough does not vanish.
         doubled, half = shape.transformed(db.ICplxTrans(2.0)), rules.min_width_nm - 1
-        opened = doubled.sized(-half, _SQUARE).sized(half, _SQUARE)
+        opened = doubled.sized(-half, SQUARE).sized(half, SQUARE)
         found.append((f"width of {name}", (doubled - opened).transformed(db.ICplxTrans(0.5))))
     for one, other in ((0, 1), (0, 2), (1, 2)):
-        close = colours[one].sized(rules.colour_gap_nm, _SQUARE) & colours[other]
+        close = colours[one].sized(rules.colour_gap_nm, SQUARE) & colours[other]
         found.append((f"gap between {EMITTERS[one].name.lower()} and {EMITTERS[other].name.lower()}", close))
-    upright = next(((column * pitch, row * pitch) for cell, (column, row) in cells if cell == 0), None)
-    return tuple(_told(rule, shapes, upright, pitch) for rule, shapes in found if shapes.area())
+    upright = next(
+        (db.Box(0, 0, pitch, pitch).moved(column * pitch, row * pitch) for cell, (column, row) in cells if cell == 0),
+        None,
+    )
+    return tuple(told_of(rule, shapes, upright) for rule, shapes in found if shapes.area())
 
 
-def _told(rule: str, shapes: db.Region, corner: tuple[int, int] | None, pitch_nm: int) -> Violation:
+def told_of(rule: str, shapes: db.Region, pixel: db.Box | None = None) -> Violation:
+    """What breaks a rule, as it is told; outlined within a pixel, if one is given."""
     outlines: tuple[Polygon, ...] = ()
-    if corner is not None:
-        x, y = corner
-        inside = (shapes & db.Region(db.Box(x, y, x + pitch_nm, y + pitch_nm))).moved(-x, -y)
+    if pixel is not None:
+        inside = (shapes & db.Region(pixel)).moved(-pixel.left, -pixel.bottom)
         outlines = tuple(tuple((p.x, p.y) for p in each.each_point_hull()) for each in inside.merged().each())
     box = shapes.bbox()
     return Violation(rule, shapes.merged().area() / 1e6, (box.left, box.bottom), outlines)
+
+
+def whole_panel(panel: Panel, wanted: Sequence[Layer]) -> dict[Layer, db.Region]:
+    """Everything that the cells of a panel draw on some layers, its lower left corner the origin."""
+    cells = [(int(cell), (column, row)) for (row, column), cell in np.ndenumerate(panel.orientations)]
+    return _regions(panel, cells, wanted)
 
 
 def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
@@ -102,9 +112,11 @@ def _clusters(panel: Panel) -> list[tuple[int, tuple[int, int]]]:
     return placed or [(int(panel.orientations[0, 0]), (1, 0))]
 
 
-def _regions(panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]]) -> dict[object, db.Region]:
+def _regions(
+    panel: Panel, cells: Sequence[tuple[int, tuple[int, int]]], wanted: Sequence[Layer]
+) -> dict[Layer, db.Region]:
     layout = db.Layout()
-    layers = {layer: layout.layer(layer.number, layer.datatype) for layer in (CLEAR, *EMITTERS)}
+    layers = {layer: layout.layer(layer.number, layer.datatype) for layer in wanted}
     top = layout.create_cell("TILE")
     units: dict[int, int] = {}
     for cell, (column, row) in cells:

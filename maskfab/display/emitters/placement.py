@@ -9,7 +9,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.model import Emitters, frozen
+from maskfab.model import Emitters, Point, frozen
 
 
 class Verdict(StrEnum):
@@ -41,6 +41,8 @@ class Certificate:
         numbers: what the sentence was made from, by name.
         witness: bool [n, n] the cells to look at; None where there is nothing to draw.
         cell_nm: side of the witness's cells.
+        chain_nm: corners of a line across the panel to look along, from its lower left corner; none where the witness
+            says it.
     """
 
     proof: Proof
@@ -48,6 +50,7 @@ class Certificate:
     numbers: Mapping[str, float] = field(default_factory=dict)
     witness: NDArray[np.bool_] | None = None
     cell_nm: int = 0
+    chain_nm: tuple[Point, ...] = ()
 
     def __post_init__(self) -> None:
         if self.witness is not None:

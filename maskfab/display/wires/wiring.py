@@ -1,17 +1,21 @@
-"""Can a panel's pixels be wired: lines in gutters and through closed area, drawn, bounded, and proved impossible."""
+"""Can a panel's pixels be wired: lines in gutters, through closed area and across the panel, or a proof that not."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maskfab.display.emitters.measure import Violation
 from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.wires.flow import DIRECTIONS, Direction
 from maskfab.display.wires.gutter import WireRules, lines_per_layer
+from maskfab.display.wires.line_rules import line_violations
+from maskfab.display.wires.panel_cut import panel_cut
+from maskfab.display.wires.panel_routing import AXES, PanelLines, panel_lines
 from maskfab.display.wires.ports import ports
-from maskfab.display.wires.routing import RoutingGrid, most_lines, routing_grids
+from maskfab.display.wires.routing import RoutingGrid, routing_grids
 from maskfab.display.wires.tracks import gutter_tracks, routed_track, transparent_tracks
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Opening, Panel, Track
@@ -42,38 +46,42 @@ class Wiring:
     Attributes:
         wanted: lines along each axis.
         in_gutter: opaque lines that every gutter holds, of those wanted.
-        through: opaque lines drawn through closed area, along x and along y, at ports that all orientations share.
+        through: opaque lines drawn through closed area of every pixel alike, along x and along y, at ports that all
+            orientations share.
         transparent: transparent lines along each axis.
-        bounds: no drawing has more opaque lines across a pixel, along x and along y.
-        proofs: of the two bounds.
-        tracks: the wires.
+        laid: opaque lines laid across the whole panel, along x and along y, one for each that is wanted and not
+            transparent in every row and column of pixels; those that are not all found are none. None where every pixel
+            is drawn alike.
+        failed: a proof that the lines asked for cannot be; None without.
+        tracks: the wires that every pixel is drawn with.
+        broken: rules that the laid lines break, measured from their polygons.
     """
 
     wanted: int
     in_gutter: int
     through: tuple[int, int]
     transparent: int
-    bounds: tuple[int, int]
-    proofs: tuple[Certificate, Certificate]
+    laid: tuple[PanelLines, PanelLines] | None
+    failed: Certificate | None
     tracks: tuple[Track, ...]
+    broken: tuple[Violation, ...] = ()
 
     @property
     def verdict(self) -> Verdict:
-        """FITS if all lines are drawn; a proof that they cannot be counts what a pixel could carry at best."""
-        if self.lines >= self.wanted:
+        """FITS if all lines are drawn and keep the rules."""
+        if min(self.lines) >= self.wanted and not self.broken:
             return Verdict.FITS
         return Verdict.DOES_NOT_FIT if self.failed is not None else Verdict.UNKNOWN
 
     @property
-    def lines(self) -> int:
-        """Lines drawn along both axes."""
-        return self.in_gutter + min(self.through) + self.transparent
-
-    @property
-    def failed(self) -> Certificate | None:
-        """Why the lines asked for cannot be, if that is proved."""
-        worst = int(np.argmin(self.bounds))
-        return self.proofs[worst] if self.bounds[worst] + self.transparent < self.wanted else None
+    def lines(self) -> tuple[int, int]:
+        """Lines drawn for every pixel along x and along y."""
+        if self.laid is None:
+            along_x, along_y = self.through
+            return self.in_gutter + along_x + self.transparent, self.in_gutter + along_y + self.transparent
+        opaque = self.wanted - self.transparent
+        along_x, along_y = (opaque if each.paths else 0 for each in self.laid)
+        return along_x + self.transparent, along_y + self.transparent
 
 
 def check_wires(panel: Panel, demand: WireDemand) -> None:
@@ -93,21 +101,41 @@ def check_wires(panel: Panel, demand: WireDemand) -> None:
 
 
 def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
-    """Wires of every pixel of a panel.
+    """Wires of the pixels of a panel.
 
-    Gutters are filled first; what they cannot hold runs through closed area, as far as it can.
+    First every pixel is drawn alike: gutters are filled, and what they cannot hold runs through closed area. Where
+    that is too little, lines are laid across the whole panel as its cells lie, each within a pixel of its own, unless
+    a chain of openings proves that they cannot be.
 
     Args:
-        panel: pitch, gutter and the orientations that meet.
+        panel: pitch, gutter and orientations.
         opening: what is clear in any of its openings.
         demand: what is asked.
     """
-    rules = demand.rules
     transparent = int(demand.transparent_nm > 0)
-    in_gutter = min(demand.lines - transparent, _gutter_lines(panel.gutter_nm, rules))
+    crossing = transparent_tracks(panel.pitch_nm, demand.transparent_nm, demand.transmission) if transparent else ()
+    alike = _alike(panel, opening, demand, demand.lines - transparent)
+    drawn = replace(alike, transparent=transparent, tracks=(*alike.tracks, *crossing))
+    if drawn.verdict is Verdict.FITS:
+        return drawn
+    asked = panel, demand.rules, demand.lines - transparent
+    cut = next((found for axis in AXES if (found := panel_cut(*asked, axis)) is not None), None)
+    if cut is not None:
+        return replace(drawn, failed=cut)
+    laid = panel_lines(*asked, "x"), panel_lines(*asked, "y")
+    if not all(each.paths for each in laid):
+        return drawn
+    broken = line_violations(panel, laid, demand.rules)
+    return Wiring(demand.lines, 0, (0, 0), transparent, laid, None, crossing, broken)
+
+
+def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> Wiring:
+    """Opaque wires that every pixel is drawn with, as many as can be."""
+    rules = demand.rules
+    in_gutter = min(wanted, _gutter_lines(panel.gutter_nm, rules))
     used = np.unique(panel.orientations % ORIENTATIONS)
     turned, mirrored = bool((used % 2 != used[0] % 2).any()), used.size > 1
-    needed = demand.lines - transparent - in_gutter
+    needed = wanted - in_gutter
     tracks: list[Track] = list(gutter_tracks(panel.pitch_nm, panel.gutter_nm, in_gutter, rules))
     through = dict.fromkeys(DIRECTIONS, 0)
     groups: list[tuple[Direction, ...]] = [DIRECTIONS] if turned else [(direction,) for direction in DIRECTIONS]
@@ -118,23 +146,8 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
             through[direction] = len(places)
             if places:
                 tracks.append(routed_track(grid, direction, places, panel.pitch_nm, rules))
-    if demand.transparent_nm:
-        tracks += transparent_tracks(panel.pitch_nm, demand.transparent_nm, demand.transmission)
-    along_x, proof_x = most_lines(opening, panel.dot_nm, panel.gutter_nm, rules, "horizontal")
-    along_y, proof_y = most_lines(opening, panel.dot_nm, panel.gutter_nm, rules, "vertical")
-    if turned:
-        # A pixel that is turned lays either of its nets along either axis.
-        along_x = along_y = min(along_x, along_y)
-        proof_x = proof_y = min((proof_x, proof_y), key=lambda proof: proof.numbers["lines"])
-    return Wiring(
-        demand.lines,
-        in_gutter,
-        (through["horizontal"], through["vertical"]),
-        transparent,
-        (along_x, along_y),
-        (proof_x, proof_y),
-        tuple(track for track in tracks if track.polygons),
-    )
+    both = through["horizontal"], through["vertical"]
+    return Wiring(demand.lines, in_gutter, both, 0, None, None, tuple(each for each in tracks if each.polygons))
 
 
 def _gutter_lines(gutter_nm: int, rules: WireRules) -> int:

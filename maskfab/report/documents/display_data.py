@@ -55,7 +55,9 @@ def display_document(found: Feasibility) -> Document:
             "in_gutter": found.wiring.in_gutter,
             "through": found.wiring.through,
             "transparent": found.wiring.transparent,
-            "bounds": found.wiring.bounds,
+            "laid": found.wiring.laid is not None,
+            "lines": found.wiring.lines,
+            "broken": [each.rule for each in found.wiring.broken],
         },
         "proofs": [_proof(certificate) for certificate in found.certificates],
         "bound_proof": None if footprint.certificate is None else _proof(footprint.certificate),
@@ -120,7 +122,9 @@ def display_schema() -> Document:
                         "in_gutter": integer,
                         "through": pair,
                         "transparent": integer,
-                        "bounds": pair,
+                        "laid": {"type": "boolean"},
+                        "lines": pair,
+                        "broken": {"type": "array", "items": text},
                     }
                 )
             ),

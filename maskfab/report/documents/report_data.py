@@ -25,7 +25,7 @@ from maskfab.report.documents.schema_terms import closed_object
 from maskfab.report.quantity_table import quantity_document
 from maskfab.units import NM_PER_UM
 
-SCHEMA_VERSION = 3
+SCHEMA_VERSION = 4
 
 Document = dict[str, Any]
 

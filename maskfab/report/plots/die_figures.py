@@ -343,8 +343,9 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
         tone = 0.25 + 0.75 * die.panel.open_ratio  # a panel seen from afar is grey; lifted so that it shows on chrome
         axes.add_artist(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_mix(tone), linewidth=0))
         _write_name(axes, die, die.name in failed, 2 * half)
+    marks = [item for item in plate.furniture if item.kind != "wires"]
     for written, edge in ((True, "none"), (False, "#6b737e")):
-        polygons = [p for item in plate.furniture if item.layer.written is written for p in item.polygons]
+        polygons = [p for item in marks if item.layer.written is written for p in item.polygons]
         fill = _CLEAR if written else "none"
         axes.add_artist(PathPatch(_path_mm(polygons), facecolor=fill, edgecolor=edge, linewidth=0.4))
     for item in plate.furniture:

@@ -5,7 +5,8 @@ Colours are those of Okabe and Ito, which colour-blind readers tell apart; every
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import math
+from collections.abc import Iterable, Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -18,11 +19,12 @@ from maskfab.display.emitters.measure import Violation
 from maskfab.display.emitters.placement import Certificate
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.wires.reach import Reach
+from maskfab.display.wires.wiring import Wiring
 from maskfab.eye.display_light import show
 from maskfab.eye.drawn_scenes import text
 from maskfab.geometry.polygonize import outline
 from maskfab.geometry.unit_cell import unit_shapes
-from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Polygon, orient
+from maskfab.model import BLACK, CLEAR, COLOURS, EMITTERS, GUTTER, VEIL, WIRES, Layer, Panel, Point, Polygon, orient
 from maskfab.optics.numbers.colour import code_of_light
 from maskfab.report.plots import png
 from maskfab.report.plots.sheet import INK, QUIET, image, img, place, styled
@@ -53,9 +55,8 @@ def pictures(panel: Panel, found: Feasibility) -> dict[str, str]:
     proof = None if found.emitters else found.footprint.certificate
     drawn = {"display_placement": placement(panel, proof, found.broken)}
     wires = found.wiring
-    if wires is not None and (wires.tracks or wires.failed is not None):
-        proofs = (*(() if wires.failed is None else (wires.failed,)), *found.stranded)
-        drawn["display_wires"] = wiring_picture(panel, proofs, found.reaches)
+    if wires is not None and (wires.tracks or wires.laid or wires.failed is not None):
+        drawn["display_wires"] = wiring_picture(panel, wires, found.stranded, found.reaches)
     if panel.emitters is not None:
         drawn["display_lit"] = lit(panel)
     return drawn
@@ -89,17 +90,19 @@ def placement(panel: Panel, certificate: Certificate | None = None, broken: Iter
     for each in broken:
         _dash(single, [_moved(polygon, 0, 0) for polygon in each.outlines])
     single.set_title("one pixel")
-    _draw(several, panel, _middle(panel, 4), (BLACK, GUTTER, CLEAR, *EMITTERS))
+    _draw(several, panel, panel.orientations[_middle(panel, 4)], (BLACK, GUTTER, CLEAR, *EMITTERS))
     several.set_title("pixels as they meet")
     words = "placement of the red, green and blue emitters around the opening"
     return image(figure, f"Opening {panel.opening.name}: {words if panel.emitters else 'no emitters fit'}")
 
 
 @styled
-def wiring_picture(panel: Panel, certificates: Iterable[Certificate] = (), reaches: Iterable[Reach] = ()) -> str:
+def wiring_picture(
+    panel: Panel, wires: Wiring, certificates: Iterable[Certificate] = (), reaches: Iterable[Reach] = ()
+) -> str:
     """The wires of one pixel and of a few, and the cuts that bound how many there can be, as an ``<img>``.
 
-    A thin white line is an emitter's way to the pixel's side.
+    A thin white line is an emitter's way to the pixel's side; a dashed one across pixels is what too few lines pass.
     """
     figure, (single, several) = _two()
     shown = (BLACK, GUTTER, *EMITTERS, CLEAR, VEIL, *WIRES)
@@ -113,9 +116,15 @@ def wiring_picture(panel: Panel, certificates: Iterable[Certificate] = (), reach
                 (along + 0.5) * panel.dot_nm * UM_PER_NM + panel.gutter_nm / 2 * UM_PER_NM for along in reach.path.T
             )
             single.plot(x, y, color="white", linewidth=0.8, marker=".", markersize=3, markevery=[0])
-    single.set_title("wires of one pixel" if panel.tracks else "where wires cannot pass")
-    _draw(several, panel, _middle(panel, 3), shown, faint=frozenset(EMITTERS))
-    several.set_title("pixels as they meet")
+    single.set_title("one pixel")
+    chain = () if wires.failed is None else wires.failed.chain_nm
+    rows, columns = _round(panel, chain) if chain else _middle(panel, 3 if wires.laid is None else 4)
+    _draw(several, panel, panel.orientations[rows, columns], shown, faint=frozenset(EMITTERS))
+    x0, y0 = columns.start * panel.pitch_nm, rows.start * panel.pitch_nm
+    for layer, laid in zip(WIRES, wires.laid or (), strict=False):
+        several.plot(*_trail(laid.paths, x0, y0), color=_FILL[layer], linewidth=0.8)
+    several.plot(*_trail((chain,), x0, y0), color=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
+    several.set_title("where too few lines pass" if chain else "pixels as they meet")
     return image(figure, f"Wires of opening {panel.opening.name}: orange lower metal, purple upper, yellow transparent")
 
 
@@ -127,11 +136,34 @@ def _two() -> tuple[Figure, tuple[Axes, Axes]]:
     )
 
 
-def _middle(panel: Panel, cells: int) -> NDArray[np.int8]:
+def _middle(panel: Panel, cells: int) -> tuple[slice, slice]:
+    """Rows and columns of the pixels in the panel's middle."""
     rows, columns = panel.orientations.shape
     high, wide = min(rows, cells), min(columns, cells)
     bottom, left = (rows - high) // 2, (columns - wide) // 2
-    return panel.orientations[bottom : bottom + high, left : left + wide]
+    return slice(bottom, bottom + high), slice(left, left + wide)
+
+
+def _round(panel: Panel, chain: Sequence[Point]) -> tuple[slice, slice]:
+    """Rows and columns of the pixels through which a chain goes, as many of each."""
+    most = max(panel.orientations.shape)
+    spans = [sorted((min(along), max(along))) for along in zip(*chain, strict=True)]
+    (left, right), (bottom, top) = ([end // panel.pitch_nm for end in span] for span in spans)
+    count = min(most, max(right - left, top - bottom) + 1)
+
+    def span(low: int, high: int, side: int) -> slice:
+        first = min(max(0, (low + high + 1 - count) // 2), max(0, side - count))
+        return slice(first, min(side, first + count))
+
+    rows, columns = panel.orientations.shape
+    return span(bottom, top, rows), span(left, right, columns)
+
+
+def _trail(paths: Iterable[Sequence[Point]], x0: int, y0: int) -> tuple[list[float], list[float]]:
+    """Paths as one line that breaks between them, micrometres from a place."""
+    broken = (math.nan, math.nan)
+    points = [point for path in paths for point in (*((x - x0, y - y0) for x, y in path), broken)]
+    return [x * UM_PER_NM for x, _ in points], [y * UM_PER_NM for _, y in points]
 
 
 def _draw(

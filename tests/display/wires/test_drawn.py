@@ -10,7 +10,6 @@ from klayout import db
 
 from maskfab.display.emitters.placement import Verdict
 from maskfab.display.wires.gutter import WireRules
-from maskfab.display.wires.routing import most_lines, routing_grids
 from maskfab.display.wires.wiring import WireDemand, wiring
 from maskfab.geometry.plate_layout import simple_polygon
 from maskfab.geometry.unit_cell import unit_shapes
@@ -79,9 +78,9 @@ def test_shipped_openings_in_random_tilings(name: str) -> None:
     opening = load_opening(OPENINGS / f"{name}.toml")
     bare = panel(opening, Tiling.RANDOM, dot_nm=opening.dot_nm)
     found = wiring(bare, opening, WireDemand(RULES, 4))
+    assert found.verdict is not Verdict.UNKNOWN
     if min(found.through):
         check_rules(wired_by(found, bare), RULES, found.through[0])
-    assert found.through[0] <= min(found.bounds) + 1
 
 
 def test_gutters_are_filled_first_and_keep_apart_from_lines_beside_them() -> None:
@@ -96,38 +95,16 @@ def test_a_slit_stops_every_line_across_it_and_that_is_proved() -> None:
     mask = np.zeros((9, 9), dtype=bool)
     mask[:, 4] = True
     opening = Opening("slit", mask, 8000)
-    upright, level = (most_lines(opening, 8000, 0, RULES, way)[0] for way in ("vertical", "horizontal"))
-    assert level == 0
-    assert upright >= 16
     found = wiring(panel(opening, Tiling.PERIODIC), opening, WireDemand(RULES, 1))
     assert found.verdict is Verdict.DOES_NOT_FIT
     assert found.failed is not None
-    assert found.failed.witness is not None
-    assert found.failed.witness.sum() == 9
-    assert found.through == (0, 1)
+    assert found.failed.numbers == {"lines": 0, "wanted": SIDE}
+    assert len({x for x, _ in found.failed.chain_nm}) == 2
+    assert found.lines == (0, 1)
     # A transparent wire crosses it.
     crossed = wiring(panel(opening, Tiling.PERIODIC), opening, WireDemand(RULES, 1, 8000, 0.9))
     assert crossed.verdict is Verdict.FITS
     assert {track.transmission for track in crossed.tracks} == {0.9}
-
-
-def test_nothing_drawn_exceeds_the_bound() -> None:
-    """On random openings, in both directions; the grid of nodes is one way to draw, the bound holds for all."""
-    rng = np.random.default_rng(2)
-    reached = []
-    for _ in range(60):
-        mask = rng.random((7, 7)) < rng.choice([0.05, 0.15, 0.3])
-        opening = Opening("o", mask, 8000)
-        grids = list(routing_grids(opening, 8000, 0, RULES))
-        for way in ("vertical", "horizontal"):
-            from maskfab.display.wires.ports import ports
-
-            bound, proof = most_lines(opening, 8000, 0, RULES, way)
-            count = max(ports(grid.free, [way], symmetric=False, most_tried=60).count for grid in grids)
-            assert count <= bound
-            assert proof.numbers["lines"] == bound
-            reached.append(bound - count)
-    assert min(reached) == 0
 
 
 def test_narrow_dots_are_no_obstacle() -> None:

@@ -1,0 +1,240 @@
+"""Proof that lines cannot cross a panel: a chain of openings from flank to flank that lets too few of them pass.
+
+Lines of one metal keep a line and a space apart in the Chebyshev sense, so that between two openings a gap d holds at
+most (d + space - 2 clearance) / (line + space) of them. Lines that keep to some pixels across all pass every chain of
+openings from one side of these to the other, wherever it runs (a cut of a single-layer routing: F. M. Maley,
+Single-Layer Wire Routing and Compaction, 1990).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise, product
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
+
+from maskfab.display.emitters.placement import Certificate, Proof
+from maskfab.display.wires.gutter import WireRules
+from maskfab.display.wires.panel_routing import Axis
+from maskfab.model import Panel, Point
+from maskfab.units import NM_PER_UM
+
+Ints = NDArray[np.int64]
+
+_BESIDE = ((0, 0), (0, 1), (1, 0), (1, 1), (1, -1))
+"""Rows and columns on to the cells in which a chain goes on; those before are met from the other end."""
+_TOUCHING = np.ones((3, 3), dtype=np.int8)
+
+
+def panel_cut(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Certificate | None:
+    """A chain of openings that too few lines pass; None if every chain lets enough of them through.
+
+    Args:
+        panel: openings, orientations and gutters.
+        rules: width, space and clearance.
+        count: lines along the axis for every pixel across, which keep within that pixel and the next to either side;
+            beyond the panel nothing is open.
+        axis: along which the lines run.
+    """
+    chains = _Chains.of(panel, rules, axis)
+    first, from_first = chains.ends_of_lines(count, -1)
+    last, to_last = chains.ends_of_lines(count, 1)
+    passing, chain = chains.cheapest(from_first, to_last)
+    if passing >= count * chains.pixels:
+        return None
+    begin, end = int(first[chain[0]]), int(last[chain[-1]])
+    # Lines of other pixels are let pass.
+    passing -= count * (begin + chains.pixels - 1 - end)
+    return _certificate(chains, rules, passing, count * (end - begin + 1), (begin, end), chain, axis)
+
+
+@dataclass(frozen=True, eq=False)
+class _Chains:
+    """Openings of a panel as lines along y see it, and what passes between them.
+
+    Attributes:
+        ends: int64 [n, 2] the least and the greatest coordinate across of every opening.
+        tops: int64 [n, 2] coordinates along the lines at these two.
+        tail, head: int64 [m] openings that are near each other.
+        passing: int64 [m] lines that pass between.
+        between: int64 [m, 4] across and along of the nearest corners, of the one and of the other.
+        pixels: across.
+        pitch_nm: of a pixel.
+        rules: width, space and clearance.
+    """
+
+    ends: Ints
+    tops: Ints
+    tail: Ints
+    head: Ints
+    passing: Ints
+    between: Ints
+    pixels: int
+    pitch_nm: int
+    rules: WireRules
+
+    @classmethod
+    def of(cls, panel: Panel, rules: WireRules, axis: Axis) -> _Chains:
+        cells = panel.orientations if axis == "y" else panel.orientations.T
+        patterns = {int(kind): panel.pattern(int(kind)) for kind in np.unique(cells)}
+        pieces = {kind: _pieces(each if axis == "y" else each.T, panel) for kind, each in patterns.items()}
+        rows, columns = cells.shape
+        sizes = np.array([[len(pieces[int(kind)]) for kind in row] for row in cells], dtype=np.int64)
+        first = (np.cumsum(sizes) - sizes.ravel()).reshape(sizes.shape)
+        pitch, dot = panel.pitch_nm, panel.dot_nm
+        near: dict[tuple[int, int, int, int], tuple[Ints, Ints]] = {}
+        tails, heads, gaps, places = [], [], [], []
+        ends, tops = np.empty((int(sizes.sum()), 2), dtype=np.int64), np.empty((int(sizes.sum()), 2), dtype=np.int64)
+        for row, column in product(range(rows), range(columns)):
+            kind, base = int(cells[row, column]), np.array([row, column]) * pitch
+            for number, piece in enumerate(pieces[kind]):
+                low, high = piece[piece[:, 1].argmin()], piece[piece[:, 1].argmax()]
+                ends[first[row, column] + number] = base[1] + low[1], base[1] + high[1] + dot
+                tops[first[row, column] + number] = base[0] + low[0], base[0] + high[0]
+            for up, right in _BESIDE:
+                if not (row + up < rows and 0 <= column + right < columns):
+                    continue
+                other = int(cells[row + up, column + right])
+                key = (kind, other, up, right)
+                if key not in near:
+                    near[key] = _near(pieces[kind], pieces[other], np.array([up, right]) * pitch, dot)
+                gap, place = near[key]
+                one, two = np.divmod(np.arange(gap.size), max(len(pieces[other]), 1))
+                tails.append(first[row, column] + one)
+                heads.append(first[row + up, column + right] + two)
+                gaps.append(gap)
+                places.append(place + np.tile(base[::-1], 2))
+        room = np.concatenate(gaps) + rules.space_nm - 2 * rules.clearance_nm
+        return cls(
+            ends,
+            tops,
+            np.concatenate(tails),
+            np.concatenate(heads),
+            np.maximum(room // (rules.line_nm + rules.space_nm), 0),
+            np.concatenate(places),
+            columns,
+            pitch,
+            rules,
+        )
+
+    def ends_of_lines(self, count: int, side: Literal[1, -1]) -> tuple[Ints, Ints]:
+        """For every opening, how many of all lines can pass on one side of it, and the pixel that says so.
+
+        Those of pixels farther to that side have room; of the pixel and those before it, as many as lie between the
+        opening and where the pixel's lines end.
+
+        Returns:
+            int64 [n] the pixel, and int64 [n] lines.
+        """
+        pixels = np.arange(self.pixels)
+        lane, spare = self.rules.line_nm + self.rules.space_nm, self.rules.space_nm - self.rules.clearance_nm
+        if side < 0:
+            room = self.ends[:, :1] - self.pitch_nm * (pixels - 1)
+            others = pixels
+        else:
+            room = self.pitch_nm * (pixels + 2) - self.ends[:, 1:]
+            others = self.pixels - 1 - pixels
+        lines = count * others + np.maximum((room + spare) // lane, 0)
+        best = lines.argmin(axis=1)
+        return best, lines[np.arange(best.size), best]
+
+    def cheapest(self, from_first: Ints, to_last: Ints) -> tuple[int, list[int]]:
+        """The chain of openings that fewest lines pass, from the first side to the last, and how many pass it.
+
+        Args:
+            from_first: int64 [n] lines that pass between the first side and every opening.
+            to_last: int64 [n] between it and the last side.
+        """
+        size = self.ends.shape[0]
+        every, start, stop = np.arange(size), size, size + 1
+        tail = np.concatenate((self.tail, np.full(size, start), every))
+        head = np.concatenate((self.head, every, np.full(size, stop)))
+        cost = np.concatenate((self.passing, from_first, to_last))
+        # One more than the cost for every link, so that of equal chains the shortest is taken.
+        links = size + 2
+        graph = _least(tail, head, cost * links + 1, links).tocsr()
+        distance, before = csgraph.dijkstra(graph, directed=False, indices=start, return_predecessors=True)
+        chain, at = [], int(before[stop])
+        while at != start:
+            chain.append(at)
+            at = int(before[at])
+        return int(distance[stop] // links), chain[::-1]
+
+    def corners(self, chain: list[int], low: int, high: int) -> tuple[Point, ...]:
+        """A line along a chain, across and along, from one coordinate across to another."""
+        points = [(low, int(self.tops[chain[0], 0])), (int(self.ends[chain[0], 0]), int(self.tops[chain[0], 0]))]
+        for one, other in pairwise(chain):
+            link = np.flatnonzero(
+                ((self.tail == one) & (self.head == other)) | ((self.tail == other) & (self.head == one))
+            )
+            best = link[self.passing[link].argmin()]
+            x0, y0, x1, y1 = self.between[best].tolist()
+            points += [(x0, y0), (x1, y1)] if self.tail[best] == one else [(x1, y1), (x0, y0)]
+        last = chain[-1]
+        return (
+            *points,
+            (int(self.ends[last, 1]), int(self.tops[last, 1])),
+            (high, int(self.tops[last, 1])),
+        )
+
+
+def _least(tail: Ints, head: Ints, cost: Ints, size: int) -> sparse.coo_matrix:
+    """A graph of the cheapest of all links between two places."""
+    low, high = np.minimum(tail, head), np.maximum(tail, head)
+    order = np.lexsort((cost, high, low))
+    low, high, cost = low[order], high[order], cost[order]
+    first = np.concatenate(([True], (np.diff(low) != 0) | (np.diff(high) != 0)))
+    return sparse.coo_matrix((cost[first], (low[first], high[first])), shape=(size, size))
+
+
+def _pieces(upright: NDArray[np.bool_], panel: Panel) -> list[Ints]:
+    """Openings of a cell, each as the lower left corners of its rim's dots, along and across, from the cell's own."""
+    labels, count = ndimage.label(upright, structure=_TOUCHING)
+    padded = np.pad(upright, 1)
+    inner = padded[:-2, 1:-1] & padded[2:, 1:-1] & padded[1:-1, :-2] & padded[1:-1, 2:]
+    rim = np.where(inner, 0, labels)
+    return [np.argwhere(rim == number) * panel.dot_nm + panel.gutter_nm // 2 for number in range(1, int(count) + 1)]
+
+
+def _near(ones: list[Ints], others: list[Ints], step: Ints, dot: int) -> tuple[Ints, Ints]:
+    """Gaps between all openings of a cell and all of another, and the dots between which they are.
+
+    Returns:
+        int64 [pairs] and [pairs, 4], across and along of the two dots.
+    """
+    gaps, places = [], []
+    for one, other in product(ones, others):
+        there = other + step
+        apart = np.abs(one[:, None] - there).max(axis=2)
+        i, j = np.unravel_index(int(apart.argmin()), apart.shape)
+        gaps.append(max(int(apart[i, j]) - dot, 0))
+        places.append((one[i, 1], one[i, 0], there[j, 1], there[j, 0]))
+    return np.array(gaps, dtype=np.int64), np.array(places, dtype=np.int64).reshape(-1, 4) + dot // 2
+
+
+def _certificate(
+    chains: _Chains,
+    rules: WireRules,
+    passing: int,
+    wanted: int,
+    pixels: tuple[int, int],
+    chain: list[int],
+    axis: Axis,
+) -> Certificate:
+    kind = "columns" if axis == "y" else "rows"
+    first, last = pixels
+    own = f"{kind} {first + 1} to {last + 1}" if last > first else f"{kind[:-1]} {first + 1}"
+    low, high = first - 1, last + 2
+    statement = (
+        f"the {wanted} lines along {axis} of {own} keep within a pixel of {'these' if last > first else 'it'}, and no "
+        f"more than {passing} of {rules.line_nm / NM_PER_UM:g} um, {rules.space_nm / NM_PER_UM:g} um apart and "
+        f"{rules.clearance_nm / NM_PER_UM:g} um from openings, pass a chain of {len(chain)} openings across"
+    )
+    points = chains.corners(chain, low * chains.pitch_nm, high * chains.pitch_nm)
+    along = points if axis == "y" else tuple((y, x) for x, y in points)
+    numbers = {"lines": float(passing), "wanted": float(wanted)}
+    return Certificate(Proof.FLOW, statement, numbers, chain_nm=along)

@@ -1,0 +1,316 @@
+r"""Lines across a whole panel, each within a pixel of its own: drawn through its cells as they lie, or not at all.
+
+The middle of a line keeps half a line and the clearance from every opening, a line and a space from the next line, in
+the Chebyshev sense. Lines of one metal do not cross, so they keep their order, and one that lies as far to one side as
+it can leaves the others all the room that there is: from the last line to the first, each is laid as far to the last
+side as openings, its pixels and the line after it allow (F. M. Maley, Single-Layer Wire Routing and Compaction, 1990).
+If all are found, each is then laid as straight as it goes between the line before and that utmost.
+
+Lines run on from row to row and never turn back. Across, they may lie at any nanometre; along, the panel is cut into
+slabs at every edge that matters and no thicker than a third of a lane, within which a line is straight.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse import csgraph
+
+from maskfab.display.wires.gutter import WireRules
+from maskfab.model import Panel, Point
+
+Ints = NDArray[np.int64]
+Axis = Literal["x", "y"]
+AXES: tuple[Axis, Axis] = ("x", "y")
+
+_SLABS_PER_LANE = 3
+
+
+@dataclass(frozen=True, eq=False)
+class PanelLines:
+    """Lines of one metal across a panel.
+
+    Attributes:
+        axis: along which they run.
+        paths: the middles of the lines in order, corner by corner from border to border, nanometres from the panel's
+            lower left corner; none if not all of them were found.
+    """
+
+    axis: Axis
+    paths: tuple[tuple[Point, ...], ...]
+
+    def polygons(self, width_nm: int) -> list[db.Polygon]:
+        """Outlines of the lines."""
+        return [db.Path([db.Point(*corner) for corner in path], width_nm).polygon() for path in self.paths]
+
+
+def panel_lines(panel: Panel, rules: WireRules, count: int, axis: Axis) -> PanelLines:
+    """``count`` lines along an axis for every pixel across, through the panel's own cells.
+
+    A line's metal stays within its own pixel and the next to either side; beyond the panel nothing is open.
+
+    Args:
+        panel: openings, orientations and gutters.
+        rules: width, space and clearance.
+        count: of lines for each pixel.
+        axis: along which they run.
+    """
+    field = _Field.of(panel, rules, axis)
+    utmost: list[Ints] = []
+    limit: Ints | None = None
+    for pixel in reversed(range(field.pixels)):
+        column = field.column(pixel)
+        for _ in range(count):
+            found = column.between(None, limit)
+            if found is None:
+                return PanelLines(axis, ())
+            utmost.append(found.last)
+            limit = field.beside(found.last, -1)
+    utmost.reverse()
+    paths = []
+    before: Ints | None = None
+    for pixel in range(field.pixels):
+        column = field.column(pixel)
+        for own in range(count):
+            found = column.between(before, utmost[pixel * count + own])
+            assert found is not None, "the utmost is a way itself"
+            across = found.straight(field.pitch_nm * pixel + field.pitch_nm * (2 * own + 1) // (2 * count))
+            paths.append(_corners(across, field.cuts, axis))
+            before = field.beside(across, 1)
+    return PanelLines(axis, tuple(paths))
+
+
+@dataclass(frozen=True, eq=False)
+class _Runs:
+    """Free stretches across a panel, slab by slab and in order across.
+
+    Attributes:
+        slab: int64 [n], ascending.
+        low, high: int64 [n] where the middle of a line may lie, both included.
+    """
+
+    slab: Ints
+    low: Ints
+    high: Ints
+
+    def kept(self, where: NDArray[np.bool_]) -> _Runs:
+        return _Runs(self.slab[where], self.low[where], self.high[where])
+
+
+@dataclass(frozen=True, eq=False)
+class _Passage:
+    """The free stretches that a line from end to end can use, all of them.
+
+    Attributes:
+        free: the stretches that openings leave.
+        runs: what limits leave of each.
+        slabs: how many slabs there are.
+    """
+
+    free: _Runs
+    runs: _Runs
+    slabs: int
+
+    @property
+    def last(self) -> Ints:
+        """Per slab, the farthest that a line can lie; int64 [slabs]."""
+        ends = np.searchsorted(self.runs.slab, np.arange(self.slabs), side="right") - 1
+        return self.runs.high[ends]
+
+    def straight(self, wished: int) -> Ints:
+        """Per slab, where a line lies that is near a place, and moves only where it must; int64 [slabs]."""
+        low, high = self.runs.low.tolist(), self.runs.high.tolist()
+        left, right = self.free.low.tolist(), self.free.high.tolist()
+        starts = np.searchsorted(self.runs.slab, np.arange(self.slabs + 1)).tolist()
+        across = np.empty(self.slabs, dtype=np.int64)
+
+        def away(run: int) -> int:
+            return int(max(low[run] - wished, wished - high[run]))
+
+        at = min(range(starts[1]), key=away)
+        least, most, since, came = low[at], high[at], 0, 0
+        for here in range(1, self.slabs):
+            onward = [
+                run
+                for run in range(starts[here], starts[here + 1])
+                if right[run] >= left[at] and left[run] <= right[at]
+            ]
+            ahead = [run for run in onward if high[run] >= least and low[run] <= most]
+            if ahead:
+                at = min(ahead, key=away)
+                least, most = max(least, low[at]), min(most, high[at])
+                continue
+            at = min(onward, key=lambda run: max(low[run] - most, least - high[run]))
+            goes = 1 if low[at] > most else -1
+            # A line that came from where it goes back to went no farther than it had to.
+            place = min(max(wished, least), most) if came in (0, goes) else most if goes > 0 else least
+            across[since:here] = place
+            least, most, since, came = low[at], high[at], here, goes
+        across[since:] = min(max(wished, least), most)
+        return across
+
+
+@dataclass(frozen=True, eq=False)
+class _Column:
+    """The part of a panel in which the lines of one pixel across may lie.
+
+    Attributes:
+        free: stretches that openings leave.
+        slabs: how many slabs there are.
+        steps: int64 [2, m] pairs of stretches, in neighbouring slabs, that meet: where one slab ends and the next
+            begins, a line may lie where either lets it.
+    """
+
+    free: _Runs
+    slabs: int
+    steps: Ints
+
+    def between(self, first: Ints | None, last: Ints | None) -> _Passage | None:
+        """Passage between two limits, int64 [slabs] both included; None if there is none.
+
+        Args:
+            first: least place in every slab; None for no limit.
+            last: greatest place likewise.
+        """
+        free = self.free
+        low = free.low if first is None else np.maximum(free.low, first[free.slab])
+        high = free.high if last is None else np.minimum(free.high, last[free.slab])
+        used = self._used(low <= high)
+        return None if used is None else _Passage(free.kept(used), _Runs(free.slab, low, high).kept(used), self.slabs)
+
+    def _used(self, left: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
+        """Which stretches, of those that are left, lie on a way from the first slab to the last; None without a way."""
+        count = left.size
+        tails, heads = self.steps[:, left[self.steps[0]] & left[self.steps[1]]]
+        begin, end = count, count + 1
+        firsts = np.flatnonzero(left & (self.free.slab == 0))
+        lasts = np.flatnonzero(left & (self.free.slab == self.slabs - 1))
+        tail = np.concatenate((tails, lasts, np.full(firsts.size, begin)))
+        head = np.concatenate((heads, np.full(lasts.size, end), firsts))
+        graph = sparse.csr_matrix((np.ones(tail.size, dtype=np.int8), (tail, head)), shape=(count + 2, count + 2))
+        used = np.ones(count + 2, dtype=np.bool_)
+        for way, start in ((graph, begin), (graph.T.tocsr(), end)):
+            reached = np.zeros(count + 2, dtype=np.bool_)
+            reached[csgraph.breadth_first_order(way, start, return_predecessors=False)] = True
+            used &= reached
+        return used[:count] if used[begin] else None
+
+
+def _steps(runs: _Runs) -> Ints:
+    """Pairs of stretches in neighbouring slabs that meet, int64 [2, m]."""
+    least = runs.low.min(initial=0)
+    step = int(runs.high.max(initial=0) - least) + 1
+    low, high = (runs.slab * step + across - least for across in (runs.low, runs.high))
+    # Those that a stretch meets stand in a row.
+    begin = np.searchsorted(high, low + step, side="left")
+    end = np.searchsorted(low, high + step, side="right")
+    many = np.maximum(end - begin, 0)
+    heads = np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum())
+    return np.stack((np.repeat(np.arange(many.size), many), heads))
+
+
+@dataclass(frozen=True, eq=False)
+class _Field:
+    """A panel as lines along one axis see it: slabs across them, and in each where their middle may lie.
+
+    Attributes:
+        runs: of the whole panel.
+        cuts: int64 [slabs + 1] where slabs begin and end along the lines.
+        pixels: across.
+        pitch_nm: of a pixel.
+        rules: width, space and clearance.
+    """
+
+    runs: _Runs
+    cuts: Ints
+    pixels: int
+    pitch_nm: int
+    rules: WireRules
+
+    @classmethod
+    def of(cls, panel: Panel, rules: WireRules, axis: Axis) -> _Field:
+        clear = _clear_dots(panel)
+        upright = clear if axis == "y" else clear.T
+        along, across = (_dot_edges(panel, side) for side in upright.shape)
+        ends_nm = [side // panel.opening.dots * panel.pitch_nm for side in upright.shape]
+        reach = rules.line_nm // 2 + rules.clearance_nm
+        cuts = _cuts(along, panel.dot_nm, ends_nm[0], reach, rules.line_nm + rules.space_nm)
+        # The dots whose reach a slab lies in.
+        first = np.searchsorted(along + panel.dot_nm + reach, cuts[:-1], side="right")
+        last = np.searchsorted(along - reach, cuts[1:], side="left")
+        sums = np.zeros((along.size + 1, across.size), dtype=np.int32)
+        np.cumsum(upright, axis=0, out=sums[1:])
+        shut = np.zeros((cuts.size - 1, across.size + 2), dtype=np.bool_)
+        shut[:, 1:-1] = sums[np.maximum(last, first)] > sums[first]
+        # A pixel beyond the panel the first and the last stretch end, as at openings.
+        least, most = -panel.pitch_nm, ends_nm[1] + panel.pitch_nm
+        shut[:, 0] = shut[:, -1] = True
+        begins = np.concatenate(([least], across - reach, [most]))
+        ends = np.concatenate(([least], across + panel.dot_nm + reach, [most]))
+        slab, dot = np.nonzero(shut)
+        same = slab[:-1] == slab[1:]
+        low, high = ends[dot[:-1]], begins[dot[1:]]
+        kept = same & (low <= high)
+        runs = _Runs(slab[:-1][kept].astype(np.int64), low[kept], high[kept])
+        return cls(runs, cuts, ends_nm[1] // panel.pitch_nm, panel.pitch_nm, rules)
+
+    def column(self, pixel: int) -> _Column:
+        """Where the lines of a pixel across may lie."""
+        half = self.rules.line_nm // 2
+        low = np.maximum(self.runs.low, (pixel - 1) * self.pitch_nm + half)
+        high = np.minimum(self.runs.high, (pixel + 2) * self.pitch_nm - half)
+        free = _Runs(self.runs.slab, low, high).kept(low <= high)
+        return _Column(free, self.cuts.size - 1, _steps(free))
+
+    def beside(self, across: Ints, side: Literal[1, -1]) -> Ints:
+        """How near the next line on a side may come to a line, slab by slab."""
+        lane = self.rules.line_nm + self.rules.space_nm
+        held = np.append(side * across, np.iinfo(np.int64).min)
+        nearest = np.asarray(np.maximum.reduceat(held, self._near)[::2], dtype=np.int64)
+        return side * (nearest + lane)
+
+    @cached_property
+    def _near(self) -> Ints:
+        """The slabs less than a lane away from every slab, the first and the one after the last in turn."""
+        lane = self.rules.line_nm + self.rules.space_nm
+        first = np.searchsorted(self.cuts[1:], self.cuts[:-1] - lane, side="right")
+        after = np.searchsorted(self.cuts[:-1], self.cuts[1:] + lane, side="left")
+        return np.stack((first, after), axis=1).ravel()
+
+
+def _clear_dots(panel: Panel) -> NDArray[np.bool_]:
+    """Every dot of a panel, bool, lowest row first."""
+    rows, columns = panel.orientations.shape
+    cells = panel.patterns[panel.orientations]
+    return np.ascontiguousarray(cells.transpose(0, 2, 1, 3)).reshape(rows * cells.shape[2], columns * cells.shape[3])
+
+
+def _dot_edges(panel: Panel, count: int) -> Ints:
+    """Lower edges of dots along a side of a panel."""
+    cell, dot = np.divmod(np.arange(count, dtype=np.int64), panel.opening.dots)
+    return np.asarray(cell * panel.pitch_nm + panel.gutter_nm // 2 + dot * panel.dot_nm)
+
+
+def _cuts(edges: Ints, dot_nm: int, end: int, reach: int, lane: int) -> Ints:
+    """Where slabs begin and end; twice where one dot's reach ends as another's begins, for a line may pass there."""
+    begins, ends = edges - reach, edges + dot_nm + reach
+    steps = np.arange(0, end, max(1, lane // _SLABS_PER_LANE), dtype=np.int64)
+    every = np.unique(np.concatenate((begins, ends, steps, [0, end])))
+    both = np.sort(np.concatenate((every, np.intersect1d(begins, ends))))
+    return np.asarray(both[(both >= 0) & (both <= end)])
+
+
+def _corners(across: Ints, cuts: Ints, axis: Axis) -> tuple[Point, ...]:
+    """The middle of a line, corner by corner."""
+    moved = np.flatnonzero(np.diff(across)) + 1
+    x = np.repeat(across[np.concatenate(([0], moved))], 2)
+    y = np.concatenate((cuts[:1], np.repeat(cuts[moved], 2), cuts[-1:]))
+    apart = np.concatenate(([True], (np.diff(x) != 0) | (np.diff(y) != 0)))
+    along, to = y[apart].tolist(), x[apart].tolist()
+    return tuple(zip(to, along, strict=True)) if axis == "y" else tuple(zip(along, to, strict=True))
