@@ -1050,6 +1050,13 @@ _ENTRIES = (
         "Photographs of the report",
         "Numbers of photographs that report.json of an earlier version predicts by a model.",
     ),
+    Entry(
+        "report_wires",
+        "",
+        "",
+        "Wires of the report",
+        "What report.json of an earlier version says of wires that were drawn alike in every pixel.",
+    ),
     Entry("reported", "", "", "Reported value", "A value of report.json against the one measured now.", _REPORT),
     Entry(
         "reported_differences",
