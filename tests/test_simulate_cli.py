@@ -146,6 +146,7 @@ def test_bad_requests_are_refused_before_any_photograph(capsys: pytest.CaptureFi
         (["--protocol", "f1", "--light", "linear"], "MF105"),
         (["--light", "blue"], "MF105"),
         (["--white", "2"], "MF105"),
+        (["--white", "1"], "MF105"),
         (["--whole"], "MF105"),
         (["--restore", "magic"], "MF105"),
         (["--protocol", "paper", "--restore", "wiener"], "MF105"),

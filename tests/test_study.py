@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from scipy import stats
 
 import maskfab as mf
+from maskfab.camera import photographs as scenes
 from maskfab.camera.design import SceneLight
 from maskfab.camera.intervals import MeanDifference
 from maskfab.camera.restorers.wiener import Margin, Wiener
@@ -211,9 +212,9 @@ def test_photographs_without_highlights_do_not_serve_a_study_of_brackets(tmp_pat
     case = '[[study.case]]\nname = "two"\nbrackets = [1, 16]'
     job.write_text(JOB.replace('protocols = ["f1"]', 'protocols = ["camera"]') + case)
     with pytest.raises(JobError, match="MF146"):
-        planned(load_job(job), photographs)
+        planned(load_job(job), scenes.folder(photographs))
     job.write_text(job.read_text().replace("scenes = 0", "scenes = 1"))
-    plan = planned(load_job(job), photographs)
+    plan = planned(load_job(job), scenes.folder(photographs))
     assert plan.photographs == ()
     assert plan.skipped == tuple(f"{seed} without highlights" for seed in range(2))
     assert plan.settings[0].protocol.brackets == (1, 16)
@@ -282,7 +283,8 @@ def test_bad_studies_are_refused_before_any_work(tmp_path, monkeypatch, capsys, 
 def test_a_study_without_scenes_or_photographs_that_are_there_is_refused(tmp_path, capsys):
     job = tmp_path / "own.toml"
     job.write_text(JOB)
-    for more, code in (([], "MF146"), (["--images", str(tmp_path / "nowhere")], "MF301")):
+    nowhere = ["--images", str(tmp_path / "nowhere")]
+    for more, code in (([], "MF146"), (nowhere, "MF301"), (["--white", "1"], "MF105")):
         assert run_command_line(["study", str(job), "-o", str(tmp_path / "out"), "--quiet", *more]) == 2
         assert code in capsys.readouterr().err
 

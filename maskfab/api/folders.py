@@ -8,12 +8,12 @@ from maskfab.camera.photographs import Folder, folder
 from maskfab.errors import JobError
 
 
-def given_folder(images: str | Path | None, white: float, *, whole: bool = False) -> Folder | None:
+def given_folder(images: str | Path | None, white: float | None, *, whole: bool = False) -> Folder | None:
     """The photographs of a folder; None where none is named, and scenes are drawn.
 
     Args:
         images: the folder.
-        white: light that is white in photographs that hold light, EXR and HDR.
+        white: light that is white in photographs that hold light, EXR and HDR; None where nobody states it.
         whole: take whole photographs rather than their middle.
 
     Raises:
@@ -23,7 +23,7 @@ def given_folder(images: str | Path | None, white: float, *, whole: bool = False
     """
     if images is not None:
         return folder(Path(images), white, whole=whole)
-    if white != 1.0:
+    if white is not None:
         raise JobError(
             "MF105",
             f"light of {white:g} is stated as white, and the drawn scenes have a white of their own",

@@ -213,15 +213,18 @@ class OverField:
     @property
     def told(self) -> tuple[str, ...]:
         """Sentences on how the point spread errs, once a scene was blurred."""
-        sentences = []
-        for change in self._kept.values():
+        sizes: dict[str, list[str]] = {}
+        for (rows, columns), change in self._kept.items():
             count = change.nodes.y_um.size
             places = "that of the axis" if count == 1 else f"of {count} x {count} places and linear in between"
-            sentences.append(
+            sentence = (
                 f"over the field the point spread is {places}: it errs by {change.error:.1g} of its norm at most where "
                 f"that was measured, and the accuracy asked for is {self.plan.accuracy:g}"
             )
-        return tuple(dict.fromkeys(sentences))
+            sizes.setdefault(sentence, []).append(f"{columns} x {rows}")
+        if len(sizes) == 1:
+            return tuple(sizes)
+        return tuple(f"in scenes of {', '.join(each)} pixels {sentence}" for sentence, each in sizes.items())
 
     def change(self, shape: tuple[int, int]) -> FieldChange:
         """Over pictures of that shape; kept for the scenes that follow.

@@ -94,7 +94,7 @@ def scene(
     number: int | None = None,
     *,
     coded: bool = True,
-    white: float = 1.0,
+    white: float | None = None,
     whole: bool = False,
 ) -> Photograph:
     """Cut a picture [rows, columns] or [rows, columns, 1 or 3] to a scene.
@@ -104,11 +104,12 @@ def scene(
         values: code values within 0 to 1, or light.
         number: seeds the noise; None takes it from the name.
         coded: whether they are code values.
-        white: light that is white; more of it is a highlight.
+        white: light that is white, more of which is a highlight; None where nobody states it, and 1 is white.
         whole: keep all of it but for multiples of 64.
 
     Raises:
-        JobError: MF121 if it is too small, not within 0 to 1, or negative or not finite light.
+        JobError: MF121 if it is too small, not within 0 to 1, or negative, not finite, or unstated
+            light above white.
     """
     picture = np.asarray(values, dtype=np.float32)
     picture = picture[:, :, None] if picture.ndim == 2 else picture
@@ -130,7 +131,7 @@ def scene(
     around = MARGIN if min(rows, columns) >= WIDE else NARROW
     if coded:
         return Photograph(name, number, planes, around=around)
-    planes = planes / np.float32(white)
+    planes = planes if white is None else planes / np.float32(white)
     return Photograph(name, number, code_of_light(planes), planes, around)
 
 
@@ -143,8 +144,8 @@ def _middle(shape: tuple[int, ...], *, whole: bool = False) -> tuple[slice, slic
     return slice(top, top + sides[0]), slice(left, left + sides[1])
 
 
-def _require_light(name: str, picture: Singles, *, coded: bool, white: float) -> None:
-    if not (np.isfinite(white) and white > 0):
+def _require_light(name: str, picture: Singles, *, coded: bool, white: float | None) -> None:
+    if white is not None and not (np.isfinite(white) and white > 0):
         raise JobError("MF121", f"light of {white:g} is not white", where=name, cure="Give a number above 0")
     low, high = (float(picture.min()), float(picture.max())) if np.isfinite(picture).all() else (np.nan, np.nan)
     if coded and not (low >= 0 and high <= 1):
@@ -158,21 +159,22 @@ def _require_light(name: str, picture: Singles, *, coded: bool, white: float) ->
             where=name,
             cure="Replace NaN, infinite and negative values by light of 0 or more",
         )
-    if high > white and white == 1.0 and not coded:
+    if high > 1 and white is None and not coded:
         raise JobError(
             "MF121",
             f"the picture holds light up to {high:.4g}, above white",
             where=name,
-            cure=f"State the light that is white, such as --white {high:.3g}",
+            cure=f"State the light that is white with --white: {high:.4g} if nothing is brighter than white; less, if "
+            "there are highlights, which brackets need",
         )
 
 
-def folder(path: str | Path, white: float = 1.0, *, whole: bool = False) -> Folder:
+def folder(path: str | Path, white: float | None = None, *, whole: bool = False) -> Folder:
     """Every photograph of a folder, by name.
 
     Args:
         path: of the folder.
-        white: light that is white in pictures of light.
+        white: light that is white in pictures of light, as for :func:`scene`.
         whole: take whole pictures rather than their middle.
 
     Raises:
@@ -204,7 +206,7 @@ def folder(path: str | Path, white: float = 1.0, *, whole: bool = False) -> Fold
     return Folder(tuple(found), skipped)
 
 
-def _of_file(file: Path, white: float, *, whole: bool) -> Photograph:
+def _of_file(file: Path, white: float | None, *, whole: bool) -> Photograph:
     picture = read_picture(file)
     values = picture.values
     if values.shape[2] in (2, 4):

@@ -6,7 +6,6 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from pathlib import Path
 from typing import Any, TypeAlias
 
 import numpy as np
@@ -15,7 +14,7 @@ from numpy.typing import NDArray
 from maskfab.camera import surroundings
 from maskfab.camera.design import Design, RestoredBy
 from maskfab.camera.intervals import MeanDifference
-from maskfab.camera.photographs import Folder, Photograph, folder
+from maskfab.camera.photographs import Folder, Photograph
 from maskfab.camera.protocol import AUTO, Protocol, evaluate
 from maskfab.camera.restorers.restorer import Restorer
 from maskfab.camera.scenes import drawn
@@ -180,21 +179,18 @@ class Study:
         }
 
 
-def planned(
-    job: Job, images: str | Path | None = None, white: float = 1.0, learned: Callable[[Setting], Learned] | None = None
-) -> Plan:
+def planned(job: Job, given: Folder | None = None, learned: Callable[[Setting], Learned] | None = None) -> Plan:
     """Check all of a study before any work: its dies, cases, protocols, claims and photographs.
 
     Args:
         job: with [study].
-        images: folder of photographs.
-        white: light that is white in photographs that hold light.
+        given: photographs, beside the drawn scenes.
         learned: finds restorers that were trained behind dies, by their names.
 
     Raises:
         JobError: MF146 without [study], or for one that shows nothing or has no scenes; MF145 for a claim about what
-            the study does not have; else as for a job, for :meth:`maskfab.measurement.conditions.Conditions.of` and
-            for :func:`maskfab.camera.photographs.folder`.
+            the study does not have; else as for a job and for
+            :meth:`maskfab.measurement.conditions.Conditions.of`.
     """
     study, where = job.spec.study, job.where
     if study is None:
@@ -202,7 +198,6 @@ def planned(
     if not (study.optics or study.protocols):
         what = "the study shows neither optics nor photographs"
         raise JobError("MF146", what, where=f"{where}: study", cure='Add optics = true, or protocols = ["camera"]')
-    given = None if images is None or not study.protocols else folder(Path(images), white)
     cases = study.case or (CaseSection(name=OWN_SCENE),)
     jobs = {case.name: _in_case(job, case, i) for i, case in enumerate(cases)}
     if len(jobs) < len(cases):
@@ -227,7 +222,7 @@ def planned(
         raise JobError("MF146", what, where=f"{where}: study.protocols", cure='Use protocols = ["camera"]')
     if learned is not None:
         settings = [replace(setting, learned=learned(setting)) for setting in settings]
-    photographs, skipped = _serving(given, settings)
+    photographs, skipped = _serving(given if study.protocols else None, settings)
     if settings and not (photographs or study.scenes):
         what = "the study has no scenes: no photographs that serve it, and study.scenes = 0"
         raise JobError("MF146", what, where=f"{where}: study.scenes", cure="Add --images FOLDER, or draw some scenes")

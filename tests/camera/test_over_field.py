@@ -111,6 +111,23 @@ def test_an_accuracy_that_the_axis_meets_takes_no_other_place(seen, dies, points
     np.testing.assert_array_equal(die.blurred(points[0]), seen.blurred(points[0]))
 
 
+def test_scenes_of_several_sizes_are_told_apart_and_what_is_the_same_is_told_once(dies):
+    def change(error):
+        return FieldChange(
+            FieldNodes(np.zeros(1), np.zeros(1), SHAPE, 2.0), *2 * (np.zeros((0, 1, 1), np.float32),), error
+        )
+
+    die = replace(dies[1e-1])
+    die._kept.update({SHAPE: change(0.01), (64, 128): change(0.012)})
+    (told,) = die.told
+    assert "pixels" not in told
+    die._kept[1024, 1536] = change(0.05)
+    few, large = die.told
+    assert few == f"in scenes of {SHAPE[1]} x {SHAPE[0]}, 128 x 64 pixels {told}"
+    assert large.startswith("in scenes of 1536 x 1024 pixels over the field")
+    assert "0.05" in large
+
+
 def test_an_even_scene_stays_even(dies):
     scene = SceneLight(np.full((3, *SHAPE), 0.5, dtype=np.float32), MARGIN)
     change = dies[2e-2].change(SHAPE)

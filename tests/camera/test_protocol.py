@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 
 import numpy as np
 import pytest
@@ -117,6 +118,31 @@ def test_light_that_no_white_is_stated_for_is_refused(tmp_path, most, least):
         (found,) = folder(tmp_path, white=1.5).photographs
         assert found.light.max() == pytest.approx(2.0, rel=1e-3)
         assert found.values.max() == pytest.approx(1, abs=1e-6)
+
+
+def test_a_white_of_one_is_stated_and_leaves_highlights_that_brackets_take(tmp_path):
+    light = leaves_light()
+    light[0, 5, 5] = 40
+    write_exr(light, tmp_path / "a.exr", {})
+    (found,) = folder(tmp_path, white=1.0).photographs
+    np.testing.assert_allclose(found.light, light[:, ::-1], rtol=1e-3, atol=1e-6)
+    Protocol("camera", brackets=(1, 16)).check(found)
+
+
+def test_the_cure_for_light_above_white_serves_with_highlights_and_without(tmp_path):
+    light = leaves_light()
+    light[0, 5, 5] = 40
+    write_exr(light, tmp_path / "a.exr", {})
+    with pytest.raises(JobError) as refused:
+        folder(tmp_path)
+    cure = str(refused.value.cure)
+    most = float(re.search(r"--white: ([\d.]+) if nothing is brighter than white; less, if", cure)[1])
+    brackets = Protocol("camera", brackets=(1, 16))
+    (even,) = folder(tmp_path, white=most).photographs
+    (lit,) = folder(tmp_path, white=most / 2).photographs
+    with pytest.raises(JobError, match="MF143"):
+        brackets.check(even)
+    brackets.check(lit)
 
 
 def test_a_transparent_picture_is_refused(tmp_path):

@@ -12,7 +12,7 @@ import scipy.fft
 from maskfab.api.verbs.photographs import simulate
 from maskfab.camera.design import Isoplanatic, RestoredBy
 from maskfab.camera.learning.lessons import mirrored
-from maskfab.camera.photographs import Photograph, scene
+from maskfab.camera.photographs import Photograph, folder, scene
 from maskfab.camera.protocol import F1, SensorScene
 from maskfab.camera.restorers.wiener import Margin
 from maskfab.camera.shots import Crop
@@ -148,7 +148,7 @@ def test_brackets_of_a_small_photograph_are_taken_and_tell_what_comes_from_beyon
     assert "the scene lamps has 576 x 512 pixels, 128 of them round the sensor" in sentence
     assert sentence in str(found)
     assert found.shown["TOLED"][0].picture.shape == (3, 160, 200)
-    study = made(planned(load_job(job), highlights, 1.5))
+    study = made(planned(load_job(job), folder(highlights, 1.5)))
     ((take, (same,)),) = study.scores.items()
     assert same.psnr == score.psnr
     assert study.left_out["camera", "merged", "TOLED"] == (sentence,)

@@ -67,7 +67,7 @@ def learn(
     out: str | Path,
     die: str | None = None,
     images: str | Path | None = None,
-    white: float = 1.0,
+    white: float | None = None,
     levels: Sequence[float] | None = None,
     minutes: float = 15.0,
     seed: int = 0,
@@ -83,7 +83,8 @@ def learn(
         out: file of the checkpoint. If it exists, its training goes on.
         die: by name; of a job with one die, that.
         images: folder of photographs to learn from, besides drawn scenes.
-        white: light that is white in photographs that hold light, EXR and HDR.
+        white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
+            than 1.
         levels: signal-to-noise ratios of white behind the published display, dB; by default those of the job.
         minutes: that are trained.
         seed: of weights, scenes and noise.

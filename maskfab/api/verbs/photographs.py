@@ -123,7 +123,7 @@ def simulate(
     die: str | Sequence[str] | None = None,
     reference: str | None = None,
     images: str | Path | None = None,
-    white: float = 1.0,
+    white: float | None = None,
     whole: bool = False,
     protocol: ProtocolName = "camera",
     light: Light | None = None,
@@ -142,7 +142,8 @@ def simulate(
         die: one or several; by default all that can be judged.
         reference: die to compare with; by default the first.
         images: folder of photographs; synthetic scenes if None.
-        white: light that is white in photographs that hold light, EXR and HDR.
+        white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
+            than 1.
         whole: photograph whole pictures, 60 million pixels together at most, rather than their middle, on which
             restorers are tuned in either case; those of more than 8 million pixels are restored by the Wiener filter.
         protocol: ``"camera"`` for the job's camera, sensor, exposure and light, ``"f1"`` or ``"paper"`` for that

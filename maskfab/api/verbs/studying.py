@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import learned_restorers, read_checkpoints
 from maskfab.files.staging import check_target
@@ -101,13 +102,14 @@ def plan(
     job: AnyJob,
     *,
     images: str | Path | None = None,
-    white: float = 1.0,
+    white: float | None = None,
     checkpoints: Sequence[str | Path] = (),
 ) -> studies.Plan:
     """Check all of a study before any work; arguments and errors as for :func:`study`."""
     loaded, trained = job_of(job), read_checkpoints(checkpoints)
+    given = given_folder(images, white)
     if not trained:
-        return studies.planned(loaded, images, white)
+        return studies.planned(loaded, given)
     panels = loaded.panels()
     behind = dies_of([found.trade.die for _, found in trained], panels)
 
@@ -115,14 +117,14 @@ def plan(
         designs = [setting.design(name, panels[name])[0] for name in behind]
         return learned_restorers(trained, setting.job, setting.conditions, designs)
 
-    return studies.planned(loaded, images, white, learned)
+    return studies.planned(loaded, given, learned)
 
 
 def study(
     job: AnyJob,
     *,
     images: str | Path | None = None,
-    white: float = 1.0,
+    white: float | None = None,
     checkpoints: Sequence[str | Path] = (),
     progress: Progress = silent,
 ) -> Study:
@@ -131,13 +133,14 @@ def study(
     Args:
         job: a loaded job, or the path of a job file; it has [study].
         images: folder of photographs, beside the study's drawn scenes.
-        white: light that is white in photographs that hold light, EXR and HDR.
+        white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
+            than 1.
         checkpoints: files of :func:`maskfab.api.verbs.learning.learn`, for some of the dies: one more restorer,
             ``learned``.
         progress: told where the work stands.
 
     Raises:
-        JobError: MF145 for a claim about what the study does not have, MF146 for a job without a study, or for one that
-            shows nothing; else as for ``simulate``.
+        JobError: MF105 for a white without photographs, MF145 for a claim about what the study does not have, MF146
+            for a job without a study, or for one that shows nothing; else as for ``simulate``.
     """
     return Study(studies.made(plan(job, images=images, white=white, checkpoints=checkpoints), progress))

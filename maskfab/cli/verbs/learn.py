@@ -20,7 +20,7 @@ def learn(
     images: Annotated[
         Path | None, typer.Option(help="Folder of photographs to learn from, besides drawn scenes.")
     ] = None,
-    white: Annotated[float, typer.Option(help="Light that is white in EXR and HDR photographs.")] = 1.0,
+    white: Annotated[float | None, typer.Option(help="Light that is white in EXR and HDR photographs.")] = None,
     level: Annotated[
         list[float] | None,
         typer.Option(help="Signal-to-noise ratio of white in dB (repeatable); default: the job's, or 24, 32 and 40."),

@@ -19,7 +19,7 @@ def simulate(
     ] = None,
     reference: Annotated[str | None, typer.Option(help="Die to compare with; default: the first.")] = None,
     images: Annotated[Path | None, typer.Option(help="Folder of photographs; default: synthetic scenes.")] = None,
-    white: Annotated[float, typer.Option(help="Light that is white in EXR and HDR photographs.")] = 1.0,
+    white: Annotated[float | None, typer.Option(help="Light that is white in EXR and HDR photographs.")] = None,
     whole: Annotated[bool, typer.Option("--whole", help="Photograph whole pictures, not their middle.")] = False,
     protocol: Annotated[
         str, typer.Option(help="camera: the job's camera, sensor, exposure and light; f1, paper: those protocols' own.")

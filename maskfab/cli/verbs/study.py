@@ -20,7 +20,7 @@ def study(
         typer.Option("--out", "-o", help="Directory for page, numbers and figures; of several jobs, one in it each."),
     ],
     images: Annotated[Path | None, typer.Option(help="Folder of photographs, beside the study's drawn scenes.")] = None,
-    white: Annotated[float, typer.Option(help="Light that is white in EXR and HDR photographs.")] = 1.0,
+    white: Annotated[float | None, typer.Option(help="Light that is white in EXR and HDR photographs.")] = None,
     checkpoint: Annotated[
         list[Path] | None,
         typer.Option(help="File of maskfab learn, of a die (repeatable): one more restorer, learned."),
