@@ -8,7 +8,6 @@ from typing import Any, Literal
 
 from maskfab.camera.design import Design
 from maskfab.camera.die_transfer import DieTransfer, die_transfer
-from maskfab.camera.exposure import Exposure
 from maskfab.camera.laid_panel import laid_panel
 from maskfab.camera.left_out import left_out
 from maskfab.camera.over_field import OverField
@@ -17,7 +16,8 @@ from maskfab.camera.photo_camera import PhotoCamera, camera_line
 from maskfab.camera.protocol import ASSUMED, AUTO, F1, LEVELS, PAPER, WIENER, Protocol
 from maskfab.camera.restorers.named import RESTORERS, named
 from maskfab.camera.restorers.restorer import Restorer
-from maskfab.camera.sensor import Sensor
+from maskfab.camera.stated_light import in_decibels, stated_light, stated_sensor
+from maskfab.camera.stated_light import told as sensor_told
 from maskfab.errors import JobError
 from maskfab.job import Job
 from maskfab.model import Camera, Panel
@@ -84,15 +84,18 @@ class Conditions:
             spec = job.spec
             idle = {"camera": spec.camera, "sensor": spec.sensor, "exposure": spec.exposure, "scene": spec.scene}
             unused = tuple(f"[{name}]" for name, section in idle.items() if section is not None)
-            return cls(_lit(_FIXED[protocol], chosen), F1_CAMERA, chosen, _in_decibels(chosen), unused=unused)
+            return cls(_lit(_FIXED[protocol], chosen), F1_CAMERA, chosen, in_decibels(chosen), unused=unused)
         if protocol != "camera":
             what = f"there is no protocol {protocol!r}"
             raise JobError("MF105", what, where="protocol", cure="Use camera, f1 or paper")
         if light not in (None, "linear", "code"):
             raise JobError("MF105", f"there is no light {light!r}", where="light", cure="Use linear or code")
-        stated = job.spec.sensor
-        sensor = Sensor() if stated is None else Sensor(**dict(stated))
-        chosen, told = _light(job, sensor) if levels is None else (tuple(levels), _in_decibels(levels))
+        sensor = stated_sensor(job.spec.sensor)
+        chosen, told = (
+            stated_light(job.spec.exposure, sensor, job.camera)
+            if levels is None
+            else (tuple(levels), in_decibels(levels))
+        )
         section = job.spec.scene
         scene = {} if section is None else section.model_dump(mode="json", exclude_defaults=True)
         if brackets is None:
@@ -150,7 +153,7 @@ class Conditions:
         )
         return (
             f"protocol {self.protocol.name}: {camera_line(self.camera)}",
-            f"sensor: {_told(self.protocol.sensor)}",
+            f"sensor: {sensor_told(self.protocol.sensor)}",
             f"light: {self.stated}; {scenes}",
             *self._published,
             *([f"scene: {', '.join(f'{key} {value}' for key, value in self.scene.items())}"] if self.scene else []),
@@ -182,30 +185,6 @@ class Conditions:
         }
 
 
-def _light(job: Job, sensor: Sensor) -> tuple[tuple[float, ...], str]:
-    """Levels of a job's [exposure], and how it states them."""
-    asked = job.spec.exposure
-    if asked is None or (asked.snr, asked.white, asked.luminance) == (None, None, None):
-        return LEVELS, _in_decibels(LEVELS)
-    if asked.snr is not None:
-        return asked.snr, _in_decibels(asked.snr)
-    if asked.white is not None:
-        found = Exposure.of_white(asked.white, sensor)
-    else:
-        assert asked.luminance is not None
-        assert asked.time is not None
-        assert asked.quantum_efficiency is not None
-        found = Exposure.of_scene(
-            asked.luminance,
-            asked.time,
-            asked.quantum_efficiency,
-            focal_ratio=job.camera.focal_um / job.camera.stop.diameter_um,
-            pixel_um=job.camera.pixel_um,
-            sensor=sensor,
-        )
-    return (found.level_db,), f"{found.stated}, {found.electrons:.0f} electrons behind the published display"
-
-
 def _lit(protocol: Protocol, levels: Sequence[float]) -> Protocol:
     """The protocol, if it has light of all these levels."""
     for level in levels:
@@ -213,17 +192,7 @@ def _lit(protocol: Protocol, levels: Sequence[float]) -> Protocol:
     return protocol
 
 
-def _in_decibels(levels: Sequence[float]) -> str:
-    return f"signal-to-noise ratio of white behind the published display {', '.join(f'{each:g}' for each in levels)} dB"
-
-
 def _merging(brackets: Sequence[float]) -> str:
     if not brackets:
         return ""
     return f"; exposures of {', '.join('1' if cut == 1 else f'1/{cut:g}' for cut in brackets)} of it, merged"
-
-
-def _told(sensor: Sensor) -> str:
-    converter = "" if sensor.bits is None else f", {sensor.bits} bits, black level {sensor.black_level}"
-    mosaic = "" if sensor.mosaic == "none" else f", mosaic {sensor.mosaic}"
-    return f"full well {sensor.full_well:g} electrons, read noise {sensor.read_noise:g} electrons{converter}{mosaic}"
