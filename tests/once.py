@@ -26,6 +26,7 @@ from maskfab.camera.photographs import Photograph
 from maskfab.camera.scenes import dead_leaves, indoors, lit
 from maskfab.comparison import files
 from maskfab.optimiser.model.expected_psnr import SceneStatistics
+from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.processes import read_only
 from maskfab.provenance import sha256_of_file
 
@@ -57,14 +58,16 @@ def small_scenes(highlights: bool = False) -> tuple[Photograph, ...]:
 
 
 _statistics = SceneStatistics.of
-_scenes: dict[tuple[int, ...], tuple[Sequence[Photograph], SceneStatistics]] = {}
+_scenes: dict[tuple[object, ...], tuple[Sequence[Photograph], SceneStatistics]] = {}
 
 
-def statistics(photographs: Sequence[Photograph], *, leak_scenes: int = 2) -> SceneStatistics:
+def statistics(
+    photographs: Sequence[Photograph], *, leak_scenes: int = 2, taking: Taking = F1_TAKING
+) -> SceneStatistics:
     """What a surrogate knows of the same photographs, found once by each process."""
-    key = (leak_scenes, *map(id, photographs))
+    key = (taking, leak_scenes, *map(id, photographs))
     if key not in _scenes:
-        _scenes[key] = photographs, _statistics(photographs, leak_scenes=leak_scenes)
+        _scenes[key] = photographs, _statistics(photographs, leak_scenes=leak_scenes, taking=taking)
     return _scenes[key][1]
 
 

@@ -124,12 +124,23 @@ def test_a_design_follows_the_camera_and_states_it(folder, capsys):
     for name in ("phone", "fast"):
         target = folder / f"only_{name}.toml"
         arguments = folder / f"{name}.toml", "--out", target, "--images", folder / "photographs"
-        require_notes(told(capsys, "design", *arguments)["notes"])
+        document = told(capsys, "design", *arguments)
+        assert [note for note in document["notes"] if "not used" in note] == []
         facts = openings.load_opening(target).provenance
         assert facts["camera"] == camera_line(load_job(folder / f"{name}.toml").camera)
-        assert facts["protocol"] == "another camera at the levels of F1"
+        assert facts["protocol"].startswith("protocol camera: full well 15506 electrons, read noise 4.87 electrons")
+        assert document["designed_for"] == f"{facts['camera']}; {facts['protocol']}"
         found[name] = facts["expected_psnr_32"]
     assert abs(found["phone"] - found["fast"]) > 0.1
+
+
+def test_a_design_that_names_f1_is_by_its_light_behind_the_jobs_lens(folder, capsys):
+    job, target = folder / "named_f1.toml", folder / "only_f1.toml"
+    job.write_text((folder / "phone.toml").read_text().replace("[design]\n", '[design]\nprotocol = "f1"\n'))
+    require_notes(told(capsys, "design", job, "--out", target, "--images", folder / "photographs")["notes"])
+    facts = openings.load_opening(target).provenance
+    assert facts["camera"] == camera_line(load_job(job).camera)
+    assert facts["protocol"] == "another camera at the levels of F1"
 
 
 @pytest.mark.slow

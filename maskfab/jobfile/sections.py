@@ -318,8 +318,11 @@ class SearchSection(DesignSection):
     """Shapes that are tried."""
     objective: Literal["restored", "auc"] = "restored"
     """Expected PSNR of restored photographs, or area under the radial minimum of the blue MTF."""
-    weights: Annotated[tuple[float, float, float], Field(strict=False)] = (1.0, 1.0, 1.0)
-    """Weights of the light levels of 24, 32 and 40 dB."""
+    protocol: Literal["f1", "camera"] | None = None
+    """Photographs that openings are compared by: protocol F1's, code values taken for light at 24, 32 and 40 dB, or
+    those of the job's own sensor and levels in linear light; default: its own where it has [sensor] or [exposure]."""
+    weights: Annotated[tuple[float, ...], Field(min_length=1, max_length=16, strict=False)] | None = None
+    """Weights of the levels of light; equal where they are left out."""
     map: Literal["equal_light", "edge_packing"] | None = None
     """Design the orientation of each cell too: at the light of a random map, or with cut cells turned inwards."""
     map_output: str | None = None
@@ -480,7 +483,8 @@ class SceneSection(Section):
 class SensorSection(Section):
     """[sensor]: what turns light into numbers; the defaults are those of protocol F1.
 
-    ``simulate`` and ``run`` take photographs with it; ``design`` and ``pareto`` compare openings by F1's sensor.
+    ``simulate`` and ``run`` take photographs with it, and a ``design`` that searches is for it; ``pareto`` compares
+    openings by F1's sensor.
     """
 
     full_well: float = Field(default=15506.0, gt=0, le=1e9, allow_inf_nan=False)

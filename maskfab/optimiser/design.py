@@ -9,23 +9,57 @@ from pathlib import Path
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Folder, folder
+from maskfab.camera.protocol import Protocol
+from maskfab.camera.sensor import Sensor
+from maskfab.camera.stated_light import stated_light, stated_sensor
 from maskfab.camera.transfer import lattice
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
 from maskfab.jobfile.sections import DesignSection
+from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import Designed, constraints_of
 from maskfab.progress import Progress, silent
 
 _SCENES_OF_MAPS = 16
-_IDLE = ("sensor", "exposure", "scene")
-"""Sections of a job that say how photographs are taken, and that no search asks."""
+_F1S_OWN = ("sensor", "exposure")
+"""Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
 
 
-def notes_of(spec: JobSpec, scenes: Folder) -> tuple[str, ...]:
-    """Sentences on what a search leaves out of a job, and of the folder of its photographs."""
-    idle = [f"[{name}]" for name in _IDLE if getattr(spec, name) is not None]
-    told = "Openings are compared in the light of protocol F1, code values taken for light; not used of the job: "
-    notes = [f"{told}{', '.join(idle)}."] if idle else []
+def taking_of(spec: JobSpec) -> Taking:
+    """The photographs that a job's openings are compared by: its own where it states a sensor or its light.
+
+    Raises:
+        JobError: MF140, MF141 for a sensor or a light that cannot be.
+    """
+    section = spec.design
+    named = section.protocol if isinstance(section, SearchSection) else "f1"
+    if named == "f1" or (named is None and all(getattr(spec, name) is None for name in _F1S_OWN)):
+        return F1_TAKING
+    sensor = stated_sensor(spec.sensor)
+    levels, _ = stated_light(spec.exposure, sensor, spec.camera.camera())
+    return Taking(Protocol("camera", sensor), levels)
+
+
+def notes_of(spec: JobSpec, scenes: Folder, taking: Taking = F1_TAKING) -> tuple[str, ...]:
+    """Sentences on what a search leaves out of a job, and of the folder of its photographs.
+
+    Args:
+        spec: of the job.
+        scenes: the folder.
+        taking: of the photographs that openings are compared by.
+    """
+    if taking.is_f1:
+        told = "Openings are compared in the light of protocol F1, code values taken for light"
+        idle = [f"[{name}]" for name in (*_F1S_OWN, "scene") if getattr(spec, name) is not None]
+        named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
+        idle += ["protocol of [design]"] if named else []
+    else:
+        told = "Openings are compared by the job's camera, sensor and light"
+        own, usual = taking.protocol.sensor, Sensor()
+        idle = [f"{key} of [sensor]" for key in ("full_well", "mosaic") if getattr(own, key) != getattr(usual, key)]
+        idle += ["brackets of [exposure]"] if spec.exposure is not None and spec.exposure.brackets else []
+        idle += ["[scene]"] if spec.scene is not None else []
+    notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
     if scenes.skipped:
         notes.append(f"Skipped, as no photographs: {', '.join(scenes.skipped)}.")
     return tuple(notes)
@@ -35,12 +69,14 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
     """Refuse rules that no opening keeps, and a camera that no search knows, before anything is read or drawn.
 
     Raises:
-        JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF135 for the camera.
+        JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF135 for the camera;
+            MF140, MF141 for its sensor and its light.
     """
     section = section_of(spec, where)
     rules = constraints_of(section, where=f"{where}: design")
     rules.require_possible()
-    if not isinstance(section, RelaxSection):
+    if isinstance(section, SearchSection):
+        _require_weights(section, taking_of(spec), where)
         camera = PhotoCamera.of(spec.camera.camera(), where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
 
@@ -78,7 +114,7 @@ def design(
             f"there is no directory for the checkpoint {checkpoint}",
             cure="Create that directory, or give a path in one that exists",
         )
-    section, camera = section_of(spec, where), spec.camera.camera()
+    section, camera, taking = section_of(spec, where), spec.camera.camera(), taking_of(spec)
     source = _scenes(images, for_map=getattr(section, "map", None) is not None)
     scenes = source.photographs
     if isinstance(section, RelaxSection):
@@ -90,8 +126,17 @@ def design(
 
         assert isinstance(section, SearchSection)
         seen = PhotoCamera.of(camera)
-        found = search(section, scenes, command, progress, camera=seen, budget_s=budget_s, checkpoint=checkpoint)
-    return replace(found, notes=(*found.notes, *notes_of(spec, source)))
+        found = search(
+            section,
+            scenes,
+            command,
+            progress,
+            camera=seen,
+            taking=taking,
+            budget_s=budget_s,
+            checkpoint=checkpoint,
+        )
+    return replace(found, notes=(*found.notes, *notes_of(spec, source, taking)))
 
 
 def section_of(spec: JobSpec, where: str) -> DesignSection:
@@ -108,6 +153,17 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
             cure="Add a [design] section, as in layouts/design_bar.toml",
         )
     return spec.design
+
+
+def _require_weights(section: SearchSection, taking: Taking, where: str) -> None:
+    if section.weights is not None and len(section.weights) != len(taking.levels):
+        told = ", ".join(f"{level:g}" for level in taking.levels)
+        raise JobError(
+            "MF105",
+            f"{len(section.weights)} weights for {len(taking.levels)} levels of light, {told} dB",
+            where=f"{where}: design.weights",
+            cure="Give one weight per level, or none",
+        )
 
 
 def _scenes(images: Path | None, *, for_map: bool) -> Folder:

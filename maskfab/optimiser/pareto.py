@@ -30,7 +30,7 @@ from maskfab.jobfile import ParetoSection, SearchSection
 from maskfab.model import ORIENTATIONS, Opening, Tiling
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.result import Facts, by_level, constraints_of, origin
+from maskfab.optimiser.result import Facts, by_level, camera_facts, constraints_of, origin
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES
@@ -263,7 +263,7 @@ def sweep(
     footprints = _footprints(rules)
     progress("photographs", 0, 1)
     objective = ExpectedPsnr(
-        surrogate(scenes, section.dots, dot_nm=rules.dot_nm, camera=camera), periodic, LEVELS, section.weights
+        surrogate(scenes, section.dots, dot_nm=rules.dot_nm, camera=camera), periodic, LEVELS, section.weights or ()
     )
     progress("photographs", 1, 1)
     work = _Sweep(pareto, section, objective, footprints, rules, workers or os.cpu_count() or 1, progress)
@@ -301,9 +301,9 @@ def openings(
         for place, each in enumerate(curve.front, start=1):
             name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
             facts: Facts = {
-                **origin(section, command, camera),
+                **origin(section, command, camera_facts(camera)),
                 "shape": each.shape,
-                **by_level("expected_psnr", each.psnr),
+                **by_level("expected_psnr", each.psnr, LEVELS),
                 "footprint": round(each.footprint, 6),
                 "evaluated": curve.evaluated,
             }

@@ -21,6 +21,7 @@ from maskfab.opening.openings import dot_of_pitch
 from maskfab.optimiser.bounds.bounds import Gap, bounds, optimality_gap
 from maskfab.optimiser.maps.orientation_map import DesignedMap
 from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.rules import registry
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.price import Prices
@@ -53,6 +54,8 @@ class Designed:
         gap: the opening beside all its bounds; None for a panel of two, and where there is no other opening.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
         notes: what a user should know, as sentences.
+        camera: lens, sensor and light that PSNRs are expected for, in words.
+        levels: of light, dB.
         cut: a budget cut the search short, so that it depends on the clock.
     """
 
@@ -69,6 +72,8 @@ class Designed:
     outer: Opening | None = None
     notes: tuple[str, ...] = ()
     cut: bool = False
+    camera: str = ""
+    levels: tuple[float, ...] = LEVELS
 
 
 def constraints_of(
@@ -118,34 +123,42 @@ def appraised(
     """
     if mask.all():
         # It is the only opening of its count.
-        psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(LEVELS)
-        return psnr, by_level("expected_psnr", psnr) | by_level("head_room", none), none, None
+        psnr, none = estimate(mask, periodic=periodic), (0.0,) * len(estimate.levels)
+        facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", none, estimate.levels)
+        return psnr, facts, none, None
     limit = bounds(estimate, int(mask.sum()), periodic=periodic, any_layout=False)
     gap = optimality_gap(estimate, mask, periodic=periodic, known=limit)
     psnr = estimate(mask, periodic=periodic)
-    facts = by_level("expected_psnr", psnr) | by_level("head_room", gap.head_room)
-    return psnr, facts | by_level("head_room_frame", gap.head_room_frame), gap.head_room, gap
+    facts = by_level("expected_psnr", psnr, estimate.levels) | by_level("head_room", gap.head_room, estimate.levels)
+    return psnr, facts | by_level("head_room_frame", gap.head_room_frame, estimate.levels), gap.head_room, gap
 
 
-def origin(section: DesignSection, command: str, camera: Camera | PhotoCamera = F1) -> Facts:
+def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:
     """Who made it, how it is made again, and for which camera."""
     made: Facts = {"author": "maskfab", "command": command, "version": __version__, "seed": section.seed}
-    return made | camera_facts(camera)
+    return made | made_for
 
 
-def camera_facts(camera: Camera | PhotoCamera) -> Facts:
+def camera_facts(camera: Camera | PhotoCamera, taking: Taking = F1_TAKING) -> Facts:
     """The camera that an opening was designed for, as provenance; nothing for that of protocol F1.
 
     What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
     """
     told = camera_line(camera)
+    if not taking.is_f1:
+        return {"camera": told, "protocol": taking.line}
     return {} if told == camera_line(F1) else {"camera": told, "protocol": LEVELS_OF_F1}
 
 
-def by_level(name: str, values: Sequence[float]) -> Facts:
+def made_for_line(camera: Camera | PhotoCamera, taking: Taking = F1_TAKING) -> str:
+    """Lens, sensor and light that numbers are expected for, in words."""
+    return f"{camera_line(camera)}; {taking.line}"
+
+
+def by_level(name: str, values: Sequence[float], levels: Sequence[float]) -> Facts:
     """Decibels as provenance: ``name_24`` and so on, rounded to what they are worth."""
     # A rounded loss of nothing must not be written as -0.0.
-    return {f"{name}_{level}": round(value, 3) + 0.0 for level, value in zip(LEVELS, values, strict=True)}
+    return {f"{name}_{level:g}": round(value, 3) + 0.0 for level, value in zip(levels, values, strict=True)}
 
 
 def of_prices(found: Prices) -> Facts:

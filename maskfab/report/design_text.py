@@ -16,14 +16,17 @@ if TYPE_CHECKING:
 
 def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
-    told = [f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found.psnr)}"]
+    told = [
+        f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found, found.psnr)}"
+    ]
+    told.append(f"for {found.camera}")
     if found.head_room is not None:
-        told.append(f"proven headroom (frame interior): at most {_levels(found.head_room)}")
+        told.append(f"proven headroom (frame interior): at most {_levels(found, found.head_room)}")
     if found.gap is not None:
         limit = found.gap.bounds
-        told.append(f"proven headroom (whole frame): at most {_levels(found.gap.head_room_frame)}")
-        told.append(f"grey filter of the same transmission: {_levels(limit.grey)} (frame interior)")
-        told.append(f"unobstructed stop with the same open area: {_levels(limit.open_stop)} (frame interior)")
+        told.append(f"proven headroom (whole frame): at most {_levels(found, found.gap.head_room_frame)}")
+        told.append(f"grey filter of the same transmission: {_levels(found, limit.grey)} (frame interior)")
+        told.append(f"unobstructed stop with the same open area: {_levels(found, limit.open_stop)} (frame interior)")
         most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
         told.append(f"area under the radial minimum of the blue MTF: {found.gap.auc:.4f}{most}")
     if found.prices is not None and found.prices.each:
@@ -35,11 +38,11 @@ def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
     else:
         told.append(f"{found.evaluated} openings evaluated")
     if found.designed is not None:
-        gains = _levels(found.designed.gain_db, "+")
+        gains = _levels(found, found.designed.gain_db, "+")
         told.append(f"gain of the designed map over a random one: {gains}; transmission {_light(found.designed):+.2%}")
     if found.map_head_room is not None:
         told.append(
-            f"proven headroom of the map (same dots, same transmission): at most {_levels(found.map_head_room)}"
+            f"proven headroom of the map (same dots, same transmission): at most {_levels(found, found.map_head_room)}"
         )
     return [*told, *(f"note: {note}" for note in notes)]
 
@@ -53,18 +56,19 @@ def designed_document(found: Designed, paths: Mapping[str, Path], notes: Sequenc
         "shape": found.shape,
         "clear_dots": found.opening.clear_dots,
         "open_ratio": found.opening.open_ratio,
-        "expected_psnr_db": _by_level(found.psnr),
-        "head_room_db": None if found.head_room is None else _by_level(found.head_room),
-        "bounds": None if found.gap is None else _bounds(found.gap),
+        "designed_for": found.camera,
+        "expected_psnr_db": _by_level(found, found.psnr),
+        "head_room_db": None if found.head_room is None else _by_level(found, found.head_room),
+        "bounds": None if found.gap is None else _bounds(found, found.gap),
         "evaluated": found.evaluated,
         **_prices(found.prices),
         "map": None
         if designed is None
         else {
             "path": str(paths["map"]),
-            "gain_db": _by_level(designed.gain_db),
-            "expected_psnr_db": _by_level(designed.psnr),
-            "head_room_db": None if found.map_head_room is None else _by_level(found.map_head_room),
+            "gain_db": _by_level(found, designed.gain_db),
+            "expected_psnr_db": _by_level(found, designed.psnr),
+            "head_room_db": None if found.map_head_room is None else _by_level(found, found.map_head_room),
             "clear_dots": designed.clear_dots,
             "random_clear_dots": designed.start_clear_dots,
             "positions": max(1, len(designed.shifts)),
@@ -75,14 +79,14 @@ def designed_document(found: Designed, paths: Mapping[str, Path], notes: Sequenc
     }
 
 
-def _bounds(gap: Gap) -> dict[str, object]:
+def _bounds(found: Designed, gap: Gap) -> dict[str, object]:
     limit = gap.bounds
     return {
-        "interior_psnr_db": _by_level(gap.psnr),
-        "most_interior_psnr_db": _by_level(limit.psnr),
-        "most_frame_psnr_db": _by_level(limit.frame),
-        "grey_psnr_db": _by_level(limit.grey),
-        "open_stop_psnr_db": _by_level(limit.open_stop),
+        "interior_psnr_db": _by_level(found, gap.psnr),
+        "most_interior_psnr_db": _by_level(found, limit.psnr),
+        "most_frame_psnr_db": _by_level(found, limit.frame),
+        "grey_psnr_db": _by_level(found, limit.grey),
+        "open_stop_psnr_db": _by_level(found, limit.open_stop),
         "auc": gap.auc,
         "most_auc": limit.auc,
         "method": list(limit.method),
@@ -100,14 +104,12 @@ def _light(designed: DesignedMap) -> float:
     return designed.clear_dots / designed.start_clear_dots - 1
 
 
-def _by_level(values: Sequence[float]) -> dict[str, float]:
-    from maskfab.camera.protocol import LEVELS
-
-    return {str(level): value for level, value in zip(LEVELS, values, strict=True)}
+def _by_level(found: Designed, values: Sequence[float]) -> dict[str, float]:
+    return {f"{level:g}": value for level, value in zip(found.levels, values, strict=True)}
 
 
-def _levels(values: Sequence[float], sign: str = "") -> str:
-    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in _by_level(values).items())
+def _levels(found: Designed, values: Sequence[float], sign: str = "") -> str:
+    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in _by_level(found, values).items())
 
 
 def _db(value: float) -> str:

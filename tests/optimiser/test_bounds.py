@@ -235,7 +235,7 @@ def test_positive_semidefiniteness_only_tightens():
 
 def test_every_node_table_lies_below_the_cost_between_its_nodes(inner):
     share = np.linspace(0.05, 0.95, 7)
-    variance = inner.variance(32, RATIO)
+    variance = inner.noise.variance(32, RATIO)
     few = np.r_[0:40, 500:13000:400]
     for epsilon in (0.002, 0.05, None):
         if epsilon is None:
@@ -255,7 +255,7 @@ def test_every_node_table_lies_below_the_cost_between_its_nodes(inner):
 
 @pytest.mark.parametrize("moving", [False, True])
 def test_dual_stays_below_the_flat_modulation_and_grows_with_steps(inner, moving):
-    variance = inner.variance(32, RATIO)
+    variance = inner.noise.variance(32, RATIO)
     nodes, cost = wiener_cost(inner, variance, RATIO)
     around = blocks(inner, RATIO)
     h = inner.transfer(RATIO * inner.stop, RATIO)
@@ -266,7 +266,7 @@ def test_dual_stays_below_the_flat_modulation_and_grows_with_steps(inner, moving
 
 def test_constraints_only_tighten_the_dual(inner):
     table = dual_tables(inner, 0.02, RATIO)
-    cost = table.cost(inner.variance(32, RATIO))
+    cost = table.cost(inner.noise.variance(32, RATIO))
     found = []
     for refined, positive in ((False, False), (True, False), (True, True)):
         classes = residues(inner, periodic=False)
@@ -293,7 +293,7 @@ def test_more_clear_dots_allow_more(inner):
     found = []
     for clear in (40, 88, 100, 200):
         table = dual_tables(inner, 0.02, clear / DOTS**2)
-        cost = table.cost(inner.variance(32, clear / DOTS**2))
+        cost = table.cost(inner.noise.variance(32, clear / DOTS**2))
         classes = residues(inner, periodic=True)
         found.append(residue_error(table.nodes, cost, classes, clear / DOTS**2, periodic=True))
     assert found == sorted(found, reverse=True)

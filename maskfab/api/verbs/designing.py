@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Literal
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
-from maskfab.camera.protocol import LEVELS
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, write_text
 from maskfab.jobfile import RulesSection, read, validate
@@ -52,14 +51,14 @@ class Design:
         return self.found.cells
 
     @property
-    def psnr(self) -> dict[int, float]:
+    def psnr(self) -> dict[float, float]:
         """Expected PSNR of restored photographs in dB, by the light: the signal-to-noise ratio of white in dB."""
-        return dict(zip(LEVELS, self.found.psnr, strict=True))
+        return dict(zip(self.found.levels, self.found.psnr, strict=True))
 
     @property
-    def headroom(self) -> dict[int, float] | None:
+    def headroom(self) -> dict[float, float] | None:
         """Proven bound in dB of what any other opening with as many clear dots could gain, by the light."""
-        return None if self.found.head_room is None else dict(zip(LEVELS, self.found.head_room, strict=True))
+        return None if self.found.head_room is None else dict(zip(self.found.levels, self.found.head_room, strict=True))
 
     def texts(self) -> dict[str, str]:
         """Contents of the files of the opening, and of the outer opening and the map where there are any."""
@@ -95,7 +94,7 @@ class Design:
         return self.plot().svg()
 
     def __repr__(self) -> str:
-        told = ", ".join(f"{value:.2f} dB at {level} dB" for level, value in self.psnr.items())
+        told = ", ".join(f"{value:.2f} dB at {level:g} dB" for level, value in self.psnr.items())
         return f"<Design {self.found.opening.name}: {self.found.shape}; restored {told}>"
 
 

@@ -19,10 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.exposure import ELECTRONS
-from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.transfer import at_lags, pupil_autocorrelation
-from maskfab.errors import JobError, OpeningError
+from maskfab.errors import OpeningError
 from maskfab.opening.clear_dots import require_clear_dots
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
 from maskfab.optimiser.bounds.error_bound import dual_tables
@@ -56,7 +54,7 @@ class Bounds:
         method: how each was found, and under which assumptions it holds.
     """
 
-    level_db: tuple[int, ...]
+    level_db: tuple[float, ...]
     clear_dots: int
     periodic: bool
     psnr: tuple[float, ...]
@@ -94,7 +92,7 @@ def bounds(
     clear_dots: int,
     *,
     periodic: bool = False,
-    levels: Sequence[int] = LEVELS,
+    levels: Sequence[float] | None = None,
     any_layout: bool = True,
 ) -> Bounds:
     """Bounds for units of the surrogate's size, its scenes and its camera.
@@ -103,7 +101,7 @@ def bounds(
         estimate: of the scenes, by :func:`maskfab.optimiser.model.expected_psnr.surrogate`.
         clear_dots: of the unit.
         periodic: the unit is repeated; otherwise turned at random.
-        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
+        levels: of light; None for the surrogate's own.
         any_layout: find the bound on designed maps too.
 
     Raises:
@@ -112,10 +110,8 @@ def bounds(
     """
     total = estimate.dots**2
     require_clear_dots(clear_dots, total, where="clear_dots")
-    for level in levels:
-        if level not in ELECTRONS:
-            known = ", ".join(map(str, ELECTRONS))
-            raise JobError("MF104", f"there is no level of {level} dB", where="levels", cure=f"Use {known}")
+    levels = estimate.levels if levels is None else levels
+    estimate.noise.taking.require(levels)
     inner = interior(estimate)
     ratio = clear_dots / total
     grey_light = [inner.psnr(a, ratio, g, levels) for a, g in ((inner.stop, 1.0), (_smaller_stop(inner, ratio), 0.0))]
@@ -144,7 +140,7 @@ def optimality_gap(
     unit: NDArray[np.bool_],
     *,
     periodic: bool = False,
-    levels: Sequence[int] = LEVELS,
+    levels: Sequence[float] | None = None,
     known: Bounds | None = None,
 ) -> Gap:
     """A unit beside the bounds of its clear count.
@@ -153,7 +149,7 @@ def optimality_gap(
         estimate: of the scenes.
         unit: bool [dots, dots].
         periodic: it is repeated; otherwise turned at random.
-        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
+        levels: of light; None for the surrogate's own.
         known: bounds found before for this estimate; used if clear count, tiling and levels are the same.
 
     Raises:
@@ -162,6 +158,7 @@ def optimality_gap(
     n = estimate.dots
     if unit.shape != (n, n):
         raise OpeningError("MF201", f"the unit has the shape {unit.shape}", where="unit", cure=f"Give {n} x {n} dots")
+    levels = estimate.levels if levels is None else levels
     clear = int(unit.sum())
     fits = known is not None and (known.clear_dots, known.periodic, known.level_db) == (clear, periodic, tuple(levels))
     limit = known if fits and known is not None else bounds(estimate, clear, periodic=periodic, levels=levels)
@@ -176,15 +173,15 @@ def _room(most: tuple[float, ...], have: tuple[float, ...]) -> tuple[float, ...]
 
 
 def _unit_bound(
-    inner: Interior, ratio: float, classes: Residues, periodic: bool, levels: Sequence[int]
+    inner: Interior, ratio: float, classes: Residues, periodic: bool, levels: Sequence[float]
 ) -> tuple[float, ...]:
     least = [np.inf] * len(levels)
-    for epsilon in EPSILONS:
+    for epsilon in inner.strengths:
         table = dual_tables(inner, epsilon, ratio)
         for k, level in enumerate(levels):
-            cost = table.cost(inner.variance(level, ratio))
+            cost = table.cost(inner.noise.variance(level, ratio))
             least[k] = min(least[k], residue_error(table.nodes, cost, classes, ratio, periodic=periodic, refined=True))
-    return tuple(_decibels(v) for v in least)
+    return tuple(inner.decibels(level, error) for level, error in zip(levels, least, strict=True))
 
 
 def _smaller_stop(inner: Interior, ratio: float) -> Floats:
@@ -198,7 +195,3 @@ def _smaller_stop(inner: Interior, ratio: float) -> Floats:
     table = pupil_autocorrelation(clear)
     y, x = inner.lags
     return np.asarray(np.maximum(at_lags(table, y, x), 0) / table[side - 1, side - 1])
-
-
-def _decibels(error: float) -> float:
-    return float(-10 * np.log10(max(error, 1e-30)))

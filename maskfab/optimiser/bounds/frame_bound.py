@@ -30,7 +30,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.optimiser.bounds.error_bound import dual_tables
 from maskfab.optimiser.bounds.residue_bound import residue_error, residues
 from maskfab.optimiser.model.expected_psnr import Surrogate
@@ -74,7 +73,7 @@ def frame_bound(
     clear_dots: int,
     *,
     periodic: bool = False,
-    levels: Sequence[int] = LEVELS,
+    levels: Sequence[float] | None = None,
 ) -> tuple[float, ...]:
     """dB at each level that the surrogate returns for no unit of this clear count.
 
@@ -83,19 +82,20 @@ def frame_bound(
         inner: of the same.
         clear_dots: of the unit, at least 1.
         periodic: the unit is repeated; otherwise turned at random.
-        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
+        levels: of light; None for the surrogate's own.
     """
     ratio = clear_dots / estimate.dots**2
     own = sampled(estimate, inner, periodic=periodic)
     classes = residues(own, periodic=periodic, mirrored=not periodic)
+    levels = estimate.levels if levels is None else levels
     least = np.full(len(levels), np.inf)
-    for epsilon in EPSILONS:
+    for epsilon in own.strengths:
         table = dual_tables(own, epsilon, ratio)
         for k, level in enumerate(levels):
-            cost = table.cost(own.variance(level, ratio))
+            cost = table.cost(own.noise.variance(level, ratio))
             found = residue_error(table.nodes, cost, classes, ratio, periodic=periodic, refined=True)
             least[k] = min(least[k], found)
-    variance = [own.variance(level, ratio) for level in levels]
+    variance = [own.noise.variance(level, ratio) for level in levels]
     # Brighter light has less noise for every unit and ε, so what bounds the error there bounds it in dimmer light.
     least = np.array([max(e for e, v in zip(least, variance, strict=True) if v <= own_v) for own_v in variance])
-    return tuple(float(v) for v in -10 * np.log10(np.maximum(least, 1e-30)))
+    return tuple(own.decibels(level, float(v)) for level, v in zip(levels, least, strict=True))

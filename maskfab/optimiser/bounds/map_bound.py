@@ -23,7 +23,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.camera.protocol import LEVELS
 from maskfab.errors import JobError
 from maskfab.optimiser.bounds.error_bound import block_error, blocks, wiener_cost
 from maskfab.optimiser.model.expected_psnr import Surrogate
@@ -48,7 +47,7 @@ class MapGap:
         head_room: dB, what at most could be gained over the layout; not below 0.
     """
 
-    level_db: tuple[int, ...]
+    level_db: tuple[float, ...]
     open_share: float
     limit: tuple[float, ...]
     head_room: tuple[float, ...]
@@ -60,7 +59,7 @@ def map_gap(
     clear_dots: int,
     psnr: Sequence[float],
     *,
-    levels: Sequence[int] = LEVELS,
+    levels: Sequence[float] | None = None,
 ) -> MapGap:
     """A panel that is laid, beside what its clear dots and its light allow.
 
@@ -69,7 +68,7 @@ def map_gap(
         pupil: of :func:`maskfab.camera.transfer.lay`, 0 outside the stop.
         clear_dots: of every whole cell.
         psnr: dB at each level, as :class:`maskfab.optimiser.model.layout_error.PupilError` finds it for the pupil.
-        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
+        levels: of light; None for the surrogate's own.
 
     Raises:
         JobError: MF122 for a pupil of other dots than the surrogate's panel.
@@ -82,7 +81,7 @@ def map_gap(
             where="pupil",
             cure="Lay it with the surrogate's dots",
         )
-    inner = interior(estimate)
+    inner, levels = interior(estimate), estimate.levels if levels is None else levels
     share = float(pupil.sum() / inner.stop_dots)
     limit = tuple(layout_bound(framed(inner), clear_dots / estimate.dots**2, level, share) for level in levels)
     room = tuple(max(0.0, most - have) for most, have in zip(limit, psnr, strict=True))
@@ -95,7 +94,7 @@ def framed(inner: Interior) -> Interior:
     return replace(inner, power=np.where(low, 0.0, inner.power))
 
 
-def layout_bound(inner: Interior, ratio: float, level: int, open_share: float) -> float:
+def layout_bound(inner: Interior, ratio: float, level: float, open_share: float) -> float:
     """dB that no layout reaches.
 
     Args:
@@ -107,7 +106,7 @@ def layout_bound(inner: Interior, ratio: float, level: int, open_share: float) -
     faintest = float(inner.stop.min())
     # No lag has more pairs of clear dots than of dots, of which the stop passes the share that is clear.
     most = 1 / (faintest if faintest > _FAINT else open_share)
-    nodes, cost = wiener_cost(inner, inner.variance(level, open_share), open_share, most)
+    nodes, cost = wiener_cost(inner, inner.noise.variance(level, open_share), open_share, most)
     around = blocks(inner, ratio, cut_cells=True, open_share=open_share)
     found = block_error(inner, nodes, cost, around, open_share, moving=True, steps=_STEPS)[0]
-    return float(-10 * np.log10(max(found, 1e-30)))
+    return inner.decibels(level, found)

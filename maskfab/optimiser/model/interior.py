@@ -18,12 +18,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
-from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
-from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import CellGrid, OpenStop
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.model.taking import PixelNoise
 
 Floats = NDArray[np.float64]
 
@@ -42,7 +41,8 @@ class Interior:
         folded: [m], what sampling folds back at them from a uniform grey panel.
         power: [m], P at them, white is 1.
         inverse_prior: [m], (f / 0.1)².
-        light: mean of the scenes.
+        noise: of the photographs' pixels.
+        strengths: ε to choose from.
         per_cycle: lag in dots that belongs to one cycle per pixel.
         stop_dots: dots within the stop.
         stop_table: [2 n - 1, 2 n - 1], the open stop's autocorrelation at every lag, lag 0 in the middle; the panel
@@ -58,7 +58,8 @@ class Interior:
     folded: Floats
     power: Floats
     inverse_prior: Floats
-    light: float
+    noise: PixelNoise
+    strengths: tuple[float, ...]
     per_cycle: float
     stop_dots: float
     stop_table: Floats
@@ -68,38 +69,42 @@ class Interior:
         """Along the unit's side."""
         return self.lattice.dots
 
-    def variance(self, level: int, open_share: float) -> float:
-        """σ² of a pixel at a level of light behind a panel of this open share, white is 1."""
-        white = ELECTRONS[level] * open_share / REFERENCE_TRANSMISSION
-        return self.light / white + (F1_SENSOR.read_noise / white) ** 2
+    @property
+    def levels(self) -> tuple[float, ...]:
+        """Of light, dB."""
+        return self.noise.taking.levels
+
+    def decibels(self, level: float, error: float) -> float:
+        """The PSNR that a mean squared error stands for at a level of light."""
+        return float(-10 * np.log10(max(error, 1e-30))) + self.noise.added_db(level)
 
     def transfer(self, modulation: Floats, grey: float) -> Floats:
         """H of a pupil's autocorrelation [..., m], 1 at lag 0, folded as that of a panel of transmittance ``grey``."""
         return np.asarray(modulation * self.pixel + grey * self.folded)
 
     def psnr(
-        self, modulation: Floats, open_share: float, grey: float, levels: Sequence[int] = LEVELS
+        self, modulation: Floats, open_share: float, grey: float, levels: Sequence[float] | None = None
     ) -> tuple[float, ...]:
-        """-10 log E in dB at each level, each with its best ε.
+        """The PSNR of E in dB at each level, each with its best ε.
 
         Args:
             modulation: the pupil's autocorrelation at the lags, 1 at lag 0, [m] or [images, m] to take the mean over.
             open_share: clear share of the stop, for the light.
             grey: modulation between far dots, which sampling folds back.
-            levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
+            levels: of light; None for the photographs' own.
         """
         squared = np.atleast_2d(self.transfer(modulation, grey)) ** 2
-        errors = []
-        for epsilon in EPSILONS:
+        asked, errors = self.levels if levels is None else levels, []
+        for epsilon in self.strengths:
             regular = epsilon * self.inverse_prior
             filtered = 1 / (squared + regular) ** 2
             noise = float(((squared * filtered) @ self.weight).mean())
             bias = float((filtered @ (self.weight * self.power * regular**2)).mean())
-            errors.append([self.variance(level, open_share) * noise + bias for level in levels])
-        return tuple(float(v) for v in -10 * np.log10(np.min(errors, axis=0)))
+            errors.append([self.noise.variance(level, open_share) * noise + bias for level in asked])
+        return tuple(self.decibels(level, error) for level, error in zip(asked, np.min(errors, axis=0), strict=True))
 
     def of_unit(
-        self, unit: NDArray[np.bool_], *, periodic: bool = False, levels: Sequence[int] = LEVELS
+        self, unit: NDArray[np.bool_], *, periodic: bool = False, levels: Sequence[float] | None = None
     ) -> tuple[float, ...]:
         """Expected PSNR in dB of a unit [dots, dots] turned at random, or as it is in every cell."""
         y, x = self.lags
@@ -159,7 +164,8 @@ def interior(estimate: Surrogate) -> Interior:
         open_stop.folded(y / per_cycle, x / per_cycle),
         power,
         (frequency / PRIOR_CY_PER_PX) ** 2 + 1e-12,
-        estimate.light,
+        estimate.noise,
+        estimate.strengths,
         per_cycle,
         open_stop.dots,
         open_stop.table,

@@ -27,13 +27,13 @@ import scipy.fft
 import torch
 from numpy.typing import NDArray
 
-from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
+from maskfab.camera.exposure import REFERENCE_TRANSMISSION
 from maskfab.camera.photo_camera import PhotoCamera
-from maskfab.camera.protocol import EPSILONS, LEVELS
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import CellGrid, lay
 from maskfab.errors import JobError
 from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.model.taking import PixelNoise
 
 Floats = NDArray[np.float64]
 
@@ -127,7 +127,7 @@ class PupilError:
         size: points of the transforms along each side; no lag wraps.
         inside: the stop, bool [side, side], side = ``lattice.side``.
         reach: largest whole lag that is asked for.
-        levels: keys of :data:`maskfab.camera.exposure.ELECTRONS`.
+        levels: of light, dB.
         weights: of the levels in the loss; they sum to 1.
         cycle: M, whole and odd: frequencies are multiples of 1 / M cycles per pixel.
         stretch: for each of these from 0 on, the whole lag below it and how far it lies beyond; None where all are
@@ -139,14 +139,15 @@ class PupilError:
         along: matrices from the lags that reach the low frequencies, [.., 2 k + 1], to these, of y and x.
         low, low_truth, low_prior: the low-passed scenes as in :class:`maskfab.optimiser.model.expected_psnr.Surrogate`.
         mirror: for y and x, where the mirrored record takes its rows and columns from.
-        light: mean of the scenes, white is 1.
+        noise: of the photographs' pixels.
+        strengths: ε to choose from.
     """
 
     lattice: CellGrid
     size: int
     inside: NDArray[np.bool_]
     reach: int
-    levels: tuple[int, ...]
+    levels: tuple[float, ...]
     weights: tuple[float, ...]
     cycle: int
     stretch: tuple[torch.Tensor, torch.Tensor] | None
@@ -159,7 +160,8 @@ class PupilError:
     low_truth: torch.Tensor
     low_prior: torch.Tensor
     mirror: tuple[torch.Tensor, torch.Tensor]
-    light: float
+    noise: PixelNoise
+    strengths: tuple[float, ...]
 
     @property
     def dots(self) -> int:
@@ -185,7 +187,7 @@ class PupilError:
 
     def epsilons(self, pupil: Floats) -> tuple[float, ...]:
         """The best ε of each level."""
-        return tuple(EPSILONS[int(k)] for k in self._tabulated(pupil).argmax(axis=1))
+        return tuple(self.strengths[int(k)] for k in self._tabulated(pupil).argmax(axis=1))
 
     def judge(self, pupil: Floats, epsilons: Sequence[float]) -> JudgedPupil:
         """The loss of a pupil with the ε given for each level."""
@@ -251,10 +253,10 @@ class PupilError:
         bias = (self.signal * regular**2 * below).sum()
         return _Errors(noise, bias, self._leak(low, epsilon))
 
-    def _decibels(self, level: int, light: torch.Tensor, errors: _Errors) -> torch.Tensor:
-        white = ELECTRONS[level] / REFERENCE_TRANSMISSION * light / float(self.inside.sum())
-        variance = self.light / white + (F1_SENSOR.read_noise / white) ** 2
-        return -10 * torch.log10(variance * errors.noise_gain + errors.bias + errors.leak)
+    def _decibels(self, level: float, light: torch.Tensor, errors: _Errors) -> torch.Tensor:
+        white = self.noise.taking.electrons[level] / REFERENCE_TRANSMISSION * light / float(self.inside.sum())
+        error = self.noise.of_white(white) * errors.noise_gain + errors.bias + errors.leak
+        return -10 * torch.log10(error) + self.noise.added_db(level)
 
     def _leak(self, transfer: torch.Tensor, epsilon: float) -> torch.Tensor:
         """Mean squared error of the low-passed scenes, whose halo crosses the sensor's edge."""
@@ -276,7 +278,7 @@ class PupilError:
         _, table = self._table(pupil)
         with torch.no_grad():
             transfer, low, light = self._transfers(torch.from_numpy(table))
-            filters = [self._errors(transfer, low, epsilon) for epsilon in EPSILONS]
+            filters = [self._errors(transfer, low, epsilon) for epsilon in self.strengths]
             return np.array(
                 [[float(self._decibels(level, light, errors)) for errors in filters] for level in self.levels]
             )
@@ -288,18 +290,19 @@ def wiener_tensor(transfer: torch.Tensor, noise_to_signal: torch.Tensor | float)
 
 
 def pupil_error(
-    estimate: Surrogate, levels: Sequence[int] = LEVELS, weights: Sequence[float] | None = None
+    estimate: Surrogate, levels: Sequence[float] | None = None, weights: Sequence[float] | None = None
 ) -> PupilError:
     """The error of realised panels, with the scenes of a surrogate.
 
     Args:
         estimate: of :func:`maskfab.optimiser.model.expected_psnr.surrogate`; its dots are those of the units.
-        levels: whose decibels are averaged.
+        levels: whose decibels are averaged; None for the surrogate's own.
         weights: of the levels, positive in sum; None for equal ones.
 
     Raises:
         JobError: MF104 for another number of weights than of levels, or weights that are no weights.
     """
+    levels = estimate.levels if levels is None else levels
     share = np.ones(len(levels)) if weights is None else np.asarray(weights, dtype=np.float64)
     if len(share) != len(levels) or not np.isfinite(share).all() or share.min() < 0 or share.sum() <= 0:
         raise JobError(
@@ -346,7 +349,8 @@ def pupil_error(
         torch.from_numpy(np.array(estimate.low_truth)),
         torch.from_numpy(np.array(estimate.low_prior)),
         (_mirrored(rows, height), _mirrored(columns, width)),
-        estimate.light,
+        estimate.noise,
+        estimate.strengths,
     )
 
 

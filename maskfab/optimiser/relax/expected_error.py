@@ -203,7 +203,7 @@ def expected_error(
         stop.here(known.inverse_prior),
         constants,
         levels,
-        known.light,
+        known.noise.shot,
         leak,
     )
 

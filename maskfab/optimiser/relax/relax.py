@@ -30,7 +30,7 @@ from maskfab.optimiser.relax.recipes import PaperLosses, paper
 from maskfab.optimiser.relax.stop_grid import cells_across
 from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.optimiser.relax.top_residual import top_residual
-from maskfab.optimiser.result import Designed, Facts, appraised, constraints_of, origin
+from maskfab.optimiser.result import Designed, Facts, appraised, camera_facts, constraints_of, made_for_line, origin
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Mask, anneal
 from maskfab.optimiser.rules.repair import nearest
@@ -103,14 +103,26 @@ def relax(
     psnr, known, head_room, gap = appraised(estimate, mask, periodic=periodic)
     progress("bounds", 1, 1)
     evaluated = found.iterations + section.anneal
-    facts: Facts = {**origin(section, command, camera), "shape": plan.name, "tiling": section.tiling.value}
+    facts: Facts = {
+        **origin(section, command, camera_facts(camera)),
+        "shape": plan.name,
+        "tiling": section.tiling.value,
+    }
     facts |= {} if section.tiling_seed is None else {"tiling_seed": section.tiling_seed}
     facts |= {"protocol": "F1"} if told else {}
     facts |= {**known, "evaluated": evaluated, "loss": round(loss, 6)}
     cut = bool(notes) or unfinished
     opening = Opening(section.name, mask, rules.dot_nm, facts)
     return Designed(
-        opening, plan.name, psnr, head_room, evaluated, gap=gap, notes=(*found.notes, *notes, *more, *told), cut=cut
+        opening,
+        plan.name,
+        psnr,
+        head_room,
+        evaluated,
+        gap=gap,
+        notes=(*found.notes, *notes, *more, *told),
+        cut=cut,
+        camera=made_for_line(room.camera),
     )
 
 

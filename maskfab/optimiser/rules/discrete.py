@@ -60,7 +60,7 @@ class ExpectedPsnr:
 
     surrogate: Surrogate
     periodic: bool = False
-    levels: tuple[int, ...] = LEVELS
+    levels: tuple[float, ...] = LEVELS
     weights: tuple[float, ...] = ()
 
     def __post_init__(self) -> None:

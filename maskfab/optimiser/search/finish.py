@@ -96,7 +96,7 @@ def mapped(
     )
     pupil = laid(both.unit, both.designed, error)
     room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
-    cells = _cells(section, both.designed, {**facts, **by_level("head_room", room)})
+    cells = _cells(section, error, both.designed, {**facts, **by_level("head_room", room, error.levels)})
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
 
 
@@ -123,7 +123,7 @@ def _graded(
     price = made.price
     known: Facts = {
         **facts,
-        **by_level("graded_gain_db", made.gain_db),
+        **by_level("graded_gain_db", made.gain_db, error.levels),
         "emitter_share_uniform": round(price.uniform_share, 4),
         "emitter_share_least": round(price.worst_share, 4),
         "emitter_life_ratio": round(price.life_ratio, 4),
@@ -134,12 +134,17 @@ def _graded(
         f"instead of {price.uniform_share:.1%}, which live {price.life_ratio:.2f} as long at equal luminance; emitting "
         f"area steps by {price.luminance_step:.0%} between neighbours."
     )
-    cells = _cells(section, made.designed, known)
+    cells = _cells(section, error, made.designed, known)
     dense, sparse = made.units
     return Mapped(dense, cells, made.designed, sparse, made.designed.psnr, notes=(*notes, told), cut=bool(notes))
 
 
-def _cells(section: SearchSection, designed: DesignedMap, facts: Facts) -> CellMap:
+def _cells(section: SearchSection, error: PupilError, designed: DesignedMap, facts: Facts) -> CellMap:
     light = round(designed.clear_dots / designed.start_clear_dots - 1, 5) + 0.0
-    known: Facts = {**facts, "mode": designed.mode.value, **by_level("gain_db", designed.gain_db), "light": light}
+    known: Facts = {
+        **facts,
+        "mode": designed.mode.value,
+        **by_level("gain_db", designed.gain_db, error.levels),
+        "light": light,
+    }
     return CellMap(f"{section.name[:_LONGEST]}_map", designed.orientations, known, designed.shifts)

@@ -13,7 +13,6 @@ from pathlib import Path
 
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
-from maskfab.camera.protocol import LEVELS
 from maskfab.camera.transfer import FEWEST_CELLS, CellGrid, lattice
 from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
@@ -24,6 +23,7 @@ from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
 from maskfab.optimiser.model.expected_psnr import surrogate_behind
 from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import (
     Designed,
     Facts,
@@ -31,6 +31,7 @@ from maskfab.optimiser.result import (
     by_level,
     camera_facts,
     constraints_of,
+    made_for_line,
     of_prices,
     origin,
     run_key,
@@ -58,6 +59,7 @@ def search(
     progress: Progress = silent,
     *,
     camera: PhotoCamera = F1,
+    taking: Taking = F1_TAKING,
     budget_s: float | None = None,
     checkpoint: Path | None = None,
 ) -> Designed:
@@ -69,6 +71,7 @@ def search(
         command: for the provenance.
         progress: told where the work stands.
         camera: that looks through the panel.
+        taking: of the photographs that openings are compared by.
         budget_s: seconds for the search; what every result needs is done beyond them: bounds, and one descent of a map.
         checkpoint: file to go on from, and to keep.
 
@@ -87,11 +90,12 @@ def search(
         require_places(rules)
     rules.require_possible()
     progress("photographs", 0, 1)
-    estimate = surrogate_behind(scenes, room)
+    estimate = surrogate_behind(scenes, room, taking=taking)
     progress("photographs", 1, 1)
     periodic = section.tiling is Tiling.PERIODIC
-    expected = ExpectedPsnr(estimate, periodic, LEVELS, section.weights)
-    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *camera_facts(camera).values()))
+    expected = ExpectedPsnr(estimate, periodic, taking.levels, section.weights or ())
+    made_for = camera_facts(camera, taking)
+    kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
     if section.objective == "auc":
         found = _by_auc(section, rules, room, clock, progress)
     else:
@@ -100,7 +104,7 @@ def search(
     error = None
     if section.map is not None:
         # On few pictures a map fits the very edges of those, and gains a tenth of a decibel less on any others.
-        wide = surrogate_behind(scenes, room, leak_scenes=_MAP_LEAK_SCENES)
+        wide = surrogate_behind(scenes, room, taking=taking, leak_scenes=_MAP_LEAK_SCENES)
         error = pupil_error(wide, weights=section.weights)
     if error is not None and section.map is not None and section.objective != "auc" and section.density is None:
         found = shortlisted(
@@ -114,14 +118,14 @@ def search(
             seed=map_seed(section),
             positions=section.positions,
         )
-    facts: Facts = {**origin(section, command, camera), "shape": found.best.name}
+    facts: Facts = {**origin(section, command, made_for), "shape": found.best.name}
 
     def of_count(clear_dots: int) -> Mask:
         other = section.model_copy(update={"clear_dots": clear_dots, "anneal": 0})
         return scanned(other, replace(rules, clear_dots=clear_dots), expected, clock, None, progress).best.unit
 
     laid = mapped(
-        section, found.best.unit, rules, estimate, error, origin(section, command, camera), of_count, clock, progress
+        section, found.best.unit, rules, estimate, error, origin(section, command, made_for), of_count, clock, progress
     )
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap = laid.psnr, None, None
@@ -130,7 +134,7 @@ def search(
         psnr, known, head_room, gap = appraised(estimate, laid.unit, periodic=periodic)
         progress("bounds", 1, 1)
     else:
-        known = by_level("expected_psnr", psnr)
+        known = by_level("expected_psnr", psnr, taking.levels)
     facts |= {**known, "evaluated": found.evaluated}
     facts |= {} if priced is None else of_prices(priced)
     return Designed(
@@ -147,6 +151,8 @@ def search(
         None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_out", laid.outer, rules.dot_nm, facts),
         (*_few_cells(room, section), *found.notes, *laid.notes),
         found.cut or laid.cut,
+        camera=made_for_line(camera, taking),
+        levels=taking.levels,
     )
 
 
