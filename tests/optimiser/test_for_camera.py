@@ -61,7 +61,7 @@ def own():
 
 
 def test_f1s_sensor_and_light_stated_as_a_protocol_of_another_name_are_f1s_numbers(estimate):
-    """With the same ε to choose from, only electrons that are not whole differ: light by 1/500 at most, so by .01 dB."""
+    """With the same ε to choose from, only electrons that are not whole differ: by 1/500 at most, .01 dB."""
     stated = replace(PROTOCOL_F1, name="camera", whole=False)
     other = surrogate([leaves(1)], 7, taking=Taking(stated))
     same = {"strengths": estimate.strengths, "leak_every": estimate.leak_every}
