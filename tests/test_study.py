@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import io
 import json
 import math
 import re
@@ -11,6 +13,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from matplotlib.image import imread
 from scipy import stats
 
 import maskfab as mf
@@ -26,7 +29,7 @@ from maskfab.job import load_job
 from maskfab.measurement import study as studies
 from maskfab.measurement.claims import Take, Verdict, verdict, worst
 from maskfab.measurement.study import planned
-from maskfab.report.plots.study_figures import scores_figure
+from maskfab.report.plots.study_figures import brightening, photograph_tiles, scores_figure
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = sorted((ROOT / "layouts" / "studies").glob("*.toml"))
@@ -149,6 +152,9 @@ def test_the_page_tells_what_made_it_and_needs_nothing_else(made: Path):
     for part in (job.signature, "protocol f1: focal 10000 um", "full well 15506", "wiener", "0, 1", "TURNED=3"):
         assert part in page
     assert "It gains." in page
+    assert re.search(r"TURNED, 40 dB, wiener: PSNR [0-9.]+ dB", page)
+    assert re.findall(r">[+−][0-9.]+ ± [0-9.]+", page)
+    assert not re.search(r">-[0-9]", page)
     assert "of 2<small>claims agree" in page
     assert "<script" not in page
     assert not re.search(r"(src|href)=['\"](?!data:|#|%23)|url\((?!#|%23)", page)
@@ -205,6 +211,25 @@ def test_a_die_has_one_colour_whatever_a_protocol_restores_by(tmp_path: Path):
     paper, _, f1, _ = ([line.get_color() for line in axes.lines] for axes in drawn.axes)
     assert paper == f1
     assert len(set(paper)) == 2
+
+
+@pytest.mark.parametrize("bright", [0.0, 0.04, 0.5, 1.0])
+def test_photographs_of_a_dim_scene_are_shown_bright_and_all_alike(tmp_path: Path, bright: float):
+    job = tmp_path / "own.toml"
+    job.write_text(JOB.replace("scenes = 0", "scenes = 1"))
+    truth = np.full((3, 8, 10), bright, dtype=np.float32)
+    truth[:, :4] /= 2
+    take = Take("f1", studies.OWN_SCENE, "TURNED", 40, "wiener")
+    score = Score("TURNED", 40, "x", 0.1, 31.26, 0.5, 20.0, 0.5)
+    study = studies.Study(planned(load_job(job)), {}, ("x",), {take: (score,)}, {}, truth, {take: truth / 2})
+    shown = [
+        imread(io.BytesIO(base64.b64decode(re.search("base64,([^']+)'", image)[1])), format="png")[:, :, :3]
+        for _, image in photograph_tiles(study)
+    ]
+    white = float(bright > 0)
+    assert [each.max() for each in shown] == pytest.approx([white, white / 2], abs=0.003)
+    assert [each.min() for each in shown] == pytest.approx([white / 2, white / 4], abs=0.003)
+    assert brightening(study) == pytest.approx(1 / bright if bright else 1)
 
 
 def test_photographs_without_highlights_do_not_serve_a_study_of_brackets(tmp_path: Path, photographs: Path):

@@ -47,7 +47,7 @@ class MeanDifference:
 
     def told(self, unit: str = "dB", digits: int = 2) -> str:
         """In words: the mean with its sign, the interval if there is one, and whether it is a tie."""
-        mean = f"{self.mean:+.{digits}f}"
+        mean = f"{self.mean:+z.{digits}f}"
         if math.isnan(self.half_width):
             return f"{mean} {unit}".rstrip()
         return " ".join(

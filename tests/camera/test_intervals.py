@@ -31,3 +31,8 @@ def test_what_holds_nought_is_a_tie_and_one_photograph_tells_nothing():
     alone = MeanDifference.of([2.0])
     assert alone.tie
     assert math.isnan(alone.half_width)
+
+
+def test_a_difference_that_rounds_to_nought_has_no_minus():
+    assert MeanDifference(-0.004, 0.01, 5).told() == "+0.00 ± 0.01 dB tie"
+    assert MeanDifference(-0.006, 0.001, 5).told() == "-0.01 ± 0.00 dB"

@@ -93,6 +93,7 @@ def study_page(study: Study) -> str:
         dies=[_die(name, study) for name in plan.panels],
         tiles=tiles,
         photographs=[(take, Markup(image)) for take, image in study_figures.photograph_tiles(study)],
+        brightening=study_figures.brightening(study),
         captioned=lambda take: _captioned(study, take),
         blocks=blocks(study),
         scenes=study.scenes,
@@ -137,10 +138,10 @@ def finding_text(claim: Claim, finding: Finding) -> tuple[str, str, str]:
     many = f"{found.count} photograph{'s' * (found.count != 1)}" if found.count else "computed"
     if not found.count:
         sign = "+" if over is not None and claim.stated.measure != "psf_difference" else ""
-        return told, f"{found.mean:{sign}.{digits}f} {unit}".rstrip(), many
+        return told, f"{found.mean:{sign}z.{digits}f} {unit}".rstrip(), many
     if over is None:
         half = "" if math.isnan(found.half_width) else f" ± {found.half_width:.{digits}f}"
-        return told, f"{found.mean:.{digits}f}{half} {unit}".rstrip(), many
+        return told, f"{found.mean:z.{digits}f}{half} {unit}".rstrip(), many
     return told, found.told(unit, digits), many
 
 
@@ -198,9 +199,14 @@ def _die(name: str, study: Study) -> dict[str, Any]:
 
 def _captioned(study: Study, take: Take | None) -> str:
     if take is None:
-        return f"The scene {study.scenes[0]}, as it is"
+        return "The scene itself"
     said = [take.die, *([take.case] if take.case != OWN_SCENE else []), f"{take.level_db:g} dB", take.restorer]
-    return f"{', '.join(said)}: {study.scores[take][0].psnr:.1f} dB"
+    return f"{', '.join(said)}: PSNR {study.scores[take][0].psnr:.1f} dB"
+
+
+def _minus(words: str) -> str:
+    """A number's words with a minus for its hyphen."""
+    return words.replace("-", "−")
 
 
 def _safe(images: Mapping[str, str]) -> dict[str, Markup]:
@@ -212,5 +218,5 @@ def _template() -> Template:
     environment = Environment(
         autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
     )
-    environment.filters.update(number=rounded, short=short, measure=MEASURES.__getitem__)
+    environment.filters.update(number=rounded, short=short, minus=_minus, measure=MEASURES.__getitem__)
     return environment.from_string(template("study.html.j2"))

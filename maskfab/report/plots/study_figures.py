@@ -171,17 +171,27 @@ def _coloured(levels: NDArray[np.uint8], colours: str) -> str:
     return png.data_uri(png.png(levels, palette))
 
 
+def brightening(study: Study) -> float:
+    """Factor of 1 or more on code values of photographs that are shown: with it a hundredth of the scene's is white."""
+    if study.truth is None:
+        return 1.0
+    bright = float(np.quantile(study.truth, 0.99))
+    return 1 / bright if 0 < bright < 1 else 1.0
+
+
 def photograph_tiles(study: Study) -> list[tuple[Take | None, str]]:
     """Part of the first scene, and of what every die, case and restorer made of it under the first protocol, at the
-    middle level; each as an ``<img>`` element."""
+    middle level; each as an ``<img>`` element, brightened by :func:`brightening`."""
     if study.truth is None:
         return []
     protocol = next(iter(study.shown)).protocol
     levels = sorted({take.level_db for take in study.shown if take.protocol == protocol})
     middle = levels[len(levels) // 2]
-    found: list[tuple[Take | None, str]] = [(None, tile(study.truth, f"part of the scene {study.scenes[0]} as it is"))]
+    factor = np.float32(brightening(study))
+    scene = tile(factor * study.truth, f"part of the scene {study.scenes[0]}")
+    found: list[tuple[Take | None, str]] = [(None, scene)]
     for take, picture in study.shown.items():
         if take.protocol == protocol and take.level_db == middle:
             words = f"the same through {take.die}, {take.case}, restored by {take.restorer}"
-            found.append((take, tile(picture, words)))
+            found.append((take, tile(factor * picture, words)))
     return found
