@@ -333,6 +333,8 @@ class SearchSection(DesignSection):
     """Offsets of the opening in its cell that the map may choose from."""
     joint: int = Field(default=0, ge=0, le=100)
     """Rounds that alternate between opening and map."""
+    fit: bool = False
+    """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``."""
     density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
     """Share of clear dots in the central half of the stop; the rest has fewer, so that total light is the same."""
 

@@ -13,14 +13,19 @@ from maskfab.camera.protocol import Protocol
 from maskfab.camera.sensor import Sensor
 from maskfab.camera.stated_light import stated_light, stated_sensor
 from maskfab.camera.transfer import lattice
+from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
 from maskfab.jobfile.sections import DesignSection
+from maskfab.opening.openings import dot_of_pitch
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import Designed, constraints_of
+from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.progress import Progress, silent
+from maskfab.units import to_nm
 
 _SCENES_OF_MAPS = 16
+_OF_DISPLAYS = ("emitters", "wires", "light")
 _F1S_OWN = ("sensor", "exposure")
 """Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
 
@@ -60,6 +65,9 @@ def notes_of(spec: JobSpec, scenes: Folder, taking: Taking = F1_TAKING) -> tuple
         idle += ["brackets of [exposure]"] if spec.exposure is not None and spec.exposure.brackets else []
         idle += ["[scene]"] if spec.scene is not None else []
     notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
+    unfitted = [f"[{name}]" for name in _OF_DISPLAYS if getattr(spec, name) is not None]
+    if unfitted and not getattr(spec.design, "fit", False):
+        notes.append(f"Not used of the job, for [design] does not say fit = true: {', '.join(unfitted)}.")
     if scenes.skipped:
         notes.append(f"Skipped, as no photographs: {', '.join(scenes.skipped)}.")
     return tuple(notes)
@@ -73,7 +81,7 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
             MF140, MF141 for its sensor and its light.
     """
     section = section_of(spec, where)
-    rules = constraints_of(section, where=f"{where}: design")
+    rules = constraints_of(section, where=f"{where}: design", display=display_of(spec, where))
     rules.require_possible()
     if isinstance(section, SearchSection):
         _require_weights(section, taking_of(spec), where)
@@ -133,10 +141,38 @@ def design(
             progress,
             camera=seen,
             taking=taking,
+            display=display_of(spec, where),
             budget_s=budget_s,
             checkpoint=checkpoint,
         )
     return replace(found, notes=(*found.notes, *notes_of(spec, source, taking)))
+
+
+def display_of(spec: JobSpec, where: str) -> Display | None:
+    """The display that the opening of a job must hold, on a panel of its plate's dies; None if none must.
+
+    Raises:
+        JobError: MF105 if one must and there are no [emitters]; MF106, MF107 for the pitch; MF107, MF116 for the
+            display's rules; MF133 to MF135 for a camera that no search knows.
+    """
+    section = section_of(spec, where)
+    if not isinstance(section, SearchSection) or not section.fit:
+        return None
+    if spec.emitters is None:
+        raise JobError(
+            "MF105",
+            "the job has no display that its opening could fit",
+            where=f"{where}: design.fit",
+            cure="Add [emitters], and [wires] if they must be wired, or set fit = false",
+        )
+    dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
+    across = before = lattice(section.dots, dot_nm, camera=PhotoCamera.of(spec.camera.camera(), where=where)).cells
+    if spec.plate is not None:
+        side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
+        across = max(across, side_nm // (section.dots * dot_nm))
+    rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, where=where)
+    seed = section.seed if section.tiling_seed is None else section.tiling_seed
+    return Display.of(rules, section.tiling, seed, before, across)
 
 
 def section_of(spec: JobSpec, where: str) -> DesignSection:

@@ -15,7 +15,7 @@ from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import JobError
-from maskfab.jobfile import DesignSection
+from maskfab.jobfile import DesignSection, RulesSection
 from maskfab.model import ORIENTATIONS, Camera, Opening, Tiling
 from maskfab.opening.openings import dot_of_pitch
 from maskfab.optimiser.bounds.bounds import Gap, bounds, optimality_gap
@@ -24,6 +24,7 @@ from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.rules import registry
 from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.fit_rule import FIT, Display
 from maskfab.optimiser.rules.price import Prices
 from maskfab.optimiser.rules.rule import price_key
 from maskfab.plate.maps import CellMap
@@ -77,9 +78,19 @@ class Designed:
 
 
 def constraints_of(
-    section: DesignSection, *, where: str = "design", emitters: EmitterRules | None = None
+    section: DesignSection,
+    *,
+    where: str = "design",
+    emitters: EmitterRules | None = None,
+    display: Display | None = None,
 ) -> Constraints:
     """The section's rules.
+
+    Args:
+        section: of a job.
+        where: it stands, for errors.
+        emitters: rules of emitters in place of the section's own.
+        display: that the opening must hold.
 
     Raises:
         JobError: MF104, MF106 or MF107 for a pitch that is no whole number of dots on the grid, or rules out of range;
@@ -96,6 +107,13 @@ def constraints_of(
         )
     )
     own = EmitterRules(gap_nm, colour_nm, width_nm)
+    stated = {
+        rule.name: rule.read(getattr(asked, rule.name), section, own, where)
+        for rule in registry.RULES
+        if issubclass(rule.section, RulesSection)
+    }
+    if display is not None:
+        emitters = display.rules.emitters
     try:
         return Constraints(
             section.clear_dots,
@@ -103,7 +121,7 @@ def constraints_of(
             dot_nm=dot_nm,
             orientations=(0,) if section.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS)),
             emitters=emitters or own,
-            asked={rule.name: rule.read(getattr(asked, rule.name), section, own, where) for rule in registry.RULES},
+            asked={**stated, FIT.name: display},
         )
     except JobError as error:
         # The rules of emitters and circuits are told by the names that they have among a display's.

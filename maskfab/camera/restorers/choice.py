@@ -122,7 +122,7 @@ class Choice:
         return Chosen(winner.name, epsilon, winner.prepare(record, blur)(epsilon), criteria, expected)
 
     def _judged(self, record: Record, blur: Blur, tried: Sequence[Tried]) -> tuple[Floats, Floats]:
-        """What the record tells of the error of each that is tried, and what it is expected to be."""
+        """Error of each that is tried, as the record tells it and as it is expected to be."""
         draw = np.random.default_rng(self.seed)
         judge = Judge.of(record, blur, draw, self.width)
         pictures = _restored(judge.shown, blur, tried)

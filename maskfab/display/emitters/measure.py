@@ -70,7 +70,7 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
 
 
 def told_of(rule: str, shapes: db.Region, pixel: db.Box | None = None) -> Violation:
-    """What breaks a rule, as it is told; outlined within a pixel, if one is given."""
+    """Violation by some shapes; outlined within a pixel, if one is given."""
     outlines: tuple[Polygon, ...] = ()
     if pixel is not None:
         inside = (shapes & db.Region(pixel)).moved(-pixel.left, -pixel.bottom)

@@ -41,15 +41,10 @@ def panel_cut(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Certifi
         axis: along which the lines run.
     """
     chains = _Chains.of(panel, rules, axis)
-    first, from_first = chains.ends_of_lines(count, -1)
-    last, to_last = chains.ends_of_lines(count, 1)
-    passing, chain = chains.cheapest(from_first, to_last)
+    passing, chain = chains.cheapest(chains.beside(count, -1), chains.beside(count, 1))
     if passing >= count * chains.pixels:
         return None
-    begin, end = int(first[chain[0]]), int(last[chain[-1]])
-    # Lines of other pixels are let pass.
-    passing -= count * (begin + chains.pixels - 1 - end)
-    return _certificate(chains, rules, passing, count * (end - begin + 1), (begin, end), chain, axis)
+    return _certificate(chains, rules, *chains.shortest(chain, count), axis)
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,26 +116,59 @@ class _Chains:
             rules,
         )
 
-    def ends_of_lines(self, count: int, side: Literal[1, -1]) -> tuple[Ints, Ints]:
-        """For every opening, how many of all lines can pass on one side of it, and the pixel that says so.
+    def beside(self, count: int, side: Literal[1, -1]) -> Ints:
+        """For every opening, how many of all lines can pass on one side of it, int64 [n].
 
-        Those of pixels farther to that side have room; of the pixel and those before it, as many as lie between the
+        Those of pixels farther to that side have room; of any pixel and those before it, as many as lie between the
         opening and where the pixel's lines end.
-
-        Returns:
-            int64 [n] the pixel, and int64 [n] lines.
         """
         pixels = np.arange(self.pixels)
+        others = pixels if side < 0 else self.pixels - 1 - pixels
+        return np.asarray(
+            (count * others + self.room(np.arange(self.ends.shape[0])[:, None], pixels, side)).min(axis=1)
+        )
+
+    def room(self, opening: Ints, pixel: Ints, side: Literal[1, -1]) -> Ints:
+        """Lines that lie between openings and where the lines of pixels end."""
         lane, spare = self.rules.line_nm + self.rules.space_nm, self.rules.space_nm - self.rules.clearance_nm
         if side < 0:
-            room = self.ends[:, :1] - self.pitch_nm * (pixels - 1)
-            others = pixels
+            free = self.ends[opening, 0] - self.pitch_nm * (pixel - 1)
         else:
-            room = self.pitch_nm * (pixels + 2) - self.ends[:, 1:]
-            others = self.pixels - 1 - pixels
-        lines = count * others + np.maximum((room + spare) // lane, 0)
-        best = lines.argmin(axis=1)
-        return best, lines[np.arange(best.size), best]
+            free = self.pitch_nm * (pixel + 2) - self.ends[opening, 1]
+        return np.asarray(np.maximum((free + spare) // lane, 0))
+
+    def shortest(self, chain: list[int], count: int) -> tuple[int, int, tuple[int, int], list[int]]:
+        """The part of a chain that proves most simply that too few lines pass: for fewest pixels, then openings.
+
+        Returns:
+            Lines that pass, lines that are wanted, the first and the last of their pixels, and the part.
+        """
+        nodes = np.array(chain)
+        passed = np.concatenate(([0], np.cumsum([self._link(*each)[0] for each in pairwise(chain)], dtype=np.int64)))
+        near = np.arange(3)
+        first = np.clip((self.ends[nodes, 0] // self.pitch_nm)[:, None] + near, 0, self.pixels - 1)
+        last = np.clip((self.ends[nodes, 1] // self.pitch_nm)[:, None] - near, 0, self.pixels - 1)
+        # By opening and pixel where the part begins, then by opening and pixel where it ends.
+        own = last - first[:, :, None, None] + 1
+        passing = (
+            self.room(nodes[:, None], first, -1)[:, :, None, None]
+            + (passed - passed[:, None])[:, None, :, None]
+            + self.room(nodes[:, None], last, 1)
+        )
+        links = (np.arange(nodes.size) - np.arange(nodes.size)[:, None])[:, None, :, None]
+        proves = (own > 0) & (links >= 0) & (passing < count * own)
+        price = np.where(proves, own * (nodes.size + 1) + links, np.iinfo(np.int64).max)
+        i, at, j, to = (int(k) for k in np.unravel_index(int(price.argmin()), price.shape))
+        pixels = int(first[i, at]), int(last[j, to])
+        return int(passing[i, at, j, to]), count * (pixels[1] - pixels[0] + 1), pixels, chain[i : j + 1]
+
+    def _link(self, one: int, other: int) -> tuple[int, tuple[Point, Point]]:
+        """Lines that pass between two openings of a chain, and where, across and along."""
+        link = np.flatnonzero(((self.tail == one) & (self.head == other)) | ((self.tail == other) & (self.head == one)))
+        best = link[self.passing[link].argmin()]
+        x0, y0, x1, y1 = self.between[best].tolist()
+        way: tuple[Point, Point] = ((x0, y0), (x1, y1)) if self.tail[best] == one else ((x1, y1), (x0, y0))
+        return int(self.passing[best]), way
 
     def cheapest(self, from_first: Ints, to_last: Ints) -> tuple[int, list[int]]:
         """The chain of openings that fewest lines pass, from the first side to the last, and how many pass it.
@@ -167,13 +195,8 @@ class _Chains:
     def corners(self, chain: list[int], low: int, high: int) -> tuple[Point, ...]:
         """A line along a chain, across and along, from one coordinate across to another."""
         points = [(low, int(self.tops[chain[0], 0])), (int(self.ends[chain[0], 0]), int(self.tops[chain[0], 0]))]
-        for one, other in pairwise(chain):
-            link = np.flatnonzero(
-                ((self.tail == one) & (self.head == other)) | ((self.tail == other) & (self.head == one))
-            )
-            best = link[self.passing[link].argmin()]
-            x0, y0, x1, y1 = self.between[best].tolist()
-            points += [(x0, y0), (x1, y1)] if self.tail[best] == one else [(x1, y1), (x0, y0)]
+        for each in pairwise(chain):
+            points += self._link(*each)[1]
         last = chain[-1]
         return (
             *points,

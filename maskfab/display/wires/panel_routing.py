@@ -269,7 +269,7 @@ class _Field:
         return _Column(free, self.cuts.size - 1, _steps(free))
 
     def beside(self, across: Ints, side: Literal[1, -1]) -> Ints:
-        """How near the next line on a side may come to a line, slab by slab."""
+        """The nearest that the next line on a side may come to a line, slab by slab."""
         lane = self.rules.line_nm + self.rules.space_nm
         held = np.append(side * across, np.iinfo(np.int64).min)
         nearest = np.asarray(np.maximum.reduceat(held, self._near)[::2], dtype=np.int64)

@@ -119,8 +119,15 @@ def _on_cells(constraints: Constraints, given: Any) -> Any:
 
 
 def _small_footprint_quickly(constraints: Constraints, unit: Mask) -> str | None:
-    wanted, grid, used = constraints["footprint"], constraints.grid, constraints.orientations
-    margin, asked = border_margin(grid), constraints.emitters
+    wanted = constraints["footprint"]
+    found = found_quickly(constraints, unit, constraints.emitters, wanted)
+    return None if found >= wanted - 1e-9 else f"{found:.1%} found, least {wanted:.1%}"
+
+
+def found_quickly(constraints: Constraints, unit: Mask, asked: EmitterRules, wanted: float) -> float:
+    """A footprint round an opening: that of rectangles, and of other shapes if those are less than what is wanted."""
+    grid, used = constraints.grid, constraints.orientations
+    margin = border_margin(grid)
     found = float(
         rectangle_footprints(
             unit[None], grid, asked.ratio, orientations=used, margin=margin, max_aspect=asked.max_aspect
@@ -129,7 +136,7 @@ def _small_footprint_quickly(constraints: Constraints, unit: Mask) -> str | None
     if found < wanted - 1e-9:
         cells, _ = guillotine(free_region(unit, grid, used, margin=margin), grid, asked.ratio)
         found = max(found, cells * _cell_share(constraints))
-    return None if found >= wanted - 1e-9 else f"{found:.1%} found, least {wanted:.1%}"
+    return found
 
 
 def _laid(constraints: Constraints, unit: Mask) -> tuple[Footprint, EmitterRules]:

@@ -44,8 +44,8 @@ def prices(candidates: Iterable[Candidate], objective: Callable[[Mask], float], 
     Raises:
         JobError: MF105 without any candidate of the count.
     """
-    judged = [(objective(c.unit), constraints.broken(c.unit)) for c in candidates]
-    known = [(value, broken) for value, broken in judged if "clear_dots" not in broken]
+    counted = (c.unit for c in candidates if int(c.unit.sum()) == constraints.clear_dots)
+    known = sorted(((objective(unit), unit) for unit in counted), key=lambda each: -each[0])
     if not known:
         raise JobError(
             "MF105",
@@ -54,10 +54,18 @@ def prices(candidates: Iterable[Candidate], objective: Callable[[Mask], float], 
             cure="Add candidates with that number of clear dots",
         )
 
-    def best(allowed: Callable[[frozenset[str]], bool]) -> float:
-        return max((value for value, broken in known if allowed(broken)), default=-math.inf)
+    # Best first, so that rules that take long are asked of few.
+    broken_by: list[frozenset[str]] = []
 
-    top, all_kept = best(lambda _: True), best(lambda broken: not broken)
+    def best(allowed: Callable[[frozenset[str]], bool]) -> float:
+        for place, (value, unit) in enumerate(known):
+            if place == len(broken_by):
+                broken_by.append(constraints.broken(unit))
+            if allowed(broken_by[place]):
+                return value
+        return -math.inf
+
+    top, all_kept = known[0][0], best(lambda broken: not broken)
     found = []
     for rule in constraints.active:
         others = best(lambda broken, rule=rule: broken <= {rule})  # type: ignore[misc]

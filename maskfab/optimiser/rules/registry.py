@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from maskfab.optimiser.rules.display_rules import CENTROID, CIRCUIT, FOOTPRINT, PORTS, WIRES
 from maskfab.optimiser.rules.dot_rules import KEEP_OUT, RIM, SYMMETRY
+from maskfab.optimiser.rules.fit_rule import FIT
 from maskfab.optimiser.rules.rule import Rule
 from maskfab.optimiser.rules.spacing_rules import FEATURE, KISSING, SPACE
 
@@ -19,5 +20,6 @@ RULES: tuple[Rule, ...] = (
     PORTS,
     FOOTPRINT,
     CENTROID,
+    FIT,
 )
 """Every rule but the count."""

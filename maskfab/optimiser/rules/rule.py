@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.display.emitters.placement import Certificate
 from maskfab.errors import JobError
-from maskfab.jobfile.sections import DesignSection, RulesSection
+from maskfab.jobfile.sections import DesignSection, RulesSection, Section
 
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints
@@ -89,7 +89,7 @@ class Rule:
     slow: bool = False
     read: Callable[[Any, DesignSection, EmitterRules, str], Any] = as_stated
     checked: Callable[[Constraints, Any], Any] = as_given
-    section: type[RulesSection] = RulesSection
+    section: type[Section] = RulesSection
 
     @property
     def default(self) -> Any:
@@ -99,7 +99,7 @@ class Rule:
     @property
     def where(self) -> str:
         """Its key in a job."""
-        return f"design.rules.{self.name}"
+        return f"design.rules.{self.name}" if issubclass(self.section, RulesSection) else f"design.{self.name}"
 
     @property
     def refused_if(self) -> str:

@@ -14,6 +14,7 @@ from pathlib import Path
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import FEWEST_CELLS, CellGrid, lattice
+from maskfab.errors import JobError
 from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Tiling
@@ -38,10 +39,11 @@ from maskfab.optimiser.result import (
 )
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal
+from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.auc_search import best_for_auc
-from maskfab.optimiser.search.finish import map_seed, mapped
+from maskfab.optimiser.search.finish import Mapped, map_seed, mapped
 from maskfab.optimiser.search.scan import Best, annealed, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.progress import Progress, silent
@@ -60,6 +62,7 @@ def search(
     *,
     camera: PhotoCamera = F1,
     taking: Taking = F1_TAKING,
+    display: Display | None = None,
     budget_s: float | None = None,
     checkpoint: Path | None = None,
 ) -> Designed:
@@ -72,6 +75,7 @@ def search(
         progress: told where the work stands.
         camera: that looks through the panel.
         taking: of the photographs that openings are compared by.
+        display: that the opening must hold; None for any or none.
         budget_s: seconds for the search; what every result needs is done beyond them: bounds, and one descent of a map.
         checkpoint: file to go on from, and to keep.
 
@@ -82,7 +86,7 @@ def search(
         SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
     """
     clock = Clock(budget_s)
-    rules = constraints_of(section)
+    rules = constraints_of(section, display=display)
     room = lattice(section.dots, rules.dot_nm, camera=camera)
     if section.map is not None:
         require_size(room)
@@ -127,6 +131,8 @@ def search(
     laid = mapped(
         section, found.best.unit, rules, estimate, error, origin(section, command, made_for), of_count, clock, progress
     )
+    if display is not None:
+        _require_fit(display, laid, rules)
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap = laid.psnr, None, None
     if psnr is None:
@@ -154,6 +160,22 @@ def search(
         camera=made_for_line(camera, taking),
         levels=taking.levels,
     )
+
+
+def _require_fit(display: Display, laid: Mapped, rules: Constraints) -> None:
+    """Refuse a panel that does not hold its display, though the opening does on another.
+
+    Raises:
+        JobError: MF123.
+    """
+    why = display.broken_on(display.die(laid.unit, rules.dot_nm, laid.cells, laid.outer))
+    if why is not None:
+        raise JobError(
+            "MF123",
+            f"the display fits the opening on a panel turned at random, and not on its own map: {why}",
+            where="design.fit",
+            cure="Design with another tiling_seed, with fewer lines, or without a map",
+        )
 
 
 def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:

@@ -43,6 +43,8 @@ _FILL: dict[Layer, str] = {
 }
 _WITNESS = "#f0e442"
 _SIDE = 2.7
+_MOST_SHOWN = 8
+"""Pixels along a side round a chain."""
 _LIT_PIXELS, _LIT_SAMPLES = 24, 21
 
 
@@ -145,11 +147,10 @@ def _middle(panel: Panel, cells: int) -> tuple[slice, slice]:
 
 
 def _round(panel: Panel, chain: Sequence[Point]) -> tuple[slice, slice]:
-    """Rows and columns of the pixels through which a chain goes, as many of each."""
-    most = max(panel.orientations.shape)
+    """Rows and columns of the pixels through which a chain goes, as many of each; those in the middle of a long one."""
     spans = [sorted((min(along), max(along))) for along in zip(*chain, strict=True)]
     (left, right), (bottom, top) = ([end // panel.pitch_nm for end in span] for span in spans)
-    count = min(most, max(right - left, top - bottom) + 1)
+    count = min(_MOST_SHOWN, max(right - left, top - bottom) + 1)
 
     def span(low: int, high: int, side: int) -> slice:
         first = min(max(0, (low + high + 1 - count) // 2), max(0, side - count))
