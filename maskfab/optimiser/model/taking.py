@@ -1,4 +1,4 @@
-"""How the photographs are taken that openings are compared by, and the noise of their pixels.
+"""Photographs that openings are compared by, and the noise of their pixels.
 
 By protocol F1 code values are taken for light, and a pixel's noise is that of the scenes' mean. By protocol ``camera``
 light is linear, and its scenes differ so much in brightness that each one's noise is scaled as its contrast is where
