@@ -116,5 +116,5 @@ class PixelNoise:
         return self.of_white(self.white(level, open_share))
 
     def added_db(self, level: float) -> float:
-        """What is added to -10 log10 of a mean squared error; 0 for protocol F1."""
+        """Decibels added to -10 log10 of a mean squared error; 0 for protocol F1."""
         return self.coded_db.get(level, 0.0)
