@@ -29,6 +29,7 @@ from maskfab.job import load_job
 from maskfab.measurement import study as studies
 from maskfab.measurement.claims import Take, Verdict, verdict, worst
 from maskfab.measurement.study import planned
+from maskfab.report.page.study_page import study_page
 from maskfab.report.plots.study_figures import brightening, photograph_tiles, scores_figure
 
 ROOT = Path(__file__).parents[1]
@@ -152,6 +153,7 @@ def test_the_page_tells_what_made_it_and_needs_nothing_else(made: Path):
     for part in (job.signature, "protocol f1: focal 10000 um", "full well 15506", "wiener", "0, 1", "TURNED=3"):
         assert part in page
     assert "It gains." in page
+    assert "with their 95% interval over 2 scenes.\n" in page
     assert re.search(r"TURNED, 40 dB, wiener: PSNR [0-9.]+ dB", page)
     assert re.findall(r">[+−][0-9.]+ ± [0-9.]+", page)
     assert not re.search(r">-[0-9]", page)
@@ -219,9 +221,10 @@ def test_photographs_of_a_dim_scene_are_shown_bright_and_all_alike(tmp_path: Pat
     job.write_text(JOB.replace("scenes = 0", "scenes = 1"))
     truth = np.full((3, 8, 10), bright, dtype=np.float32)
     truth[:, :4] /= 2
-    take = Take("f1", studies.OWN_SCENE, "TURNED", 40, "wiener")
-    score = Score("TURNED", 40, "x", 0.1, 31.26, 0.5, 20.0, 0.5)
-    study = studies.Study(planned(load_job(job)), {}, ("x",), {take: (score,)}, {}, truth, {take: truth / 2})
+    take = Take("f1", studies.OWN_SCENE, "REPEATED", 40, "wiener")
+    score = Score("REPEATED", 40, "x", 0.1, 31.26, 0.5, 20.0, 0.5)
+    told = {("f1", studies.OWN_SCENE, die): () for die in ("REPEATED", "TURNED")}
+    study = studies.Study(planned(load_job(job)), {}, ("x",), {take: (score,)}, told, truth, {take: truth / 2})
     shown = [
         imread(io.BytesIO(base64.b64decode(re.search("base64,([^']+)'", image)[1])), format="png")[:, :, :3]
         for _, image in photograph_tiles(study)
@@ -230,6 +233,9 @@ def test_photographs_of_a_dim_scene_are_shown_bright_and_all_alike(tmp_path: Pat
     assert [each.max() for each in shown] == pytest.approx([white, white / 2], abs=0.003)
     assert [each.min() for each in shown] == pytest.approx([white / 2, white / 4], abs=0.003)
     assert brightening(study) == pytest.approx(1 / bright if bright else 1)
+    page = study_page(study)
+    assert ("code values times" in page) == (0 < bright < 1)
+    assert "behind the same restorer; one scene has no interval.\n" in page
 
 
 def test_photographs_without_highlights_do_not_serve_a_study_of_brackets(tmp_path: Path, photographs: Path):
