@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from maskfab.optimiser.rules.price import Prices
 
 
+USEFUL_DB = 20.0
+"""Headroom above which a bound says nothing: an open stop gains less over any opening."""
+
+
 def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
     """The opening, its bound, what the rules cost, the map, and the notes."""
     told = [
@@ -21,10 +25,10 @@ def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
     ]
     told.append(f"for {found.camera}")
     if found.head_room is not None:
-        told.append(f"proven headroom (frame interior): at most {_levels(found, found.head_room)}")
+        told.append(f"proven headroom (frame interior): {_most(found, found.head_room)}")
     if found.gap is not None:
         limit = found.gap.bounds
-        told.append(f"proven headroom (whole frame): at most {_levels(found, found.gap.head_room_frame)}")
+        told.append(f"proven headroom (whole frame): {_most(found, found.gap.head_room_frame)}")
         told.append(f"grey filter of the same transmission: {_levels(found, limit.grey)} (frame interior)")
         told.append(f"unobstructed stop with the same open area: {_levels(found, limit.open_stop)} (frame interior)")
         most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
@@ -41,9 +45,7 @@ def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
         gains = _levels(found, found.designed.gain_db, "+")
         told.append(f"gain of the designed map over a random one: {gains}; transmission {_light(found.designed):+.2%}")
     if found.map_head_room is not None:
-        told.append(
-            f"proven headroom of the map (same dots, same transmission): at most {_levels(found, found.map_head_room)}"
-        )
+        told.append(f"proven headroom of the map (same dots, same transmission): {_most(found, found.map_head_room)}")
     return [*told, *(f"note: {note}" for note in notes)]
 
 
@@ -106,6 +108,14 @@ def _light(designed: DesignedMap) -> float:
 
 def _by_level(found: Designed, values: Sequence[float]) -> dict[str, float]:
     return {f"{level:g}": value for level, value in zip(found.levels, values, strict=True)}
+
+
+def _most(found: Designed, values: Sequence[float]) -> str:
+    """Bounds by level; one that no design could come near says nothing, and is told as such."""
+    return ", ".join(
+        f"at most {value:.2f} dB at {level}" if value <= USEFUL_DB else f"no useful bound at {level}"
+        for level, value in _by_level(found, values).items()
+    )
 
 
 def _levels(found: Designed, values: Sequence[float], sign: str = "") -> str:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -113,6 +114,9 @@ def test_a_rule_that_is_registered_is_searched_for_priced_and_reported() -> None
     stated = design_document(Stated(parse_opening(opening_text(found.opening)).provenance, 28.0), (24, 32, 40))
     assert stated["prices"] == [{"rule": "rim dots", "price": 0}, {"rule": "open rows", "price": 2}]
     assert "  open_rows: 2.000 dB if it is the only rule, 2.000 dB on top of the others" in designed_lines(found, ())
+    bounded = designed_lines(replace(found, head_room=(0.5, 3.0, 287.0)), ())
+    told = "proven headroom (frame interior): at most 0.50 dB at 24, at most 3.00 dB at 32, no useful bound at 40"
+    assert told in bounded
 
 
 def test_a_rule_that_is_not_registered_is_refused_by_name() -> None:

@@ -109,6 +109,7 @@ def design_document(said: Stated, levels_db: Sequence[float], restored: Restored
         "command": _text(opening, "command"),
         "version": _text(opening, "version"),
         "seed": _text(opening, "seed"),
+        "protocol": _text(opening, "protocol"),
         "evaluated": _number(opening, "evaluated"),
         "dot_um": said.dot_um,
         "rules_cost": _number(opening, "rules_cost_db"),
@@ -138,7 +139,7 @@ def design_schema() -> Document:
     cells = {"name": text, **dict.fromkeys(("mode", "command", "version", "seed"), text), "light": number}
     return closed_object(
         {
-            **dict.fromkeys(("shape", "command", "version", "seed"), text),
+            **dict.fromkeys(("shape", "command", "version", "seed", "protocol"), text),
             "evaluated": number,
             "dot_um": {"type": "number"},
             "rules_cost": number,
