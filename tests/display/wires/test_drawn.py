@@ -98,7 +98,7 @@ def test_a_slit_stops_every_line_across_it_and_that_is_proved() -> None:
     found = wiring(panel(opening, Tiling.PERIODIC), opening, WireDemand(RULES, 1))
     assert found.verdict is Verdict.DOES_NOT_FIT
     assert found.failed is not None
-    assert found.failed.numbers == {"lines": 0, "wanted": SIDE}
+    assert found.failed.numbers == {"lines": 0, "wanted": 1}
     assert len({x for x, _ in found.failed.chain_nm}) == 2
     assert found.lines == (0, 1)
     # A transparent wire crosses it.
