@@ -12,6 +12,7 @@ slabs at every edge that matters and no thicker than a third of a lane, within w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
@@ -136,14 +137,13 @@ class _Passage:
         at = min(range(starts[1]), key=away)
         least, most, since, came = low[at], high[at], 0, 0
         for here in range(1, self.slabs):
-            onward = [
-                run
-                for run in range(starts[here], starts[here + 1])
-                if right[run] >= left[at] and left[run] <= right[at]
-            ]
+            onward: Sequence[int] = range(starts[here], starts[here + 1])
+            # Mostly there is one stretch to go on in, which must be met.
+            if len(onward) > 1:
+                onward = [run for run in onward if right[run] >= left[at] and left[run] <= right[at]]
             ahead = [run for run in onward if high[run] >= least and low[run] <= most]
             if ahead:
-                at = min(ahead, key=away)
+                at = ahead[0] if len(ahead) == 1 else min(ahead, key=away)
                 least, most = max(least, low[at]), min(most, high[at])
                 continue
             at = min(onward, key=lambda run: max(low[run] - most, least - high[run]))
