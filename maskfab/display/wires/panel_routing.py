@@ -31,6 +31,8 @@ Axis = Literal["x", "y"]
 AXES: tuple[Axis, Axis] = ("x", "y")
 
 _SLABS_PER_LANE = 3
+_AT_ONCE = 512
+"""Slabs at most that are looked at together; a line turns more often than that."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -128,30 +130,41 @@ class _Passage:
         """Per slab, where a line lies that is near a place, and moves only where it must; int64 [slabs]."""
         low, high = self.runs.low.tolist(), self.runs.high.tolist()
         left, right = self.free.low.tolist(), self.free.high.tolist()
-        starts = np.searchsorted(self.runs.slab, np.arange(self.slabs + 1)).tolist()
+        places = np.searchsorted(self.runs.slab, np.arange(self.slabs + 1))
+        # Mostly there is one stretch to go on in, which must be met: up to the next slab of several, all at once.
+        several = np.append(np.flatnonzero(np.diff(places) > 1), self.slabs)
+        ends = several[np.searchsorted(several, np.arange(self.slabs))].tolist()
+        starts = places.tolist()
         across = np.empty(self.slabs, dtype=np.int64)
 
         def away(run: int) -> int:
             return int(max(low[run] - wished, wished - high[run]))
 
         at = min(range(starts[1]), key=away)
-        least, most, since, came = low[at], high[at], 0, 0
-        for here in range(1, self.slabs):
+        least, most, since, came, here = low[at], high[at], 0, 0, 1
+        while here < self.slabs:
+            if (alone := min(ends[here] - here, _AT_ONCE)) > 0:
+                part = slice(starts[here], starts[here] + alone)
+                lows = np.maximum.accumulate(np.maximum(self.runs.low[part], least))
+                highs = np.minimum.accumulate(np.minimum(self.runs.high[part], most))
+                if passed := int(np.searchsorted(lows > highs, True)):
+                    least, most, at = int(lows[passed - 1]), int(highs[passed - 1]), starts[here] + passed - 1
+                    here += passed
+                    continue
             onward: Sequence[int] = range(starts[here], starts[here + 1])
-            # Mostly there is one stretch to go on in, which must be met.
             if len(onward) > 1:
                 onward = [run for run in onward if right[run] >= left[at] and left[run] <= right[at]]
             ahead = [run for run in onward if high[run] >= least and low[run] <= most]
             if ahead:
-                at = ahead[0] if len(ahead) == 1 else min(ahead, key=away)
-                least, most = max(least, low[at]), min(most, high[at])
+                at = min(ahead, key=away)
+                least, most, here = max(least, low[at]), min(most, high[at]), here + 1
                 continue
             at = min(onward, key=lambda run: max(low[run] - most, least - high[run]))
             goes = 1 if low[at] > most else -1
             # A line that came from where it goes back to went no farther than it had to.
             place = min(max(wished, least), most) if came in (0, goes) else most if goes > 0 else least
             across[since:here] = place
-            least, most, since, came = low[at], high[at], here, goes
+            least, most, since, came, here = low[at], high[at], here, goes, here + 1
         across[since:] = min(max(wished, least), most)
         return across
 
