@@ -81,28 +81,30 @@ class _Chains:
         sizes = np.array([[len(pieces[int(kind)]) for kind in row] for row in cells], dtype=np.int64)
         first = (np.cumsum(sizes) - sizes.ravel()).reshape(sizes.shape)
         pitch, dot = panel.pitch_nm, panel.dot_nm
-        near: dict[tuple[int, int, int, int], tuple[Ints, Ints]] = {}
-        tails, heads, gaps, places = [], [], [], []
-        ends, tops = np.empty((int(sizes.sum()), 2), dtype=np.int64), np.empty((int(sizes.sum()), 2), dtype=np.int64)
-        for row, column in product(range(rows), range(columns)):
-            kind, base = int(cells[row, column]), np.array([row, column]) * pitch
-            for number, piece in enumerate(pieces[kind]):
+        total = int(sizes.sum())
+        ends, tops = np.empty((total, 2), dtype=np.int64), np.empty((total, 2), dtype=np.int64)
+        for kind, own in pieces.items():
+            at = np.argwhere(cells == kind)
+            for number, piece in enumerate(own):
                 low, high = piece[piece[:, 1].argmin()], piece[piece[:, 1].argmax()]
-                ends[first[row, column] + number] = base[1] + low[1], base[1] + high[1] + dot
-                tops[first[row, column] + number] = base[0] + low[0], base[0] + high[0]
-            for up, right in _BESIDE:
-                if not (row + up < rows and 0 <= column + right < columns):
+                members = first[at[:, 0], at[:, 1]] + number
+                ends[members] = pitch * at[:, 1:] + (low[1], high[1] + dot)
+                tops[members] = pitch * at[:, :1] + (low[0], high[0])
+        tails, heads, gaps, places = [], [], [], []
+        for up, right in _BESIDE:
+            # Cells and those that lie so beside them.
+            here = cells[: rows - up, max(0, -right) : columns - max(0, right)]
+            there = cells[up:, max(0, right) : columns + min(0, right)]
+            for kind, other in product(pieces, pieces):
+                at = np.argwhere((here == kind) & (there == other)) + np.array([0, max(0, -right)])
+                if not at.size:
                     continue
-                other = int(cells[row + up, column + right])
-                key = (kind, other, up, right)
-                if key not in near:
-                    near[key] = _near(pieces[kind], pieces[other], np.array([up, right]) * pitch, dot)
-                gap, place = near[key]
+                gap, place = _near(pieces[kind], pieces[other], np.array([up, right]) * pitch, dot)
                 one, two = np.divmod(np.arange(gap.size), max(len(pieces[other]), 1))
-                tails.append(first[row, column] + one)
-                heads.append(first[row + up, column + right] + two)
-                gaps.append(gap)
-                places.append(place + np.tile(base[::-1], 2))
+                tails.append((first[at[:, 0], at[:, 1]][:, None] + one).ravel())
+                heads.append((first[at[:, 0] + up, at[:, 1] + right][:, None] + two).ravel())
+                gaps.append(np.tile(gap, len(at)))
+                places.append((place + np.tile(at[:, None, ::-1] * pitch, 2)).reshape(-1, 4))
         room = np.concatenate(gaps) + rules.space_nm - 2 * rules.clearance_nm
         return cls(
             ends,
