@@ -1057,6 +1057,13 @@ _ENTRIES = (
         "Wires of the report",
         "What report.json of an earlier version says of wires that were drawn alike in every pixel.",
     ),
+    Entry(
+        "report_protocol",
+        "",
+        "",
+        "Protocol of the report's designs",
+        "Designs of which report.json of an earlier version does not name the protocol.",
+    ),
     Entry("reported", "", "", "Reported value", "A value of report.json against the one measured now.", _REPORT),
     Entry(
         "reported_differences",

@@ -294,6 +294,7 @@ def _reported(folder: Path, now: report_data.Document) -> Iterator[Quantity]:
     for name, since, of, told in (
         ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
         ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
+        ("report_protocol", _LAID, _of_protocol, "does not name the protocol of designs"),
     ):
         places = [place for place, _, _ in found if earlier and stated < since and of(place)]
         if places:
@@ -316,7 +317,13 @@ def _of_photographs(place: Sequence[str]) -> bool:
 
 def _of_wires(place: Sequence[str]) -> bool:
     """Whether a place in a report tells of wires, or of an answer that rests on them."""
-    return any(part == "wires" or "wire_lines" in part for part in place) or place[-1] in ("verdict", "proofs")
+    answered = "display" in place and ("verdict" in place or "proofs" in place)
+    return answered or any(part == "wires" or "wire_lines" in part for part in place)
+
+
+def _of_protocol(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells by which protocol a die was designed."""
+    return "design" in place and place[-1] == "protocol"
 
 
 def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:

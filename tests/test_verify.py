@@ -442,6 +442,10 @@ def test_wires_that_an_earlier_version_drew_are_a_note(tmp_path):
     told = told_of(tmp_path, earlier, now)
     assert "report_wires" in told
     assert "reported" not in told
+    assert "reported" in told_of(tmp_path, {**earlier, "verdict": "PASS"}, {**now, "verdict": "FAIL"})
+    unnamed, named = ({"dies": [{"name": "A", "design": each}]} for each in ({}, {"protocol": None}))
+    told = told_of(tmp_path, {**unnamed, "schema_version": 3}, {**named, "schema_version": SCHEMA_VERSION})
+    assert ("report_protocol" in told, "reported" in told) == (True, False)
     assert "reported" in told_of(tmp_path, {**earlier, "schema_version": SCHEMA_VERSION}, now)
 
 
