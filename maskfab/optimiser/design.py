@@ -65,12 +65,17 @@ def notes_of(spec: JobSpec, scenes: Folder, taking: Taking = F1_TAKING) -> tuple
         idle += ["brackets of [exposure]"] if spec.exposure is not None and spec.exposure.brackets else []
         idle += ["[scene]"] if spec.scene is not None else []
     notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
-    unfitted = [f"[{name}]" for name in _OF_DISPLAYS if getattr(spec, name) is not None]
-    if unfitted and not getattr(spec.design, "fit", False):
-        notes.append(f"Not used of the job, for [design] does not say fit = true: {', '.join(unfitted)}.")
     if scenes.skipped:
         notes.append(f"Skipped, as no photographs: {', '.join(scenes.skipped)}.")
     return tuple(notes)
+
+
+def display_notes(spec: JobSpec) -> tuple[str, ...]:
+    """Sentence on the display of a job that its opening need not fit."""
+    unfitted = [f"[{name}]" for name in _OF_DISPLAYS if getattr(spec, name) is not None]
+    if not unfitted or getattr(spec.design, "fit", False):
+        return ()
+    return (f"Not used of the job, for [design] does not say fit = true: {', '.join(unfitted)}.",)
 
 
 def check_possible(spec: JobSpec, *, where: str) -> None:
@@ -145,7 +150,7 @@ def design(
             budget_s=budget_s,
             checkpoint=checkpoint,
         )
-    return replace(found, notes=(*found.notes, *notes_of(spec, source, taking)))
+    return replace(found, notes=(*found.notes, *notes_of(spec, source, taking), *display_notes(spec)))
 
 
 def display_of(spec: JobSpec, where: str) -> Display | None:

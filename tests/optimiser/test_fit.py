@@ -7,7 +7,6 @@ from pathlib import Path
 import pytest
 from once import leaves
 
-from maskfab.camera.photographs import Folder
 from maskfab.display.emitters.placement import Verdict
 from maskfab.display.feasibility import DisplayRules, feasibility
 from maskfab.errors import JobError
@@ -15,7 +14,7 @@ from maskfab.job import load_job
 from maskfab.jobfile import read
 from maskfab.model import Tiling
 from maskfab.opening.openings import opening_text
-from maskfab.optimiser.design import check_possible, design, notes_of
+from maskfab.optimiser.design import check_possible, design, display_notes
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.families import bars
 from maskfab.optimiser.rules.fit_rule import Display
@@ -117,6 +116,6 @@ def test_a_design_must_fit_some_display(tmp_path: Path) -> None:
 
 
 def test_a_display_that_a_design_need_not_fit_is_named(tmp_path: Path) -> None:
-    told = notes_of(read(job_of(tmp_path, ("fit = true", ""))), Folder((), ()))
+    told = display_notes(read(job_of(tmp_path, ("fit = true", ""))))
     assert told == ("Not used of the job, for [design] does not say fit = true: [emitters], [wires].",)
-    assert notes_of(read(job_of(tmp_path)), Folder((), ())) == ()
+    assert display_notes(read(job_of(tmp_path))) == ()

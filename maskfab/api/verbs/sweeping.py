@@ -133,7 +133,9 @@ def pareto(
     )
     named = openings(found, section, command or f"maskfab.pareto({path.as_posix()!r})", camera)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
-    return ParetoFront(found, named, digest, notes_of(spec, scenes))
+    idle = [*(["fit of [design]"] if section.fit else []), *(["[wires]"] if spec.wires is not None else [])]
+    unwired = (f"A sweep asks for emitters alone; not used of the job: {', '.join(idle)}.",) if idle else ()
+    return ParetoFront(found, named, digest, (*notes_of(spec, scenes), *unwired))
 
 
 def _lines(found: Pareto, named: Named) -> list[str]:
