@@ -50,8 +50,7 @@ class Wiring:
             orientations share.
         transparent: transparent lines along each axis.
         laid: opaque lines laid across the whole panel, along x and along y, one for each that is wanted and not
-            transparent in every row and column of pixels; those that are not all found are none. None where every pixel
-            is drawn alike.
+            transparent in every row and column of pixels; None where every pixel is drawn alike.
         failed: a proof that the lines asked for cannot be; None without.
         tracks: the wires that every pixel is drawn with.
         broken: rules that the laid lines break, measured from their polygons.
@@ -79,9 +78,7 @@ class Wiring:
         if self.laid is None:
             along_x, along_y = self.through
             return self.in_gutter + along_x + self.transparent, self.in_gutter + along_y + self.transparent
-        opaque = self.wanted - self.transparent
-        along_x, along_y = (opaque if each.paths else 0 for each in self.laid)
-        return along_x + self.transparent, along_y + self.transparent
+        return self.wanted, self.wanted
 
 
 def check_wires(panel: Panel, demand: WireDemand) -> None:
