@@ -21,7 +21,7 @@ from maskfab.job import Job, load_job
 from maskfab.measurement import restored
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 from maskfab.optimiser.bounds import bounds
-from maskfab.optimiser.model.expected_psnr import SceneStatistics
+from maskfab.optimiser.model.scene_statistics import SceneStatistics
 from maskfab.readers import layout_file
 from maskfab.readers.gdstk_process import content
 from maskfab.readers.sandbox import child_process

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import os
 import zlib
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -84,7 +84,7 @@ class Folder:
         skipped: names of files that are no pictures by their suffix; hidden ones are not counted.
     """
 
-    photographs: tuple[Photograph, ...]
+    photographs: Sequence[Photograph]
     skipped: tuple[str, ...]
 
 

@@ -13,7 +13,9 @@ For highlights, lamps hang in front of them: discs of 2 to 100 times white.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from typing import overload
 
 import numpy as np
 import scipy.fft
@@ -76,13 +78,40 @@ def lit(scene: Photograph) -> Photograph:
     return Photograph(f"{scene.name}_lit", scene.number, code_of_light(light), light)
 
 
-def bundled(count: int = 4) -> tuple[Photograph, ...]:
-    """The scenes used where no photographs are given: dead leaves of seeds 1 to ``count``, every second one indoors."""
-    leaves = (dead_leaves(seed) for seed in range(1, count + 1))
-    return tuple(scene if scene.number % 2 else indoors(scene) for scene in leaves)
+class Bundled(Sequence[Photograph]):
+    """The scenes used where no photographs are given: dead leaves of seeds 1 to ``count``, every second one indoors.
+
+    Each is drawn when it is first asked for.
+    """
+
+    def __init__(self, count: int) -> None:
+        self._drawn: list[Photograph | None] = [None] * count
+
+    def __len__(self) -> int:
+        return len(self._drawn)
+
+    @overload
+    def __getitem__(self, place: int) -> Photograph: ...
+
+    @overload
+    def __getitem__(self, place: slice) -> tuple[Photograph, ...]: ...
+
+    def __getitem__(self, place: int | slice) -> Photograph | tuple[Photograph, ...]:
+        if isinstance(place, slice):
+            return tuple(self[k] for k in range(len(self))[place])
+        number = range(1, len(self) + 1)[place]
+        found = self._drawn[place]
+        if found is None:
+            scene = dead_leaves(number)
+            found = self._drawn[place] = scene if number % 2 else indoors(scene)
+        return found
+
+
+def bundled(count: int = 4) -> Bundled:
+    """So many scenes for those who have no photographs."""
+    return Bundled(count)
 
 
 def drawn(count: int = 4, *, highlights: bool) -> tuple[Photograph, ...]:
     """Bundled scenes, with lamps in them where ``highlights`` are wanted."""
-    scenes = bundled(count)
-    return tuple(map(lit, scenes)) if highlights else scenes
+    return tuple(map(lit, bundled(count)) if highlights else bundled(count))

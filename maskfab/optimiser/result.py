@@ -13,6 +13,7 @@ from maskfab import __version__
 from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
+from maskfab.camera.scenes import Bundled
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import JobError
 from maskfab.jobfile import DesignSection, RulesSection
@@ -189,6 +190,9 @@ def of_prices(found: Prices) -> Facts:
 def run_key(section: DesignSection, scenes: Sequence[Photograph], *more: object) -> str:
     """Key that tells the checkpoint of this run from every other."""
     told = hashlib.sha256(f"{__version__} {np.__version__} {section!r} {more!r}".encode())
+    if isinstance(scenes, Bundled):
+        told.update(f"{len(scenes)} bundled".encode())
+        return told.hexdigest()
     for scene in scenes:
         told.update(f"{scene.name} {scene.number} {scene.values.shape}".encode())
         told.update(np.ascontiguousarray(scene.values).tobytes())

@@ -21,9 +21,10 @@ from maskfab.errors import JobError
 from maskfab.jobfile import validate
 from maskfab.model import Stop
 from maskfab.optimiser.design import check_possible, design, notes_of, taking_of
-from maskfab.optimiser.model.expected_psnr import SceneStatistics, surrogate
+from maskfab.optimiser.model.expected_psnr import surrogate
 from maskfab.optimiser.model.interior import interior
 from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.optimiser.model.scene_statistics import SceneStatistics
 from maskfab.optimiser.model.taking import F1_TAKING, PixelNoise, Taking
 from maskfab.optimiser.result import camera_facts
 

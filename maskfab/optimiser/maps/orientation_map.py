@@ -374,14 +374,15 @@ class _Search:
     def _turns(self, chosen: NDArray[np.int64], slope: Slope) -> Floats:
         """Change by turning every cell to every kind, [cells, kinds], dB; 0 for its present one."""
         linear = (_by_cell(slope.field, self.error.dots) * self.inside) @ self.flat.T
-        pairs = slope.near[self.apart].astype(np.float32)
+        pairs = slope.near.astype(np.float32)[self.apart]
         flat = self.flat.astype(np.float32)
         whole = flat @ pairs @ flat.T
         turns = linear - np.take_along_axis(linear, chosen[:, None], axis=1)
         alone = np.diag(whole)
         turns += alone + alone[chosen, None] - 2 * whole[chosen]
         held = chosen[self.cut]
-        seen = self.rim @ pairs
+        # All in one product: as many small ones take twice the time.
+        seen = (self.rim.reshape(-1, len(pairs)) @ pairs).reshape(self.rim.shape)
         alone = np.einsum("ckd,ckd->ck", seen, self.rim)
         mine = self.rim[np.arange(len(held)), held]
         quadratic = alone + np.take_along_axis(alone, held[:, None], axis=1)

@@ -45,12 +45,11 @@ from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.opening.clear_dots import closed
 from maskfab.optics.numbers.colour import code_of_light
+from maskfab.optimiser.model.scene_statistics import COLUMNS, FACTOR, ROWS, WIDTH, SceneStatistics, scene_statistics
 from maskfab.optimiser.model.taking import F1_TAKING, PixelNoise, Taking
 
 Floats = NDArray[np.float64]
 
-_ROWS, _COLUMNS, _FACTOR = 128, 192, 8
-_WIDTH = 32
 _LONG_LAGS = 3000
 _LEAK_EVERY = 5
 """For other photographs than protocol F1's: their ε lie wider apart, and with them what leaks."""
@@ -59,8 +58,6 @@ _AROUND = 3
 _NORMAL_NODES = 15
 _NEAR = 168 / 165.625
 """Share of the lag of the highest low frequency up to which lags are held: just beyond it."""
-LEAST_CONTRAST = 1e-4
-"""A tenth of what the smallest step of eight bits is, evenly spread."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -209,14 +206,14 @@ class Surrogate:
 
 def _on_sensor(spectrum: NDArray[np.complex64]) -> NDArray[np.float32]:
     """The sensor's part of pictures of a spectrum [scenes, 128, 97]; rows beyond it are not transformed further."""
-    rows = scipy.fft.ifft(spectrum, axis=1, workers=1)[:, _WIDTH:-_WIDTH]
-    return np.asarray(scipy.fft.irfft(rows, _COLUMNS, axis=2, workers=1)[:, :, _WIDTH:-_WIDTH])
+    rows = scipy.fft.ifft(spectrum, axis=1, workers=1)[:, WIDTH:-WIDTH]
+    return np.asarray(scipy.fft.irfft(rows, COLUMNS, axis=2, workers=1)[:, :, WIDTH:-WIDTH])
 
 
 def _mirrored(record: NDArray[np.float32]) -> NDArray[np.complex64]:
     """Spectrum of records mirrored at their edges, whose pixels are doubled; mirrored rows are transformed once."""
-    rows = scipy.fft.rfft(np.pad(record, [(0, 0), (0, 0), (_WIDTH, _WIDTH)], mode="symmetric"), axis=2, workers=1)
-    tall = np.pad(rows, [(0, 0), (_WIDTH, _WIDTH), (0, 0)], mode="symmetric")
+    rows = scipy.fft.rfft(np.pad(record, [(0, 0), (0, 0), (WIDTH, WIDTH)], mode="symmetric"), axis=2, workers=1)
+    tall = np.pad(rows, [(0, 0), (WIDTH, WIDTH), (0, 0)], mode="symmetric")
     return np.asarray(scipy.fft.fft(tall, axis=1, workers=1))
 
 
@@ -253,85 +250,42 @@ def surrogate_behind(
     scenes: Sequence[Photograph], room: CellGrid, *, taking: Taking = F1_TAKING, leak_scenes: int = 2
 ) -> Surrogate:
     """A surrogate for the units of given cells; arguments and errors as of :func:`surrogate`."""
-    return SceneStatistics.of(scenes, leak_scenes=leak_scenes, taking=taking).behind(room)
+    return _behind(scene_statistics(scenes, leak_scenes=leak_scenes, taking=taking), room)
 
 
-@dataclass(frozen=True, eq=False)
-class SceneStatistics:
-    """Knowledge of a surrogate about its scenes, whatever cells they are seen through.
-
-    Attributes:
-        noise: of their pixels.
-        factor, power: c and p of their spectrum c f^-p.
-        low: complex64 [scenes, 128, 97], low-passed scenes.
-        low_truth: their own part on the sensor, float32.
-        pixels: of every scene, before it was brought to one contrast with the others, and by what factor it was.
-    """
-
-    noise: PixelNoise
-    factor: float
-    power: float
-    low: NDArray[np.complex64]
-    low_truth: NDArray[np.float32]
-    pixels: tuple[tuple[Floats, float], ...]
-
-    @classmethod
-    def of(cls, scenes: Sequence[Photograph], *, leak_scenes: int = 2, taking: Taking = F1_TAKING) -> SceneStatistics:
-        """Of scenes as :func:`surrogate` takes them; errors likewise."""
-        kept = _of_use(scenes)
-        if taking.protocol.linear:
-            kept = [Photograph(s.name, s.number, np.minimum(s.light, 1)) for s in kept]
-        means, scales = [float(s.values.mean()) for s in kept], _scales(kept)
-        if taking.protocol.linear:
-            noise = PixelNoise(taking, float(np.mean(scales**2 * means)), float(np.mean(scales**2)))
-        else:
-            noise = PixelNoise(taking, float(np.mean([s.values.mean() for s in kept])))
-        own = tuple((_inner_pixels(s), float(k)) for s, k in zip(kept, scales, strict=True))
-        kept = [Photograph(s.name, s.number, s.values * np.float32(k)) for s, k in zip(kept, scales, strict=True)]
-        factor, power = _spectrum(kept)
-        spectra = np.stack([scipy.fft.rfft2(values) for values in _mixed(kept, leak_scenes)])
-        rows = np.r_[0 : _ROWS // 2, -_ROWS // 2 : 0]
-        cut = spectra[:, rows, : _COLUMNS // 2 + 1] / _FACTOR**2
-        # The highest frequencies of an even grid stand for both signs; without them nothing is ambiguous.
-        cut[:, _ROWS // 2] = 0
-        cut[:, :, -1] = 0
-        small = scipy.fft.irfft2(cut, (_ROWS, _COLUMNS)).astype(np.float32)
-        seen = small[:, _WIDTH:-_WIDTH, _WIDTH:-_WIDTH]
-        return cls(noise, factor, power, cut.astype(np.complex64), seen, own)
-
-    def behind(self, room: CellGrid) -> Surrogate:
-        """The surrogate for the units of given cells."""
-        wavelength_nm = room.camera.middle_nm
-        per_cycle = room.per_cycle(wavelength_nm)
-        open_stop = OpenStop.of(room, wavelength_nm)
-        lags, count = _choose_lags(room.dots, int(per_cycle / 2))
-        nu = lags / per_cycle
-        distance = np.hypot(nu[0], nu[1])
-        weight = count / count.sum()
-        edge = 0.5 / _FACTOR
-        low = (abs(nu[0]) < edge) & (abs(nu[1]) < edge)
-        density = self.factor * np.maximum(distance, 1e-3) ** -self.power
-        axes = scipy.fft.fftfreq(_ROWS) / _FACTOR, scipy.fft.rfftfreq(_COLUMNS) / _FACTOR
-        # Rounding must not add a dot where that is a whole number of them.
-        reach = math.ceil(_NEAR * edge * per_cycle - 1e-9)
-        near = np.arange(-reach, reach + 1)
-        made = Surrogate(
-            room,
-            lags,
-            open_stop(nu[0], nu[1]),
-            open_stop.folded(nu[0], nu[1]),
-            weight,
-            np.where(low, 0, weight * density),
-            (distance / PRIOR_CY_PER_PX) ** 2 + 1e-12,
-            open_stop.at(near[:, None], near),
-            (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
-            self.low,
-            self.low_truth,
-            ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
-            self.noise,
-            self.noise.taking.protocol.strengths,
-        )
-        return made if self.noise.taking.is_f1 else _coded(_narrowed(made), self.pixels)
+def _behind(known: SceneStatistics, room: CellGrid) -> Surrogate:
+    """The surrogate for the units of given cells."""
+    wavelength_nm = room.camera.middle_nm
+    per_cycle = room.per_cycle(wavelength_nm)
+    open_stop = OpenStop.of(room, wavelength_nm)
+    lags, count = _choose_lags(room.dots, int(per_cycle / 2))
+    nu = lags / per_cycle
+    distance = np.hypot(nu[0], nu[1])
+    weight = count / count.sum()
+    edge = 0.5 / FACTOR
+    low = (abs(nu[0]) < edge) & (abs(nu[1]) < edge)
+    density = known.factor * np.maximum(distance, 1e-3) ** -known.power
+    axes = scipy.fft.fftfreq(ROWS) / FACTOR, scipy.fft.rfftfreq(COLUMNS) / FACTOR
+    # Rounding must not add a dot where that is a whole number of them.
+    reach = math.ceil(_NEAR * edge * per_cycle - 1e-9)
+    near = np.arange(-reach, reach + 1)
+    made = Surrogate(
+        room,
+        lags,
+        open_stop(nu[0], nu[1]),
+        open_stop.folded(nu[0], nu[1]),
+        weight,
+        np.where(low, 0, weight * density),
+        (distance / PRIOR_CY_PER_PX) ** 2 + 1e-12,
+        open_stop.at(near[:, None], near),
+        (_interpolation(axes[0], per_cycle, reach), _interpolation(axes[1], per_cycle, reach)),
+        known.low,
+        known.low_truth,
+        ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
+        known.noise,
+        known.noise.taking.protocol.strengths,
+    )
+    return made if known.noise.taking.is_f1 else _coded(_narrowed(made), known.pixels)
 
 
 def _narrowed(estimate: Surrogate) -> Surrogate:
@@ -379,34 +333,6 @@ def _square(dots: int) -> NDArray[np.bool_]:
     return unit
 
 
-def _inner_pixels(scene: Photograph) -> Floats:
-    """Some of the green pixels on the sensor."""
-    edge = _WIDTH * _FACTOR
-    return scene.values[1, edge:-edge:_FACTOR, edge:-edge:_FACTOR].astype(np.float64)
-
-
-def _of_use(scenes: Sequence[Photograph]) -> list[Photograph]:
-    kept = [s for s in scenes if s.values.shape[1:] == (_ROWS * _FACTOR, _COLUMNS * _FACTOR)]
-    if not kept:
-        raise JobError(
-            "MF121",
-            "no scene has 1536 x 1024 pixels",
-            where="scenes",
-            cure="Give photographs of 1536 x 1024 pixels or more",
-        )
-    for scene in kept:
-        contrast = float(scene.values[1].std(dtype=np.float64))
-        if not contrast >= LEAST_CONTRAST:
-            raise JobError(
-                "MF121",
-                f"the picture {scene.name} is the same grey everywhere: its green values deviate by {contrast:.2g} of "
-                f"white, least {LEAST_CONTRAST:g}; it has no spectrum to design for",
-                where=f"scenes.{scene.name}",
-                cure="Take it away, or give a photograph",
-            )
-    return kept
-
-
 def _choose_lags(dots: int, longest: int) -> tuple[NDArray[np.int64], Floats]:
     """Lags [2, m] of the upper half plane, and how many each stands for: short ones all, long ones by chance."""
     y, x = (v.ravel() for v in np.mgrid[0 : longest + 1, -longest : longest + 1])
@@ -426,36 +352,3 @@ def _interpolation(frequency: Floats, per_cycle: float, reach: int) -> Floats:
     lags = np.arange(-reach, reach + 1)
     hat = np.maximum(0, 1 - abs(frequency[:, None] * per_cycle - lags))
     return np.asarray(hat * np.sinc(frequency)[:, None])
-
-
-def _scales(scenes: Sequence[Photograph]) -> Floats:
-    """Factors that bring the scenes' contrasts to their geometric mean, as a mean over decibels weighs them alike."""
-    contrast = np.array([float(s.values[1].std(dtype=np.float64)) for s in scenes])
-    return np.asarray(np.exp(np.log(np.maximum(contrast, 1e-6)).mean()) / np.maximum(contrast, 1e-6))
-
-
-def _mixed(scenes: Sequence[Photograph], most: int) -> list[Floats]:
-    """At most so many pictures that leak as much as all: sums with random signs, over the root of their number.
-
-    The leak is a square of something linear in the picture, so products of different scenes cancel on average.
-    """
-    green = np.stack([s.values[1] for s in scenes]).astype(np.float64)
-    if len(scenes) <= most:
-        return list(green)
-    signs = np.random.default_rng(0).choice([-1.0, 1.0], size=(most, len(scenes))) / np.sqrt(len(scenes))
-    return list(np.tensordot(signs, green, axes=1))
-
-
-def _spectrum(scenes: Sequence[Photograph]) -> tuple[float, float]:
-    """c and p of the green channels' power c f^-p, per pixel of variance."""
-    rows, columns = scenes[0].values.shape[1:]
-    window = np.hanning(rows)[:, None] * np.hanning(columns)
-    power = np.mean([abs(scipy.fft.rfft2((s.values[1] - s.values[1].mean()) * window)) ** 2 for s in scenes], axis=0)
-    power /= (window**2).sum()
-    distance = np.hypot(scipy.fft.fftfreq(rows)[:, None], scipy.fft.rfftfreq(columns))
-    edges = np.geomspace(0.02, 0.4, 13)
-    ring = np.digitize(distance, edges)
-    middle = np.sqrt(edges[:-1] * edges[1:])
-    level = [power[ring == k].mean() for k in range(1, len(edges))]
-    slope, offset = np.polyfit(np.log(middle), np.log(level), 1)
-    return float(np.exp(offset)), float(-slope)

@@ -65,14 +65,14 @@ class JudgedPupil:
     Attributes:
         dots: along the unit's side.
         side: dots along the panel's side.
-        spectrum: the pupil's transform, frequencies along x from 0.
+        spectrum: the pupil's transform, complex64, frequencies along x from 0.
         lags: its autocorrelation in the upper half plane.
         value: the loss as a function of it.
     """
 
     dots: int
     side: int
-    spectrum: NDArray[np.complex64]
+    spectrum: torch.Tensor
     lags: torch.Tensor
     value: torch.Tensor
 
@@ -90,12 +90,11 @@ class JudgedPupil:
         half[0] = 0.5 * (half[0] + half[0, ::-1])
         half[1:] *= 0.5
         wrapped = np.zeros((len(half), size), dtype=np.float32)
-        wrapped[:, np.arange(-reach, reach + 1) % size] = half
-        rows = scipy.fft.rfft(wrapped, axis=1, workers=1)
+        wrapped[:, : reach + 1], wrapped[:, -reach:] = half[:, reach:], half[:, :reach]
         # The slopes are real and even, so their transform is real.
-        slopes = scipy.fft.hfft(rows, n=size, axis=0, workers=1)
-        by_row = scipy.fft.ifft(self.spectrum * slopes, axis=0, overwrite_x=True, workers=1)[: self.side]
-        field = 2 * scipy.fft.irfft(by_row, n=size, axis=1, workers=1)[:, : self.side]
+        slopes = torch.fft.hfft(torch.fft.rfft(torch.from_numpy(wrapped), dim=1), n=size, dim=0)
+        by_row = torch.fft.ifft(self.spectrum * slopes, dim=0)[: self.side]
+        field = 2 * torch.fft.irfft(by_row, n=size, dim=1)[:, : self.side].numpy()
         upper = np.zeros((self.dots, 2 * self.dots - 1))
         # Cells wider than the stop have lags at which nothing is seen.
         kept = min(self.dots - 1, reach)
@@ -105,12 +104,12 @@ class JudgedPupil:
 
 @dataclass(frozen=True, eq=False)
 class _Errors:
-    """Mean squared errors of what one Wiener filter restores; white is 1.
+    """Mean squared errors of what Wiener filters restore, by ε; white is 1.
 
     Attributes:
         noise_gain: of the noise, over its variance.
         bias: of the signal that the filter holds back.
-        leak: of the low-passed scenes, see :meth:`PupilError._leak`.
+        leak: of the low-passed scenes, see :meth:`PupilError._leaks`.
     """
 
     noise_gain: torch.Tensor
@@ -195,27 +194,27 @@ class PupilError:
         lags = torch.from_numpy(table).requires_grad_()
         return JudgedPupil(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
 
-    def _table(self, pupil: Floats) -> tuple[NDArray[np.complex64], NDArray[np.float32]]:
+    def _table(self, pupil: Floats) -> tuple[torch.Tensor, NDArray[np.float32]]:
         """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach.
 
         In single precision, and with the transform kept for the slope; else as in camera.transfer.
         """
         size, reach = self.size, self.reach
-        lines = scipy.fft.rfft(pupil.astype(np.float32), n=size, axis=1, workers=1)
-        spectrum = scipy.fft.fft(lines, n=size, axis=0, workers=1)
+        lines = torch.fft.rfft(torch.from_numpy(pupil.astype(np.float32)), n=size, dim=1)
+        spectrum = torch.fft.fft(lines, n=size, dim=0)
         power = spectrum.real**2 + spectrum.imag**2
-        rows = scipy.fft.ihfft(power, axis=0, workers=1)[: reach + 1]
-        table = scipy.fft.irfft(rows, n=size, axis=1, workers=1)[:, np.arange(-reach, reach + 1) % size]
+        # The autocorrelation is real and even, so the sign of the transforms does not matter.
+        rows = torch.fft.rfft(power, dim=0, norm="forward")[: reach + 1].conj()
+        wide = torch.fft.irfft(rows, n=size, dim=1)
         # Pairs of clear dots are counted, so rounding makes single precision exact.
-        return spectrum, np.rint(table, out=table)
+        return spectrum, torch.cat([wide[:, -reach:], wide[:, : reach + 1]], dim=1).round_().numpy()
 
     def _transfers(self, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """H on the upper half of the square of frequencies, at the low ones, and the light in dots."""
         reach, near_reach, cycle = self.reach, self.along[0].shape[1] // 2, self.cycle
         light = table[0, reach].to(torch.float64)
         seen = self._stretched(table) * self.pixel
-        around = [seen[:, start : start + cycle] for start in range(0, seen.shape[1], cycle)]
-        lines = sum(around[1:], start=around[0]) * self.pixel[len(self.pixel) // 2 :, None]
+        lines = seen.reshape(len(seen), -1, cycle).sum(dim=1) * self.pixel[len(self.pixel) // 2 :, None]
         half = cycle // 2 + 1
         folded = lines[:half]
         for start in range(cycle, len(lines), cycle):
@@ -239,27 +238,31 @@ class PupilError:
 
     def _loss(self, table: torch.Tensor, epsilons: Sequence[float]) -> torch.Tensor:
         transfer, low, light = self._transfers(table)
+        errors = self._errors(transfer, low, epsilons)
         found = [
-            weight * self._decibels(level, light, self._errors(transfer, low, epsilon))
-            for level, weight, epsilon in zip(self.levels, self.weights, epsilons, strict=True)
+            weight * self._decibels(level, light, errors)[k]
+            for k, (level, weight) in enumerate(zip(self.levels, self.weights, strict=True))
         ]
         return -torch.stack(found).sum()
 
-    def _errors(self, transfer: torch.Tensor, low: torch.Tensor, epsilon: float) -> _Errors:
-        """The mean squared errors of one filter, whatever the light."""
-        regular = epsilon * self.inverse_prior
-        below = 1 / (transfer**2 + regular) ** 2
-        noise = (self.share * transfer**2 * below).sum()
-        bias = (self.signal * regular**2 * below).sum()
-        return _Errors(noise, bias, self._leak(low, epsilon))
+    def _errors(self, transfer: torch.Tensor, low: torch.Tensor, epsilons: Sequence[float]) -> _Errors:
+        """The mean squared errors of filters, whatever the light."""
+        squared = transfer**2
+        noise, bias = [], []
+        for epsilon in epsilons:
+            regular = epsilon * self.inverse_prior
+            below = 1 / (squared + regular) ** 2
+            noise.append((self.share * squared * below).sum())
+            bias.append((self.signal * regular**2 * below).sum())
+        return _Errors(torch.stack(noise), torch.stack(bias), self._leaks(low, epsilons))
 
     def _decibels(self, level: float, light: torch.Tensor, errors: _Errors) -> torch.Tensor:
         white = self.noise.taking.electrons[level] / REFERENCE_TRANSMISSION * light / float(self.inside.sum())
         error = self.noise.of_white(white) * errors.noise_gain + errors.bias + errors.leak
         return -10 * torch.log10(error) + self.noise.added_db(level)
 
-    def _leak(self, transfer: torch.Tensor, epsilon: float) -> torch.Tensor:
-        """Mean squared error of the low-passed scenes, whose halo crosses the sensor's edge."""
+    def _leaks(self, transfer: torch.Tensor, epsilons: Sequence[float]) -> torch.Tensor:
+        """Mean squared errors of the low-passed scenes, whose halo crosses the sensor's edge, by ε."""
         single = transfer.to(torch.float32)
         rows, columns = len(self.mirror[0]), len(self.mirror[1])
         height, width = self.low_truth.shape[-2:]
@@ -267,21 +270,21 @@ class PupilError:
         record = torch.fft.irfft2(self.low * single, s=(rows, columns))
         # The places are those of the whole scene, so that nothing needs to be cut out first.
         seen = torch.fft.rfft2(record.index_select(-2, self.mirror[0]).index_select(-1, self.mirror[1]))
-        filtered = wiener_tensor(single, epsilon * self.low_prior)
-        restored = torch.fft.irfft2(seen * filtered, s=(rows, columns))
-        missed = restored[..., top : top + height, left : left + width] - self.low_truth
-        mean: torch.Tensor = (missed**2).mean().to(torch.float64)
-        return mean
+        found = []
+        for epsilon in epsilons:
+            filtered = wiener_tensor(single, epsilon * self.low_prior)
+            restored = torch.fft.irfft2(seen * filtered, s=(rows, columns))
+            missed = restored[..., top : top + height, left : left + width] - self.low_truth
+            found.append((missed**2).mean().to(torch.float64))
+        return torch.stack(found)
 
     def _tabulated(self, pupil: Floats) -> Floats:
         """Expected PSNR by level and ε."""
         _, table = self._table(pupil)
         with torch.no_grad():
             transfer, low, light = self._transfers(torch.from_numpy(table))
-            filters = [self._errors(transfer, low, epsilon) for epsilon in self.strengths]
-            return np.array(
-                [[float(self._decibels(level, light, errors)) for errors in filters] for level in self.levels]
-            )
+            errors = self._errors(transfer, low, self.strengths)
+            return np.stack([self._decibels(level, light, errors).numpy() for level in self.levels])
 
 
 def wiener_tensor(transfer: torch.Tensor, noise_to_signal: torch.Tensor | float) -> torch.Tensor:

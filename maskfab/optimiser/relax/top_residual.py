@@ -28,8 +28,8 @@ import torch
 from maskfab.camera.exposure import ELECTRONS, F1_SENSOR, REFERENCE_TRANSMISSION
 from maskfab.camera.photographs import Photograph
 from maskfab.errors import JobError
-from maskfab.optimiser.model.expected_psnr import LEAST_CONTRAST
 from maskfab.optimiser.model.layout_error import wiener_tensor
+from maskfab.optimiser.model.scene_statistics import LEAST_CONTRAST
 from maskfab.optimiser.relax.autocorrelation import Autocorrelation
 from maskfab.optimiser.relax.objective import Objective
 from maskfab.optimiser.relax.tiled_stop import GridTransfer, TiledStop
