@@ -1,4 +1,4 @@
-"""What a surrogate knows of its scenes: noise, mean spectrum, and low-passed pictures of them.
+"""Statistics of scenes that a surrogate is made of: noise, mean spectrum, and low-passed pictures of them.
 
 The statistics of the bundled scenes for protocol F1 are kept beside this module, since to draw those scenes takes most
 of a second for each: ``python -m maskfab.optimiser.model.scene_statistics`` writes that file anew.
