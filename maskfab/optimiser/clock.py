@@ -23,6 +23,10 @@ class Clock:
             return None
         return max(0.0, share * (self.budget_s - (time.monotonic() - self._begun)))
 
+    def shorter_than(self, seconds: float) -> bool:
+        """Whether the whole budget is less than so much time."""
+        return self.budget_s is not None and self.budget_s < seconds
+
     @property
     def over(self) -> bool:
         """Whether nothing is left."""

@@ -46,14 +46,14 @@ class Designed:
         shape: how it was found: the family, size and place it came from, or the objectives that were descended.
         psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic).
         head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior; None
-            for a panel of two openings.
+            for a panel of two openings, and where the budget is shorter than bounds take.
         evaluated: openings that were judged.
         prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise.
         cells: the designed map; None if none was asked for.
         designed: how that went.
         map_head_room: by level, dB that no layout of as many dots and the map's own light can gain over it; None
-            without a map, and for one of two openings.
-        gap: the opening beside all its bounds; None for a panel of two, and where there is no other opening.
+            without a map, for one of two openings, and as above.
+        gap: the opening beside all its bounds; None for a panel of two, where there is no other opening, and as above.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
         notes: what a user should know, as sentences.
         camera: lens, sensor and light that PSNRs are expected for, in words.

@@ -183,6 +183,20 @@ def test_a_map_of_another_pitch(scenes: tuple[Photograph, ...]) -> None:
     assert min(found.designed.gain_db) > 0
 
 
+def test_what_a_budget_leaves_to_be_done_is_no_longer_than_the_budget(scenes: tuple[Photograph, ...]) -> None:
+    wanted = section(dots=4, pitch="336 um", clear_dots=5, map="equal_light", shortlist=1)
+    short, long = (search(wanted, scenes, "x", budget_s=budget) for budget in (1e-3, 30.0))
+    assert short.designed is not None
+    assert long.designed is not None
+    assert short.designed.fields <= 16 < long.designed.fields
+    assert max(short.designed.gain_db) < max(long.designed.gain_db)
+    assert short.head_room is short.map_head_room is short.gap is None
+    assert "head_room_24" not in short.opening.provenance
+    assert any("16 steps" in note for note in short.notes)
+    assert long.head_room is not None
+    assert long.map_head_room is not None
+
+
 @pytest.mark.slow
 def test_the_shortlist_takes_the_best_under_a_map(scenes: tuple[Photograph, ...]) -> None:
     """The longer list cannot end at a lower value, and what it chose is a shape of the scan that keeps the rules."""
@@ -253,9 +267,11 @@ def test_circuits_are_kept_room_for(scenes: tuple[Photograph, ...]) -> None:
 
 def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(dots=12, clear_dots=32, anneal=10_000), scenes, "x", budget_s=0.05)
-    assert len(found.notes) == 2
-    assert "shapes had been judged" in found.notes[0]
-    assert "of 10000 evaluations" in found.notes[1]
+    scan, annealing, bounds = found.notes
+    assert "shapes had been judged" in scan
+    assert "of 10000 evaluations" in annealing
+    assert "no headroom" in bounds
+    assert found.head_room is None
     assert found.cut
     assert found.opening.clear_dots == 32
 

@@ -71,6 +71,7 @@ def joint(
     mode: MapMode = MapMode.EQUAL_LIGHT,
     kicks: int = 0,
     positions: int = 1,
+    steps: int | None = None,
     progress: Progress = silent,
 ) -> Joint:
     """Design a unit and its map in turns.
@@ -84,6 +85,7 @@ def joint(
         mode: the same.
         kicks: the same, of the first map.
         positions: the same; the places stay those of the first map.
+        steps: the same, of the first map.
         progress: told after every round.
 
     Raises:
@@ -108,6 +110,7 @@ def joint(
         kicks=kicks,
         positions=positions,
         allows=constraints.allows,
+        steps=steps,
         progress=progress,
     )
     best = alone

@@ -21,6 +21,7 @@ chosen by the field of the first map (:mod:`maskfab.optimiser.rules.positions`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -111,6 +112,7 @@ def design_map(
     start: NDArray[np.int8] | None = None,
     light: int | None = None,
     keep_units: bool = False,
+    steps: int | None = None,
     progress: Progress = silent,
 ) -> DesignedMap:
     """Design the orientation map of the cells that cover the stop.
@@ -128,6 +130,7 @@ def design_map(
             map. Light and gains are still those of the random map.
         light: clear dots inside the stop that equal light is; None takes those of the random map.
         keep_units: cells keep the unit that ``start`` gives them and turn only; the random map is then ``start``.
+        steps: after so many fields the map is taken as it is; None for as many as help.
         progress: told after every descent.
 
     Raises:
@@ -149,7 +152,7 @@ def design_map(
         stack = np.stack([shifted(stack[0], shift) for shift in kept])
     else:
         kept = ()
-    search = _Search(stack, error, mode, target)
+    search = _Search(stack, error, mode, target, math.inf if steps is None else steps)
     draw = np.random.default_rng([seed, 1])
     if keep_units:
         search.bar(drawn)
@@ -273,7 +276,9 @@ class _State:
 class _Search:
     """The constants of one search: what every cell can hold, what the stop leaves of it."""
 
-    def __init__(self, units: NDArray[np.bool_], error: PupilError, mode: MapMode, target: float) -> None:
+    def __init__(
+        self, units: NDArray[np.bool_], error: PupilError, mode: MapMode, target: float, steps: float = math.inf
+    ) -> None:
         dots = error.dots
         self.error, self.mode = error, mode
         self.patterns = np.stack([orient(unit, k) for unit in units for k in range(ORIENTATIONS)]).astype(np.float64)
@@ -283,7 +288,7 @@ class _Search:
         self.live = np.flatnonzero(self.inside.any(axis=1))
         self.cut = np.flatnonzero(self.inside.any(axis=1) & ~self.inside.all(axis=1))
         self.rim = (self.flat * self.inside[self.cut, None]).astype(np.float32)
-        self.target = target
+        self.target, self.steps = target, steps
         self.history: list[float] = []
         self.barred = np.zeros(self.light.shape, dtype=np.bool_)
         y, x = np.divmod(np.arange(dots * dots), dots)
@@ -324,7 +329,7 @@ class _Search:
             price = self.price(state)
             after = self.fresh(self._descended(state, price))
             # Where light has a price, the way may end above its beginning by what the band of light is worth.
-            if after.loss > state.loss - _WORTH_ANOTHER_DB:
+            if after.loss > state.loss - _WORTH_ANOTHER_DB or len(self.history) >= self.steps:
                 return min(state, after, key=lambda each: each.loss)
             state = after
 
@@ -357,6 +362,8 @@ class _Search:
                     if refused > _REFUSALS:
                         return chosen
                 most = max(1, round(len(cells) * _SHRINKAGE))
+            if len(self.history) >= self.steps:
+                return tried
             chosen, loss, turns, refused = tried, after.loss, self._turns(tried, after.slope()), 0
             share = min(_LARGEST_SHARE, _GROWTH * len(cells) / helpful)
 

@@ -30,6 +30,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from types import MappingProxyType
 
 import numpy as np
@@ -153,16 +154,30 @@ class Surrogate:
     def errors(self, unit: NDArray[np.bool_], *, periodic: bool = False) -> tuple[Errors, float]:
         """Of a unit by ε, and its clear share."""
         circular, linear = self._correlations(np.asarray(unit, dtype=np.float64), periodic)
-        y, x = self.lags
-        transfer = self.clear * circular[y % self.dots, x % self.dots] + self.folded * unit.mean()
-        short = (abs(y) < self.dots) & (abs(x) < self.dots)
-        transfer[short] += self.clear[short] * linear[y[short], x[short]]
-        epsilons = np.array(self.strengths)
-        regular = epsilons[:, None] * self.inverse_prior
-        squared = 1 / (transfer**2 + regular) ** 2
-        noise = squared @ (self.weight * transfer**2)
-        bias = epsilons**2 * (squared @ (self.signal * self.inverse_prior**2))
+        wrapped, short, within = self._places
+        transfer = self.clear * circular.ravel()[wrapped] + self.folded * unit.mean()
+        transfer[short] += self.clear[short] * linear.ravel()[within]
+        squared = transfer**2
+        epsilons, shared = self._regular
+        below = squared + shared
+        below *= below
+        np.reciprocal(below, out=below)
+        noise = below @ (self.weight * squared)
+        bias = epsilons**2 * (below @ (self.signal * self.inverse_prior**2))
         return Errors(self.noise, noise, bias, self._leak(circular, linear, epsilons)), float(unit.mean())
+
+    @cached_property
+    def _places(self) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.int64]]:
+        """The lags as flat indices into circular correlations; which are short, and these into linear ones."""
+        n, (y, x) = self.dots, self.lags
+        short = np.flatnonzero((abs(y) < n) & (abs(x) < n))
+        return y % n * n + x % n, short, y[short] % (2 * n) * 2 * n + x[short] % (2 * n)
+
+    @cached_property
+    def _regular(self) -> tuple[Floats, Floats]:
+        """ε, and what it adds to the squared transfer at each lag, [ε, m]."""
+        epsilons = np.array(self.strengths)
+        return epsilons, epsilons[:, None] * self.inverse_prior
 
     def _require(self, unit: NDArray[np.bool_], levels: Sequence[float]) -> None:
         if unit.shape != (self.dots, self.dots):
@@ -196,18 +211,17 @@ class Surrogate:
         transfer = (self.along[0] @ (table * self.near) @ self.along[1].T).astype(np.float32)
         seen = _mirrored(_on_sensor(self.low * transfer))
         known = epsilons[:: self.leak_every].astype(np.float32)
-        errors = []
-        for epsilon in known:
-            filtered = wiener(transfer, self.low_prior, epsilon)
-            missed = _on_sensor(seen * filtered) - self.low_truth
-            errors.append(float(np.square(missed).mean()))
+        filters = np.stack([wiener(transfer, self.low_prior, epsilon) for epsilon in known])
+        missed = _on_sensor(seen * filters[:, None])
+        missed -= self.low_truth
+        errors = np.square(missed, out=missed).mean(axis=(1, 2, 3), dtype=np.float64)
         return np.asarray(np.exp(np.interp(np.log(epsilons), np.log(known), np.log(np.maximum(errors, 1e-12)))))
 
 
-def _on_sensor(spectrum: NDArray[np.complex64]) -> NDArray[np.float32]:
-    """The sensor's part of pictures of a spectrum [scenes, 128, 97]; rows beyond it are not transformed further."""
-    rows = scipy.fft.ifft(spectrum, axis=1, workers=1)[:, WIDTH:-WIDTH]
-    return np.asarray(scipy.fft.irfft(rows, COLUMNS, axis=2, workers=1)[:, :, WIDTH:-WIDTH])
+def _on_sensor(spectra: NDArray[np.complex64]) -> NDArray[np.float32]:
+    """The sensor's part of pictures of spectra [.., 128, 97], overwritten; rows beyond it are not transformed."""
+    rows = scipy.fft.ifft(spectra, axis=-2, overwrite_x=True, workers=1)[..., WIDTH:-WIDTH, :]
+    return np.asarray(scipy.fft.irfft(rows, COLUMNS, axis=-1, workers=1)[..., WIDTH:-WIDTH])
 
 
 def _mirrored(record: NDArray[np.float32]) -> NDArray[np.complex64]:

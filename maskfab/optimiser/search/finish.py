@@ -20,7 +20,11 @@ from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress
 
 _KICKS = 3
+_DESCENT_S, _STEPS = 5.0, 16
+"""A descent takes about so long; budgets of less give it so many fields, which bring most of the gain."""
 _LONGEST = 20
+BOUNDS_S = 5.0
+"""Bounds take about so long; a design whose whole budget is less goes without them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -33,7 +37,7 @@ class Mapped:
         outer: the sparser one of two, bool [dots, dots].
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
         head_room: by level, dB that no layout of as many dots and as much light can gain over the map; None without a
-            map, and for a panel of two.
+            map, for a panel of two, and where the budget is shorter than bounds take.
         notes: what a user should know, as sentences.
         cut: the budget cut it short.
     """
@@ -80,7 +84,11 @@ def mapped(
         return Mapped(unit)
     mode, seed = MapMode(section.map), map_seed(section)
     kicks = 0 if clock.over else _KICKS
-    notes = ("The budget left the map one descent, and no turns with the opening.",) if clock.over else ()
+    notes: tuple[str, ...] = ()
+    steps = _STEPS if clock.over and clock.shorter_than(_DESCENT_S) else None
+    if clock.over:
+        descent = "one descent" if steps is None else f"the first {steps} steps of a descent"
+        notes = (f"The budget left the map {descent}, and no turns with the opening.",)
     if section.density is not None:
         return _graded(section, unit, rules, error, facts, find, seed, kicks, notes, progress)
     both = joint(
@@ -92,11 +100,15 @@ def mapped(
         mode=mode,
         kicks=kicks,
         positions=section.positions,
+        steps=steps,
         progress=progress,
     )
-    pupil = laid(both.unit, both.designed, error)
-    room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
-    cells = _cells(section, error, both.designed, {**facts, **by_level("head_room", room, error.levels)})
+    room = None
+    if not clock.shorter_than(BOUNDS_S):
+        pupil = laid(both.unit, both.designed, error)
+        room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
+        facts = {**facts, **by_level("head_room", room, error.levels)}
+    cells = _cells(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
 
 

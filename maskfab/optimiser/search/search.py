@@ -43,7 +43,7 @@ from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.auc_search import best_for_auc
-from maskfab.optimiser.search.finish import Mapped, map_seed, mapped
+from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, map_seed, mapped
 from maskfab.optimiser.search.scan import Best, annealed, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.progress import Progress, silent
@@ -76,7 +76,8 @@ def search(
         camera: that looks through the panel.
         taking: of the photographs that openings are compared by.
         display: that the opening must hold; None for any or none.
-        budget_s: seconds for the search; what every result needs is done beyond them: bounds, and one descent of a map.
+        budget_s: seconds for the search; what every result needs is done beyond them: one descent of a map, and
+            bounds, where these do not take longer than the budget.
         checkpoint: file to go on from, and to keep.
 
     Raises:
@@ -134,8 +135,12 @@ def search(
     if display is not None:
         _require_fit(display, laid, rules)
     priced = prices(found.looked, expected, rules) if found.looked else None
-    psnr, head_room, gap = laid.psnr, None, None
-    if psnr is None:
+    psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
+    if psnr is None and clock.shorter_than(BOUNDS_S):
+        psnr = estimate(laid.unit, periodic=periodic)
+        known = by_level("expected_psnr", psnr, taking.levels)
+        notes += (f"Bounds are proved in {BOUNDS_S:g} s, and the budget is less: no headroom is told.",)
+    elif psnr is None:
         progress("bounds", 0, 1)
         psnr, known, head_room, gap = appraised(estimate, laid.unit, periodic=periodic)
         progress("bounds", 1, 1)
@@ -155,7 +160,7 @@ def search(
         laid.head_room,
         gap,
         None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_out", laid.outer, rules.dot_nm, facts),
-        (*_few_cells(room, section), *found.notes, *laid.notes),
+        (*_few_cells(room, section), *notes),
         found.cut or laid.cut,
         camera=made_for_line(camera, taking),
         levels=taking.levels,
