@@ -243,6 +243,13 @@ class Panel:
     def openings(self) -> tuple[Opening, ...]:
         return self.opening, *self.others
 
+    @property
+    def common(self) -> Opening:
+        """Union of its openings, of which emitters that are alike in all cells keep clear."""
+        if not self.others:
+            return self.opening
+        return replace(self.opening, mask=np.any([opening.mask for opening in self.openings], axis=0))
+
     def pattern(self, cell: int) -> NDArray[np.bool_]:
         """Contents of a cell, bool [dots, dots], from its entry in ``orientations``."""
         return orient(self.openings[cell // ORIENTATIONS].mask, cell % ORIENTATIONS)

@@ -18,7 +18,7 @@ from maskfab.display.wires.gutter import WireRules
 from maskfab.display.wires.reach import Reach, reaches
 from maskfab.display.wires.wiring import WireDemand, Wiring, check_wires, wiring
 from maskfab.jobfile import EmittersSection, LightSection, WiresSection, even_nm
-from maskfab.model import ORIENTATIONS, Emitters, Opening, Panel, Tiling, refined
+from maskfab.model import ORIENTATIONS, Emitters, Panel, Tiling, refined
 from maskfab.optics.numbers.centroid import luminance_centroid
 from maskfab.units import to_nm
 
@@ -171,7 +171,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
         return None
     if rules.wires is not None:
         check_wires(panel, rules.wires)
-    opening, used = _common(panel), _used(panel)
+    opening, used = panel.common, _used(panel)
     grid = grid_of(opening, panel.dot_nm, panel.gutter_nm, rules.emitters)
     found = footprint(opening, panel.dot_nm, panel.gutter_nm, used, rules.emitters, largest=largest)
     emitters = _given(panel)
@@ -223,7 +223,7 @@ def widest_gap(panel: Panel, rules: DisplayRules) -> LargestGap | None:
     """
     if panel.tiling is Tiling.HEXAGONAL:
         return None
-    return largest_gap(_common(panel), panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
+    return largest_gap(panel.common, panel.dot_nm, panel.gutter_nm, _used(panel), rules.emitters)
 
 
 def _used(panel: Panel) -> tuple[int, ...]:
@@ -241,13 +241,6 @@ def _demand(section: WiresSection, where: str) -> WireDemand:
         for name, value in (("space", section.space), ("clearance", section.clearance))
     )
     return WireDemand(WireRules(line, space, clearance), section.lines, transparent, section.transmission)
-
-
-def _common(panel: Panel) -> Opening:
-    """The union of a panel's openings."""
-    if not panel.others:
-        return panel.opening
-    return replace(panel.opening, mask=np.any([opening.mask for opening in panel.openings], axis=0))
 
 
 def _given(panel: Panel) -> Emitters | None:

@@ -90,6 +90,7 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
     rules.require_possible()
     if isinstance(section, SearchSection):
         _require_weights(section, taking_of(spec), where)
+        _require_room(spec, section, where)
         camera = PhotoCamera.of(spec.camera.camera(), where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
 
@@ -204,6 +205,21 @@ def _require_weights(section: SearchSection, taking: Taking, where: str) -> None
             f"{len(section.weights)} weights for {len(taking.levels)} levels of light, {told} dB",
             where=f"{where}: design.weights",
             cure="Give one weight per level, or none",
+        )
+
+
+def _require_room(spec: JobSpec, section: SearchSection, where: str) -> None:
+    """Refuse a denser middle whose openings and emitters are more than a pixel."""
+    if section.density is None or not section.fit or spec.emitters is None:
+        return
+    closed, needed = 1 - section.density, 3 * spec.emitters.required
+    if needed > closed + 1e-9:
+        raise JobError(
+            "MF123",
+            f"density = {section.density:g} leaves {closed:.1%} of the pixel closed, and three emitters of "
+            f"{spec.emitters.required:.1%} are {needed - closed:.1%} of the pixel more",
+            where=f"{where}: design.density",
+            cure=f"Choose a density below {max(0.0, 1 - needed):.3g}, or ask for smaller emitters",
         )
 
 

@@ -9,11 +9,16 @@ import numpy as np
 import pytest
 
 from maskfab.camera.transfer import CELLS, lay
+from maskfab.display.emitters.fit import footprint
+from maskfab.display.feasibility import DisplayRules
+from maskfab.display.light import LightDemand
 from maskfab.errors import JobError
-from maskfab.model import ORIENTATIONS
+from maskfab.jobfile import EmittersSection, parse_section
+from maskfab.model import ORIENTATIONS, Tiling, orient
 from maskfab.optimiser.maps.density import central, counts, display_price, graded
 from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE
 from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.fit_rule import Display
 
 DOTS = 7
 
@@ -25,9 +30,22 @@ def block(count):
     return mask.reshape(DOTS, DOTS).T
 
 
+def blocks(count):
+    """The same lying on its side, the only good one there is."""
+    return [block(count) if count > 12 else block(count).T]
+
+
+EMITTERS = parse_section(
+    EmittersSection,
+    {"required": 0.11, "gap_to_opening": "8 um", "colour_gap": "8 um", "min_width": "24 um"},
+    where="test",
+)
+RULES = Constraints(12, dots=DOTS, dot_nm=24000)
+
+
 @pytest.fixture(scope="module")
 def found(error):
-    return graded(block(12), error, 0.45, block, constraints=Constraints(12, dots=DOTS, dot_nm=24000))
+    return graded(block(12), error, 0.45, blocks, constraints=RULES)
 
 
 def test_the_middle_is_half_of_the_stop(error):
@@ -63,29 +81,59 @@ def test_a_denser_middle_restores_better(found):
 
 def test_the_price_follows_from_the_areas(found):
     price = found.price
-    assert 0 < price.worst_share < price.uniform_share < price.best_share < 1 / 3
-    assert price.current_ratio == pytest.approx(price.uniform_share / price.worst_share)
+    assert 0 < price.share < price.uniform_share < 1 / 3
+    assert price.current_ratio == pytest.approx(price.uniform_share / price.share)
     assert price.life_ratio == pytest.approx(price.current_ratio**-1.44)
-    assert price.luminance_step == pytest.approx(1 - price.worst_share / price.best_share)
+    assert price.lines is None
 
 
-def test_cells_that_are_alike_make_no_step():
-    held = np.zeros((3, 3), dtype=np.int64)
-    price = display_price(block(12), np.stack([block(12), block(4)]), held, 24000)
-    assert price.luminance_step == 0
+def test_the_sparser_unit_lies_behind_the_denser_where_it_takes_no_room(found):
+    dense, sparse = found.units
+    assert not (sparse & ~dense).any()
+    assert any(np.array_equal(sparse, orient(blocks(int(sparse.sum()))[0], k)) for k in range(ORIENTATIONS))
+    alone = footprint(RULES.opening(dense), 24000, 0, range(ORIENTATIONS), RULES.emitters, largest=True)
+    assert found.price.share == alone.found_share
+
+
+def test_emitters_alike_in_all_cells_keep_clear_of_both_units():
+    """What counts is what is clear in either unit, whichever is told first and wherever it lies."""
+    dense, beyond = block(21), block(4)[:, ::-1]
+    shares = [
+        display_price(block(12), np.stack(pair), RULES, LightDemand()).share
+        for pair in ([dense, block(4)], [dense, beyond], [beyond, dense])
+    ]
+    both = footprint(RULES.opening(dense | beyond), 24000, 0, range(ORIENTATIONS), RULES.emitters, largest=True)
+    assert shares[0] > shares[1] == shares[2] == both.found_share
+
+
+def test_a_panel_that_is_no_denser_anywhere_costs_nothing():
+    price = display_price(block(12), np.stack([block(12), block(4)]), RULES, LightDemand())
     assert (price.current_ratio, price.life_ratio) == (1, 1)
 
 
 def test_a_cell_without_room_has_no_life():
-    held = np.zeros((2, 2), dtype=np.int64)
-    price = display_price(block(12), np.stack([block(49), block(4)]), held, 24000)
-    assert (price.worst_share, price.current_ratio, price.life_ratio) == (0, math.inf, 0)
+    price = display_price(block(12), np.stack([block(49), block(4)]), RULES, LightDemand())
+    assert (price.share, price.current_ratio, price.life_ratio) == (0, math.inf, 0)
 
 
 def test_both_units_keep_the_rules_and_beside_one_another(error):
     rules = Constraints(12, dots=DOTS, dot_nm=24000, min_feature_dots=2)
     with pytest.raises(JobError, match=r"MF123.*denser.*min_feature_dots"):
-        graded(block(12), error, 0.45, block, constraints=rules)
+        graded(block(12), error, 0.45, blocks, constraints=rules)
+
+
+def test_emitters_that_fit_either_opening_may_fit_none_of_their_pairs(error):
+    """Halves of the cell: the denser one lies below, the sparser one, if it may not turn, above."""
+    asked = Display.of(DisplayRules.of(EMITTERS, None, None), Tiling.PERIODIC, 0, 4, 4)
+    rules = Constraints(12, dots=DOTS, dot_nm=24000, orientations=(0,), emitters=asked.rules.emitters, fit=asked)
+
+    def halves(count):
+        return [block(count).T if count > 12 else block(count).T[::-1]]
+
+    for count in counts(block(12), error, 0.45):
+        assert replace(rules, clear_dots=count).allows(halves(count)[0])
+    with pytest.raises(JobError, match=r"MF123.*22 and 3 clear dots break fit where they meet.*density"):
+        graded(block(12), error, 0.45, halves, constraints=rules)
 
 
 @pytest.mark.parametrize("rule", [{"kissing": "neighbours"}, {"min_space_dots": 2}])

@@ -2,22 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 from once import leaves
 
 from maskfab.display.emitters.placement import Verdict
 from maskfab.display.feasibility import DisplayRules, feasibility
+from maskfab.display.wires.wiring import wiring
 from maskfab.errors import JobError
 from maskfab.job import load_job
 from maskfab.jobfile import read
-from maskfab.model import Tiling
+from maskfab.model import ORIENTATIONS, Tiling
 from maskfab.opening.openings import opening_text
 from maskfab.optimiser.design import check_possible, design, display_notes
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.families import bars
 from maskfab.optimiser.rules.fit_rule import Display
+from maskfab.plate.maps import CellMap, map_text
 
 JOB = """
 [design]
@@ -99,6 +103,59 @@ def test_what_is_designed_for_a_display_fits_in_the_job_that_holds_it(tmp_path: 
     answer = feasibility(job.plate().dies[0].panel, job.display_rules)
     assert answer.verdict is Verdict.FITS
     assert found.prices.together >= 0
+
+
+def test_two_openings_and_their_map_fit_the_display_in_the_job_that_holds_them(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
+    monkeypatch.setattr("maskfab.optimiser.search.finish._KICKS", 0)
+    asked = ("fit = true", 'fit = true\nmap = "equal_light"\nshortlist = 1\ndensity = 0.31'), ("lines = 2", "lines = 7")
+    path = job_of(tmp_path, *asked, more=DISPLAY.replace('tiling = "random"', 'tiling = "map"\nmap = "small_map.toml"'))
+    path.write_text(path.read_text().replace("seed = 0", 'seed = 0\nothers = ["small_outer.toml"]'))
+    found = design(read(path), "a test", where=str(path))
+    assert found.outer is not None
+    assert found.cells is not None
+    (tmp_path / "small.toml").write_text(opening_text(found.opening))
+    (tmp_path / "small_outer.toml").write_text(opening_text(found.outer))
+    (tmp_path / "small_map.toml").write_text(map_text(found.cells))
+    job = load_job(path)
+    (die,) = job.plate().dies
+    answer = feasibility(die.panel, job.display_rules)
+    assert answer.verdict is Verdict.FITS
+    assert answer.share >= 0.1
+    assert not (die.panel.common.mask & emitters_on_dots(answer.emitters, 11)).any()
+    # As many lines as the design says pass, and not one more.
+    lines = found.cells.provenance["lines"]
+    demand = job.display_rules.wires
+    verdicts = [
+        wiring(die.panel, die.panel.common, replace(demand, lines=count)).verdict for count in (lines, lines + 1)
+    ]
+    assert lines >= 7
+    assert [each is Verdict.FITS for each in verdicts] == [True, False]
+
+
+def emitters_on_dots(emitters, dots):
+    per_dot = len(emitters.labels) // dots
+    return (emitters.labels > 0).reshape(dots, per_dot, dots, per_dot).any(axis=(1, 3))
+
+
+def test_beyond_a_map_of_two_openings_cells_hold_either(tmp_path: Path) -> None:
+    """As a job lays them out: the die on which a design is checked is the one that is made."""
+    spec = read(job_of(tmp_path))
+    asked = Display.of(DisplayRules.of(spec.emitters, None, spec.wires), Tiling.RANDOM, 3, 4, 12)
+    dense, sparse = (np.arange(121).reshape(11, 11) < count for count in (40, 9))
+    drawn = asked.die(dense, 8000, None, sparse).orientations
+    around = asked.die(dense, 8000, CellMap("map", np.zeros((4, 4), dtype=np.int8)), sparse).orientations
+    assert set((drawn // ORIENTATIONS).ravel().tolist()) == {0, 1}
+    outside = np.ones_like(drawn, dtype=np.bool_)
+    outside[4:8, 4:8] = False
+    assert np.array_equal(drawn[outside], around[outside])
+
+
+def test_a_density_and_emitters_that_are_more_than_a_pixel_are_refused_at_once(tmp_path: Path) -> None:
+    asked = ("fit = true", 'fit = true\nmap = "equal_light"\nshortlist = 1\ndensity = 0.75')
+    path = job_of(tmp_path, asked)
+    with pytest.raises(JobError, match=r"MF123.*25\.0%.*10\.0% are 5\.0% .*design\.density.*below 0\.7"):
+        check_possible(read(path), where=str(path))
 
 
 def test_a_display_that_no_opening_can_hold_is_refused_with_a_proof(tmp_path: Path) -> None:

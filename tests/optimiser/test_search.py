@@ -123,7 +123,7 @@ def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Photograph
     assert found.outer.clear_dots < 9 < found.opening.clear_dots == 13
     assert set(np.unique(found.cells.cells // 8)) == {0, 1}
     assert any("The display pays" in note for note in found.notes)
-    assert 0 <= float(found.cells.provenance["emitter_share_least"]) <= 1
+    assert 0 <= float(found.cells.provenance["emitter_share"]) <= 1
 
 
 @pytest.mark.parametrize("tiling", sweep(["random", "periodic"], 1))

@@ -126,6 +126,18 @@ def wiring(panel: Panel, opening: Opening, demand: WireDemand) -> Wiring:
     return Wiring(demand.lines, 0, (0, 0), transparent, laid, None, crossing, broken)
 
 
+def most_lines(panel: Panel, opening: Opening, demand: WireDemand) -> int:
+    """Lines that can be drawn for every pixel along each axis, if those asked for can: so many, and not one more.
+
+    Args:
+        panel, opening, demand: as for :func:`wiring`.
+    """
+    lines = demand.lines
+    while wiring(panel, opening, replace(demand, lines=lines + 1)).verdict is Verdict.FITS:
+        lines += 1
+    return lines
+
+
 def _alike(panel: Panel, opening: Opening, demand: WireDemand, wanted: int) -> Wiring:
     """Opaque wires that every pixel is drawn with, as many as can be."""
     rules = demand.rules

@@ -4,55 +4,62 @@ Cells whose middle lies in the central half of the stop's area hold a denser uni
 that the whole panel passes what the uniform one does; the cells that the stop cuts are turned to make up what whole
 dots leave over. A stop that is clearer in its middle passes more at the frequencies that pictures live from.
 
+All cells have one plan of emitters, which keeps clear of both units: they are as large as the denser cell lets them be,
+and neither luminance nor life differs from cell to cell. The sparser unit is turned so that it lies behind the denser
+one as far as it can, where it takes no room of its own.
+
 Notes:
-    It is no merit of the mask: the display has less room to emit where the camera looks through its middle. The
-    emitters there run at a higher current density for the same luminance, and age faster, or the display is darker
-    there. Both are stated; quote them beside the gain.
+    It is no merit of the mask: emitters are smaller than those of the uniform panel, in every cell, run at a higher
+    current density for the same luminance, and age faster. That is stated; quote it beside the gain.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from itertools import islice
 
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.display.emitters.fit import footprint
 from maskfab.display.light import LightDemand, relative_life
 from maskfab.errors import JobError
-from maskfab.model import ORIENTATIONS, Opening, frozen
+from maskfab.model import ORIENTATIONS, frozen, orient
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.fit_rule import Display
+from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent
 
 Mask = NDArray[np.bool_]
 
 
+_TRIED = 12
+"""Pairs of units for which a map is designed before a display is said not to hold them."""
+_SPARSER = 3
+"""Sparser units that are tried beside each denser one."""
+
+
 @dataclass(frozen=True)
 class DisplayPrice:
-    """Cost of a denser middle for the display, against the uniform panel.
+    """Cost of a denser middle for the display, whose emitters are alike in all cells, against the uniform panel.
 
     Attributes:
-        uniform_share: of a cell that each colour's emitter can cover, 0 to 1.
-        worst_share: the same of the densest cell.
-        best_share: the same of the sparsest.
-        current_ratio: current density for equal luminance in the densest cell, over the uniform one's; inf where
-            nothing fits there.
-        life_ratio: life of those emitters over that of the uniform panel's, 0 where nothing fits.
-        luminance_step: largest relative difference of emitting area between neighbouring cells, of the larger; so much
-            the luminance steps where all emitters run at one current density.
+        uniform_share: of a cell that each colour's emitter covers on the uniform panel, 0 to 1.
+        share: the same of the panel of two units.
+        current_ratio: current density for equal luminance over the uniform panel's; inf where nothing fits.
+        life_ratio: life of the emitters over that of the uniform panel's, 0 where nothing fits.
+        lines: that are drawn for every pixel each way on a die of these cells; None where no wires are asked for.
     """
 
     uniform_share: float
-    worst_share: float
-    best_share: float
+    share: float
     current_ratio: float
     life_ratio: float
-    luminance_step: float
+    lines: int | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,7 +93,7 @@ def graded(
     uniform: Mask,
     error: PupilError,
     share: float,
-    find: Callable[[int], Mask],
+    find: Callable[[int], Iterable[Mask]],
     *,
     constraints: Constraints,
     seed: int = 0,
@@ -94,13 +101,13 @@ def graded(
     light: LightDemand | None = None,
     progress: Progress = silent,
 ) -> Graded:
-    """Design a panel whose middle is denser, at equal light.
+    """Design a panel whose middle is denser, at equal light; where a display must fit, one that it fits.
 
     Args:
         uniform: bool [dots, dots], the unit of the panel that is compared with.
         error: of panels of such units.
         share: of the denser unit's dots that are clear, above the uniform unit's.
-        find: gives a good unit, bool [dots, dots], of so many clear dots.
+        find: gives units of so many clear dots that keep the constraints, bool [dots, dots], the best first.
         constraints: that each unit keeps for its own count of clear dots, and both beside one another.
         seed: of the random map.
         kicks: as of :func:`maskfab.optimiser.maps.orientation_map.design_map`.
@@ -109,49 +116,87 @@ def graded(
 
     Raises:
         JobError: MF104 for a share that is not between the uniform unit's and 1, or leaves nothing clear outside;
-            MF117, MF118 where the emitters' rules do not suit the pixel; MF123 for units that break the constraints.
+            MF117, MF118 where the emitters' rules do not suit the pixel; MF123 for units that break the constraints,
+            or a display that fits no pair of them on its map.
     """
     mask = np.asarray(uniform, dtype=np.bool_)
-    dense_count, sparse_count = counts(mask, error, share)
-    units = np.stack([find(dense_count), find(sparse_count)])
-    _require(units, (dense_count, sparse_count), constraints)
     first = error.laid(mask, seed=seed)
     clear = round(float(first.sum()))
     size = error.cells, error.cells
     drawn = np.random.default_rng(seed).integers(ORIENTATIONS, size=size).astype(np.int8)
-    held = (drawn + ORIENTATIONS * ~central(error)).astype(np.int8)
-    designed = design_map(
-        units,
-        error,
-        mode=MapMode.EQUAL_LIGHT,
-        seed=seed,
-        kicks=kicks,
-        start=held,
-        light=clear,
-        keep_units=True,
-        progress=progress,
+    start = (drawn + ORIENTATIONS * ~central(error)).astype(np.int8)
+    why = ""
+    for units in islice(_pairs(find, counts(mask, error, share), constraints), _TRIED):
+        designed = design_map(
+            units,
+            error,
+            mode=MapMode.EQUAL_LIGHT,
+            seed=seed,
+            kicks=kicks,
+            start=start,
+            light=clear,
+            keep_units=True,
+            progress=progress,
+        )
+        display: Display | None = constraints["fit"] or None
+        lines = None
+        if display is not None:
+            die = display.die(units[0], constraints.dot_nm, CellMap("map", designed.orientations), units[1])
+            if (broken := display.broken_on(die)) is not None:
+                why = broken
+                continue
+            lines = display.most_lines(die)
+        price = display_price(mask, units, constraints, light or LightDemand(), lines)
+        return Graded(units, designed, error.psnr(first), clear, price)
+    raise JobError(
+        "MF123",
+        f"the display fits none of the {_TRIED} best pairs of openings on their own maps: {why}",
+        where="design.fit",
+        cure="Ask for fewer lines, smaller emitters, a smaller density or another tiling_seed",
     )
-    exponent = (light or LightDemand()).ageing_exponent
-    held = designed.orientations // ORIENTATIONS
-    price = display_price(mask, units, held, constraints.dot_nm, exponent, constraints.emitters)
-    return Graded(units, designed, error.psnr(first), clear, price)
 
 
-def _require(units: Mask, wanted: tuple[int, int], constraints: Constraints) -> None:
-    for unit, count, which in zip(units, wanted, ("denser", "sparser"), strict=True):
-        if (broken := replace(constraints, clear_dots=count).first_broken(unit)) is not None:
-            raise JobError(
-                "MF123",
-                f"the {which} opening of {count} clear dots breaks {broken}",
-                where="density",
-                cure="Relax that rule, or choose another density",
-            )
-    if broken := constraints.broken_beside(units):
+def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], constraints: Constraints) -> Iterator[Mask]:
+    """Denser and sparser units that keep the constraints beside one another, bool [2, dots, dots], the best first.
+
+    Raises:
+        JobError: MF123 where there are none.
+    """
+    dense_count, sparse_count = wanted
+    sparser: list[Mask] | None = None
+    found, broken = False, None
+    for dense in find(dense_count):
+        _require(dense, dense_count, constraints, "denser")
+        if sparser is None:
+            sparser = list(islice(find(sparse_count), _SPARSER))
+        for sparse in sparser:
+            _require(sparse, sparse_count, constraints, "sparser")
+            units = np.stack([dense, _behind(sparse, dense, constraints.orientations)])
+            broken = constraints.broken_beside(units)
+            if broken is None:
+                found = True
+                yield units
+    if not found:
         raise JobError(
             "MF123",
-            f"the denser and the sparser opening break {broken} where they meet",
+            f"openings of {dense_count} and {sparse_count} clear dots break {broken} where they meet",
             where="density",
-            cure="Relax that rule, or ask for rim_dots",
+            cure="Relax that rule, ask for rim_dots, or choose a smaller density",
+        )
+
+
+def _behind(sparse: Mask, dense: Mask, orientations: Sequence[int]) -> Mask:
+    """The sparser unit in the orientation, of those in use, in which most of it lies where the denser one is clear."""
+    return max((orient(sparse, k) for k in orientations), key=lambda turned: int((turned & dense).sum()))
+
+
+def _require(unit: Mask, count: int, constraints: Constraints, which: str) -> None:
+    if (broken := replace(constraints, clear_dots=count).first_broken(unit)) is not None:
+        raise JobError(
+            "MF123",
+            f"the {which} opening of {count} clear dots breaks {broken}",
+            where="density",
+            cure="Relax that rule, or choose another density",
         )
 
 
@@ -195,39 +240,27 @@ def counts(uniform: Mask, error: PupilError, share: float) -> tuple[int, int]:
 
 
 def display_price(
-    uniform: Mask,
-    units: Mask,
-    held: NDArray[np.integer],
-    dot_nm: int,
-    exponent: float = LightDemand.ageing_exponent,
-    emitters: EmitterRules | None = None,
+    uniform: Mask, units: Mask, constraints: Constraints, light: LightDemand, lines: int | None = None
 ) -> DisplayPrice:
-    """Cost for the display, from the largest emitters found around each unit in all orientations.
+    """Cost for the display, from the largest emitters found around one unit, and around both, in all orientations.
 
     Args:
         uniform: bool [dots, dots].
         units: bool [2, dots, dots].
-        held: which unit each cell holds, integers [rows, columns].
-        dot_nm: side of a dot.
-        exponent: n of life ~ J^-n.
-        emitters: their rules; None for two dots of width, 8 µm between colours, none to the opening.
+        constraints: whose rules of emitters hold.
+        light: whose ageing exponent counts.
+        lines: that are drawn each way; None where none are asked for.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.emitters.fit.footprint`.
     """
-    rules = emitters or EmitterRules(0, 8000, 2 * dot_nm)
-    shares = [
-        footprint(Opening("unit", mask, dot_nm), dot_nm, 0, range(ORIENTATIONS), rules).found_share
-        for mask in (uniform, *units)
-    ]
-    here = np.array(shares[1:])[held]
-    pairs = np.concatenate(
-        [np.stack([a.ravel(), b.ravel()]) for a, b in ((here[1:], here[:-1]), (here[:, 1:], here[:, :-1]))], axis=1
-    )
-    larger = pairs.max(axis=0)
-    steps = np.divide(larger - pairs.min(axis=0), larger, out=np.zeros_like(larger), where=larger > 0)
-    worst = min(shares[1:])
-    fits = worst > 0 and shares[0] > 0
-    ratio = shares[0] / worst if fits else math.inf
-    life = relative_life(ratio, 1.0, exponent) if fits else 0.0
-    return DisplayPrice(shares[0], worst, max(shares[1:]), ratio, life, float(steps.max(initial=0.0)))
+
+    def largest(clear: Mask) -> float:
+        opening, orientations = constraints.opening(clear), constraints.orientations
+        return footprint(opening, constraints.dot_nm, 0, orientations, constraints.emitters, largest=True).found_share
+
+    before, share = largest(uniform), largest(np.logical_or(*units))
+    fits = before > 0 and share > 0
+    ratio = before / share if fits else math.inf
+    life = relative_life(ratio, 1.0, light.ageing_exponent) if fits else 0.0
+    return DisplayPrice(before, share, ratio, life, lines)

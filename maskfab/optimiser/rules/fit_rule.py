@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from maskfab.display.circuit import pixel_room
 from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
-from maskfab.display.wires.wiring import wiring
+from maskfab.display.wires.wiring import most_lines, wiring
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Panel, Tiling
 from maskfab.optimiser.rules.display_rules import found_quickly
@@ -53,18 +53,23 @@ class Display:
         held = self.cells if cells is None else cells
         return Panel(Opening("unit", unit, dot_nm), dot_nm, 0, held, self.tiling, self.seed, others=others)
 
-    def die(self, unit: Mask, dot_nm: int, given: CellMap | None, outer: Mask | None) -> Panel:
-        """The panel of a die, its map in the middle."""
-        if given is None:
-            return self.panel(unit, dot_nm, orientations(self.tiling, self.across, self.across, self.seed), outer)
-        rows, columns = panel_shape(given, self.across, self.across)
+    def die(self, unit: Mask, dot_nm: int, given: CellMap | None, outer: Mask | None = None) -> Panel:
+        """The panel of a die, its map in the middle; every cell beyond it draws one of both openings."""
         held = 1 if outer is None else 2
+        if given is None:
+            drawn = orientations(self.tiling, self.across, self.across, self.seed, openings=held)
+            return self.panel(unit, dot_nm, drawn, outer)
+        rows, columns = panel_shape(given, self.across, self.across)
         return self.panel(unit, dot_nm, placed(given, rows, columns, self.seed, openings=held, where="design"), outer)
 
     def broken_on(self, panel: Panel) -> str | None:
         """Why the display does not fit a panel; None if it does."""
         found = feasibility(panel, self.rules)
         return None if found is None or found.verdict is Verdict.FITS else _why(found)
+
+    def most_lines(self, panel: Panel) -> int | None:
+        """Lines that can be drawn each way on a panel that it fits; None where none are asked for."""
+        return None if self.rules.wires is None else most_lines(panel, panel.common, self.rules.wires)
 
     def broken_quickly(self, constraints: Constraints, unit: Mask) -> str | None:
         """Why an opening does not hold it, no laxer: with emitters that are rectangles or parted by straight cuts."""
@@ -112,6 +117,13 @@ def _not_fitting_quickly(constraints: Constraints, unit: Mask) -> str | None:
     return display.broken_quickly(constraints, unit)
 
 
+def _not_fitting_beside(constraints: Constraints, units: Mask) -> bool:
+    """Whether it does not fit a die whose cells draw one of two openings."""
+    display: Display = constraints["fit"]
+    dense, sparse = units
+    return display.broken_on(display.die(dense, constraints.dot_nm, None, sparse)) is not None
+
+
 def _by_nothing(constraints: Constraints) -> Conflict | None:
     """Not even a pixel without an opening holds the display."""
     display: Display = constraints["fit"]
@@ -125,6 +137,7 @@ FIT = Rule(
     _not_fitting,
     _not_fitting_quickly,
     _by_nothing,
+    beside=_not_fitting_beside,
     one_place=lambda _: True,
     slow=True,
     section=SearchSection,

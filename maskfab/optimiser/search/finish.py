@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
 from maskfab.jobfile import SearchSection
@@ -59,7 +59,7 @@ def mapped(
     estimate: Surrogate,
     error: PupilError | None,
     facts: Facts,
-    find: Callable[[int], Mask],
+    find: Callable[[int], Iterable[Mask]],
     clock: Clock,
     progress: Progress,
 ) -> Mapped:
@@ -72,7 +72,7 @@ def mapped(
         estimate: of the scenes.
         error: of panels, the same scenes; None where no map is wanted.
         facts: provenance of the map, to which its own is added.
-        find: gives the best opening of so many clear dots, for a panel of two.
+        find: gives openings of so many clear dots, the best first, for a panel of two.
         clock: a map whose time is over is designed without kicks.
         progress: told where the work stands.
 
@@ -123,7 +123,7 @@ def _graded(
     rules: Constraints,
     error: PupilError,
     facts: Facts,
-    find: Callable[[int], Mask],
+    find: Callable[[int], Iterable[Mask]],
     seed: int,
     kicks: int,
     notes: tuple[str, ...],
@@ -137,15 +137,17 @@ def _graded(
         **facts,
         **by_level("graded_gain_db", made.gain_db, error.levels),
         "emitter_share_uniform": round(price.uniform_share, 4),
-        "emitter_share_least": round(price.worst_share, 4),
+        "emitter_share": round(price.share, 4),
         "emitter_life_ratio": round(price.life_ratio, 4),
-        "luminance_step": round(price.luminance_step, 4),
     }
     told = (
-        f"The display pays for the denser middle: emitters of {price.worst_share:.1%} of the pixel in each colour "
-        f"instead of {price.uniform_share:.1%}, which live {price.life_ratio:.2f} as long at equal luminance; emitting "
-        f"area steps by {price.luminance_step:.0%} between neighbours."
+        f"The display pays for the denser middle: emitters, alike in all cells, of {price.share:.1%} of the pixel in "
+        f"each colour instead of {price.uniform_share:.1%}, which live {price.life_ratio:.2f} as long at equal "
+        "luminance."
     )
+    if price.lines is not None:
+        known["lines"] = price.lines
+        told += f" {price.lines} lines each way pass both openings."
     cells = _cells(section, error, made.designed, known)
     dense, sparse = made.units
     return Mapped(dense, cells, made.designed, sparse, made.designed.psnr, notes=(*notes, told), cut=bool(notes))

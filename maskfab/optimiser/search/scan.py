@@ -7,7 +7,9 @@ from __future__ import annotations
 
 import json
 import os
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import partial
 from itertools import chain
 from typing import Any
 
@@ -18,7 +20,7 @@ from maskfab.jobfile import SearchSection
 from maskfab.model import Tiling
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Objective, Ranked, Scan, State, anneal, scan
+from maskfab.optimiser.rules.discrete import Mask, Objective, Ranked, Scan, State, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
 from maskfab.progress import Progress
 
@@ -65,20 +67,9 @@ def scanned(
     """
     if kept is not None and "scan_units" in kept.state:
         return _restored(kept.state)
-    shapes = list(chain.from_iterable(FAMILIES[name](section.dots, section.clear_dots) for name in section.families))
+    shapes = _shapes(section)
     share = _SCAN_SHARE if section.anneal else 1.0
-
-    def look(constraints: Constraints, budget_s: float | None) -> Scan:
-        return scan(
-            shapes,
-            objective,
-            constraints,
-            turned_alike=section.tiling is not Tiling.PERIODIC,
-            budget_s=budget_s,
-            workers=os.cpu_count() or 1,
-            progress=progress,
-        )
-
+    look = partial(_look, section, shapes, objective, progress)
     found = look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left(share))
     evaluated, complete = found.evaluated, found.complete
     best, ruled = next((each for each in found.ranked if rules.allows(each.unit)), None), None
@@ -102,6 +93,24 @@ def scanned(
     if kept is not None and complete:
         kept.put(_stored(made))
     return made
+
+
+def allowed(
+    section: SearchSection, rules: Constraints, objective: Objective, clock: Clock, progress: Progress
+) -> Iterator[Mask]:
+    """Openings of the section's families that keep the rules, the best first; looked at as they are asked for.
+
+    Raises:
+        JobError: MF123 if none keeps the rules.
+    """
+    look = partial(_look, section, _shapes(section), objective, progress)
+    found = False
+    for each in look(Constraints(section.clear_dots, dots=section.dots, dot_nm=rules.dot_nm), clock.left()).ranked:
+        if rules.allows(each.unit):
+            found = True
+            yield each.unit
+    if not found:
+        yield from (each.unit for each in look(rules, clock.left()).ranked)
 
 
 def annealed(
@@ -149,6 +158,29 @@ def annealed(
         return Best(found.best, found.looked, evaluated, tuple(notes), cut)
     best = Ranked(f"{found.best.name}, annealed", walked.unit, walked.value)
     return Best(best, (*found.looked, *_candidates([best])), evaluated, tuple(notes), cut)
+
+
+def _shapes(section: SearchSection) -> list[Candidate]:
+    return list(chain.from_iterable(FAMILIES[name](section.dots, section.clear_dots) for name in section.families))
+
+
+def _look(
+    section: SearchSection,
+    shapes: list[Candidate],
+    objective: Objective,
+    progress: Progress,
+    constraints: Constraints,
+    budget_s: float | None,
+) -> Scan:
+    return scan(
+        shapes,
+        objective,
+        constraints,
+        turned_alike=section.tiling is not Tiling.PERIODIC,
+        budget_s=budget_s,
+        workers=os.cpu_count() or 1,
+        progress=progress,
+    )
 
 
 def _candidates(ranked: list[Ranked]) -> tuple[Candidate, ...]:

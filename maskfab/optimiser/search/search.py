@@ -7,7 +7,7 @@ then the annealing; what it has cut short depends on the clock, and the notes sa
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -44,11 +44,11 @@ from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.auc_search import best_for_auc
 from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, map_seed, mapped
-from maskfab.optimiser.search.scan import Best, annealed, scanned
+from maskfab.optimiser.search.scan import Best, allowed, annealed, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.progress import Progress, silent
 
-_LONGEST = 20
+_LONGEST = 18
 _MAP_LEAK_SCENES = 8
 _AUC_EVALUATIONS = 4000
 _AUC_TEMPERATURE = (0.001, 0.00001)
@@ -125,14 +125,14 @@ def search(
         )
     facts: Facts = {**origin(section, command, made_for), "shape": found.best.name}
 
-    def of_count(clear_dots: int) -> Mask:
-        other = section.model_copy(update={"clear_dots": clear_dots, "anneal": 0})
-        return scanned(other, replace(rules, clear_dots=clear_dots), expected, clock, None, progress).best.unit
+    def of_count(clear_dots: int) -> Iterator[Mask]:
+        other = section.model_copy(update={"clear_dots": clear_dots})
+        return allowed(other, replace(rules, clear_dots=clear_dots), expected, clock, progress)
 
     laid = mapped(
         section, found.best.unit, rules, estimate, error, origin(section, command, made_for), of_count, clock, progress
     )
-    if display is not None:
+    if display is not None and laid.outer is None:
         _require_fit(display, laid, rules)
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
@@ -159,7 +159,7 @@ def search(
         laid.designed,
         laid.head_room,
         gap,
-        None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_out", laid.outer, rules.dot_nm, facts),
+        None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_outer", laid.outer, rules.dot_nm, facts),
         (*_few_cells(room, section), *notes),
         found.cut or laid.cut,
         camera=made_for_line(camera, taking),
@@ -173,7 +173,7 @@ def _require_fit(display: Display, laid: Mapped, rules: Constraints) -> None:
     Raises:
         JobError: MF123.
     """
-    why = display.broken_on(display.die(laid.unit, rules.dot_nm, laid.cells, laid.outer))
+    why = display.broken_on(display.die(laid.unit, rules.dot_nm, laid.cells))
     if why is not None:
         raise JobError(
             "MF123",
