@@ -85,14 +85,23 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
         JobError: MF105 without a [design]; MF123 for rules that contradict each other; MF133 to MF135 for the camera;
             MF140, MF141 for its sensor and its light.
     """
-    section = section_of(spec, where)
-    rules = constraints_of(section, where=f"{where}: design", display=display_of(spec, where))
+    _possible(spec, where)
+
+
+def _possible(spec: JobSpec, where: str) -> Display | None:
+    """The display that the opening must hold, of a job that is possible."""
+    section, display = section_of(spec, where), display_of(spec, where)
+    rules = constraints_of(section, where=f"{where}: design", display=display)
     rules.require_possible()
     if isinstance(section, SearchSection):
+        from maskfab.optimiser.search.scan import require_shapes
+
         _require_weights(section, taking_of(spec), where)
         _require_room(spec, section, where)
         camera = PhotoCamera.of(spec.camera.camera(), where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
+        require_shapes(section, rules)
+    return display
 
 
 def design(
@@ -121,7 +130,7 @@ def design(
         OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
-    check_possible(spec, where=where)
+    display = _possible(spec, where)
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         raise OutputError(
             "MF401",
@@ -147,7 +156,7 @@ def design(
             progress,
             camera=seen,
             taking=taking,
-            display=display_of(spec, where),
+            display=display,
             budget_s=budget_s,
             checkpoint=checkpoint,
         )

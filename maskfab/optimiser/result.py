@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,7 +21,6 @@ from maskfab.jobfile import DesignSection, RulesSection
 from maskfab.model import ORIENTATIONS, Camera, Opening, Tiling
 from maskfab.opening.openings import dot_of_pitch
 from maskfab.optimiser.bounds.bounds import Gap, bounds, optimality_gap
-from maskfab.optimiser.maps.orientation_map import DesignedMap
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.rules import registry
@@ -30,6 +30,9 @@ from maskfab.optimiser.rules.price import Prices
 from maskfab.optimiser.rules.rule import price_key
 from maskfab.plate.maps import CellMap
 from maskfab.units import NM_PER_UM, to_nm
+
+if TYPE_CHECKING:
+    from maskfab.optimiser.maps.orientation_map import DesignedMap
 
 Facts = dict[str, str | int | float]
 

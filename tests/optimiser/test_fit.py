@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -15,9 +16,10 @@ from maskfab.display.wires.wiring import wiring
 from maskfab.errors import JobError
 from maskfab.job import load_job
 from maskfab.jobfile import read
-from maskfab.model import ORIENTATIONS, Tiling
+from maskfab.model import ORIENTATIONS, Panel, Tiling
 from maskfab.opening.openings import opening_text
-from maskfab.optimiser.design import check_possible, design, display_notes
+from maskfab.optimiser.design import check_possible, design, display_notes, display_of
+from maskfab.optimiser.result import constraints_of
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.families import bars
 from maskfab.optimiser.rules.fit_rule import Display
@@ -159,8 +161,9 @@ def test_a_density_and_emitters_that_are_more_than_a_pixel_are_refused_at_once(t
 
 
 def test_a_display_that_no_opening_can_hold_is_refused_with_a_proof(tmp_path: Path) -> None:
-    path = job_of(tmp_path, ("required = 0.1", "required = 0.33"))
-    with pytest.raises(JobError, match=r"MF123.*fit.*not even a pixel without an opening.*design\.fit"):
+    path = job_of(tmp_path, ("required = 0.1", "required = 0.26"))
+    told = r"MF123 no opening keeps the display of \[emitters\] and \[wires\]: not even a pixel.*design\.fit"
+    with pytest.raises(JobError, match=told):
         check_possible(read(path), where=str(path))
 
 
@@ -176,3 +179,59 @@ def test_a_display_that_a_design_need_not_fit_is_named(tmp_path: Path) -> None:
     told = display_notes(read(job_of(tmp_path, ("fit = true", ""))))
     assert told == ("Not used of the job, for [design] does not say fit = true: [emitters], [wires].",)
     assert display_notes(read(job_of(tmp_path))) == ()
+
+
+def test_lines_that_pass_beside_no_shape_are_refused_with_the_most_that_may(tmp_path: Path) -> None:
+    path = job_of(tmp_path, ("lines = 2", "lines = 13"))
+    with pytest.raises(JobError, match=r"MF123 none of the \d+ shapes of 25.*78 um of the 88 um.*wires\.lines") as told:
+        check_possible(read(path), where=str(path))
+    found = re.search(r"at most (\d+) lines", told.value.cure)
+    assert found is not None
+    most = int(found[1])
+    assert 2 <= most < 13
+    path = job_of(tmp_path, ("lines = 2", f"lines = {most}"))
+    check_possible(read(path), where=str(path))
+
+
+def test_a_symmetry_that_no_shape_has_is_refused_with_those_that_some_have(tmp_path: Path) -> None:
+    path = job_of(
+        tmp_path,
+        ("fit = true", 'families = ["bars"]\nrules = { symmetry = "d4" }'),
+        ("clear_dots = 25", "clear_dots = 33"),
+    )
+    with pytest.raises(
+        JobError, match=r"MF123 none of the \d+ shapes of 33.*bars has the symmetry d4; some have mirror"
+    ):
+        check_possible(read(path), where=str(path))
+
+
+def test_what_the_closed_area_cannot_hold_is_told_with_what_is_missing(tmp_path: Path) -> None:
+    closed = (11**2 - 25) * 64
+    for old, new, need in (
+        ("required = 0.1", "required = 0.3", 0.9 * 88**2),
+        ('circuit = "800 um^2"', 'circuit = "2100 um^2"', 3 * 2100),
+    ):
+        path = job_of(tmp_path, (old, new))
+        missing = f"need {need - closed:.0f} um\\^2 more than the {closed} um\\^2"
+        with pytest.raises(
+            JobError,
+            match=rf"MF123 no opening keeps the display of \[emitters\] and \[wires\] and clear_dots.*{missing}",
+        ):
+            check_possible(read(path), where=str(path))
+
+
+def test_a_pixel_without_an_opening_is_judged_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = job_of(tmp_path)
+    spec = read(path)
+    judged: list[int] = []
+    whole = Display.broken_on
+
+    def counted(self: Display, panel: Panel) -> str | None:
+        judged.append(panel.opening.clear_dots)
+        return whole(self, panel)
+
+    monkeypatch.setattr(Display, "broken_on", counted)
+    rules = constraints_of(spec.design, display=display_of(spec, str(path)))
+    for _ in range(3):
+        rules.require_possible()
+    assert judged == [0]

@@ -11,9 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from types import MappingProxyType
-from typing import TypeVar
+from typing import TYPE_CHECKING, TypeVar
 
-import torch
 from numpy.typing import NDArray
 
 from maskfab.camera.exposure import ELECTRONS, REFERENCE_TRANSMISSION
@@ -21,7 +20,10 @@ from maskfab.camera.protocol import F1, LEVELS, Protocol
 from maskfab.camera.stated_light import told
 from maskfab.errors import JobError
 
-Value = TypeVar("Value", float, NDArray, torch.Tensor)  # type: ignore[type-arg]
+if TYPE_CHECKING:
+    import torch
+
+Value = TypeVar("Value", float, NDArray, "torch.Tensor")  # type: ignore[type-arg]
 
 
 @dataclass(frozen=True)

@@ -242,11 +242,13 @@ class Constraints:
         found = self.conflict()
         if found is None:
             return
-        what = f"no opening keeps {' and '.join(found.rules)} together: {found.statement}"
         blamed = {rule.name: rule for rule in self.rules if rule.name in found.rules}
+        told = [blamed[name].told if name in blamed else name for name in found.rules]
+        together = " together" if len(told) > 1 else ""
+        what = f"no opening keeps {' and '.join(told)}{together}: {found.statement}"
         first = found.rules[0]
         where = blamed[first].where if first in blamed else f"design.{first}"
-        cure = f"Relax {' or '.join(found.rules)}"
+        cure = f"Relax {' or '.join(told)}"
         if all(rule.counted for rule in blamed.values()):
             raise OpeningError("MF204", what, where=where, cure=cure)
         raise JobError("MF123", what, where=where, cure=cure)

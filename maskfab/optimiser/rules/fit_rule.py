@@ -15,9 +15,11 @@ from maskfab.display.wires.wiring import most_lines, wiring
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Panel, Tiling
 from maskfab.optimiser.rules.display_rules import found_quickly
+from maskfab.optimiser.rules.lines_beside import most_beside
 from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
 from maskfab.plate.maps import CellMap, panel_shape, placed
 from maskfab.plate.tiling import orientations
+from maskfab.units import NM_PER_UM
 
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints
@@ -41,6 +43,7 @@ class Display:
     seed: int
     across: int
     _known: dict[bytes, str | None] = field(default_factory=dict, repr=False)
+    _empty: dict[tuple[int, int], str | None] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(cls, rules: DisplayRules, tiling: Tiling, seed: int, before_stop: int, across: int) -> Display:
@@ -71,6 +74,26 @@ class Display:
         """Lines that can be drawn each way on a panel that it fits; None where none are asked for."""
         return None if self.rules.wires is None else most_lines(panel, panel.common, self.rules.wires)
 
+    def broken_without(self, nothing: Mask, dot_nm: int) -> str | None:
+        """Why the display does not fit a pixel without an opening; None if it does. Judged once."""
+        key = len(nothing), dot_nm
+        if key not in self._empty:
+            self._empty[key] = self.broken_on(self.panel(nothing, dot_nm))
+        return self._empty[key]
+
+    def lines_beside(self, units: Mask, dot_nm: int) -> NDArray[np.int64] | None:
+        """Opaque lines for every pixel that pass beside openings [units, dots, dots] at most; None if none must."""
+        wires = self.rules.wires
+        if wires is None or self.opaque_lines < 1:
+            return None
+        return most_beside(units, self.cells, dot_nm, wires.rules)
+
+    @property
+    def opaque_lines(self) -> int:
+        """Lines of metal that must cross every pixel along x, and along y."""
+        wires = self.rules.wires
+        return 0 if wires is None else wires.lines - int(wires.transparent_nm > 0)
+
     def broken_quickly(self, constraints: Constraints, unit: Mask) -> str | None:
         """Why an opening does not hold it, no laxer: with emitters that are rectangles or parted by straight cuts."""
         key = unit.tobytes()
@@ -79,6 +102,9 @@ class Display:
         return self._known[key]
 
     def _first_broken(self, constraints: Constraints, unit: Mask) -> str | None:
+        most = self.lines_beside(unit[None], constraints.dot_nm)
+        if most is not None and (passing := int(most[0])) < self.opaque_lines:
+            return f"no more than {passing} lines pass beside it, {self.opaque_lines} must"
         required, emitters = self.rules.emitters.required, self.rules.emitters
         if (share := found_quickly(constraints, unit, emitters, required)) < required - 1e-9:
             return f"{share:.1%} found, least {required:.1%}"
@@ -125,9 +151,18 @@ def _not_fitting_beside(constraints: Constraints, units: Mask) -> bool:
 
 
 def _by_nothing(constraints: Constraints) -> Conflict | None:
-    """Not even a pixel without an opening holds the display."""
+    """Emitters or circuits cover more than the count leaves closed, or do not fit even a pixel without an opening."""
     display: Display = constraints["fit"]
-    why = display.broken_on(display.panel(constraints.nothing, constraints.dot_nm))
+    rules, pixel_um2 = display.rules, (constraints.dots * constraints.dot_nm / NM_PER_UM) ** 2
+    closed = pixel_um2 - constraints.clear_dots * (constraints.dot_nm / NM_PER_UM) ** 2
+    for what, need in (
+        (f"three emitters of {rules.emitters.required:.1%} of the pixel", 3 * rules.emitters.required * pixel_um2),
+        (f"circuits of {rules.circuit.pixel_need_um2:g} um^2", rules.circuit.pixel_need_um2),
+    ):
+        if need > closed * (1 + 1e-9):
+            told = f"{what} need {need - closed:.0f} um^2 more than the {closed:.0f} um^2 of the pixel that are closed"
+            return Conflict(("fit", "clear_dots"), told)
+    why = display.broken_without(constraints.nothing, constraints.dot_nm)
     return None if why is None else Conflict(("fit",), f"not even a pixel without an opening holds the display: {why}")
 
 
@@ -141,4 +176,5 @@ FIT = Rule(
     one_place=lambda _: True,
     slow=True,
     section=SearchSection,
+    asker="the display of [emitters] and [wires]",
 )

@@ -74,6 +74,7 @@ class Rule:
         read: value from that of the key, the section, the rules of its emitters and the place for errors.
         checked: value from the one that was given, refused if it does not suit the cell.
         section: the table of the job that has its key.
+        asker: what of the job asks for it, where that is more than its key.
     """
 
     name: str
@@ -90,11 +91,17 @@ class Rule:
     read: Callable[[Any, DesignSection, EmitterRules, str], Any] = as_stated
     checked: Callable[[Constraints, Any], Any] = as_given
     section: type[Section] = RulesSection
+    asker: str = ""
 
     @property
     def default(self) -> Any:
         """The value that asks for nothing."""
         return self.section.model_fields[self.name].default
+
+    @property
+    def told(self) -> str:
+        """Its name where no opening keeps it."""
+        return self.asker or self.name
 
     @property
     def where(self) -> str:

@@ -11,18 +11,23 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from itertools import chain
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
+from numpy.typing import NDArray
 
+from maskfab.errors import JobError
 from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
+from maskfab.jobfile.values import Symmetry
 from maskfab.model import Tiling
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Mask, Objective, Ranked, Scan, State, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
+from maskfab.optimiser.rules.orbits import orbits
 from maskfab.progress import Progress
+from maskfab.units import NM_PER_UM
 
 PRICED = 200
 """Best openings of a scan among which rules are priced."""
@@ -50,6 +55,52 @@ class Best:
     evaluated: int
     notes: tuple[str, ...] = ()
     cut: bool = False
+
+
+def require_shapes(section: SearchSection, rules: Constraints) -> None:
+    """Refuse a symmetry that no shape of the families has, and lines for which none of them leaves room.
+
+    Raises:
+        JobError: MF123, with the symmetries that some have, or the most lines that pass beside any.
+        OpeningError: MF204 for a count that no family can have.
+    """
+    symmetry, display = rules["symmetry"], rules["fit"]
+    if section.objective != "restored" or (symmetry is None and display is None):
+        return
+    shapes = _shapes(section)
+    units, named = np.stack([each.unit for each in shapes]), ", ".join(section.families)
+    told = f"none of the {len(shapes)} shapes of {section.clear_dots} clear dots in families {named}"
+    if symmetry is not None:
+        kept = {name: int(_symmetric(units, name).sum()) for name in get_args(Symmetry)}
+        if not kept[symmetry]:
+            some = " and ".join(f"{name} ({count} of them)" for name, count in kept.items() if count)
+            raise JobError(
+                "MF123",
+                f"{told} has the symmetry {symmetry}; {f'some have {some}' if some else 'none has any'}",
+                where="design.rules.symmetry",
+                cure="Add families such as discs, use another symmetry, or change clear_dots",
+            )
+        units = units[_symmetric(units, symmetry)]
+    most = None if display is None or section.density is not None else display.lines_beside(units, rules.dot_nm)
+    if most is not None and int(most.max()) < display.opaque_lines:
+        line = display.rules.wires.rules
+        width, space, clearance = (each / NM_PER_UM for each in (line.line_nm, line.space_nm, line.clearance_nm))
+        need, pitch = display.opaque_lines * (width + space), section.dots * rules.dot_nm / NM_PER_UM
+        raise JobError(
+            "MF123",
+            f"{told} lets {display.opaque_lines} lines pass along x and along y: {width:g} um wide, {space:g} um apart "
+            f"and {clearance:g} um from openings, they take {need:g} um of the {pitch:g} um of a pixel, and no more "
+            f"than {int(most.max())} pass a chain of openings across",
+            where="wires.lines",
+            cure=f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots",
+        )
+
+
+def _symmetric(units: NDArray[np.bool_], symmetry: Symmetry) -> NDArray[np.bool_]:
+    """Which of the openings [units, dots, dots] have a symmetry."""
+    flat = units.reshape(len(units), -1)
+    uneven = (flat[:, orbit].any(axis=1) & ~flat[:, orbit].all(axis=1) for orbit in orbits(units.shape[1], symmetry))
+    return np.asarray(~np.any(np.stack(list(uneven)), axis=0))
 
 
 def scanned(
