@@ -235,3 +235,8 @@ def test_a_pixel_without_an_opening_is_judged_once(tmp_path: Path, monkeypatch: 
     for _ in range(3):
         rules.require_possible()
     assert judged == [0]
+
+
+def test_a_design_without_a_display_asks_its_shapes_for_nothing(tmp_path: Path) -> None:
+    path = job_of(tmp_path, ("fit = true", ""))
+    check_possible(read(path), where=str(path))

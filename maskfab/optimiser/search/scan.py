@@ -64,7 +64,7 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
         JobError: MF123, with the symmetries that some have, or the most lines that pass beside any.
         OpeningError: MF204 for a count that no family can have.
     """
-    symmetry, display = rules["symmetry"], rules["fit"]
+    symmetry, display = rules["symmetry"], rules["fit"] or None
     if section.objective != "restored" or (symmetry is None and display is None):
         return
     shapes = _shapes(section)
