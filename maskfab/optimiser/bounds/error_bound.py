@@ -27,6 +27,7 @@ Notes:
 
 from __future__ import annotations
 
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,20 @@ from maskfab.optimiser.model.interior import Interior
 Floats = NDArray[np.float64]
 
 _NODES = 64
+
+
+def least_refined(rough: Sequence[float], refined: Callable[[int], float]) -> float:
+    """The least of bounds on several errors, with the dear ones found only where they decide.
+
+    Args:
+        rough: a bound on each that was cheap.
+        refined: a dearer one of the error that stands at a place; where it is lower, the cheap one counts.
+    """
+    found, done = np.array(rough), set[int]()
+    while (place := int(found.argmin())) not in done:
+        found[place] = max(found[place], refined(place))
+        done.add(place)
+    return float(found[place])
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,7 +83,7 @@ class Tables:
 def dual_tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0) -> Tables:
     """Prepare the dual's minima for lags' A from 0 to ``most`` times the open stop's."""
     # Closer where modulations of displays lie: the chord's error goes with the square of the step.
-    nodes = _nodes(grey, most)
+    nodes = _nodes(grey, most, _NODES)
     slope = inner.stop * inner.pixel
     regular = epsilon * inner.inverse_prior
     h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
@@ -87,13 +102,15 @@ def dual_tables(inner: Interior, epsilon: float, grey: float, most: float = 1.0)
     )
 
 
-def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0) -> tuple[Floats, Floats]:
+def wiener_cost(
+    inner: Interior, variance: float, grey: float, most: float = 1.0, count: int = _NODES
+) -> tuple[Floats, Floats]:
     """As :class:`Tables`, of the best filter at each frequency: P σ²/(P H² + σ²), below that of any ε.
 
     Returns:
         Nodes [k] and cost [m, k].
     """
-    nodes = _nodes(grey, most)
+    nodes = _nodes(grey, most, count)
     slope = inner.stop * inner.pixel
     h = slope[:, None] * nodes + (grey * inner.folded)[:, None]
     inverse = 1 / (1 + h**2 * (inner.power / variance)[:, None])
@@ -103,9 +120,9 @@ def wiener_cost(inner: Interior, variance: float, grey: float, most: float = 1.0
     return nodes, _lowered(value, 6 * inverse[:, :-1] ** 2 * curve)
 
 
-def _nodes(grey: float, most: float) -> Floats:
+def _nodes(grey: float, most: float, count: int) -> Floats:
     # A grey panel's modulation is where the best design's lie; the chord's error goes with the square of the step.
-    return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, _NODES - 1)])
+    return np.concatenate([[0.0], np.geomspace(min(grey, most) / 8, most, count - 1)])
 
 
 def _lowered(value: Floats, dip: Floats) -> Floats:
@@ -114,11 +131,11 @@ def _lowered(value: Floats, dip: Floats) -> Floats:
     By H, it rises at most once and then falls: between two nodes it is at least the lower of them.
     """
     rise = np.diff(value, axis=1)
-    level = abs(rise) < dip
+    level = np.abs(rise) < dip
     found = value.copy()
     found[:, :-1] -= np.where(level, np.maximum(-rise, 0), dip)
     # A node pays for the worse of its two sides only.
-    found[:, 1:] = np.minimum(found[:, 1:], value[:, 1:] - np.where(level, np.maximum(rise, 0), dip))
+    np.minimum(found[:, 1:], value[:, 1:] - np.where(level, np.maximum(rise, 0), dip), out=found[:, 1:])
     return found
 
 
@@ -215,7 +232,14 @@ def _moved(values: Floats, v: int, u: int) -> Floats:
 
 
 def block_error(
-    inner: Interior, nodes: Floats, cost: Floats, around: Blocks, ratio: float, *, moving: bool, steps: int
+    inner: Interior,
+    nodes: Floats,
+    cost: Floats,
+    around: Blocks,
+    ratio: float,
+    *,
+    moving: bool,
+    steps: int,
 ) -> tuple[float, Floats]:
     """The dual value for one ε, and its multipliers.
 
@@ -248,19 +272,14 @@ def block_error(
         slope = np.bincount(around.covering.ravel(), (shares * used[:, None]).ravel(), len(multiplier))
         return float(value.sum() - multiplier @ around.allowed), slope - around.allowed
 
-    # At the flat modulation the slope of the cost is the price that keeps it there.
-    k = int(np.clip(np.searchsorted(nodes, ratio), 1, len(nodes) - 2))
-    steep = (cost[:, k - 1] - cost[:, k + 1]) / (nodes[k + 1] - nodes[k - 1]) / np.maximum(unit, 1e-12)
-    flat = np.zeros(len(around.allowed))
-    mass = np.bincount(around.covering.ravel(), (around.triangle * unit[:, None]).ravel(), len(flat))
-    pull = np.bincount(around.covering.ravel(), (around.triangle * (unit * steep)[:, None]).ravel(), len(flat))
-    flat = np.maximum(pull / np.maximum(mass, 1e-12), 0)
-    # A block that reaches beyond the square of frequencies has room there, which costs nothing.
-    flat[ratio * mass < 0.9 * around.allowed] = 0
+    flat = _flat_prices(nodes, cost, around, ratio, unit)
     value, _ = dual(flat)
     if steps <= 1:
         return value, flat
-    scale, size = max(float(flat.max()), 1e-12), float(cost[:, k].sum())
+    # Blocks of long lags have small prices, whose share of the error is not as small.
+    scale = np.sqrt(flat * flat.max()) if flat.any() else np.full(len(flat), 1e-12)
+    scale = np.maximum(scale, scale[scale > 0].min())
+    size = max(abs(value), 1e-300)
 
     def downhill(z: Floats) -> tuple[float, Floats]:
         found, slope = dual(z * scale)
@@ -277,3 +296,16 @@ def block_error(
     better = np.maximum(best.x, 0) * scale
     improved, _ = dual(better)
     return (improved, better) if improved > value else (value, flat)
+
+
+def _flat_prices(nodes: Floats, cost: Floats, around: Blocks, ratio: float, unit: Floats) -> Floats:
+    """The multipliers at which a flat modulation, of ``unit`` at 1, stays as it is."""
+    k = int(np.clip(np.searchsorted(nodes, ratio), 1, len(nodes) - 2))
+    steep = (cost[:, k - 1] - cost[:, k + 1]) / (nodes[k + 1] - nodes[k - 1]) / np.maximum(unit, 1e-12)
+    flat = np.zeros(len(around.allowed))
+    mass = np.bincount(around.covering.ravel(), (around.triangle * unit[:, None]).ravel(), len(flat))
+    pull = np.bincount(around.covering.ravel(), (around.triangle * (unit * steep)[:, None]).ravel(), len(flat))
+    flat = np.maximum(pull / np.maximum(mass, 1e-12), 0)
+    # A block that reaches beyond the square of frequencies has room there, which costs nothing.
+    flat[ratio * mass < 0.9 * around.allowed] = 0
+    return flat

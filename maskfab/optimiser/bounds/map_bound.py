@@ -30,7 +30,9 @@ from maskfab.optimiser.model.interior import Interior, interior
 
 Floats = NDArray[np.float64]
 
-_STEPS = 25
+_STEPS = 30
+_NODES = 32
+"""Of A; twice as many change the limit of 100 dots of 441 by less than 0.03 dB."""
 _FAINT = 0.1
 _LOW = 1 / 16
 """Cycles per pixel below which, on both axes, the leak takes the bias's place."""
@@ -106,7 +108,7 @@ def layout_bound(inner: Interior, ratio: float, level: float, open_share: float)
     faintest = float(inner.stop.min())
     # No lag has more pairs of clear dots than of dots, of which the stop passes the share that is clear.
     most = 1 / (faintest if faintest > _FAINT else open_share)
-    nodes, cost = wiener_cost(inner, inner.noise.variance(level, open_share), open_share, most)
+    nodes, cost = wiener_cost(inner, inner.noise.variance(level, open_share), open_share, most, _NODES)
     around = blocks(inner, ratio, cut_cells=True, open_share=open_share)
     found = block_error(inner, nodes, cost, around, open_share, moving=True, steps=_STEPS)[0]
     return inner.decibels(level, found)

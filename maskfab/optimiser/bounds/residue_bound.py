@@ -17,12 +17,14 @@ one for every C. Where the lags lack that symmetry, classes hold a residue and i
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
+from maskfab.optimiser.bounds.error_bound import dual_tables, least_refined
 from maskfab.optimiser.model.interior import Interior
 
 Floats = NDArray[np.float64]
@@ -94,6 +96,108 @@ def residue_classes(n: int, *, mirrored: bool = True) -> tuple[NDArray[np.int64]
     return every, size, transform
 
 
+@dataclass(frozen=True, eq=False)
+class ResidueDual:
+    """The dual function for one ε and level.
+
+    Attributes:
+        classes: for the tiling.
+        ratio: ρ.
+        nodes: [k], of A/S.
+        short: [s, k], cost of each short lag; none of a unit repeated.
+        summed: [c, k], cost of all other lags of a class.
+    """
+
+    classes: Residues
+    ratio: float
+    nodes: Floats
+    short: Floats
+    summed: Floats
+
+    @classmethod
+    def of(cls, nodes: Floats, cost: Floats, classes: Residues, ratio: float, *, periodic: bool) -> ResidueDual:
+        """From the cost [m, k] of every lag; arguments as of :func:`residue_error`."""
+        free = classes.of_lag < 0
+        short = cost[free]
+        if len(short):
+            short[0, :-1] = np.inf
+        count = len(classes.size)
+        members = sparse.csr_array(
+            (np.ones(int((~free).sum())), (classes.of_lag[~free], np.flatnonzero(~free))), shape=(count, len(free))
+        )
+        summed = np.asarray(members @ cost)
+        if periodic:
+            summed[0, :-1] = np.inf
+        return cls(classes, ratio, nodes, short, summed)
+
+    def __call__(self, mean: float, within: float = 0.0, positivity: Floats | None = None) -> float:
+        """Its value at the multipliers μ, κ and [c] those of C's transform; no error is less."""
+        classes = self.classes
+        price = mean * classes.size - within * classes.repeats
+        if positivity is not None:
+            price = price + positivity @ classes.transform
+        far = (self.summed - price[:, None] * self.nodes).min(axis=1).sum()
+        near = (self.short - (within * classes.short)[:, None] * self.nodes).min(axis=1).sum()
+        return float(far + near + mean * self.target)
+
+    @property
+    def target(self) -> float:
+        """Sum of C over all residues."""
+        return self.ratio * float(self.classes.size.sum())
+
+    def of_mean(self) -> tuple[float, float]:
+        """Largest value of those without κ, and its μ."""
+        sizes = self.classes.size[1:, None]
+        steepest = float(np.abs(np.diff(self.summed[1:], axis=1) / np.diff(self.nodes) / sizes).max())
+        # Light costs: the multiplier is negative where more modulation means less error.
+        tries = -np.concatenate([[0.0], steepest * np.geomspace(1e-8, 1, 60)])
+        values = [self(v) for v in tries]
+        top = int(np.argmax(values))
+        low, high = tries[min(top + 1, len(tries) - 1)], tries[max(top - 1, 0)]
+        fine = optimize.minimize_scalar(lambda v: -self(v), bounds=(low, high), method="bounded")
+        return max(values[top], float(-fine.fun)), float(fine.x)
+
+    def refined(self, best: float, mean: float) -> tuple[float, float, float]:
+        """Largest value found from there, its μ and its κ."""
+        if not len(self.short):
+            return best, mean, 0.0
+        unit = max(-mean, 1e-300)
+        start = np.array([[1, 0], [1.3, 0], [0.8, 0.5]])
+        found = optimize.minimize(
+            lambda z: -self(-unit * z[0], -unit * z[1]) / max(best, 1e-300),
+            start[0],
+            method="Nelder-Mead",
+            options={"initial_simplex": start, "maxfev": 200, "xatol": 1e-3, "fatol": 1e-5},
+        )
+        mean, within = -unit * found.x[0], -unit * found.x[1]
+        return max(best, self(mean, within)), mean, within
+
+
+def residue_errors(
+    inner: Interior, classes: Residues, ratio: float, variances: Sequence[float], *, periodic: bool
+) -> list[float]:
+    """No unit of this clear share has a smaller error at each σ², whatever the ε.
+
+    Args:
+        inner: of the camera.
+        classes: of its lags, for the tiling.
+        ratio: ρ.
+        variances: σ².
+        periodic: the unit is repeated; otherwise turned at random.
+    """
+    duals: list[list[ResidueDual]] = [[] for _ in variances]
+    for epsilon in inner.strengths:
+        table = dual_tables(inner, epsilon, ratio)
+        for found, variance in zip(duals, variances, strict=True):
+            found.append(ResidueDual.of(table.nodes, table.cost(variance), classes, ratio, periodic=periodic))
+    return [_least(each) for each in duals]
+
+
+def _least(duals: list[ResidueDual]) -> float:
+    rough = [dual.of_mean() for dual in duals]
+    return least_refined([value for value, _ in rough], lambda place: duals[place].refined(*rough[place])[0])
+
+
 def residue_error(
     nodes: Floats,
     cost: Floats,
@@ -115,48 +219,15 @@ def residue_error(
         refined: use that pairs within a cell number c² (turned at random only).
         positive: use that C is positive semidefinite, by a linear programme whose multipliers are then checked.
     """
-    free = classes.of_lag < 0
-    short = cost[free]
-    if len(short):
-        short[0, :-1] = np.inf
-    count = len(classes.size)
-    members = sparse.csr_array(
-        (np.ones(int((~free).sum())), (classes.of_lag[~free], np.flatnonzero(~free))), shape=(count, len(free))
-    )
-    summed = np.asarray(members @ cost)
-    if periodic:
-        summed[0, :-1] = np.inf
-    target = ratio * classes.size.sum()
-
-    def dual(mean: float, within: float, positivity: Floats) -> float:
-        price = mean * classes.size - within * classes.repeats + positivity @ classes.transform
-        far = (summed - price[:, None] * nodes).min(axis=1).sum()
-        near = (short - (within * classes.short)[:, None] * nodes).min(axis=1).sum()
-        return float(far + near + mean * target)
-
-    none = np.zeros(count)
-    steepest = float(np.abs(np.diff(summed[1:], axis=1) / np.diff(nodes) / classes.size[1:, None]).max())
-    # Light costs: the multiplier is negative where more modulation means less error.
-    tries = -np.concatenate([[0.0], steepest * np.geomspace(1e-8, 1, 60)])
-    values = [dual(v, 0.0, none) for v in tries]
-    top = int(np.argmax(values))
-    low, high = tries[min(top + 1, len(tries) - 1)], tries[max(top - 1, 0)]
-    fine = optimize.minimize_scalar(lambda v: -dual(v, 0.0, none), bounds=(low, high), method="bounded")
-    best, mean, within = max(values[top], float(-fine.fun)), float(fine.x), 0.0
-    if refined and len(short):
-        unit = max(-mean, 1e-300)
-        start = np.array([[1, 0], [1.3, 0], [0.8, 0.5]])
-        found = optimize.minimize(
-            lambda z: -dual(-unit * z[0], -unit * z[1], none) / max(best, 1e-300),
-            start[0],
-            method="Nelder-Mead",
-            options={"initial_simplex": start, "maxfev": 200, "xatol": 1e-3, "fatol": 1e-5},
-        )
-        mean, within = -unit * found.x[0], -unit * found.x[1]
-        best = max(best, dual(mean, within, none))
+    dual = ResidueDual.of(nodes, cost, classes, ratio, periodic=periodic)
+    best, mean = dual.of_mean()
+    within = 0.0
+    if refined:
+        best, mean, within = dual.refined(best, mean)
     if not positive:
         return best
-    summed = summed + (within * classes.repeats)[:, None] * nodes
+    count, target = len(classes.size), dual.target
+    summed = dual.summed + (within * classes.repeats)[:, None] * nodes
     kept = np.isfinite(summed)
     row, node = np.nonzero(kept)
     scale = float(summed[:, np.searchsorted(nodes, ratio)][1:].sum())
@@ -179,5 +250,4 @@ def residue_error(
     if not solved.success:
         return best
     positivity = np.maximum(-np.asarray(solved.ineqlin.marginals), 0) * scale
-    summed = summed - (within * classes.repeats)[:, None] * nodes
     return max(best, dual(float(solved.eqlin.marginals[-1]) * scale, within, positivity))
