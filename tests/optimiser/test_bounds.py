@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from itertools import pairwise
+from itertools import combinations, pairwise
+from math import comb
 
 import numpy as np
 import pytest
@@ -17,10 +18,11 @@ from maskfab.camera.transfer import lay, pupil_autocorrelation
 from maskfab.errors import JobError, OpeningError
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
 from maskfab.optimiser.bounds.bounds import Bounds, bounds, optimality_gap
-from maskfab.optimiser.bounds.error_bound import block_error, blocks, dual_tables, wiener_cost
+from maskfab.optimiser.bounds.error_bound import block_error, blocks, dual_tables, least_refined, wiener_cost
+from maskfab.optimiser.bounds.every_opening import distinct_openings
 from maskfab.optimiser.bounds.frame_bound import frame_bound, sampled
 from maskfab.optimiser.bounds.map_bound import framed, layout_bound, map_gap
-from maskfab.optimiser.bounds.residue_bound import residue_classes, residue_error, residues
+from maskfab.optimiser.bounds.residue_bound import residue_classes, residue_error, residue_errors, residues
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate
 from maskfab.optimiser.model.interior import interior, unit_modulation
 from maskfab.optimiser.model.layout_error import pupil_error
@@ -202,6 +204,82 @@ def test_frame_is_loose_by_the_leak_alone(bounded):
     assert (limit.frame - best < (0.9, 0.4, 0.3)).all()
 
 
+def every(dots, clear):
+    for places in combinations(range(dots**2), clear):
+        unit = np.zeros(dots**2, dtype=np.bool_)
+        unit[list(places)] = True
+        yield unit.reshape(dots, dots)
+
+
+@pytest.mark.parametrize("periodic", [False, True], ids=["turned", "repeated"])
+@pytest.mark.parametrize(
+    ("dots", "clear"),
+    [(2, 2), (3, 3), *(pytest.param(4, clear, marks=pytest.mark.slow) for clear in (1, 4, 6, 8, 12, 15))],
+)
+def test_frame_of_few_dots_is_bounded_by_its_best_opening(dots, clear, periodic):
+    estimate = surrogate([leaves(1)], dots, dot_nm=168_000 // dots)
+    best = np.max([estimate(unit, periodic=periodic) for unit in every(dots, clear)], axis=0)
+    np.testing.assert_allclose(
+        frame_bound(estimate, interior(estimate), clear, periodic=periodic), best, rtol=0, atol=1e-9
+    )
+
+
+@pytest.mark.parametrize("periodic", [False, True], ids=["turned", "repeated"])
+@pytest.mark.parametrize(("dots", "clear"), [(2, 1), (3, 4), (4, 3), (4, 15), (9, 2)])
+def test_every_opening_is_like_one_that_is_tried_and_like_no_other(dots, clear, periodic):
+    tried = distinct_openings(dots, clear, periodic=periodic)
+    seen = set()
+    for unit in tried:
+        turns = [np.rot90(each, k) for each in (unit, unit.T) for k in range(4)]
+        if periodic:
+            moves = [(v, u) for v in range(dots) for u in range(dots)]
+            turns = [np.roll(each, move, (0, 1)) for each in (unit, unit[::-1, ::-1]) for move in moves]
+        alike = {each.tobytes() for each in turns}
+        assert not alike & seen
+        seen |= alike
+    assert len(seen) == comb(dots**2, clear)
+
+
+def test_errors_without_the_leak_are_those_of_scenes_that_do_not_leak(estimate, without_leak):
+    for unit in units(3):
+        for periodic in (False, True):
+            quick = estimate.leakless_errors(unit, periodic=periodic)
+            whole, share = estimate.errors(unit, periodic=periodic)
+            assert (quick(32, share) < whole(32, share)).all()
+            # Scenes without light leak 1e-12.
+            assert estimate.decibels(32, quick(32, share).min()) == pytest.approx(
+                without_leak(unit, periodic=periodic)[1], abs=1e-6
+            )
+
+
+@given(st.lists(st.tuples(st.integers(0, 20), st.integers(0, 20)), min_size=1, max_size=15))
+def test_dear_bounds_are_found_only_where_they_decide(pairs):
+    asked = []
+
+    def refined(place):
+        asked.append(place)
+        return pairs[place][1]
+
+    rough = [cheap for cheap, _ in pairs]
+    assert least_refined(rough, refined) == min(max(pair) for pair in pairs)
+    assert len(set(asked)) == len(asked)
+    # Those whose cheap bound lies above the least are left alone.
+    assert all(rough[place] <= min(max(pair) for pair in pairs) for place in asked)
+
+
+@pytest.mark.parametrize("periodic", [False, True], ids=["turned", "repeated"])
+def test_least_over_every_filter_is_that_of_all_found_in_full(periodic):
+    inner = interior(surrogate([leaves(1)], 7, dot_nm=24_000))
+    classes, ratio = residues(inner, periodic=periodic), 12 / 49
+    variance = inner.noise.variance(32, ratio)
+    tables = [dual_tables(inner, epsilon, ratio) for epsilon in inner.strengths]
+    full = [
+        residue_error(each.nodes, each.cost(variance), classes, ratio, periodic=periodic, refined=True)
+        for each in tables
+    ]
+    assert residue_errors(inner, classes, ratio, [variance], periodic=periodic) == [min(full)]
+
+
 def test_bounds_are_in_order(bounded):
     limit = bounded.limit
     for k in range(3):
@@ -262,6 +340,17 @@ def test_dual_stays_below_the_flat_modulation_and_grows_with_steps(inner, moving
     flat = float((inner.weight * inner.power / (1 + inner.power * h**2 / variance)).sum())
     values = [block_error(inner, nodes, cost, around, RATIO, moving=moving, steps=k)[0] for k in (1, 15)]
     assert 0 < values[0] <= values[1] <= flat
+
+
+def test_multipliers_of_all_layouts_are_nearly_the_best(inner):
+    held = framed(inner)
+    around = blocks(held, RATIO, cut_cells=True)
+    nodes, cost = wiener_cost(held, held.noise.variance(24, RATIO), RATIO, 1 / RATIO, 32)
+    found = [
+        held.decibels(24, block_error(held, nodes, cost, around, RATIO, moving=True, steps=k)[0]) for k in (1, 30, 90)
+    ]
+    assert found[0] > found[1] + 1 >= found[2] + 1
+    assert found[1] - found[2] < 0.15
 
 
 def test_constraints_only_tighten_the_dual(inner):

@@ -1,7 +1,8 @@
 r"""Proven bounds and ideals for all openings of one clear count, to be printed beside a design.
 
 Two numbers are bounded: the expected PSNR far from the sensor's edge, and the surrogate's own, of the whole frame, in
-which what leaks in from the edge counts for at least nothing. Theorems and proofs:
+which what leaks in from the edge counts for at least nothing, unless so few openings have that count that the best of
+all is known. Theorems and proofs:
 :mod:`maskfab.optimiser.bounds.error_bound`, :mod:`maskfab.optimiser.bounds.residue_bound`,
 :mod:`maskfab.optimiser.bounds.frame_bound`, :mod:`maskfab.optimiser.bounds.auc_bound`; of designed maps,
 :mod:`maskfab.optimiser.bounds.map_bound`.
@@ -23,10 +24,10 @@ from maskfab.camera.transfer import at_lags, pupil_autocorrelation
 from maskfab.errors import OpeningError
 from maskfab.opening.clear_dots import require_clear_dots
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
-from maskfab.optimiser.bounds.error_bound import dual_tables
+from maskfab.optimiser.bounds.every_opening import few_openings
 from maskfab.optimiser.bounds.frame_bound import frame_bound
 from maskfab.optimiser.bounds.map_bound import layout_bound
-from maskfab.optimiser.bounds.residue_bound import Residues, residue_error, residues
+from maskfab.optimiser.bounds.residue_bound import residue_errors, residues
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.interior import Interior, interior
 
@@ -116,14 +117,18 @@ def bounds(
     ratio = clear_dots / total
     grey_light = [inner.psnr(a, ratio, g, levels) for a, g in ((inner.stop, 1.0), (_smaller_stop(inner, ratio), 0.0))]
     grey, small = grey_light
-    found = _unit_bound(inner, ratio, residues(inner, periodic=periodic), periodic, levels)
+    variances = [inner.noise.variance(level, ratio) for level in levels]
+    errors = residue_errors(inner, residues(inner, periodic=periodic), ratio, variances, periodic=periodic)
+    found = tuple(inner.decibels(level, error) for level, error in zip(levels, errors, strict=True))
     whole = frame_bound(estimate, inner, clear_dots, periodic=periodic, levels=levels)
     area = None
     if estimate.dots <= _MOST_DOTS_OF_LP:
         area = auc_bound(rings(estimate.dots, room=estimate.lattice), clear_dots, periodic=periodic)
     method = [
         "psnr: Lagrangian dual over lag residues, least over the protocol's ε; cut cells as whole ones",
-        "frame: the same at the surrogate's own lags; the leak is at least 0",
+        "frame: the best of all openings of so many dots"
+        if few_openings(estimate.dots, clear_dots)
+        else "frame: the same at the surrogate's own lags; the leak is at least 0",
         "auc: linear programme's dual, positive semidefinite" if not periodic else "auc: linear programme's dual",
     ]
     free = None
@@ -170,18 +175,6 @@ def optimality_gap(
 
 def _room(most: tuple[float, ...], have: tuple[float, ...]) -> tuple[float, ...]:
     return tuple(max(0.0, a - b) for a, b in zip(most, have, strict=True))
-
-
-def _unit_bound(
-    inner: Interior, ratio: float, classes: Residues, periodic: bool, levels: Sequence[float]
-) -> tuple[float, ...]:
-    least = [np.inf] * len(levels)
-    for epsilon in inner.strengths:
-        table = dual_tables(inner, epsilon, ratio)
-        for k, level in enumerate(levels):
-            cost = table.cost(inner.noise.variance(level, ratio))
-            least[k] = min(least[k], residue_error(table.nodes, cost, classes, ratio, periodic=periodic, refined=True))
-    return tuple(inner.decibels(level, error) for level, error in zip(levels, least, strict=True))
 
 
 def _smaller_stop(inner: Interior, ratio: float) -> Floats:

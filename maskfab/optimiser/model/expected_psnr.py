@@ -146,16 +146,27 @@ class Surrogate:
         asked = self.levels if levels is None else levels
         self._require(unit, asked)
         errors, share = self.errors(unit, periodic=periodic)
-        return tuple(self._decibels(level, float(errors(level, share).min())) for level in asked)
+        return tuple(self.decibels(level, float(errors(level, share).min())) for level in asked)
 
-    def _decibels(self, level: float, error: float) -> float:
+    def decibels(self, level: float, error: float) -> float:
+        """The PSNR that a mean squared error stands for at a level of light."""
         return float(-10 * np.log10(error)) + self.noise.added_db(level)
 
     def errors(self, unit: NDArray[np.bool_], *, periodic: bool = False) -> tuple[Errors, float]:
         """Of a unit by ε, and its clear share."""
         circular, linear = self._correlations(np.asarray(unit, dtype=np.float64), periodic)
+        leak = self._leak(circular, linear, np.array(self.strengths))
+        share = float(unit.mean())
+        return self._of_lags(circular, linear, share, leak), share
+
+    def leakless_errors(self, unit: NDArray[np.bool_], *, periodic: bool = False) -> Errors:
+        """Of a unit by ε, as if nothing leaked: the part that is quickly found, and no larger than the whole."""
+        circular, linear = self._correlations(np.asarray(unit, dtype=np.float64), periodic)
+        return self._of_lags(circular, linear, float(unit.mean()), np.zeros(len(self.strengths)))
+
+    def _of_lags(self, circular: Floats, linear: Floats, share: float, leak: Floats) -> Errors:
         wrapped, short, within = self._places
-        transfer = self.clear * circular.ravel()[wrapped] + self.folded * unit.mean()
+        transfer = self.clear * circular.ravel()[wrapped] + self.folded * share
         transfer[short] += self.clear[short] * linear.ravel()[within]
         squared = transfer**2
         epsilons, shared = self._regular
@@ -164,7 +175,7 @@ class Surrogate:
         np.reciprocal(below, out=below)
         noise = below @ (self.weight * squared)
         bias = epsilons**2 * (below @ (self.signal * self.inverse_prior**2))
-        return Errors(self.noise, noise, bias, self._leak(circular, linear, epsilons)), float(unit.mean())
+        return Errors(self.noise, noise, bias, leak)
 
     @cached_property
     def _places(self) -> tuple[NDArray[np.int64], NDArray[np.intp], NDArray[np.int64]]:
