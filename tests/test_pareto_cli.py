@@ -11,7 +11,9 @@ from once import leaves
 
 from maskfab.camera import scenes
 from maskfab.cli import run_command_line
+from maskfab.jobfile import read
 from maskfab.opening.openings import load_opening
+from maskfab.plate.maps import read_map
 
 JOB = """
 [design]
@@ -19,19 +21,28 @@ name = "front"
 dots = 8
 pitch = "168 um"
 clear_dots = 12
+map = "equal_light"
+positions = 2
 
 [pareto]
 clear_dots = { from = 9, to = 12, step = 3 }
+lines = [0, 1]
 compare = ["given.toml"]
 
 [emitters]
 gap_to_opening = "21 um"
 colour_gap = "21 um"
 min_width = "21 um"
+circuit = "1 um^2"
+
+[wires]
+line = "8 um"
+space = "8 um"
+lines = 1
 
 [camera]
 focal = "10 mm"
-stop = { shape = "circle", diameter = "4 mm" }
+stop = { shape = "circle", diameter = "1.6 mm" }
 wavelengths = ["530 nm"]
 pixel = "2 um"
 """
@@ -41,7 +52,7 @@ GIVEN = 'name = "given"\npitch = "168 um"\ndots = 8\ngrid = """\n' + "\n".join(R
 
 @pytest.fixture(autouse=True)
 def one_scene(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(scenes, "bundled", lambda: (leaves(1),))
+    monkeypatch.setattr(scenes, "bundled", lambda count=4: (leaves(1),))
 
 
 @pytest.fixture
@@ -58,16 +69,25 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
     told = json.loads(capsys.readouterr().out)
     assert [curve["clear_dots"] for curve in told["curves"]] == [9, 12]
     assert {**json.loads((out / "pareto.json").read_text()), "path": str(out)} == told
-    found = [each for curve in told["curves"] for each in curve["openings"]]
+    found = [each for curve in told["curves"] for each in curve["designs"]]
     rows = list(csv.DictReader((out / "pareto.csv").read_text().splitlines()))
     assert [row["name"] for row in rows] == [*(each["name"] for each in found), "given"]
     for each, row in zip(found, rows, strict=False):
         assert load_opening(out / each["opening"]).clear_dots == each["clear_dots"]
+        assert read_map(out / each["map"]).cells.shape
+        assert read(out / each["job"]).design.fit
+        assert row["lines"] == str(each["lines"])
         assert float(row["footprint"]) == pytest.approx(each["footprint"], abs=1e-6)
         assert row["best"] == str(int(each["best"]))
     (given,) = told["compared"]
     assert given["name"] == "given"
     assert given["best_gain_db"] >= 0
+    assert told["notes"] == ["Of [design] a sweep does not use: positions; the jobs of its designs do."]
+    page = (out / "pareto.html").read_text()
+    assert "<script" not in page
+    for each in found:
+        assert f'<a href="#{each["name"]}">' in page
+        assert f'id="{each["name"]}"' in page
     assert (out / "pareto.png").read_bytes().startswith(b"\x89PNG")
     assert "<svg" in (out / "pareto.svg").read_text()
     listed = {file["path"] for file in json.loads((out / "manifest.json").read_text())["files"]}
@@ -100,6 +120,8 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
         ('colour_gap = "21 um"', 'colour_gap = "200 um"', "MF117"),
         ('colour_gap = "21 um"', 'colour_gap = "21.001 um"', "MF118"),
         ('compare = ["given.toml"]', "anneal = -1", "MF104"),
+        ("lines = [0, 1]", "lines = []", "MF105"),
+        ("lines = [0, 1]", "lines = [-1]", "MF104"),
     ],
 )
 def test_bad_jobs_leave_nothing(job: Path, capsys: pytest.CaptureFixture[str], old: str, new: str, code: str) -> None:
@@ -116,7 +138,7 @@ def test_bad_requests_are_refused(job: Path, capsys: pytest.CaptureFixture[str])
     without = job.parent / "plain.toml"
     without.write_text(plain[: plain.index("[pareto]")] + plain[plain.index("[camera]") :])
     relaxed = job.parent / "relaxed.toml"
-    relaxed.write_text(plain.replace('name = "front"', 'name = "front"\nmethod = "relax"\ntiling_seed = 1'))
+    relaxed.write_text(plain.replace('map = "equal_light"\npositions = 2', 'method = "relax"\ntiling_seed = 1'))
     out = str(job.parent / "out")
     for arguments, code in (
         ([str(without), "--out", out], "MF105"),

@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from maskfab.errors import JobError
 from maskfab.units import UM_PER_MM
 
+TELEPHONE_UM = 300_000.0
+"""From the eye to a telephone that is held as usual."""
 _NEAREST_UM, _FARTHEST_UM = 1e4, 1e8
 
 
@@ -35,7 +37,7 @@ class Viewing:
                 f"a viewing distance of {self.distance_um / UM_PER_MM:g} mm is outside {_NEAREST_UM / UM_PER_MM:g} mm "
                 f"to {_FARTHEST_UM / 1e6:g} m",
                 where="distance",
-                cure="A telephone is held at about 300 mm",
+                cure=f"A telephone is held at about {TELEPHONE_UM / UM_PER_MM:g} mm",
             )
 
     @property

@@ -252,22 +252,11 @@ class RulesSection(Section):
     """Closed dots all round the cell; neighbours meet with twice as many between their openings."""
     symmetry: Symmetry | None = None
     """Symmetry that the opening must have."""
-    footprint: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
-    """Least share of the pixel that each colour's emitter covers."""
-    gap_to_opening: LengthOrZero = 0.0
-    """Gap from an emitter to any opening, for the footprint."""
-    colour_gap: LengthOrZero = 8.0
-    """Gap between emitters of two colours, for the footprint."""
-    min_width: Length | None = None
-    """Least width of an emitter; two dots if left out."""
-    circuit: Area | None = None
-    """Area of one drive circuit; the closed area at least min_width wide must hold three."""
-    wire_flow: int | None = Field(default=None, ge=1)
-    """Opaque lines that must cross the cell through closed dots, from top to bottom and from left to right."""
     ports: int | None = Field(default=None, ge=1)
-    """Symmetric ports through which these lines must run in both directions."""
+    """Symmetric ports through which so many lines can cross the closed dots of the cell either way, whatever their
+    neighbours' orientations."""
     centroid_px: float | None = Field(default=None, gt=0, le=1, allow_inf_nan=False)
-    """Largest distance of the light's centroid from the pixel's centre, pixels."""
+    """Largest distance of the light's centroid from the pixel's centre, pixels; of the emitters that ``fit`` places."""
     keep_out: str | None = None
     """Drawing of the cell, top row first: x stays closed, . is free."""
 
@@ -389,16 +378,22 @@ AnyDesign = Annotated[
 
 
 class ParetoSection(Section):
-    """[pareto]: restored photographs against emitters, for several sizes of openings, among the shapes of [design]."""
+    """[pareto]: light, photographs, emitters, wires and grain of designs for the job's display, among the shapes of
+    [design]."""
 
     clear_dots: Counts
     """Numbers of clear dots, listed or as a range; each is a curve."""
+    lines: (
+        Annotated[tuple[Annotated[int, Field(ge=0, le=64)], ...], Field(min_length=1, max_length=16, strict=False)]
+        | None
+    ) = None
+    """Numbers of lines each way that designs are sought for; default: those of [wires]."""
     compare: Annotated[tuple[str, ...], Field(max_length=100, strict=False)] = ()
     """Files of openings, relative to the job, that are judged beside the curves."""
     anneal: int = Field(default=0, ge=0, le=1_000_000)
-    """Evaluations of a search dot by dot at each point, footprint kept."""
+    """Evaluations of a search dot by dot at each point, footprint and lines kept."""
     points: int = Field(default=4, ge=1, le=100)
-    """Points of each curve that are annealed."""
+    """Designs of each curve, spread over it, that are annealed, given their map and laid on a die."""
 
 
 class EmittersSection(Section):

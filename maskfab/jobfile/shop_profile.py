@@ -5,7 +5,6 @@ A profile states facts only. What it leaves out the house does not publish, so n
 
 from __future__ import annotations
 
-import json
 import os
 import re
 import warnings
@@ -17,7 +16,7 @@ from pydantic import AfterValidator, Field, ValidationError
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile.problems import first_problem
 from maskfab.jobfile.sections import Section
-from maskfab.jobfile.toml import loads
+from maskfab.jobfile.toml import dumps, loads
 from maskfab.model import LAYERS
 
 Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber"]
@@ -333,19 +332,4 @@ def dump_shop(shop: Shop) -> str:
     Of that text and the same name ``parse_shop`` makes an equal profile.
     """
     said = shop.model_dump(mode="python", exclude={"name"}, exclude_none=True)
-    tables = {key: value for key, value in said.items() if isinstance(value, dict)}
-    lines = [f"{key} = {_toml(value)}" for key, value in said.items() if key not in tables]
-    for name, table in tables.items():
-        lines += ["", f"[{name}]", *(f"{key} = {_toml(value)}" for key, value in table.items())]
-    return "\n".join(lines) + "\n"
-
-
-def _toml(value: object) -> str:
-    if isinstance(value, tuple):
-        return f"[{', '.join(map(_toml, value))}]"
-    if isinstance(value, dict):
-        return f"{{ {', '.join(f'{_toml(key)} = {_toml(each)}' for key, each in value.items())} }}"
-    if isinstance(value, str):
-        # TOML escapes what JSON does, and the one control character that JSON leaves as it is.
-        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
-    return str(value).lower() if isinstance(value, bool) else repr(value)
+    return dumps(said)

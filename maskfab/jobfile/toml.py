@@ -1,10 +1,11 @@
-"""TOML within limits: what Python's reader takes more than linear time for is refused before it sees it."""
+"""TOML: plain data as text, and text within limits; what takes Python's reader more than linear time is refused."""
 
 from __future__ import annotations
 
+import json
 import re
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 MOST_CHARACTERS = 20_000_000
@@ -64,3 +65,26 @@ def _depth(bare: str) -> int:
         depth = depth + len(found[0]) if opens else max(0, depth - len(found[0]))
         most = max(most, depth)
     return most
+
+
+def dumps(data: Mapping[str, object]) -> str:
+    """Plain values first, then a table for each mapping; mappings within these stand on one line.
+
+    Equal data have equal texts.
+    """
+    tables = {key: value for key, value in data.items() if isinstance(value, Mapping)}
+    lines = [f"{key} = {_value(value)}" for key, value in data.items() if key not in tables]
+    for name, table in tables.items():
+        lines += [*([""] if lines else []), f"[{name}]", *(f"{key} = {_value(value)}" for key, value in table.items())]
+    return "\n".join(lines) + "\n"
+
+
+def _value(value: object) -> str:
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(_value, value))}]"
+    if isinstance(value, Mapping):
+        return f"{{ {', '.join(f'{_value(key)} = {_value(each)}' for key, each in value.items())} }}"
+    if isinstance(value, str):
+        # TOML escapes what JSON does, and the one control character that JSON leaves as it is.
+        return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -7,12 +7,10 @@ from collections.abc import Iterator
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.light import LightDemand
 from maskfab.eye.grain import SLOW_CPD, predicted_rms
-from maskfab.eye.viewing import Viewing
+from maskfab.eye.viewing import TELEPHONE_UM, Viewing
 from maskfab.measurement.wired import wired_quantities
 from maskfab.model import COLOURS, Camera, Die, Quantity
 from maskfab.units import UM_PER_MM
-
-_DISTANCE_UM = 3e5
 
 
 def display_quantities(die: Die, found: Feasibility, camera: Camera | None = None) -> tuple[Quantity, ...]:
@@ -94,11 +92,11 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
         "distance of the light's centroid from the pixel's centre, colours weighted with their share of white",
         die=name,
     )
-    viewing = Viewing(die.panel.cell_size.pitch_um, _DISTANCE_UM)
+    viewing = Viewing(die.panel.cell_size.pitch_um, TELEPHONE_UM)
     yield Quantity(
         "grain_rms",
         predicted_rms(found.wander_px, viewing),
-        f"luminance contrast of an even field up to {SLOW_CPD:g} cycles per degree at {_DISTANCE_UM / UM_PER_MM:g} mm, "
+        f"luminance contrast of an even field up to {SLOW_CPD:g} cycles per degree at {TELEPHONE_UM / UM_PER_MM:g} mm, "
         "5.57 (F/ppd)² |c|, c the centroid off its mean over the orientations",
         die=name,
     )

@@ -138,7 +138,7 @@ def design(
             cure="Create that directory, or give a path in one that exists",
         )
     section, camera, taking = section_of(spec, where), spec.camera.camera(), taking_of(spec)
-    source = _scenes(images, for_map=getattr(section, "map", None) is not None)
+    source = scenes_of(images, section)
     scenes = source.photographs
     if isinstance(section, RelaxSection):
         from maskfab.optimiser.relax.relax import relax
@@ -173,12 +173,26 @@ def display_of(spec: JobSpec, where: str) -> Display | None:
     section = section_of(spec, where)
     if not isinstance(section, SearchSection) or not section.fit:
         return None
+    return stated_display(spec, section, where, key="design.fit")
+
+
+def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: str) -> Display:
+    """The display of a job, whether or not its [design] must fit it.
+
+    Args:
+        spec, section: the job and its [design].
+        where: the job, for errors.
+        key: that asks for it.
+
+    Raises:
+        JobError: as :func:`display_of`.
+    """
     if spec.emitters is None:
         raise JobError(
             "MF105",
             "the job has no display that its opening could fit",
-            where=f"{where}: design.fit",
-            cure="Add [emitters], and [wires] if they must be wired, or set fit = false",
+            where=f"{where}: {key}",
+            cure=f"Add [emitters], and [wires] if they must be wired, or remove {key}",
         )
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
     across = before = lattice(section.dots, dot_nm, camera=PhotoCamera.of(spec.camera.camera(), where=where)).cells
@@ -232,8 +246,15 @@ def _require_room(spec: JobSpec, section: SearchSection, where: str) -> None:
         )
 
 
-def _scenes(images: Path | None, *, for_map: bool) -> Folder:
-    """Maps fit the very pictures they are designed on, so they get more of them."""
+def scenes_of(images: Path | None, section: DesignSection) -> Folder:
+    """Photographs that openings are compared by: of a folder, or synthetic ones.
+
+    Maps fit the very pictures they are designed on, so they get more of them.
+
+    Raises:
+        SourceError: for photographs that cannot be read.
+    """
     if images is not None:
         return folder(images)
+    for_map = getattr(section, "map", None) is not None
     return Folder(scene_sets.bundled(_SCENES_OF_MAPS) if for_map else scene_sets.bundled(), ())

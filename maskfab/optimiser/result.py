@@ -15,7 +15,6 @@ from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS
 from maskfab.camera.scenes import Bundled
-from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import JobError
 from maskfab.jobfile import DesignSection, RulesSection
 from maskfab.model import ORIENTATIONS, Camera, Opening, Tiling
@@ -25,11 +24,10 @@ from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.rules import registry
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.fit_rule import FIT, Display
+from maskfab.optimiser.rules.fit_rule import Display, of_display
 from maskfab.optimiser.rules.price import Prices
 from maskfab.optimiser.rules.rule import price_key
 from maskfab.plate.maps import CellMap
-from maskfab.units import NM_PER_UM, to_nm
 
 if TYPE_CHECKING:
     from maskfab.optimiser.maps.orientation_map import DesignedMap
@@ -85,7 +83,6 @@ def constraints_of(
     section: DesignSection,
     *,
     where: str = "design",
-    emitters: EmitterRules | None = None,
     display: Display | None = None,
 ) -> Constraints:
     """The section's rules.
@@ -93,46 +90,34 @@ def constraints_of(
     Args:
         section: of a job.
         where: it stands, for errors.
-        emitters: rules of emitters in place of the section's own.
         display: that the opening must hold.
 
     Raises:
         JobError: MF104, MF106 or MF107 for a pitch that is no whole number of dots on the grid, or rules out of range;
-            MF117 or MF118 where a footprint's rules do not suit the pixel.
+            MF105 for a centroid without a display; MF117 or MF118 where its rules do not suit the pixel.
     """
     asked = section.rules
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}.pitch")
-    gap_nm, colour_nm, width_nm = (
-        to_nm(value, where=f"{where}.rules.{name}", name=name)
-        for name, value in (
-            ("gap_to_opening", asked.gap_to_opening),
-            ("colour_gap", asked.colour_gap),
-            ("min_width", 2 * dot_nm / NM_PER_UM if asked.min_width is None else asked.min_width),
+    if asked.centroid_px is not None and display is None:
+        raise JobError(
+            "MF105",
+            "there are no emitters whose light could be centred",
+            where=f"{where}.rules.centroid_px",
+            cure="Set fit = true, with [emitters] in the job, or remove centroid_px",
         )
-    )
-    own = EmitterRules(gap_nm, colour_nm, width_nm)
     stated = {
-        rule.name: rule.read(getattr(asked, rule.name), section, own, where)
+        rule.name: rule.read(getattr(asked, rule.name), section, where)
         for rule in registry.RULES
         if issubclass(rule.section, RulesSection)
     }
-    if display is not None:
-        emitters = display.rules.emitters
-    try:
-        return Constraints(
-            section.clear_dots,
-            dots=section.dots,
-            dot_nm=dot_nm,
-            orientations=(0,) if section.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS)),
-            emitters=emitters or own,
-            asked={**stated, FIT.name: display},
-        )
-    except JobError as error:
-        # The rules of emitters and circuits are told by the names that they have among a display's.
-        place = error.where.replace("circuit.", f"{where}.rules.")
-        if emitters is None:
-            place = place.replace("emitters.", f"{where}.rules.")
-        raise JobError(error.code, error.what, where=place, cure=error.cure) from None
+    return Constraints(
+        section.clear_dots,
+        dots=section.dots,
+        dot_nm=dot_nm,
+        orientations=(0,) if section.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS)),
+        asked=stated,
+        **({} if display is None else of_display(display)),
+    )
 
 
 def appraised(

@@ -1,4 +1,4 @@
-"""The files of a sweep: its numbers as JSON and CSV, the openings of its curves, and the figure."""
+"""The files of a front: its page, its numbers as JSON and CSV, its designs with their jobs, and the figure."""
 
 from __future__ import annotations
 
@@ -10,79 +10,103 @@ from pathlib import Path
 from typing import Any
 
 from maskfab import __version__, provenance
-from maskfab.camera.protocol import LEVELS
 from maskfab.files.finished import RESULT_MARK
 from maskfab.files.staging import Place, staged
-from maskfab.model import Opening
 from maskfab.opening.openings import opening_text
-from maskfab.optimiser.pareto import JudgedOpening, Pareto
+from maskfab.optimiser.pareto.designs import FrontDesign
+from maskfab.optimiser.pareto.front import JudgedOpening, Pareto
+from maskfab.plate.maps import map_text
+from maskfab.report.page.pareto_page import pareto_page
 from maskfab.report.plots.pareto_figure import pareto_png, svg
 
-SCHEMA_VERSION = 1
-DOCUMENT, TABLE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.png", "pareto.svg"
+SCHEMA_VERSION = 2
+DOCUMENT, TABLE, PAGE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.html", "pareto.png", "pareto.svg"
 
-Named = Mapping[str, tuple[JudgedOpening, Opening]]
+Designs = Sequence[FrontDesign]
 
 
-def pareto_document(found: Pareto, named: Named, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
+def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
     """Everything that was found, and notes for a user; what pareto.json and ``--json`` say."""
-    names = {id(judged): name for name, (judged, _) in named.items()}
-    best = {id(each) for each in found.best}
+    best = set(map(id, found.best))
+    by_point = {id(each.point): each for each in designs}
 
-    def told(each: JudgedOpening) -> dict[str, Any]:
-        name = names[id(each)]
-        return {"name": name, **_numbers(each), "best": id(each) in best, "opening": f"{name}.toml"}
+    def told(each: FrontDesign) -> dict[str, Any]:
+        point = each.point
+        return {
+            "name": each.name,
+            **_numbers(point.judged, found.levels),
+            "mapped": point.mapped is not None,
+            "panel_psnr_db": point.value,
+            "panel_psnr_by_level_db": _by_level(point.psnr, found.levels),
+            "grain_rms": point.grain,
+            "best": id(point) in best,
+            **_files(each),
+        }
 
     return {
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": job_hash,
+        "lines": list(found.lines),
         "curves": [
             {
                 "clear_dots": curve.clear_dots,
                 "evaluated": curve.evaluated,
-                "footprints_measured": curve.measured,
+                "measured": curve.measured,
+                "left_out": curve.left_out,
+                "misfits": list(curve.misfits),
                 "complete": curve.complete,
                 "refusal": curve.refusal,
-                "openings": [told(each) for each in curve.front],
+                "designs": [told(by_point[id(each)]) for each in curve.front],
             }
             for curve in found.curves
         ],
         "compared": [
-            {"name": each.shape, **_numbers(each), "best_gain_db": found.gain_db(each)} for each in found.compared
+            {"name": each.shape, **_numbers(each, found.levels), "best_gain_db": found.gain_db(each)}
+            for each in found.compared
         ],
         "notes": list(notes),
     }
 
 
-def table(found: Pareto, named: Named) -> str:
+def table(found: Pareto, designs: Designs) -> str:
     """One line for each opening, of curves and given ones, as CSV."""
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")
-    psnr = [f"expected_psnr_{level}_db" for level in LEVELS]
-    rows.writerow(["kind", "name", "shape", "clear_dots", "open_ratio", "footprint", "expected_psnr_db", *psnr, "best"])
-    best = {id(each) for each in found.best}
-    given = [("given", each.shape, each) for each in found.compared]
-    for kind, name, each in [*(("curve", name, judged) for name, (judged, _) in named.items()), *given]:
-        numbers = (each.open_ratio, each.footprint, each.value, *each.psnr)
-        rows.writerow(
-            [kind, name, each.shape, each.clear_dots, *(f"{number:.6f}" for number in numbers), int(id(each) in best)]
-        )
+    psnr = [f"panel_psnr_{level:g}_db" for level in found.levels]
+    columns = ["open_ratio", "expected_psnr_db", "panel_psnr_db", *psnr, "footprint", "lines", "grain_rms", "best"]
+    rows.writerow(["kind", "name", "shape", "clear_dots", *columns])
+    best = set(map(id, found.best))
+    for each in designs:
+        point, judged = each.point, each.point.judged
+        numbers = [judged.open_ratio, judged.value, point.value, *point.psnr, judged.footprint]
+        told = [*(f"{number:.6f}" for number in numbers), judged.lines, f"{point.grain:.6f}", int(id(point) in best)]
+        rows.writerow(["design", each.name, judged.shape, judged.clear_dots, *told])
+    for other in found.compared:
+        alone = [f"{number:.6f}" for number in (other.open_ratio, other.value)]
+        unlaid = [""] * (1 + len(found.levels))
+        told = [*alone, *unlaid, f"{other.footprint:.6f}", other.lines, "", 0]
+        rows.writerow(["given", other.shape, other.shape, other.clear_dots, *told])
     return buffer.getvalue()
 
 
-def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], named: Named) -> list[Path]:
+def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], designs: Designs) -> list[Path]:
     """Write everything, and its document, into a directory that appears whole, and return the paths.
 
     Raises:
         OutputError: MF401 or MF404 as :func:`maskfab.files.staging.staged`.
     """
     with staged(place) as folder:
-        for name, (_, opening) in named.items():
-            _text(folder / f"{name}.toml", opening_text(opening))
-        _text(folder / TABLE, table(found, named))
+        for each in designs:
+            names = _files(each)
+            _text(folder / names["opening"], opening_text(each.opening))
+            _text(folder / names["job"], each.job)
+            if each.map is not None:
+                _text(folder / names["map"], map_text(each.map))
+        _text(folder / TABLE, table(found, designs))
         _text(folder / DRAWING, svg(found))
         (folder / FIGURE).write_bytes(pareto_png(found))
+        _text(folder / PAGE, pareto_page(found, designs, document))
         _text(folder / DOCUMENT, _json(document))
         files = [
             {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
@@ -95,15 +119,25 @@ def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], named
     return sorted(place.asked.iterdir())
 
 
-def _numbers(each: JudgedOpening) -> dict[str, Any]:
+def _files(each: FrontDesign) -> dict[str, str]:
+    named = {"opening": f"{each.name}.toml", "job": f"{each.name}_job.toml"}
+    return named if each.map is None else {**named, "map": f"{each.name}_map.toml"}
+
+
+def _numbers(each: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
     return {
         "shape": each.shape,
         "clear_dots": each.clear_dots,
         "open_ratio": each.open_ratio,
         "footprint": each.footprint,
+        "lines": each.lines,
         "expected_psnr_db": each.value,
-        "expected_psnr_by_level_db": {str(level): value for level, value in zip(LEVELS, each.psnr, strict=True)},
+        "expected_psnr_by_level_db": _by_level(each.psnr, levels),
     }
+
+
+def _by_level(psnr: Sequence[float], levels: Sequence[float]) -> dict[str, float]:
+    return {f"{level:g}": value for level, value in zip(levels, psnr, strict=True)}
 
 
 def _json(told: Mapping[str, Any]) -> str:

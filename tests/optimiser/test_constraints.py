@@ -6,9 +6,8 @@ import itertools
 
 import numpy as np
 import pytest
+from asked_displays import asked_display
 
-from maskfab.display.circuit import CircuitRules
-from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient
@@ -46,12 +45,11 @@ ODD = rows("#....", ".#...", ".....", "..##.", ".....")
         ({"symmetry": "mirror"}, {"symmetry"}),
         ({"keep_out": ODD}, {"keep_out"}),
         ({"keep_out": ~ODD}, set()),
-        ({"wire_flow": 4}, {"wire_flow"}),
-        ({"wire_flow": 2}, set()),
-        ({"circuit": CircuitRules(need_um2=5000.0)}, {"circuit"}),
-        ({"circuit": CircuitRules(need_um2=1.0)}, set()),
+        ({"wires": asked_display(lines=20)}, {"wires"}),
+        ({"circuits": asked_display(circuit_um2=5000.0)}, {"circuits"}),
+        ({"circuits": asked_display()}, set()),
         ({"ports": 5}, {"ports"}),
-        ({"footprint": 0.32}, {"footprint"}),
+        ({"emitters": asked_display(required=0.32)}, {"emitters"}),
     ],
     ids=str,
 )
@@ -114,28 +112,31 @@ def test_what_quick_judgement_allows_is_allowed():
         unit = np.zeros((9, 9), dtype=np.bool_)
         y, x = rng.integers(0, 6, 2)
         unit[y : y + 3, x : x + 4] = True
-        held = Constraints(int(unit.sum()), dots=9, footprint=0.15, wire_flow=3, min_feature_dots=3)
+        shown = asked_display(required=0.15, lines=3)
+        held = Constraints(int(unit.sum()), dots=9, emitters=shown, wires=shown, min_feature_dots=3)
         assert held.allows(unit) <= (not held.violations(unit))
 
 
 def test_the_lights_centroid():
-    near, far = (Constraints(102, footprint=0.129, centroid_px=limit) for limit in (0.05, 0.0))
+    shown = asked_display(required=0.129, keep=0.9)
+    near, far = (Constraints(102, emitters=shown, centroid_px=limit) for limit in (0.05, 0.0))
     assert near.violations(bar()) == ()
     (said,) = far.violations(bar())
     assert said.startswith("centroid_px: ")
 
 
 def test_a_footprint_that_cannot_be_is_proved():
-    said = Constraints(102, footprint=0.24).violations(bar())
+    said = Constraints(102, emitters=asked_display(required=0.24)).violations(bar())
     assert len(said) == 1
-    assert "least 24.0%" in said[0]
-    assert "um" in said[0] or "emitter" in said[0]
+    assert said[0].startswith("emitters: emitters above")
+    assert "of the pixel) times their ratio do not fit" in said[0]
 
 
 def test_rules_can_be_taken_off_and_kept():
-    held = Constraints(100, kissing="cell", rim_dots=2, wire_flow=4, keep_out=bar(), footprint=0.1)
-    assert set(held.active) == {"kissing", "rim_dots", "wire_flow", "keep_out", "footprint"}
-    assert held.without("kissing", "keep_out").active == ("rim_dots", "wire_flow", "footprint")
+    shown = asked_display(required=0.1, lines=4)
+    held = Constraints(100, kissing="cell", rim_dots=2, wires=shown, keep_out=bar(), emitters=shown)
+    assert set(held.active) == {"kissing", "rim_dots", "wires", "keep_out", "emitters"}
+    assert held.without("kissing", "keep_out").active == ("rim_dots", "emitters", "wires")
     assert held.only("rim_dots").active == ("rim_dots",)
     assert held.without(*(rule.name for rule in RULES)).active == ()
 
@@ -153,11 +154,13 @@ def test_rules_can_be_taken_off_and_kept():
         ({"clear_dots": 5, "min_feature_dots": 2}, {"clear_dots", "min_feature_dots"}),
         ({"clear_dots": 24, "min_feature_dots": 6}, {"min_feature_dots"}),
         ({"clear_dots": 24, "min_space_dots": 2}, {"clear_dots", "min_space_dots"}),
-        ({"clear_dots": 24, "kissing": "neighbours", "wire_flow": 1}, {"wire_flow", "clear_dots"}),
-        ({"clear_dots": 1, "wire_flow": 6}, {"wire_flow"}),
-        ({"clear_dots": 15, "footprint": 0.2}, {"footprint", "clear_dots"}),
-        ({"clear_dots": 1, "footprint": 0.33}, {"footprint", "clear_dots"}),
-        ({"clear_dots": 1, "footprint": 0.3}, {"footprint"}),
+        ({"clear_dots": 24, "kissing": "neighbours", "ports": 2}, {"ports", "clear_dots"}),
+        ({"clear_dots": 1, "ports": 6}, {"ports"}),
+        ({"clear_dots": 1, "wires": asked_display(lines=20)}, {"wires"}),
+        ({"clear_dots": 20, "circuits": asked_display(circuit_um2=120.0)}, {"circuits", "clear_dots"}),
+        ({"clear_dots": 15, "emitters": asked_display(required=0.2)}, {"emitters", "clear_dots"}),
+        ({"clear_dots": 1, "emitters": asked_display(required=0.33)}, {"emitters", "clear_dots"}),
+        ({"clear_dots": 1, "emitters": asked_display(required=0.3)}, {"emitters"}),
     ],
     ids=lambda given: " ".join(sorted(map(str, given))),
 )
@@ -171,7 +174,7 @@ def test_contradictions_name_their_rules(rules, expected):
 
 
 def test_emitters_too_large_for_any_pixel_have_a_certificate():
-    found = Constraints(1, dots=5, footprint=0.3).conflict()
+    found = Constraints(1, dots=5, emitters=asked_display(required=0.3)).conflict()
     assert found is not None
     assert found.certificate is not None
 
@@ -187,7 +190,7 @@ def test_emitters_too_large_for_any_pixel_have_a_certificate():
         Constraints(100, symmetry="d4", min_feature_dots=2),
         Constraints(6, dots=5, min_feature_dots=2),
         Constraints(7, dots=3, min_feature_dots=2),
-        Constraints(1000, dots=64, wire_flow=10, kissing="neighbours"),
+        Constraints(1000, dots=64, ports=10, kissing="neighbours"),
         Constraints(50, dots=23, symmetry="rot180"),
     ],
     ids=lambda held: f"{held.clear_dots} of {held.dots}",
@@ -222,15 +225,16 @@ def test_no_clear_dots():
         ({"clear_dots": -1}, "MF104"),
         ({"dots": 0}, "MF104"),
         ({"min_feature_dots": 0}, "MF104"),
-        ({"footprint": float("nan")}, "MF104"),
-        ({"footprint": 1.5}, "MF104"),
+        ({"centroid_px": float("nan")}, "MF104"),
+        ({"centroid_px": 1.5}, "MF104"),
         ({"orientations": (8,)}, "MF104"),
         ({"orientations": ()}, "MF104"),
         ({"kissing": "never"}, "MF105"),
         ({"symmetry": "hexagonal"}, "MF105"),
         ({"keep_out": np.zeros((3, 3))}, "MF105"),
-        ({"footprint": 0.1, "emitters": EmitterRules(0, 8000, 900_000)}, "MF117"),
-        ({"footprint": 0.1, "emitters": EmitterRules(0, 8001, 16000)}, "MF118"),
+        ({"emitters": asked_display(min_width_nm=900_000)}, "MF117"),
+        ({"emitters": asked_display(colour_gap_nm=8001)}, "MF118"),
+        ({"circuits": asked_display(min_width_nm=13_001)}, "MF118"),
     ],
     ids=str,
 )

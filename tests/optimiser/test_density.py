@@ -125,14 +125,14 @@ def test_both_units_keep_the_rules_and_beside_one_another(error):
 def test_emitters_that_fit_either_opening_may_fit_none_of_their_pairs(error):
     """Halves of the cell: the denser one lies below, the sparser one, if it may not turn, above."""
     asked = Display.of(DisplayRules.of(EMITTERS, None, None), Tiling.PERIODIC, 0, 4, 4)
-    rules = Constraints(12, dots=DOTS, dot_nm=24000, orientations=(0,), emitters=asked.rules.emitters, fit=asked)
+    rules = Constraints(12, dots=DOTS, dot_nm=24000, orientations=(0,), emitters=asked)
 
     def halves(count):
         return [block(count).T if count > 12 else block(count).T[::-1]]
 
     for count in counts(block(12), error, 0.45):
         assert replace(rules, clear_dots=count).allows(halves(count)[0])
-    with pytest.raises(JobError, match=r"MF123.*22 and 3 clear dots break fit where they meet.*density"):
+    with pytest.raises(JobError, match=r"MF123.*22 and 3 clear dots break emitters where they meet.*density"):
         graded(block(12), error, 0.45, halves, constraints=rules)
 
 

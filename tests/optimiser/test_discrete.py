@@ -6,11 +6,13 @@ import json
 
 import numpy as np
 import pytest
+from asked_displays import asked_display
 
 from maskfab.errors import InternalError, JobError, OpeningError
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import MOVES, ExpectedPsnr, State, anneal, scan
 from maskfab.optimiser.rules.families import Candidate, bars, discs
+from maskfab.optimiser.rules.fit_rule import of_display
 from maskfab.optimiser.rules.price import prices
 
 
@@ -91,7 +93,7 @@ def test_annealing_finds_the_disc():
     [
         Constraints(24, dots=9, min_feature_dots=2, kissing="neighbours", min_space_dots=2),
         Constraints(24, dots=10, symmetry="rot180", rim_dots=1),
-        Constraints(24, dots=10, wire_flow=3, footprint=0.08),
+        Constraints(24, dots=10, **of_display(asked_display(required=0.08, lines=2))),
     ],
     ids=["mask", "symmetry", "display"],
 )

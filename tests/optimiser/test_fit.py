@@ -11,7 +11,7 @@ import pytest
 from once import leaves
 
 from maskfab.display.emitters.placement import Verdict
-from maskfab.display.feasibility import DisplayRules, feasibility
+from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
 from maskfab.display.wires.wiring import wiring
 from maskfab.errors import JobError
 from maskfab.job import load_job
@@ -22,7 +22,7 @@ from maskfab.optimiser.design import check_possible, design, display_notes, disp
 from maskfab.optimiser.result import constraints_of
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.families import bars
-from maskfab.optimiser.rules.fit_rule import Display
+from maskfab.optimiser.rules.fit_rule import Display, of_display
 from maskfab.plate.maps import CellMap, map_text
 
 JOB = """
@@ -84,12 +84,12 @@ def job_of(folder: Path, *edits: tuple[str, str], more: str = ""):
 def test_the_rule_is_the_check_itself_and_the_quick_one_is_no_laxer(tmp_path: Path) -> None:
     spec = read(job_of(tmp_path, ("lines = 2", "lines = 4")))
     asked = Display.of(DisplayRules.of(spec.emitters, None, spec.wires), Tiling.RANDOM, 0, 5, 5)
-    rules = Constraints(25, dots=11, dot_nm=8000, emitters=asked.rules.emitters, fit=asked)
+    rules = Constraints(25, dots=11, dot_nm=8000, **of_display(asked))
     verdicts = []
     for bar in list(bars(11, 25))[::23]:
         found = feasibility(asked.panel(bar.unit, 8000), asked.rules)
         verdicts.append(found.verdict is Verdict.FITS)
-        assert (not any(each.startswith("fit: ") for each in rules.violations(bar.unit))) == verdicts[-1]
+        assert (not rules.violations(bar.unit)) == verdicts[-1]
         assert not rules.allows(bar.unit) or verdicts[-1]
     assert len(set(verdicts)) == 2
 
@@ -99,7 +99,7 @@ def test_what_is_designed_for_a_display_fits_in_the_job_that_holds_it(tmp_path: 
     path = job_of(tmp_path, more=DISPLAY)
     found = design(read(path), "a test", where=str(path))
     assert found.prices is not None
-    assert [each.rule for each in found.prices.each] == ["fit"]
+    assert [each.rule for each in found.prices.each] == ["circuits", "emitters", "wires"]
     (tmp_path / "small.toml").write_text(opening_text(found.opening))
     job = load_job(path)
     answer = feasibility(job.plate().dies[0].panel, job.display_rules)
@@ -162,7 +162,7 @@ def test_a_density_and_emitters_that_are_more_than_a_pixel_are_refused_at_once(t
 
 def test_a_display_that_no_opening_can_hold_is_refused_with_a_proof(tmp_path: Path) -> None:
     path = job_of(tmp_path, ("required = 0.1", "required = 0.26"))
-    told = r"MF123 no opening keeps the display of \[emitters\] and \[wires\]: not even a pixel.*design\.fit"
+    told = r"MF123 no opening keeps the emitters of \[emitters\]: even a pixel without an opening.*design\.fit"
     with pytest.raises(JobError, match=told):
         check_possible(read(path), where=str(path))
 
@@ -207,15 +207,15 @@ def test_a_symmetry_that_no_shape_has_is_refused_with_those_that_some_have(tmp_p
 
 def test_what_the_closed_area_cannot_hold_is_told_with_what_is_missing(tmp_path: Path) -> None:
     closed = (11**2 - 25) * 64
-    for old, new, need in (
-        ("required = 0.1", "required = 0.3", 0.9 * 88**2),
-        ('circuit = "800 um^2"', 'circuit = "2100 um^2"', 3 * 2100),
+    for old, new, need, what in (
+        ("required = 0.1", "required = 0.3", 0.9 * 88**2, "emitters"),
+        ('circuit = "800 um^2"', 'circuit = "2100 um^2"', 3 * 2100, "circuits"),
     ):
         path = job_of(tmp_path, (old, new))
         missing = f"need {need - closed:.0f} um\\^2 more than the {closed} um\\^2"
         with pytest.raises(
             JobError,
-            match=rf"MF123 no opening keeps the display of \[emitters\] and \[wires\] and clear_dots.*{missing}",
+            match=rf"MF123 no opening keeps the {what} of \[emitters\] and clear_dots.*{missing}",
         ):
             check_possible(read(path), where=str(path))
 
@@ -224,13 +224,13 @@ def test_a_pixel_without_an_opening_is_judged_once(tmp_path: Path, monkeypatch: 
     path = job_of(tmp_path)
     spec = read(path)
     judged: list[int] = []
-    whole = Display.broken_on
+    whole = Display.without_wires
 
-    def counted(self: Display, panel: Panel) -> str | None:
+    def counted(self: Display, panel: Panel) -> Feasibility | None:
         judged.append(panel.opening.clear_dots)
         return whole(self, panel)
 
-    monkeypatch.setattr(Display, "broken_on", counted)
+    monkeypatch.setattr(Display, "without_wires", counted)
     rules = constraints_of(spec.design, display=display_of(spec, str(path)))
     for _ in range(3):
         rules.require_possible()

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import torch
+from asked_displays import asked_display
 from once import leaves
 
 from maskfab.camera.laid_panel import laid_panel
@@ -518,9 +519,9 @@ def test_contrast_alone_does_not_matter_to_the_order_of_designs(scenes: tuple[Ph
         (31, {"symmetry": "d4", "dots": 12}, ("clear_dots", "symmetry")),
         (120, {"rim_dots": 6}, ("clear_dots", "rim_dots")),
         (5, {"min_feature_dots": 2}, ("clear_dots", "min_feature_dots")),
-        (440, {"wire_flow": 2}, ("wire_flow", "clear_dots")),
-        (100, {"footprint": 0.4}, ("footprint", "clear_dots")),
-        (1, {"footprint": 0.33}, ("footprint",)),
+        (440, {"ports": 2}, ("ports", "clear_dots")),
+        (100, {"emitters": asked_display(required=0.4)}, ("emitters", "clear_dots")),
+        (1, {"emitters": asked_display(required=0.33)}, ("emitters",)),
         (9, {"keep_out": np.ones((21, 21), dtype=np.bool_)}, ("clear_dots", "keep_out")),
         (2, {"dots": 2, "kissing": "cell", "symmetry": "rot180", "rim_dots": 1}, ("clear_dots", "rim_dots")),
     ],
@@ -544,7 +545,7 @@ def test_the_rules_to_blame_are_named_and_no_more(
 
 
 def test_emitters_that_fit_no_pixel_come_with_a_certificate() -> None:
-    found = Constraints(1, footprint=0.33).conflict()
+    found = Constraints(1, emitters=asked_display(required=0.33)).conflict()
     assert found is not None
     assert found.certificate is not None
     assert found.certificate.statement in found.statement
@@ -559,8 +560,7 @@ def test_rules_nobody_can_prove_impossible_say_what_broke() -> None:
 
 @pytest.mark.parametrize("value", [math.nan, -1.0, 1.5, math.inf])
 def test_numbers_that_are_none_are_no_rules(value: float) -> None:
-    for name in ("footprint", "centroid_px"):
-        refused("MF104", lambda name=name: Constraints(9, **{name: value}))  # type: ignore[misc, arg-type]
+    refused("MF104", lambda: Constraints(9, centroid_px=value))
 
 
 # Cut off and taken up again

@@ -108,7 +108,7 @@ def test_no_place_breaks_the_constraints(one_level):
     assert all(rules.allows(shifted(found.unit, shift)) for shift in found.designed.shifts)
 
 
-@pytest.mark.parametrize("rule", [{"kissing": "neighbours"}, {"wire_flow": 1}])
+@pytest.mark.parametrize("rule", [{"kissing": "neighbours"}, {"ports": 1}])
 def test_rules_about_neighbours_want_one_place(error, rule):
     middle = np.roll(BAR, (1, 2), axis=(0, 1))
     with pytest.raises(JobError, match=r"MF123.*at several places"):

@@ -1,28 +1,44 @@
-"""Restored photographs against emitters: dominance, the bound on footprints, exact curves, and what is refused."""
+"""Designs for a display: dominance, the bound on footprints, exact curves, and what is refused."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
+from asked_displays import asked_display
 from hypothesis import given
 from hypothesis import strategies as st
 from once import leaves
 from sweeps import examples
 
+from maskfab.camera.photo_camera import F1
 from maskfab.camera.photographs import Photograph
+from maskfab.camera.transfer import lattice
 from maskfab.display.emitters.emitter_rules import EmitterRules
+from maskfab.display.emitters.placement import Verdict
 from maskfab.errors import MaskfabError
-from maskfab.jobfile import ParetoSection, SearchSection, parse_section
-from maskfab.model import Opening
+from maskfab.jobfile import JobSpec, ParetoSection, SearchSection, parse_section, validate
+from maskfab.jobfile.toml import loads
+from maskfab.model import Opening, Tiling
 from maskfab.opening.openings import opening_text, parse_opening
-from maskfab.optimiser.model.expected_psnr import surrogate
-from maskfab.optimiser.pareto import Footprints, JudgedOpening, Pareto, non_dominated, openings, rules_of, sweep
+from maskfab.optimiser.design import display_of
+from maskfab.optimiser.model.expected_psnr import surrogate_behind
+from maskfab.optimiser.model.taking import F1_TAKING
+from maskfab.optimiser.pareto.designs import FrontDesign, designs
+from maskfab.optimiser.pareto.front import JudgedOpening, Pareto, spread
+from maskfab.optimiser.pareto.sweep import lines_of, rules_of, sweep
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr
 from maskfab.optimiser.rules.families import bars
+from maskfab.optimiser.rules.fit_rule import Display
+from maskfab.optimiser.rules.footprints import Footprints
 
 DOTS, DOT_NM = 8, 21000
 RULES = EmitterRules(DOT_NM, DOT_NM, DOT_NM)
+SHOWN = asked_display(
+    to_opening_nm=DOT_NM, colour_gap_nm=DOT_NM, min_width_nm=DOT_NM, wire_nm=8000, clearance_nm=1000, lines=3, across=4
+)
+EVEN = asked_display(to_opening_nm=DOT_NM, colour_gap_nm=DOT_NM, min_width_nm=DOT_NM, across=4, tiling=Tiling.PERIODIC)
+LINES = (1, 3)
 PLAIN = {"name": "found", "dots": DOTS, "pitch": "168 um", "clear_dots": 12}
 
 
@@ -39,24 +55,37 @@ def asked(*counts: int, **more: object) -> ParetoSection:
     return parse_section(ParetoSection, {"clear_dots": list(counts), **more}, where="test")
 
 
+def swept(pareto: ParetoSection, of: SearchSection, scenes: tuple[Photograph, ...], **more: object) -> Pareto:
+    return sweep(pareto, of, scenes, SHOWN, **more)
+
+
 def covers(wide: Pareto, narrow: Pareto) -> bool:
-    """Whether every opening of one has an equal or a better in the other."""
-    return all(any(w.value >= n.value - 1e-12 and w.footprint >= n.footprint for w in wide.best) for n in narrow.best)
+    """Whether every design of one has an equal or a better in the other."""
+    return all(
+        any(
+            w.value >= n.value - 1e-12 and w.judged.footprint >= n.judged.footprint and w.judged.lines >= n.judged.lines
+            for w in wide.points
+        )
+        for n in narrow.points
+    )
 
 
-LEVELS_OF = st.integers(0, 6).map(float)
+@given(st.lists(st.tuples(st.integers(0, 4), st.integers(0, 4), st.integers(0, 2)), max_size=20))
+def test_bettering_is_having_no_less_of_all_and_more_of_one(numbers: list[tuple[int, int, int]]) -> None:
+    each = [JudgedOpening("x", np.ones((2, 2), dtype=np.bool_), float(a), (), float(b), c) for a, b, c in numbers]
+    for one, mine in zip(each, numbers, strict=True):
+        for other, its in zip(each, numbers, strict=True):
+            assert one.betters(other) is (all(a >= b for a, b in zip(mine, its, strict=True)) and mine != its)
 
 
-@given(st.lists(st.tuples(LEVELS_OF, LEVELS_OF), max_size=40))
-def test_what_is_kept_is_dominated_by_none_and_covers_all(pairs: list[tuple[float, float]]) -> None:
-    kept = non_dominated([a for a, _ in pairs], [b for _, b in pairs])
-    chosen = [pairs[k] for k in kept]
-    assert chosen == sorted(set(chosen), reverse=True)
-    for a, b in chosen:
-        assert not any(c >= a and d >= b and (c, d) != (a, b) for c, d in pairs)
-    for a, b in pairs:
-        assert any(c >= a and d >= b for c, d in chosen)
-    assert all(pairs.index(pairs[k]) == k for k in kept)
+@given(st.integers(1, 30), st.integers(1, 8))
+def test_a_curve_is_thinned_evenly_and_keeps_its_ends(count: int, most: int) -> None:
+    every = [JudgedOpening(f"{k}", np.ones((2, 2), dtype=np.bool_), -k, (), k, 0) for k in range(count)]
+    kept = [int(each.shape) for each in spread(every, most)]
+    assert kept == sorted(set(kept))
+    assert len(kept) == min(count, most)
+    assert kept[0] == 0
+    assert most == 1 or kept[-1] == count - 1
 
 
 @examples(40)
@@ -79,95 +108,154 @@ def test_the_footprint_is_the_one_that_rules_of_a_design_judge() -> None:
     for candidate in list(bars(DOTS, 12))[::9]:
         found = Footprints(RULES, DOTS, DOT_NM)(candidate.unit)
         for wanted, kept in ((found, True), (found + 1e-6, False)):
-            rules = Constraints(12, dots=DOTS, dot_nm=DOT_NM, emitters=RULES, footprint=wanted)
+            rules = Constraints(12, dots=DOTS, dot_nm=DOT_NM, emitters=SHOWN.asking(required=wanted, lines=0))
             assert rules.allows(candidate.unit) is kept
 
 
-@pytest.mark.parametrize("tiling", ["random", "periodic"])
-def test_curves_are_exact_among_all_shapes(scenes: tuple[Photograph, ...], tiling: str) -> None:
-    found = sweep(asked(9, 12), section(tiling=tiling), scenes, emitters=RULES)
-    periodic = tiling == "periodic"
-    worth = ExpectedPsnr(surrogate(scenes, DOTS), periodic)
+@pytest.mark.parametrize("shown", [SHOWN, EVEN], ids=["random", "periodic"])
+def test_curves_are_exact_among_all_shapes(scenes: tuple[Photograph, ...], shown: Display) -> None:
+    lines = LINES if shown is SHOWN else (0,)
+    of = section(tiling=shown.tiling.value)
+    found = sweep(asked(12, lines=lines, points=100), of, scenes, shown)
+    periodic = shown is EVEN
+    worth = ExpectedPsnr(surrogate_behind(scenes, lattice(DOTS, DOT_NM, camera=F1), taking=F1_TAKING), periodic)
     footprints = Footprints(RULES, DOTS, DOT_NM, (0,) if periodic else tuple(range(8)))
     for curve in found.curves:
         units = [candidate.unit for candidate in bars(DOTS, curve.clear_dots)]
-        values, rooms = [worth(unit) for unit in units], [footprints(unit) for unit in units]
-        best = [(values[k], rooms[k]) for k in non_dominated(np.round(values, 9).tolist(), np.round(rooms, 9).tolist())]
-        told = [(each.value, each.footprint) for each in curve.front]
-        assert told == [pytest.approx(pair, abs=1e-9) for pair in best]
-        assert all(each.clear_dots == curve.clear_dots for each in curve.front)
+        every = []
+        for unit in units:
+            wired = [n for n in lines if shown.asking(required=0.0, lines=n).unwired(unit, DOT_NM) is None]
+            if wired:
+                every.append((round(worth(unit), 9), round(footprints(unit), 9), max(wired)))
+        best = {p for p in every if not any(all(a >= b for a, b in zip(q, p, strict=True)) and q != p for q in every)}
+        told = {(round(p.judged.value, 9), round(p.judged.footprint, 9), p.judged.lines) for p in curve.front}
+        assert told == best
+        assert not curve.misfits
         assert 0 < curve.measured <= curve.evaluated <= len(units)
         assert curve.complete
-    every = [each for curve in found.curves for each in curve.front]
-    assert set(found.best) <= set(every)
-    assert len(found.best) == len(non_dominated([e.value for e in every], [e.footprint for e in every]))
+    assert set(found.best) <= set(found.points)
 
 
-def test_more_shapes_more_sizes_and_annealing_never_lose(scenes: tuple[Photograph, ...]) -> None:
-    narrow = sweep(asked(12), section(), scenes, emitters=RULES)
-    wide = sweep(asked(12), section(families=["bars", "l_shapes"]), scenes, emitters=RULES)
-    sizes = sweep(asked(9, 12, 15), section(), scenes, emitters=RULES)
-    walked = sweep(asked(12, anneal=30, points=2), section(seed=4), scenes, emitters=RULES)
+def test_every_design_fits_its_display_and_its_job_asks_for_it(scenes: tuple[Photograph, ...]) -> None:
+    spec = job()
+    of = spec.design
+    assert isinstance(of, SearchSection)
+    found = sweep(asked(9, 12, lines=LINES, points=1), of, scenes, SHOWN)
+    made = designs(found, spec, "maskfab pareto x.toml --out y")
+    assert len(made) == len(found.points) > 0
+    for each in made:
+        again = validate(loads(each.job), where="job")
+        shown = display_of(again, "job")
+        assert shown is not None
+        held = shown.on(shown.die(each.opening.mask, DOT_NM, each.map, None))
+        assert held is not None
+        assert held.verdict is Verdict.FITS
+        assert again.design is not None
+        assert again.design.clear_dots == each.point.judged.clear_dots
+        assert shown.rules.emitters.required == pytest.approx(each.point.judged.footprint, abs=1e-4)
+        assert shown.rules.wires is not None
+        assert shown.rules.wires.lines == each.point.judged.lines
+        assert each.point.mapped is not None
+        assert each.map is not None
+
+
+def job() -> JobSpec:
+    return validate(
+        {
+            "design": {**PLAIN, "map": "equal_light"},
+            "camera": {
+                "focal": "10 mm",
+                "stop": {"shape": "circle", "diameter": "4 mm"},
+                "wavelengths": ["610 nm", "530 nm", "470 nm"],
+                "pixel": "2 um",
+            },
+            "emitters": {
+                "gap_to_opening": "21 um",
+                "colour_gap": "21 um",
+                "min_width": "21 um",
+                "circuit": "1 um^2",
+            },
+            "wires": {"line": "8 um", "space": "8 um", "clearance": "1 um", "lines": 3},
+        },
+        where="test",
+    )
+
+
+def test_more_shapes_and_annealing_never_lose(scenes: tuple[Photograph, ...]) -> None:
+    few = {"lines": [1], "points": 100}
+    narrow = swept(asked(12, **few), section(), scenes)
+    wide = swept(asked(12, **few), section(families=["bars", "l_shapes"]), scenes)
+    walked = swept(asked(12, anneal=30, **few), section(seed=4), scenes)
     assert covers(wide, narrow)
-    assert covers(sizes, narrow)
     assert covers(walked, narrow)
     assert walked.curves[0].evaluated > narrow.curves[0].evaluated
 
 
 def test_a_least_footprint_cuts_the_curve_where_it_is(scenes: tuple[Photograph, ...]) -> None:
-    free = sweep(asked(12), section(), scenes, emitters=RULES)
-    least = free.curves[0].front[-1].footprint
-    ruled = sweep(asked(12), section(rules={"footprint": least}), scenes, emitters=RULES)
+    free = swept(asked(12, lines=[1], points=100), section(), scenes)
+    least = free.curves[0].front[-1].judged.footprint
+    ruled = sweep(asked(12, lines=[1]), section(), scenes, SHOWN.asking(required=least, lines=1))
     assert [each.value for each in ruled.curves[0].front] == [free.curves[0].front[-1].value]
 
 
 def test_sizes_that_cannot_be_are_told_and_none_at_all_is_refused(scenes: tuple[Photograph, ...]) -> None:
-    found = sweep(asked(12, 64, 65), section(rules={"rim_dots": 1}), scenes, emitters=RULES)
+    found = swept(asked(12, 64, 65, lines=[1]), section(rules={"rim_dots": 1}), scenes)
     assert [bool(curve.front) for curve in found.curves] == [True, False, False]
     assert [curve.refusal is None for curve in found.curves] == [True, False, False]
     assert "MF204" in str(found.curves[2].refusal)
     with pytest.raises(MaskfabError, match="MF204"):
-        sweep(asked(65, 66), section(), scenes, emitters=RULES)
+        swept(asked(65, 66), section(), scenes)
 
 
 def test_a_given_opening_is_judged_as_those_found(scenes: tuple[Photograph, ...]) -> None:
-    found = sweep(asked(12), section(), scenes, emitters=RULES)
-    named = openings(found, section(), "maskfab pareto x.toml --out y")
-    given = [opening for _, opening in named.values()]
-    again = sweep(asked(12), section(), scenes, compared=given, emitters=RULES)
-    for (judged, _), other in zip(named.values(), again.compared, strict=True):
-        assert (judged.value, judged.psnr, judged.footprint) == (other.value, other.psnr, other.footprint)
+    found = swept(asked(12, lines=LINES), section(), scenes)
+    given = [Opening(f"given{k}", each.judged.unit, DOT_NM) for k, each in enumerate(found.points)]
+    again = swept(asked(12, lines=LINES), section(), scenes, compared=given)
+    for point, other in zip(found.points, again.compared, strict=True):
+        mine = point.judged
+        assert (mine.value, mine.psnr, mine.footprint, mine.lines) == (
+            other.value,
+            other.psnr,
+            other.footprint,
+            other.lines,
+        )
         assert again.gain_db(other) == 0
-    roomier = JudgedOpening("x", given[0].mask, 0.0, (0.0,) * 3, 1.0)
+    roomier = JudgedOpening("x", given[0].mask, 0.0, (0.0,) * 3, 1.0, 0)
     assert found.gain_db(roomier) is None
 
 
 def test_openings_say_where_they_come_from(scenes: tuple[Photograph, ...]) -> None:
-    found = sweep(asked(9, 12), section(seed=7), scenes, emitters=RULES)
-    named = openings(found, section(seed=7), "maskfab pareto x.toml --out y")
-    assert len(named) == sum(len(curve.front) for curve in found.curves)
-    for name, (judged, opening) in named.items():
-        back = parse_opening(opening_text(opening))
-        assert back.name == name
-        assert np.array_equal(back.mask, judged.unit)
+    found = swept(asked(9, 12, lines=[1], points=2), section(), scenes)
+    named: tuple[FrontDesign, ...] = designs(found, job(), "maskfab pareto x.toml --out y")
+    assert len(named) == len(found.points)
+    for each in named:
+        back = parse_opening(opening_text(each.opening))
+        assert back.name == each.name
+        assert np.array_equal(back.mask, each.point.judged.unit)
         assert back.provenance["command"] == "maskfab pareto x.toml --out y"
-        assert back.provenance["shape"] == judged.shape
-        assert back.provenance["footprint"] == pytest.approx(judged.footprint, abs=1e-6)
-        assert back.provenance["expected_psnr_32"] == pytest.approx(judged.psnr[1], abs=1e-3)
+        assert back.provenance["shape"] == each.point.judged.shape
+        assert back.provenance["lines"] == 1
+        assert back.provenance["footprint"] == pytest.approx(each.point.judged.footprint, abs=1e-6)
+        assert back.provenance["expected_psnr_32"] == pytest.approx(each.point.psnr[1], abs=1e-3)
 
 
 def test_a_budget_stops_the_look_and_is_told(scenes: tuple[Photograph, ...]) -> None:
-    found = sweep(asked(9, 12), section(families=["bars", "discs"]), scenes, emitters=RULES, budget_s=1e-6)
+    found = swept(asked(9, 12, lines=[1]), section(families=["bars", "discs"]), scenes, budget_s=1e-6)
     assert not found.curves[0].complete
     assert all(curve.front and curve.evaluated <= 64 for curve in found.curves)
 
 
 def test_what_does_not_suit_the_grid_is_refused() -> None:
     other = Opening("other", np.eye(7, dtype=np.bool_), 24000)
-    for compared, emitters, code in (
-        ((other,), RULES, "MF105"),
-        ((), EmitterRules(0, 10**6, DOT_NM), "MF117"),
-        ((), EmitterRules(0, 1, DOT_NM), "MF118"),
+    for compared, shown, code in (
+        ((other,), SHOWN, "MF105"),
+        ((), asked_display(colour_gap_nm=10**6, min_width_nm=DOT_NM), "MF117"),
+        ((), asked_display(colour_gap_nm=1, min_width_nm=DOT_NM), "MF118"),
     ):
         with pytest.raises(MaskfabError, match=code):
-            rules_of(section(), compared, emitters)
+            rules_of(section(), shown, compared)
+    with pytest.raises(MaskfabError, match=r"MF105.*\[wires\]"):
+        lines_of(asked(9, lines=[2]), EVEN)
+    assert lines_of(asked(9), EVEN) == (0,)
+    assert lines_of(asked(9), SHOWN) == (3,)
+    assert lines_of(asked(9, lines=[4, 0, 4]), SHOWN) == (0, 4)

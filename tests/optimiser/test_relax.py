@@ -197,7 +197,7 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(scenes: tuple[Pho
     [
         ("MF204", {"clear_dots": 50}),
         ("MF106", {"pitch": "56.001 um"}),
-        ("MF123", {"rules": {"footprint": 0.9}}),
+        ("MF123", {"rules": {"ports": 20}}),
         ("MF104", {"start_noise": 0.0, "start_logit": 100.0}),
     ],
 )

@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from asked_displays import asked_display
 from once import leaves
 from sweeps import sweep
 
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice
-from maskfab.display.circuit import CircuitRules
-from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import SearchSection, parse_section
 from maskfab.opening.openings import opening_text, parse_opening
@@ -240,29 +239,12 @@ def test_the_shortlist_has_several_sizes_where_only_a_second_scan_keeps_the_rule
     assert values == sorted(values, reverse=True)
 
 
-def test_the_emitters_of_a_rule_are_the_jobs_own() -> None:
-    plain = constraints_of(section())
-    assert plain.emitters == EmitterRules(0, 8000, 56_000)
-    stated = {"gap_to_opening": "1 um", "colour_gap": "7 um", "min_width": "14 um", "circuit": "1985 um^2"}
-    rules = constraints_of(section(rules=stated))
-    assert rules.emitters == EmitterRules(1000, 7000, 14_000)
-    assert rules["circuit"] == CircuitRules(1985.0, min_width_nm=14_000)
-    assert "circuit" in rules.active
-    narrow, wide = (
-        constraints_of(section(rules={"footprint": 0.17, "colour_gap": gap, "min_width": "7 um"}))
-        for gap in ("0 um", "28 um")
-    )
-    unit = next(FAMILIES["bars"](6, 9)).unit
-    assert narrow.allows(unit)
-    assert not wide.allows(unit)
-
-
 def test_circuits_are_kept_room_for(scenes: tuple[Photograph, ...]) -> None:
-    rules = {"circuit": "6000 um^2", "min_width": "56 um"}
-    found = search(section(rules=rules), scenes, "x")
-    assert constraints_of(section(rules=rules)).allows(found.opening.mask)
-    with pytest.raises(MaskfabError, match=r"MF123.*circuit"):
-        search(section(rules={"circuit": "8000 um^2"}), scenes, "x")
+    asked = asked_display(circuit_um2=6000.0, min_width_nm=56_000)
+    found = search(section(), scenes, "x", display=asked)
+    assert constraints_of(section(), display=asked).allows(found.opening.mask)
+    with pytest.raises(MaskfabError, match=r"MF123.*circuits"):
+        search(section(), scenes, "x", display=asked_display(circuit_um2=8000.0, min_width_nm=56_000))
 
 
 def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograph, ...]) -> None:
@@ -325,11 +307,7 @@ def test_what_cannot_be_is_refused(scenes: tuple[Photograph, ...]) -> None:
         ({"pitch": "168.1 um"}, "MF106"),
         ({"pitch": "344 um", "dots": 86, "map": "equal_light"}, "MF115"),
         ({"map": "equal_light", "positions": 2, "rules": {"kissing": "neighbours"}}, "MF123"),
-        ({"rules": {"footprint": 0.1, "colour_gap": "0.0001 um"}}, "MF107"),
-        ({"rules": {"footprint": 0.1, "min_width": "1 mm"}}, "MF117"),
-        ({"rules": {"circuit": "100 um^2", "min_width": "13.001 um"}}, "MF118"),
-        ({"rules": {"footprint": 0.1, "min_width": "1 mm"}}, r"MF117.*design\.rules\.min_width"),
-        ({"rules": {"circuit": "0 um^2"}}, r"MF104.*design\.rules\.circuit"),
+        ({"rules": {"centroid_px": 0.1}}, r"MF105.*design\.rules\.centroid_px"),
     ):
         with pytest.raises(MaskfabError, match=code):
             search(section(**changed), scenes, "x")

@@ -37,7 +37,7 @@ FULL = {
     **{f"head_room_{level}": level / 100 for level in (24, 32, 40)},
     "rules_cost_db": 0.125,
     "price_min_feature_db": 0.05,
-    "price_wire_flow_db": 0,
+    "price_wires_db": 0,
 }
 CELLS = {"mode": "equal_light", "gain_db_24": 0.25, "gain_db_32": 0.5, "gain_db_40": 1.5, "seed": 5}
 LEVELS = (24, 40)
@@ -73,7 +73,7 @@ def test_everything_that_is_stated_is_told(run):
         "bar_map , equal light , seed 5",
         "Proven headroom of the opening: at most 0.240 dB (frame interior) at 24 dB SNR, 0.400 dB at 40 dB SNR.",
         "All rules together cost 0.125 dB.",
-        "Dropping one rule alone gains: min feature 0.0500 dB , wire flow 0 dB .",
+        "Dropping one rule alone gains: min feature 0.0500 dB , wires 0 dB .",
         "Through this die at 24 dB, restored: 20 dB, inner frame 21 dB",
         "The truth: leaves1",
     ):

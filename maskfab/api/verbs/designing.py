@@ -8,11 +8,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from maskfab.api.camera import F1, Camera
-from maskfab.api.lengths import Length, length_text, lengths_as_text
+from maskfab.api.lengths import Length, length_text
 from maskfab.api.opening import Opening
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, write_text
-from maskfab.jobfile import RulesSection, read, validate
+from maskfab.jobfile import read, validate
 from maskfab.opening import openings
 from maskfab.optimiser.design import design as design_spec
 from maskfab.optimiser.result import Designed
@@ -160,7 +160,7 @@ def design(
         "clear_dots": clear_dots,
         "tiling": tiling,
         "map": map,
-        "rules": None if rules is None else lengths_as_text(rules, RulesSection),
+        "rules": None if rules is None else dict(rules),
         **keys,
     }
     given = {key: value for key, value in stated.items() if value is not None}

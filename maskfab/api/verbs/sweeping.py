@@ -1,52 +1,53 @@
-"""Pareto fronts of restored photographs against room for emitters."""
+"""Pareto fronts of designs for a display."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab import provenance
-from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
-from maskfab.camera.photographs import Folder, folder
 from maskfab.camera.transfer import lattice
-from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.jobfile import SearchSection, read
 from maskfab.opening.openings import load_opening, opening_text
-from maskfab.optimiser.design import notes_of
-from maskfab.optimiser.pareto import JudgedOpening, Pareto, openings, rules_of, sweep
+from maskfab.optimiser.design import notes_of, scenes_of, stated_display, taking_of
+from maskfab.optimiser.pareto.designs import FrontDesign, designs
+from maskfab.optimiser.pareto.front import JudgedOpening, Pareto
+from maskfab.optimiser.pareto.sweep import lines_of, rules_of, sweep
 from maskfab.progress import Progress, silent
 from maskfab.report import pareto_files
-from maskfab.report.pareto_files import Named
 from maskfab.threads import one_thread
 from maskfab.units import parse_time_s
 
 if TYPE_CHECKING:
     from maskfab.report.plots.sheet import Drawing
 
+_OF_ONE_DESIGN = ("objective", "anneal", "positions", "joint", "density")
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ParetoFront:
-    """A Pareto front of restored PSNR against emitter footprint.
+    """A Pareto front of designs for a display.
 
     Attributes:
         found: curves, the best of all, and what they are compared with.
-        named: the openings by name.
+        designs: those of the curves with their names, openings, maps and jobs.
         digest: of the job.
         notes: what a user should know, as sentences.
     """
 
     found: Pareto
-    named: Named
+    designs: tuple[FrontDesign, ...]
     digest: str
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was found."""
-        return pareto_files.pareto_document(self.found, self.named, self.digest, self.notes)
+        return pareto_files.pareto_document(self.found, self.designs, self.digest, self.notes)
 
     def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
         """Write numbers, openings and figure into a directory.
@@ -54,7 +55,7 @@ class ParetoFront:
         Raises:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
-        return pareto_files.write_pareto(check_target(Path(out), force=force), self.found, self.to_dict(), self.named)
+        return pareto_files.write_pareto(check_target(Path(out), force=force), self.found, self.to_dict(), self.designs)
 
     def plot(self) -> Drawing:
         """The curves, and what they are compared with."""
@@ -63,7 +64,7 @@ class ParetoFront:
         return pareto_drawing(self.found)
 
     def __str__(self) -> str:
-        return "\n".join([*_lines(self.found, self.named), *(f"note: {note}" for note in self.notes)])
+        return "\n".join([*_lines(self.found, self.designs), *(f"note: {note}" for note in self.notes)])
 
     def _repr_svg_(self) -> str:
         return self.plot().svg()
@@ -78,10 +79,10 @@ def pareto(
     command: str | None = None,
     progress: Progress = silent,
 ) -> ParetoFront:
-    """Find the Pareto front of restored PSNR against emitter footprint.
+    """Find the designs for a display that none betters in photographs, emitters, wires and grain.
 
     Args:
-        job: a job file with [pareto], and a [design] that searches.
+        job: a job file with [pareto], [emitters], and a [design] that searches.
         images: folder of photographs to score with; synthetic scenes if None.
         budget: ``"60 s"``: take the best that was found by then.
         command: what reproduces it, for the openings' provenance; by default this call.
@@ -108,6 +109,7 @@ def pareto(
             cure='Add [design] with method = "search"',
         )
     camera = PhotoCamera.of(spec.camera.camera(), where=str(path))
+    taking = taking_of(spec)
     limit_s = None if budget is None else parse_time_s(budget, where="budget")
     compared = [load_opening(path.parent / each) for each in spec.pareto.compare]
     texts = {opening.name: opening_text(opening) for opening in compared}
@@ -118,53 +120,64 @@ def pareto(
             where=f"{path}: pareto.compare",
             cure="Give one of the openings another name in its file",
         )
-    rules = None if spec.emitters is None else DisplayRules.of(spec.emitters, None, None, where=str(path)).emitters
-    lattice(section.dots, rules_of(section, compared, rules).dot_nm, camera=camera, where=f"{path}: design.dots")
-    scenes = Folder(scene_sets.bundled(), ()) if images is None else folder(Path(images))
+    display = stated_display(spec, section, str(path), key="pareto")
+    lines_of(spec.pareto, display, where=f"{path}: pareto.lines")
+    rules = rules_of(section, display, compared)
+    lattice(section.dots, rules.dot_nm, camera=camera, where=f"{path}: design.dots")
+    scenes = scenes_of(None if images is None else Path(images), section)
     found = sweep(
         spec.pareto,
         section,
         scenes.photographs,
+        display,
         compared=compared,
-        emitters=rules,
         camera=camera,
+        taking=taking,
         budget_s=limit_s,
         progress=progress,
     )
-    named = openings(found, section, command or f"maskfab.pareto({path.as_posix()!r})", camera)
+    made = designs(found, spec, command or f"maskfab.pareto({path.as_posix()!r})", camera, taking)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
-    idle = [*(["fit of [design]"] if section.fit else []), *(["[wires]"] if spec.wires is not None else [])]
-    unwired = (f"A sweep asks for emitters alone; not used of the job: {', '.join(idle)}.",) if idle else ()
-    return ParetoFront(found, named, digest, (*notes_of(spec, scenes), *unwired))
+    return ParetoFront(found, made, digest, (*notes_of(spec, scenes, taking), *_idle(section)))
 
 
-def _lines(found: Pareto, named: Named) -> list[str]:
-    best = {id(each) for each in found.best}
-    names = {id(judged): name for name, (judged, _) in named.items()}
+def _idle(section: SearchSection) -> tuple[str, ...]:
+    """Sentence on what a sweep leaves out of [design]."""
+    fields = type(section).model_fields
+    idle = [key for key in _OF_ONE_DESIGN if getattr(section, key) != fields[key].default]
+    return (f"Of [design] a sweep does not use: {', '.join(idle)}; the jobs of its designs do.",) if idle else ()
+
+
+def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
+    best = set(map(id, found.best))
+    names = {id(each.point): each.name for each in designs}
     lines = []
     for curve in found.curves:
         if curve.refusal is not None:
             lines.append(f"{curve.clear_dots} clear dots: {curve.refusal}")
             continue
-        cut = "" if curve.complete else "; the budget ended it"
+        cut = "; the budget ended it" if not curve.complete else ""
+        between = f", {curve.left_out} designs between these left out" if curve.left_out else ""
         lines.append(
-            f"{curve.clear_dots} clear dots ({curve.front[0].open_ratio:.1%} open): {curve.evaluated} openings "
-            f"evaluated, {curve.measured} footprints measured{cut}"
+            f"{curve.clear_dots} clear dots ({curve.front[0].judged.open_ratio:.1%} open): {curve.evaluated} openings "
+            f"evaluated, emitters and wires of {curve.measured} measured{between}{cut}"
         )
         lines += [
-            f"  {'*' if id(each) in best else ' '} {_told(each)}  {names[id(each)]}: {each.shape}"
+            f"  {'*' if id(each) in best else ' '} {_told(each.value, each.judged)}, grain {each.grain:.5f}  "
+            f"{names[id(each)]}: {each.judged.shape}"
             for each in curve.front
         ]
-    for each in found.compared:
-        gain = found.gain_db(each)
+        lines += [f"    does not fit on a die: {each}" for each in curve.misfits]
+    for given in found.compared:
+        gain = found.gain_db(given)
         more = (
-            "nothing found has that footprint at no more clear dots"
+            "nothing found has so much of both at no more clear dots"
             if gain is None
-            else f"the front is {gain:+.2f} dB better"
+            else f"the best design found, neither mapped, is {gain:+.2f} dB better"
         )
-        lines.append(f"    {_told(each)}  {each.shape}, {each.open_ratio:.1%} open; {more}")
+        lines.append(f"    {_told(given.value, given)}  {given.shape}, {given.open_ratio:.1%} open; {more}")
     return lines
 
 
-def _told(each: JudgedOpening) -> str:
-    return f"{each.value:.2f} dB  {each.footprint:.2%}"
+def _told(value: float, each: JudgedOpening) -> str:
+    return f"{value:.2f} dB  emitters {each.footprint:.2%}  {each.lines} lines"

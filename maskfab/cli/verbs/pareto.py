@@ -1,4 +1,4 @@
-"""``maskfab pareto``: restored photographs against room for emitters, for several sizes of openings."""
+"""``maskfab pareto``: designs for a display that none betters in photographs, emitters, wires and grain."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from maskfab.cli.common.watch import watched
 
 def pareto(
     job: JobFile,
-    out: Annotated[Path, typer.Option(help="Directory for the results, the openings and the figure.")],
+    out: Annotated[Path, typer.Option(help="Directory for the page, the designs with their jobs, and the figure.")],
     images: Annotated[
         Path | None, typer.Option(help="Folder of photographs to score with; default: synthetic scenes.")
     ] = None,
@@ -23,7 +23,7 @@ def pareto(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Find the Pareto front of restored PSNR against emitter footprint."""
+    """Find the designs for the job's display that none betters in restored PSNR, emitters, wires and grain."""
     from maskfab.api.verbs.sweeping import pareto as sweep
     from maskfab.files.staging import check_target
 

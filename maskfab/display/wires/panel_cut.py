@@ -41,6 +41,8 @@ def panel_cut(panel: Panel, rules: WireRules, count: int, axis: Axis) -> Certifi
         axis: along which the lines run.
     """
     chains = _Chains.of(panel, rules, axis)
+    if not chains.ends.size:
+        return None
     passing, chain = chains.cheapest(chains.beside(count, -1), chains.beside(count, 1))
     if passing >= count * chains.pixels:
         return None

@@ -138,7 +138,7 @@ def graded(
             keep_units=True,
             progress=progress,
         )
-        display: Display | None = constraints["fit"] or None
+        display: Display | None = constraints["emitters"] or None
         lines = None
         if display is not None:
             die = display.die(units[0], constraints.dot_nm, CellMap("map", designed.orientations), units[1])

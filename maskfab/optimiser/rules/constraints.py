@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules, grid_of
+from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, Opening, frozen, orient
 from maskfab.opening.clear_dots import closed
@@ -43,7 +43,6 @@ class Constraints:
         gutter_nm: opaque space between cells, outside the dots.
         orientations: elements of D4 in use; any two may be neighbours.
         dot_nm: side of a dot.
-        emitters: gaps, width and ratio for rules on emitters; its own ``required`` is not looked at.
         asked: values of the rules that ask for something.
     """
 
@@ -52,7 +51,6 @@ class Constraints:
     gutter_nm: int
     orientations: tuple[int, ...]
     dot_nm: int
-    emitters: EmitterRules
     asked: Mapping[str, Any]
 
     def __init__(
@@ -63,7 +61,6 @@ class Constraints:
         gutter_nm: int = 0,
         orientations: tuple[int, ...] = tuple(range(ORIENTATIONS)),
         dot_nm: int = 8000,
-        emitters: EmitterRules = _EMITTERS,
         asked: Mapping[str, Any] = MappingProxyType({}),
         **rules: Any,
     ) -> None:
@@ -71,7 +68,7 @@ class Constraints:
 
         Raises:
             JobError: MF104 for a number out of range; MF105 for a rule that there is not, or a value that it cannot
-                have; MF117 or MF118 where the rules of emitters or circuits do not suit the pixel.
+                have; MF117 or MF118 where the rules of a display do not suit the pixel.
         """
         for name, number, low, high in (
             ("dots", dots, 1, 512),
@@ -98,7 +95,7 @@ class Constraints:
                 cure=f"Use {', '.join(rule.name for rule in registry.RULES)}",
             )
         plain = {"clear_dots": clear_dots, "dots": dots, "gutter_nm": gutter_nm, "orientations": used, "dot_nm": dot_nm}
-        for name, value in {**plain, "emitters": emitters}.items():
+        for name, value in plain.items():
             object.__setattr__(self, name, value)
         values = {rule: rule.value(self, given[rule.name]) for rule in registry.RULES if rule.name in given}
         held = {rule.name: value for rule, value in values.items() if rule.asks(value)}
@@ -143,14 +140,11 @@ class Constraints:
         free = self.free.ravel()
         return [orbit for orbit in self.orbits if free[orbit].all()]
 
-    @cached_property
-    def grid(self) -> EmitterGrid:
-        """Cells on which the emitters' rules are whole numbers.
-
-        Raises:
-            JobError: MF117 if a rule is wider than the pixel, MF118 if the cells would be too many.
-        """
-        return grid_of(self.opening(self.nothing), self.dot_nm, self.gutter_nm, self.emitters)
+    @property
+    def emitters(self) -> EmitterRules:
+        """Rules of the emitters of the display that the opening must hold, or of plain ones where it must hold none."""
+        display = self["emitters"]
+        return display.rules.emitters if display else _EMITTERS
 
     @property
     def nothing(self) -> Mask:

@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import JobError
 from maskfab.jobfile.sections import DesignSection
 from maskfab.model import frozen
@@ -18,7 +17,7 @@ if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints
 
 
-def _kept_out(drawing: Any, section: DesignSection, emitters: EmitterRules, where: str) -> Mask | None:
+def _kept_out(drawing: Any, section: DesignSection, where: str) -> Mask | None:
     """Dots that stay closed, row 0 the lowest; MF105 for anything but ``dots`` rows of as many x and dots."""
     if drawing is None:
         return None

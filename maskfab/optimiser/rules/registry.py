@@ -1,10 +1,10 @@
-"""Every rule of an opening, in the order in which they are judged: a microsecond first, emitters last."""
+"""Every rule of an opening, in the order in which they are judged: a microsecond first, the display last."""
 
 from __future__ import annotations
 
-from maskfab.optimiser.rules.display_rules import CENTROID, CIRCUIT, FOOTPRINT, PORTS, WIRES
 from maskfab.optimiser.rules.dot_rules import KEEP_OUT, RIM, SYMMETRY
-from maskfab.optimiser.rules.fit_rule import FIT
+from maskfab.optimiser.rules.fit_rule import CENTROID, CIRCUITS, EMITTERS, WIRES
+from maskfab.optimiser.rules.port_rule import PORTS
 from maskfab.optimiser.rules.rule import Rule
 from maskfab.optimiser.rules.spacing_rules import FEATURE, KISSING, SPACE
 
@@ -15,11 +15,10 @@ RULES: tuple[Rule, ...] = (
     KISSING,
     FEATURE,
     SPACE,
-    CIRCUIT,
-    WIRES,
     PORTS,
-    FOOTPRINT,
+    CIRCUITS,
+    EMITTERS,
+    WIRES,
     CENTROID,
-    FIT,
 )
 """Every rule but the count."""

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal, get_args, get_origin
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic.fields import FieldInfo
 
-from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.display.emitters.placement import Certificate
 from maskfab.errors import JobError
 from maskfab.jobfile.sections import DesignSection, RulesSection, Section
@@ -39,7 +39,7 @@ class Conflict:
     certificate: Certificate | None = None
 
 
-def as_stated(value: Any, section: DesignSection, emitters: EmitterRules, where: str) -> Any:
+def as_stated(value: Any, section: DesignSection, where: str) -> Any:
     """The value that a rule has if nothing is made of its key."""
     return value
 
@@ -71,9 +71,10 @@ class Rule:
         one_place: whether it is proved for cells that all hold the opening at the same place only.
         counted: it and the count of clear dots contradict each other by counting dots (MF204).
         slow: takes milliseconds to judge rather than microseconds.
-        read: value from that of the key, the section, the rules of its emitters and the place for errors.
+        read: value from that of the key, the section and the place for errors.
         checked: value from the one that was given, refused if it does not suit the cell.
         section: the table of the job that has its key.
+        key: in that table, where several rules have one; its name if left out.
         asker: what of the job asks for it, where that is more than its key.
     """
 
@@ -88,15 +89,21 @@ class Rule:
     one_place: Callable[[Constraints], bool] = lambda _: False
     counted: bool = False
     slow: bool = False
-    read: Callable[[Any, DesignSection, EmitterRules, str], Any] = as_stated
+    read: Callable[[Any, DesignSection, str], Any] = as_stated
     checked: Callable[[Constraints, Any], Any] = as_given
     section: type[Section] = RulesSection
+    key: str = ""
     asker: str = ""
+
+    @property
+    def stated(self) -> FieldInfo:
+        """The field of the job that asks for it."""
+        return self.section.model_fields[self.key or self.name]
 
     @property
     def default(self) -> Any:
         """The value that asks for nothing."""
-        return self.section.model_fields[self.name].default
+        return self.stated.default
 
     @property
     def told(self) -> str:
@@ -106,7 +113,9 @@ class Rule:
     @property
     def where(self) -> str:
         """Its key in a job."""
-        return f"design.rules.{self.name}" if issubclass(self.section, RulesSection) else f"design.{self.name}"
+        return (
+            f"design.rules.{self.name}" if issubclass(self.section, RulesSection) else f"design.{self.key or self.name}"
+        )
 
     @property
     def refused_if(self) -> str:
@@ -116,7 +125,7 @@ class Rule:
     @property
     def range(self) -> tuple[float, float] | None:
         """Least and largest value; None for a rule that is no number."""
-        limits = self.section.model_fields[self.name].metadata
+        limits = self.stated.metadata
         least, most = (
             [float(getattr(each, end)) for each in limits for end in ends if hasattr(each, end)]
             for ends in (("ge", "gt"), ("le", "lt"))
@@ -126,7 +135,7 @@ class Rule:
     @property
     def words(self) -> tuple[str, ...]:
         """Those that it may be; empty for a rule that is no word."""
-        kind = self.section.model_fields[self.name].annotation
+        kind = self.stated.annotation
         return next((get_args(each) for each in (kind, *get_args(kind)) if get_origin(each) is Literal), ())
 
     def value(self, constraints: Constraints, given: Any) -> Any:

@@ -20,8 +20,11 @@ from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress
 
 _KICKS = 3
-_DESCENT_S, _STEPS = 5.0, 16
+_DESCENT_S, FIRST_STEPS = 5.0, 16
 """A descent takes about so long; budgets of less give it so many fields, which bring most of the gain."""
+MAP_LEAK_SCENES = 8
+"""Scenes whose leak a map is designed on: on fewer it fits the very edges of those, and gains a tenth of a decibel less
+on any others."""
 _LONGEST = 20
 BOUNDS_S = 5.0
 """Bounds take about so long; a design whose whole budget is less goes without them."""
@@ -85,7 +88,7 @@ def mapped(
     mode, seed = MapMode(section.map), map_seed(section)
     kicks = 0 if clock.over else _KICKS
     notes: tuple[str, ...] = ()
-    steps = _STEPS if clock.over and clock.shorter_than(_DESCENT_S) else None
+    steps = FIRST_STEPS if clock.over and clock.shorter_than(_DESCENT_S) else None
     if clock.over:
         descent = "one descent" if steps is None else f"the first {steps} steps of a descent"
         notes = (f"The budget left the map {descent}, and no turns with the opening.",)
@@ -108,7 +111,7 @@ def mapped(
         pupil = laid(both.unit, both.designed, error)
         room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
         facts = {**facts, **by_level("head_room", room, error.levels)}
-    cells = _cells(section, error, both.designed, facts)
+    cells = map_of(section, error, both.designed, facts)
     return Mapped(both.unit, cells, both.designed, head_room=room, notes=notes, cut=bool(notes))
 
 
@@ -148,12 +151,13 @@ def _graded(
     if price.lines is not None:
         known["lines"] = price.lines
         told += f" {price.lines} lines each way pass both openings."
-    cells = _cells(section, error, made.designed, known)
+    cells = map_of(section, error, made.designed, known)
     dense, sparse = made.units
     return Mapped(dense, cells, made.designed, sparse, made.designed.psnr, notes=(*notes, told), cut=bool(notes))
 
 
-def _cells(section: SearchSection, error: PupilError, designed: DesignedMap, facts: Facts) -> CellMap:
+def map_of(section: SearchSection, error: PupilError, designed: DesignedMap, facts: Facts) -> CellMap:
+    """A designed map under its name, with its provenance added to that of its opening."""
     light = round(designed.clear_dots / designed.start_clear_dots - 1, 5) + 0.0
     known: Facts = {
         **facts,

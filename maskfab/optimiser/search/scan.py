@@ -25,6 +25,7 @@ from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Mask, Objective, Ranked, Scan, State, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
+from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.orbits import orbits
 from maskfab.progress import Progress
 from maskfab.units import NM_PER_UM
@@ -64,7 +65,8 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
         JobError: MF123, with the symmetries that some have, or the most lines that pass beside any.
         OpeningError: MF204 for a count that no family can have.
     """
-    symmetry, display = rules["symmetry"], rules["fit"] or None
+    symmetry: Symmetry | None = rules["symmetry"]
+    display: Display | None = rules["wires"] or None
     if section.objective != "restored" or (symmetry is None and display is None):
         return
     shapes = _shapes(section)
@@ -82,7 +84,9 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
             )
         units = units[_symmetric(units, symmetry)]
     most = None if display is None or section.density is not None else display.lines_beside(units, rules.dot_nm)
-    if most is not None and int(most.max()) < display.opaque_lines:
+    if display is None or display.rules.wires is None or most is None:
+        return
+    if int(most.max()) < display.opaque_lines:
         line = display.rules.wires.rules
         width, space, clearance = (each / NM_PER_UM for each in (line.line_nm, line.space_nm, line.clearance_nm))
         need, pitch = display.opaque_lines * (width + space), section.dots * rules.dot_nm / NM_PER_UM

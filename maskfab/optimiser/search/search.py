@@ -43,13 +43,12 @@ from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.auc_search import best_for_auc
-from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, map_seed, mapped
+from maskfab.optimiser.search.finish import BOUNDS_S, MAP_LEAK_SCENES, Mapped, map_seed, mapped
 from maskfab.optimiser.search.scan import Best, allowed, annealed, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.progress import Progress, silent
 
 _LONGEST = 18
-_MAP_LEAK_SCENES = 8
 _AUC_EVALUATIONS = 4000
 _AUC_TEMPERATURE = (0.001, 0.00001)
 
@@ -108,8 +107,7 @@ def search(
         found = annealed(found, section, rules, expected, clock, kept, progress)
     error = None
     if section.map is not None:
-        # On few pictures a map fits the very edges of those, and gains a tenth of a decibel less on any others.
-        wide = surrogate_behind(scenes, room, taking=taking, leak_scenes=_MAP_LEAK_SCENES)
+        wide = surrogate_behind(scenes, room, taking=taking, leak_scenes=MAP_LEAK_SCENES)
         error = pupil_error(wide, weights=section.weights)
     if error is not None and section.map is not None and section.objective != "auc" and section.density is None:
         found = shortlisted(

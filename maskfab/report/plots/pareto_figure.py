@@ -1,8 +1,8 @@
-"""Restored photographs against emitters: a curve for each open ratio, and given openings beside them.
+"""Designs for a display: restored photographs against emitters, one field for each number of lines.
 
-A curve is drawn as what it says: an opening serves for its own footprint and every smaller one, so it is a stair that
-comes from the left. The colours are those of cividis, whose lightness rises alike for colour-blind readers; every curve
-also has a mark of its own.
+A curve is drawn as what it says: a design serves for its own footprint and every smaller one, and for its own lines and
+fewer, so it is a stair that comes from the left and stands in every field that it serves. The colours are those of
+cividis, whose lightness rises alike for colour-blind readers; every curve also has a mark of its own.
 """
 
 from __future__ import annotations
@@ -14,12 +14,12 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from maskfab.optimiser.pareto import JudgedOpening, Pareto
+from maskfab.optimiser.pareto.front import FrontPoint, Pareto
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, bitmap, place, styled
 
 _MARKS = "osD^vphX"
-_WIDTH, _HEIGHT = 7.2, 4.2
-_LEFT, _FOOT, _WIDE, _HIGH = 0.6, 0.5, 4.7, 3.4
+_LEFT, _FOOT, _WIDE, _HIGH, _GAP, _LEGEND = 0.6, 0.5, 3.4, 3.4, 0.2, 2.0
+_MOST_FIELDS = 4
 _LIGHTEST = 0.85
 _MOST_IN_LEGEND = 22
 
@@ -33,7 +33,8 @@ def pareto_png(found: Pareto) -> bytes:
 @styled
 def pareto_drawing(found: Pareto) -> Drawing:
     """The figure, to be looked at or saved."""
-    return Drawing(_drawn(found), f"Restored PSNR against footprint of emitters, {len(found.curves)} curves")
+    said = f"Restored PSNR against footprint of emitters, {len(found.curves)} open ratios"
+    return Drawing(_drawn(found), f"{said}, {' and '.join(map(str, _fields(found)))} lines")
 
 
 @styled
@@ -44,41 +45,37 @@ def svg(found: Pareto) -> str:
     return buffer.getvalue()
 
 
+def _fields(found: Pareto) -> tuple[int, ...]:
+    """Numbers of lines that some design serves, at most so many."""
+    most = max(each.judged.lines for each in found.points)
+    served = [lines for lines in found.lines if lines <= most]
+    return tuple(served[-_MOST_FIELDS:])
+
+
 def _drawn(found: Pareto) -> Figure:
-    figure = Figure(figsize=(_WIDTH, _HEIGHT), dpi=160)
+    fields = _fields(found)
+    width = _LEFT + len(fields) * (_WIDE + _GAP) + _LEGEND
+    height = _FOOT + _HIGH + 0.4
+    figure = Figure(figsize=(width, height), dpi=160)
     figure.set_facecolor("white")
-    axes = place(figure, (_LEFT, _FOOT, _WIDE, _HIGH))
-    curves = [curve for curve in found.curves if curve.front]
-    shades = mpl.colormaps["cividis"](np.linspace(0, _LIGHTEST, len(curves)))
-    across = [100 * each.footprint for curve in curves for each in curve.front]
-    across += [100 * each.footprint for each in found.compared]
-    room = 0.06 * (max(across) - min(across)) + 0.3
-    left = max(0.0, min(across) - room)
-    # The most open stands highest in the figure, so it is the first in the legend.
-    for k, curve in reversed(list(enumerate(curves))):
-        ratio = curve.front[0].open_ratio
-        label = f"{ratio:.1%} open, {curve.clear_dots} dots"
-        _curve(axes, curve.front, left, shades[k], _MARKS[k % len(_MARKS)], label)
-    best = [100 * each.footprint for each in found.best], [each.value for each in found.best]
-    axes.plot(*best, color=INK, linewidth=0.8, linestyle=(0, (1, 2)), zorder=2, label="bettered by none")
-    for number, each in enumerate(found.compared, start=1):
-        x, y = 100 * each.footprint, each.value
-        axes.plot(x, y, "*", color=INK, markersize=9, zorder=4, label=f"{number}  {each.shape}, {each.open_ratio:.1%}")
-        axes.annotate(f"{number}", (x, y), (5, 4), textcoords="offset points", fontsize=7.5)
-    axes.set(xlabel="area of each colour's emitter (% of the pixel)", ylabel="expected restored PSNR (dB)")
-    axes.set_title("Restored photographs against room for emitters", loc="left")
-    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
-    axes.set_axisbelow(True)
-    axes.set_xlim(left, max(across) + room)
-    axes.margins(y=0.08)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
-    handles, labels = axes.get_legend_handles_labels()
+    first: Axes | None = None
+    for k, lines in enumerate(fields):
+        axes = place(figure, (_LEFT + k * (_WIDE + _GAP), _FOOT, _WIDE, _HIGH))
+        if first is not None:
+            axes.sharex(first)
+            axes.sharey(first)
+            axes.tick_params(labelleft=False)
+        first = first or axes
+        _field(axes, found, lines)
+        axes.set_title(f"{lines} lines each way" if lines else "not wired", loc="left")
+    assert first is not None
+    first.set_ylabel("expected restored PSNR (dB)")
+    handles, labels = first.get_legend_handles_labels()
     figure.legend(
         handles[:_MOST_IN_LEGEND],
         labels[:_MOST_IN_LEGEND],
         loc="upper left",
-        bbox_to_anchor=((_LEFT + _WIDE + 0.02) / _WIDTH, (_FOOT + _HIGH + 0.06) / _HEIGHT),
+        bbox_to_anchor=((width - _LEGEND) / width, (_FOOT + _HIGH + 0.06) / height),
         fontsize=6.5,
         handlelength=1.6,
         borderaxespad=0,
@@ -86,10 +83,47 @@ def _drawn(found: Pareto) -> Figure:
     return figure
 
 
-def _curve(axes: Axes, front: tuple[JudgedOpening, ...], left: float, colour: object, mark: str, label: str) -> None:
-    across = [100 * each.footprint for each in front]
-    up = [each.value for each in front]
-    axes.step([left, *across], [up[0], *up], where="pre", color=colour, linewidth=1.1, zorder=2)
+def _field(axes: Axes, found: Pareto, lines: int) -> None:
+    curves = [curve for curve in found.curves if curve.front]
+    shades = mpl.colormaps["cividis"](np.linspace(0, _LIGHTEST, len(curves)))
+    across = [100 * each.judged.footprint for each in found.points]
+    across += [100 * each.footprint for each in found.compared]
+    room = 0.06 * (max(across) - min(across)) + 0.3
+    left = max(0.0, min(across) - room)
+    # The most open stands highest in the figure, so it is the first in the legend.
+    for k, curve in reversed(list(enumerate(curves))):
+        ratio = curve.front[0].judged.open_ratio
+        label = f"{ratio:.1%} open, {curve.clear_dots} dots"
+        serving = [each for each in curve.front if each.judged.lines >= lines]
+        _curve(axes, serving, left, shades[k], _MARKS[k % len(_MARKS)], label)
+    for number, each in enumerate(found.compared, start=1):
+        label = f"{number}  {each.shape}, {each.open_ratio:.1%}, {each.lines} lines"
+        if each.lines < lines:
+            continue
+        x, y = 100 * each.footprint, each.value
+        axes.plot(x, y, "*", color=INK, markersize=9, zorder=4, label=label)
+        axes.annotate(f"{number}", (x, y), (5, 4), textcoords="offset points", fontsize=7.5)
+    axes.set_xlabel("area of each colour's emitter (% of the pixel)")
+    axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
+    axes.set_axisbelow(True)
+    axes.set_xlim(left, max(across) + room)
+    axes.margins(y=0.08)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+
+
+def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
+    """The stair of those that none betters in this field, and marks for all that serve."""
+    across = [100 * each.judged.footprint for each in serving]
+    up = [each.value for each in serving]
+    widest, stair_x, stair_y = left, [left], []
+    for x, y in sorted(zip(across, up, strict=True), key=lambda pair: (-pair[1], -pair[0])):
+        if x > widest:
+            stair_x.append(x)
+            stair_y.append(y)
+            widest = x
+    if stair_y:
+        axes.step(stair_x, [stair_y[0], *stair_y], where="pre", color=colour, linewidth=1.1, zorder=2)
     axes.plot(
         across, up, mark, color=colour, markersize=4.5, markeredgecolor=INK, markeredgewidth=0.4, zorder=3, label=label
     )

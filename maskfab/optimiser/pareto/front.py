@@ -1,0 +1,157 @@
+"""What a front is made of: openings with the numbers that are traded against each other."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.plate.maps import CellMap
+
+Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False)
+class JudgedOpening:
+    """An opening with its numbers.
+
+    Attributes:
+        shape: the family, size and place it came from, or the name of an opening that was given.
+        unit: bool [dots, dots], True is clear, row 0 the lowest.
+        value: expected restored PSNR in dB of cells that are turned at random, or all alike where the panel is
+            periodic; weighted mean over the levels of light.
+        psnr: the same by level.
+        footprint: share of the pixel that each colour covers, mean over the emitters' ratio.
+        lines: most opaque lines, of the numbers that were asked about, that cross every pixel each way.
+    """
+
+    shape: str
+    unit: Mask
+    value: float
+    psnr: tuple[float, ...]
+    footprint: float
+    lines: int
+
+    @property
+    def clear_dots(self) -> int:
+        return int(self.unit.sum())
+
+    @property
+    def open_ratio(self) -> float:
+        return self.clear_dots / self.unit.size
+
+    def betters(self, other: JudgedOpening) -> bool:
+        """Whether it has at least as much of everything, and more of one."""
+        mine, its = ((each.value, each.footprint, each.lines) for each in (self, other))
+        return all(a >= b for a, b in zip(mine, its, strict=True)) and mine != its
+
+
+@dataclass(frozen=True, eq=False)
+class FrontPoint:
+    """A design that fits: an opening on a panel, with emitters and wires.
+
+    Attributes:
+        judged: the opening.
+        mapped: expected restored PSNR in dB by level on its panel, whose map had one descent; None without a map.
+        value: of what is laid: weighted mean over the levels, mapped if there is a map.
+        cells: its map, if there is one.
+        grain: rms luminance contrast of an even white field up to 10 cycles per degree, seen from 300 mm.
+    """
+
+    judged: JudgedOpening
+    mapped: tuple[float, ...] | None
+    value: float
+    cells: CellMap | None
+    grain: float
+
+    @property
+    def psnr(self) -> tuple[float, ...]:
+        """By level, of what is laid."""
+        return self.judged.psnr if self.mapped is None else self.mapped
+
+    def betters(self, other: FrontPoint) -> bool:
+        """Whether it has at least as much of everything that is wanted and as little grain, and is better in one."""
+        mine, its = ((p.value, p.judged.footprint, p.judged.lines, -p.grain) for p in (self, other))
+        return all(a >= b for a, b in zip(mine, its, strict=True)) and mine != its
+
+
+@dataclass(frozen=True, eq=False)
+class FrontCurve:
+    """The designs of one number of clear dots.
+
+    Attributes:
+        clear_dots: in a cell.
+        front: PSNR falling; no opening that was judged betters one of them in PSNR, footprint and lines.
+        evaluated: shapes whose PSNR was computed.
+        measured: those whose footprint and lines were measured too.
+        left_out: openings that none betters either, between those of ``front``; a curve holds only so many.
+        misfits: why openings that none betters are not in ``front``: what their display's check says of the die.
+        complete: whether no budget ended it.
+        refusal: why there is no design of so many dots, where ``front`` is empty.
+    """
+
+    clear_dots: int
+    front: tuple[FrontPoint, ...]
+    evaluated: int
+    measured: int
+    left_out: int
+    misfits: tuple[str, ...]
+    complete: bool
+    refusal: str | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Pareto:
+    """Result of a sweep.
+
+    Attributes:
+        curves: one for each number of clear dots, rising.
+        compared: the openings given, judged alike, in their order.
+        dot_nm: side of a dot.
+        levels: of light, dB.
+        lines: numbers of lines that were asked about, rising.
+    """
+
+    curves: tuple[FrontCurve, ...]
+    compared: tuple[JudgedOpening, ...]
+    dot_nm: int
+    levels: tuple[float, ...]
+    lines: tuple[int, ...]
+
+    @property
+    def points(self) -> tuple[FrontPoint, ...]:
+        """Those of all curves."""
+        return tuple(point for curve in self.curves for point in curve.front)
+
+    @property
+    def best(self) -> tuple[FrontPoint, ...]:
+        """Those that no other betters, whatever their clear dots."""
+        every = self.points
+        return tuple(each for each in every if not any(other.betters(each) for other in every))
+
+    def gain_db(self, other: JudgedOpening) -> float | None:
+        """Gain of the best opening found over another, both unmapped, at no less footprint, no fewer lines and no more
+        clear dots; None where nothing found has them."""
+        rivals = [
+            each.judged.value
+            for each in self.points
+            if each.judged.clear_dots <= other.clear_dots
+            and each.judged.footprint >= other.footprint - ROUNDING
+            and each.judged.lines >= other.lines
+        ]
+        return max(rivals) - other.value if rivals else None
+
+
+ROUNDING = 1e-9
+"""Shares of a pixel that differ by less are equal."""
+
+
+def spread(every: Sequence[JudgedOpening], most: int) -> tuple[JudgedOpening, ...]:
+    """At most so many of a curve, its ends among them: evenly along it, PSNR falling."""
+    last = len(every) - 1
+    if len(every) <= most:
+        return tuple(every)
+    places = sorted({round(k * last / max(1, most - 1)) for k in range(most)})
+    return tuple(every[k] for k in places)

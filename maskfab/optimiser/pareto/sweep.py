@@ -1,0 +1,337 @@
+"""Designs for a display, and what they trade: light, restored photographs, emitters, wires and grain.
+
+Every shape is judged by its expected restored PSNR. From the best downwards, its footprint and the lines that pass it
+are measured, and only where a bound leaves room above all that were measured before. So each curve is exact among all
+shapes judged; footprints are those of rectangles and straight cuts, which crooked emitters may exceed. What is on a
+curve is then laid on the panel of a die, with its map, and held against the display by the check itself.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import chain
+
+import numpy as np
+
+from maskfab.camera.photo_camera import F1, PhotoCamera
+from maskfab.camera.photographs import Photograph
+from maskfab.camera.transfer import lattice
+from maskfab.display.circuit import pixel_room
+from maskfab.display.feasibility import Feasibility
+from maskfab.errors import InputError, JobError
+from maskfab.eye.grain import predicted_rms
+from maskfab.eye.viewing import TELEPHONE_UM, Viewing
+from maskfab.jobfile import ParetoSection, SearchSection
+from maskfab.model import Opening, Tiling
+from maskfab.optimiser.clock import Clock
+from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
+from maskfab.optimiser.model.expected_psnr import surrogate_behind
+from maskfab.optimiser.model.layout_error import PupilError, pupil_error
+from maskfab.optimiser.model.taking import F1_TAKING, Taking
+from maskfab.optimiser.pareto.front import ROUNDING, FrontCurve, FrontPoint, JudgedOpening, Mask, Pareto, spread
+from maskfab.optimiser.result import constraints_of
+from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked, anneal, scan
+from maskfab.optimiser.rules.families import FAMILIES
+from maskfab.optimiser.rules.fit_rule import Display, footprints_of, misfit, of_display
+from maskfab.optimiser.rules.footprints import Footprints
+from maskfab.optimiser.search.finish import FIRST_STEPS, MAP_LEAK_SCENES, map_of, map_seed
+from maskfab.plate.maps import CellMap
+from maskfab.progress import Progress, silent
+from maskfab.units import NM_PER_UM
+
+_BATCH = 64
+
+
+def rules_of(section: SearchSection, display: Display, compared: Sequence[Opening] = ()) -> Constraints:
+    """Constraints of a sweep's openings; refuses, at no cost, what a sweep would refuse before it starts.
+
+    Args:
+        section, display, compared: as for :func:`sweep`.
+
+    Raises:
+        JobError: MF104, MF106, MF107 for numbers; MF105 for an opening on another grid; MF117, MF118 for the emitters'
+            rules.
+    """
+    rules = constraints_of(section, display=display)
+    for opening in compared:
+        if (opening.dots, opening.dot_nm) != (rules.dots, rules.dot_nm):
+            raise JobError(
+                "MF105",
+                f"the opening {opening.name!r} has {opening.dots} dots of {opening.dot_nm / NM_PER_UM:g} um a side, "
+                f"[design] {rules.dots} of {rules.dot_nm / NM_PER_UM:g} um",
+                where="pareto.compare",
+                cure="Compare openings on the grid of [design]",
+            )
+    return rules
+
+
+def lines_of(pareto: ParetoSection, display: Display, *, where: str = "pareto.lines") -> tuple[int, ...]:
+    """Numbers of lines that a sweep asks about, rising.
+
+    Raises:
+        JobError: MF105 for lines without the rules of any.
+    """
+    wires = display.rules.wires
+    if pareto.lines is None:
+        return (0 if wires is None else wires.lines,)
+    if wires is None and any(pareto.lines):
+        raise JobError(
+            "MF105",
+            "the job has no [wires], whose rules lines keep",
+            where=where,
+            cure="Add [wires], or remove lines",
+        )
+    return tuple(sorted(set(pareto.lines)))
+
+
+def sweep(
+    pareto: ParetoSection,
+    section: SearchSection,
+    scenes: Sequence[Photograph],
+    display: Display,
+    *,
+    compared: Sequence[Opening] = (),
+    camera: PhotoCamera = F1,
+    taking: Taking = F1_TAKING,
+    budget_s: float | None = None,
+    workers: int | None = None,
+    progress: Progress = silent,
+) -> Pareto:
+    """Judge every shape of every size, and keep the designs that none betters.
+
+    Args:
+        pareto: sizes of openings, numbers of lines, and how much to anneal.
+        section: grid, tiling, families, weights, map and rules.
+        scenes: photographs whose spectrum and edges count.
+        display: that every design must hold: its least footprint, its circuits, and the numbers of lines asked about.
+        compared: openings on the same grid, judged as if laid in the same tiling.
+        camera: that looks through the panel.
+        taking: of the photographs that openings are compared by.
+        budget_s: stop after about this time; every size has its share of it, and at least 64 shapes.
+        workers: threads; by default as many as there are processors.
+        progress: told where the work stands.
+
+    Raises:
+        JobError, OpeningError: as :func:`rules_of` and :func:`lines_of`; the first size's own error, MF123, MF203 or
+            MF204, if no size has any design.
+    """
+    rules, lines = rules_of(section, display, compared), lines_of(pareto, display)
+    periodic = section.tiling is Tiling.PERIODIC
+    room = lattice(section.dots, rules.dot_nm, camera=camera)
+    progress("photographs", 0, 1)
+    estimate = surrogate_behind(scenes, room, taking=taking)
+    error = None
+    if section.map is not None:
+        wide = surrogate_behind(scenes, room, taking=taking, leak_scenes=MAP_LEAK_SCENES)
+        error = pupil_error(wide, weights=section.weights)
+    progress("photographs", 1, 1)
+    objective = ExpectedPsnr(estimate, periodic, taking.levels, section.weights or ())
+    footprints = footprints_of(rules, display.rules.emitters)
+    many = workers or os.cpu_count() or 1
+    work = _Sweep(pareto, section, objective, error, footprints, rules, display, lines, many, progress)
+    counts = sorted(set(pareto.clear_dots))
+    clock = Clock(budget_s)
+    curves: list[FrontCurve] = []
+    refusals: list[InputError] = []
+    for done, count in enumerate(counts):
+        try:
+            curves.append(work.curve(count, Clock(clock.left(1 / (len(counts) - done)))))
+        except InputError as refusal:
+            refusals.append(refusal)
+            curves.append(FrontCurve(count, (), 0, 0, 0, (), True, f"{refusal.code} {refusal.what}"))
+    if len(refusals) == len(counts):
+        raise refusals[0]
+    given = tuple(work.given(opening) for opening in compared)
+    return Pareto(tuple(curves), given, rules.dot_nm, taking.levels, lines)
+
+
+@dataclass(frozen=True, eq=False)
+class _Sweep:
+    """The work for one size of openings after the other."""
+
+    pareto: ParetoSection
+    section: SearchSection
+    objective: ExpectedPsnr
+    error: PupilError | None
+    footprints: Footprints
+    rules: Constraints
+    display: Display
+    lines: tuple[int, ...]
+    workers: int
+    progress: Progress
+
+    def curve(self, count: int, clock: Clock) -> FrontCurve:
+        rules = replace(self.rules, clear_dots=count)
+        self._holding(rules, 0.0, self.lines[0]).require_possible()
+        section = self.section
+        shapes = list(chain.from_iterable(FAMILIES[name](section.dots, count) for name in section.families))
+        found = scan(
+            shapes,
+            self.objective,
+            rules.without(*of_display(self.display)),
+            turned_alike=not self.objective.periodic,
+            budget_s=clock.left(),
+            workers=self.workers,
+            progress=lambda _, done, total: self.progress(f"{count} clear dots: shapes", done, total),
+        )
+        steps, measured = self._steps(found.ranked, count)
+        if not steps:
+            raise JobError(
+                "MF123",
+                f"the display fits none of {found.evaluated} openings of {count} clear dots, with "
+                f"{self.display.rules.emitters.required:.1%} of the pixel for each colour and {self.lines[0]} lines",
+                where="pareto.clear_dots",
+                cure="Ask for less of the display, or add families",
+            )
+        evaluated, complete = found.evaluated, found.complete
+        if self.pareto.anneal and complete:
+            more, walked, complete = self._annealed(steps, rules, clock)
+            steps, evaluated, measured = [*steps, *more], evaluated + walked, measured + len(more)
+        kept = sorted((s for s in steps if not any(o.betters(s) for o in steps)), key=lambda each: -each.value)
+        chosen = spread(kept, self.pareto.points)
+        points, misfits = self._laid(chosen, count, FIRST_STEPS if clock.over else None)
+        if not points:
+            raise JobError(
+                "MF123",
+                f"the display fits openings of {count} clear dots, and none on the panel of a die: {misfits[0]}",
+                where="pareto.clear_dots",
+                cure="Ask for less of the display, or for another tiling_seed",
+            )
+        left_out = len(kept) - len(chosen)
+        return FrontCurve(count, points, evaluated, measured, left_out, misfits, complete)
+
+    def given(self, opening: Opening) -> JudgedOpening:
+        footprint = self.footprints(opening.mask)
+        lines = [0, *(each for each in self.lines if self._wired(opening.mask, each))]
+        return self._judged(opening.name, opening.mask, footprint, max(lines))
+
+    def _judged(self, shape: str, unit: Mask, footprint: float, lines: int) -> JudgedOpening:
+        psnr = self.objective.surrogate(unit, periodic=self.objective.periodic, levels=self.objective.levels)
+        return JudgedOpening(shape, unit, self._weighted(psnr), psnr, footprint, lines)
+
+    def _weighted(self, psnr: Sequence[float]) -> float:
+        weights = self.objective.weights
+        return float(np.dot(psnr, weights) / sum(weights))
+
+    def _asked(self, footprint: float, lines: int) -> Display:
+        """The display with room for emitters that were found, and so many lines."""
+        return self.display.asking(required=max(self.display.rules.emitters.required, footprint), lines=lines)
+
+    def _holding(self, rules: Constraints, footprint: float, lines: int) -> Constraints:
+        return rules.without(*of_display(self.display)).asking(**of_display(self._asked(footprint, lines)))
+
+    def _wired(self, unit: Mask, lines: int) -> bool:
+        return self._asked(0.0, lines).unwired(unit, self.rules.dot_nm) is None
+
+    def _roomy(self, unit: Mask) -> bool:
+        room = pixel_room(self.rules.opening(unit), self.rules.dot_nm, self.display.rules.circuit)
+        return room.certificate is None
+
+    def _steps(self, ranked: Sequence[Ranked], count: int) -> tuple[list[JudgedOpening], int]:
+        """Those with more footprint, for some number of lines, than all of a better PSNR, and how many were measured.
+
+        More lines are harder to pass, so that the widest footprint of those that pass falls with their number.
+        """
+        least = self.display.rules.emitters.required - ROUNDING
+        widest = dict.fromkeys(self.lines, 0.0)
+        steps: list[JudgedOpening] = []
+        measured = 0
+        for done, (each, bound) in enumerate(self._bounded(ranked)):
+            if done % _BATCH == 0:
+                self.progress(f"{count} clear dots: emitters and wires", done, len(ranked))
+            if bound < least or bound <= min(widest.values()) + ROUNDING:
+                continue
+            footprint = self.footprints(each.unit)
+            measured += 1
+            better = [lines for lines in self.lines if footprint > widest[lines] + ROUNDING]
+            if footprint < least or not better or not self._roomy(each.unit):
+                continue
+            passed = None
+            for lines in better:
+                if not self._wired(each.unit, lines):
+                    break
+                passed, widest[lines] = lines, footprint
+            if passed is not None:
+                steps.append(self._judged(each.name, each.unit, footprint, passed))
+        self.progress(f"{count} clear dots: emitters and wires", len(ranked), len(ranked))
+        return steps, measured
+
+    def _bounded(self, ranked: Sequence[Ranked]) -> Iterator[tuple[Ranked, float]]:
+        for start in range(0, len(ranked), _BATCH):
+            part = ranked[start : start + _BATCH]
+            bounds = self.footprints.bounds(np.stack([each.unit for each in part]))
+            yield from zip(part, bounds.tolist(), strict=True)
+
+    def _annealed(
+        self, steps: Sequence[JudgedOpening], rules: Constraints, clock: Clock
+    ) -> tuple[list[JudgedOpening], int, bool]:
+        """Better openings from places spread over the steps, each with no less footprint and lines than its start."""
+        starts = spread(steps, self.pareto.points)
+        found: list[JudgedOpening] = []
+        walked, complete = 0, True
+        for done, start in enumerate(starts):
+            stage = f"{rules.clear_dots} clear dots: annealing {done + 1} of {len(starts)}"
+            self.progress(stage, 0, self.pareto.anneal)
+            walk = anneal(
+                start.unit,
+                self.objective,
+                self._holding(rules, max(0.0, start.footprint - ROUNDING), start.lines),
+                evaluations=self.pareto.anneal,
+                seed=self.section.seed,
+                budget_s=clock.left(1 / (len(starts) - done)),
+                progress=lambda _, done, total, stage=stage: self.progress(stage, done, total),  # type: ignore[misc]
+            )
+            self.progress(stage, walk.state.evaluations, self.pareto.anneal)
+            walked += walk.state.evaluations
+            complete = complete and (walk.complete or walk.stuck)
+            if walk.value > start.value:
+                name = f"{start.shape}, annealed"
+                found.append(self._judged(name, walk.unit, self.footprints(walk.unit), start.lines))
+        return found, walked, complete
+
+    def _laid(
+        self, chosen: Sequence[JudgedOpening], count: int, steps: int | None
+    ) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
+        """Those that fit on the panel of a die, and why others do not."""
+        points: list[FrontPoint] = []
+        misfits: list[str] = []
+        stage = f"{count} clear dots: maps and dies"
+        self.progress(stage, 0, len(chosen))
+        with ThreadPoolExecutor(self.workers) as pool:
+            for done, made in enumerate(pool.map(partial(self._lay, steps=steps), chosen), start=1):
+                if isinstance(made, FrontPoint):
+                    points.append(made)
+                else:
+                    misfits.append(made)
+                self.progress(stage, done, len(chosen))
+        return tuple(points), tuple(misfits)
+
+    def _lay(self, each: JudgedOpening, steps: int | None) -> FrontPoint | str:
+        designed = self._mapped(each.unit, steps)
+        cells = None
+        if designed is not None and self.error is not None:
+            cells = map_of(self.section, self.error, designed, {})
+        held = self._asked(each.footprint - ROUNDING, each.lines)
+        found = held.on(held.die(each.unit, self.rules.dot_nm, cells, None))
+        why = misfit(found)
+        return self._point(each, designed, cells, found) if why is None else f"{each.shape}: {why}"
+
+    def _point(
+        self, each: JudgedOpening, designed: DesignedMap | None, cells: CellMap | None, found: Feasibility | None
+    ) -> FrontPoint:
+        pitch_um = self.rules.dots * self.rules.dot_nm / NM_PER_UM
+        wander_px = 0.0 if found is None else found.wander_px
+        grain = predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM))
+        psnr = None if designed is None else designed.psnr
+        return FrontPoint(each, psnr, each.value if psnr is None else self._weighted(psnr), cells, grain)
+
+    def _mapped(self, unit: Mask, steps: int | None) -> DesignedMap | None:
+        if self.section.map is None or self.error is None:
+            return None
+        mode, seed = MapMode(self.section.map), map_seed(self.section)
+        return design_map(unit, self.error, mode=mode, seed=seed, kicks=0, steps=steps)
