@@ -161,7 +161,7 @@ def test_a_density_and_emitters_that_are_more_than_a_pixel_are_refused_at_once(t
 
 
 def test_a_display_that_no_opening_can_hold_is_refused_with_a_proof(tmp_path: Path) -> None:
-    path = job_of(tmp_path, ("required = 0.1", "required = 0.26"))
+    path = job_of(tmp_path, ("required = 0.1", "required = 0.26"), ('colour_gap = "8 um"', 'colour_gap = "16 um"'))
     told = r"MF123 no opening keeps the emitters of \[emitters\]: even a pixel without an opening.*design\.fit"
     with pytest.raises(JobError, match=told):
         check_possible(read(path), where=str(path))
