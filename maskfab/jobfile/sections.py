@@ -660,6 +660,15 @@ class StudySection(Section):
     """Claims."""
 
 
+class SpreadSection(Section):
+    """[process.spread]: standard deviations over the displays that are made; a design is appraised over them."""
+
+    bias: Length | None = None
+    """Of the width of clear features."""
+    centre: Length | None = None
+    """Of the stop's centre from the orientation map's, along x and along y."""
+
+
 class ProcessSection(Section):
     """[process]: what the mask writer does to corners and widths."""
 
@@ -667,6 +676,7 @@ class ProcessSection(Section):
     """Radius to which the writer rounds corners."""
     cd_bias: SignedLength = 0.0
     """Change of width of a clear line; positive widens what is clear."""
+    spread: SpreadSection | None = None
 
     def process(self) -> Process:
         """The process of the model."""

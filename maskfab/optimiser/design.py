@@ -18,11 +18,12 @@ from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
 from maskfab.jobfile.sections import DesignSection
 from maskfab.opening.openings import dot_of_pitch
+from maskfab.optimiser.model.robustness import EXACT, Spread
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import Designed, constraints_of
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.progress import Progress, silent
-from maskfab.units import to_nm
+from maskfab.units import NM_PER_UM, to_nm
 
 _SCENES_OF_MAPS = 16
 _OF_DISPLAYS = ("emitters", "wires", "light")
@@ -100,6 +101,7 @@ def _possible(spec: JobSpec, where: str) -> Display | None:
         _require_room(spec, section, where)
         camera = PhotoCamera.of(spec.camera.camera(), where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
+        spread_of(spec, where)
         require_shapes(section, rules)
     return display
 
@@ -157,10 +159,14 @@ def design(
             camera=seen,
             taking=taking,
             display=display,
+            spread=spread_of(spec, where),
             budget_s=budget_s,
             checkpoint=checkpoint,
         )
-    return replace(found, notes=(*found.notes, *notes_of(spec, source, taking), *display_notes(spec)))
+    notes = (*found.notes, *notes_of(spec, source, taking), *display_notes(spec))
+    if found.robust is None and spread_of(spec, where) != EXACT:
+        notes += ("Not used of the job, for a descent and a short budget are not appraised over it: [process.spread].",)
+    return replace(found, notes=notes)
 
 
 def display_of(spec: JobSpec, where: str) -> Display | None:
@@ -202,6 +208,35 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
     rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, where=where)
     seed = section.seed if section.tiling_seed is None else section.tiling_seed
     return Display.of(rules, section.tiling, seed, before, across)
+
+
+def spread_of(spec: JobSpec, where: str) -> Spread:
+    """Standard deviations over the displays that are made.
+
+    Raises:
+        JobError: MF127 for a bias at which dots vanish, MF104 for a stop's centre beyond the stop.
+    """
+    stated = None if spec.process is None else spec.process.spread
+    if stated is None:
+        return EXACT
+    section, camera = section_of(spec, where), spec.camera.camera()
+    dot_um = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch") / NM_PER_UM
+    bias_um, centre_um = stated.bias or 0.0, stated.centre or 0.0
+    if bias_um >= dot_um:
+        raise JobError(
+            "MF127",
+            f"a bias of {bias_um:g} um, one standard deviation, closes dots of {dot_um:g} um",
+            where=f"{where}: process.spread.bias",
+            cure=f"Use less than {dot_um:g} um",
+        )
+    if centre_um >= camera.stop.diameter_um / 2:
+        raise JobError(
+            "MF104",
+            f"a stop's centre {centre_um:g} um off lies outside the stop of {camera.stop.diameter_um:g} um",
+            where=f"{where}: process.spread.centre",
+            cure=f"Use less than {camera.stop.diameter_um / 2:g} um",
+        )
+    return Spread(bias_um, centre_um)
 
 
 def section_of(spec: JobSpec, where: str) -> DesignSection:

@@ -31,6 +31,7 @@ from maskfab.plate.maps import CellMap
 
 if TYPE_CHECKING:
     from maskfab.optimiser.maps.orientation_map import DesignedMap
+    from maskfab.optimiser.model.robustness import Robustness
 
 Facts = dict[str, str | int | float]
 
@@ -59,6 +60,8 @@ class Designed:
         notes: what a user should know, as sentences.
         camera: lens, sensor and light that PSNRs are expected for, in words.
         levels: of light, dB.
+        robust: the panel beside those that are made instead of it; None where the budget is shorter than bounds take,
+            and for a descent.
         cut: a budget cut the search short, so that it depends on the clock.
     """
 
@@ -77,6 +80,7 @@ class Designed:
     cut: bool = False
     camera: str = ""
     levels: tuple[float, ...] = LEVELS
+    robust: Robustness | None = None
 
 
 def constraints_of(

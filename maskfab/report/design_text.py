@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from maskfab.optimiser.bounds.bounds import Gap
     from maskfab.optimiser.maps.orientation_map import DesignedMap
+    from maskfab.optimiser.model.robustness import Robustness, Varied
     from maskfab.optimiser.result import Designed
     from maskfab.optimiser.rules.price import Prices
 
@@ -46,6 +47,8 @@ def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
         told.append(f"gain of the designed map over a random one: {gains}; transmission {_light(found.designed):+.2%}")
     if found.map_head_room is not None:
         told.append(f"proven headroom of the map (same dots, same transmission): {_most(found, found.map_head_room)}")
+    if found.robust is not None:
+        told += _robust_lines(found, found.robust)
     return [*told, *(f"note: {note}" for note in notes)]
 
 
@@ -75,9 +78,53 @@ def designed_document(found: Designed, paths: Mapping[str, Path], notes: Sequenc
             "random_clear_dots": designed.start_clear_dots,
             "positions": max(1, len(designed.shifts)),
         },
+        "robust": None if found.robust is None else _robust(found, found.robust),
         "outer": None if found.outer is None else str(paths["outer"]),
         "notes": list(notes),
         "provenance": dict(found.opening.provenance),
+    }
+
+
+def _robust_lines(found: Designed, robust: Robustness) -> list[str]:
+    told = []
+    if robust.tiling is not None:
+        told.append(f"one random tiling differs from another by {_levels(found, robust.tiling)} (standard deviation)")
+    for away, gains in robust.off_centre.items():
+        where = f"with the stop {away:g} um off its centre" if away else "over the mean of random tilings"
+        told.append(f"gain of the designed map {where}: {_levels(found, gains, '+')}")
+    if robust.bias is not None:
+        bias, (narrow, wide) = robust.bias, robust.bias.psnr
+        told.append(f"panel as drawn: {_levels(found, robust.psnr)}")
+        told.append(f"clear features narrower by {bias.deviation_um:g} um: {_levels(found, narrow)}")
+        told.append(f"clear features wider by {bias.deviation_um:g} um: {_levels(found, wide)}")
+        told.append(f"expected loss over that bias: {_losses(found, bias)}")
+    if robust.centre is not None:
+        away = robust.centre.deviation_um
+        told.append(f"expected loss with the stop's centre off by {away:g} um: {_losses(found, robust.centre)}")
+    return told
+
+
+def _losses(found: Designed, varied: Varied) -> str:
+    """To a thousandth of a decibel: most are smaller than what others are rounded to."""
+    return ", ".join(f"{value + 0.0:.3f} dB at {level}" for level, value in _by_level(found, varied.loss).items())
+
+
+def _robust(found: Designed, robust: Robustness) -> dict[str, object]:
+    return {
+        "panel_psnr_db": _by_level(found, robust.psnr),
+        "tiling_db": None if robust.tiling is None else _by_level(found, robust.tiling),
+        "map_gain_off_centre_db": {f"{away:g}": _by_level(found, each) for away, each in robust.off_centre.items()},
+        **{name: _varied(found, getattr(robust, name)) for name in ("bias", "centre")},
+    }
+
+
+def _varied(found: Designed, varied: Varied | None) -> dict[str, object] | None:
+    if varied is None:
+        return None
+    return {
+        "deviation_um": varied.deviation_um,
+        "psnr_db": [_by_level(found, each) for each in varied.psnr],
+        "loss_db": _by_level(found, varied.loss),
     }
 
 

@@ -182,11 +182,19 @@ class PupilError:
         Args:
             pupil: of :meth:`laid`, [side, side] of 0 and 1.
         """
-        return tuple(float(v) for v in self._tabulated(pupil).max(axis=1))
+        return self.psnr_of_table(self.table(pupil))
+
+    def table(self, pupil: NDArray[np.bool_] | Floats) -> NDArray[np.float32]:
+        """Autocorrelation of a pupil in dots, at the lags (y, x) of the upper half plane within reach."""
+        return self._table(pupil)[1]
+
+    def psnr_of_table(self, table: NDArray[np.float32]) -> tuple[float, ...]:
+        """Expected restored PSNR in dB at each level, of an autocorrelation as :meth:`table` has it."""
+        return tuple(float(v) for v in self._tabulated(table).max(axis=1))
 
     def epsilons(self, pupil: Floats) -> tuple[float, ...]:
         """The best ε of each level."""
-        return tuple(self.strengths[int(k)] for k in self._tabulated(pupil).argmax(axis=1))
+        return tuple(self.strengths[int(k)] for k in self._tabulated(self.table(pupil)).argmax(axis=1))
 
     def judge(self, pupil: Floats, epsilons: Sequence[float]) -> JudgedPupil:
         """The loss of a pupil with the ε given for each level."""
@@ -194,7 +202,7 @@ class PupilError:
         lags = torch.from_numpy(table).requires_grad_()
         return JudgedPupil(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
 
-    def _table(self, pupil: Floats) -> tuple[torch.Tensor, NDArray[np.float32]]:
+    def _table(self, pupil: NDArray[np.bool_] | Floats) -> tuple[torch.Tensor, NDArray[np.float32]]:
         """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach.
 
         In single precision, and with the transform kept for the slope; else as in camera.transfer.
@@ -278,9 +286,8 @@ class PupilError:
             found.append((missed**2).mean().to(torch.float64))
         return torch.stack(found)
 
-    def _tabulated(self, pupil: Floats) -> Floats:
+    def _tabulated(self, table: NDArray[np.float32]) -> Floats:
         """Expected PSNR by level and ε."""
-        _, table = self._table(pupil)
         with torch.no_grad():
             transfer, low, light = self._transfers(torch.from_numpy(table))
             errors = self._errors(transfer, low, self.strengths)

@@ -11,6 +11,8 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import FEWEST_CELLS, CellGrid, lattice
@@ -23,7 +25,8 @@ from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
 from maskfab.optimiser.model.expected_psnr import surrogate_behind
-from maskfab.optimiser.model.layout_error import pupil_error
+from maskfab.optimiser.model.layout_error import PupilError, pupil_error
+from maskfab.optimiser.model.robustness import EXACT, Robustness, Spread, robustness
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import (
     Designed,
@@ -46,6 +49,8 @@ from maskfab.optimiser.search.auc_search import best_for_auc
 from maskfab.optimiser.search.finish import BOUNDS_S, MAP_LEAK_SCENES, Mapped, map_seed, mapped
 from maskfab.optimiser.search.scan import Best, allowed, annealed, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
+from maskfab.plate.maps import shifted
+from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
 
 _LONGEST = 18
@@ -62,6 +67,7 @@ def search(
     camera: PhotoCamera = F1,
     taking: Taking = F1_TAKING,
     display: Display | None = None,
+    spread: Spread = EXACT,
     budget_s: float | None = None,
     checkpoint: Path | None = None,
 ) -> Designed:
@@ -75,6 +81,7 @@ def search(
         camera: that looks through the panel.
         taking: of the photographs that openings are compared by.
         display: that the opening must hold; None for any or none.
+        spread: over which the panel is appraised.
         budget_s: seconds for the search; what every result needs is done beyond them: one descent of a map, and
             bounds, where these do not take longer than the budget.
         checkpoint: file to go on from, and to keep.
@@ -144,6 +151,9 @@ def search(
         progress("bounds", 1, 1)
     else:
         known = by_level("expected_psnr", psnr, taking.levels)
+    robust = None
+    if not clock.shorter_than(BOUNDS_S):
+        robust = _appraised(section, laid, error or pupil_error(estimate, weights=section.weights), spread)
     facts |= {**known, "evaluated": found.evaluated}
     facts |= {} if priced is None else of_prices(priced)
     return Designed(
@@ -162,6 +172,25 @@ def search(
         found.cut or laid.cut,
         camera=made_for_line(camera, taking),
         levels=taking.levels,
+        robust=robust,
+    )
+
+
+def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
+    """The panel beside those that are made instead of it."""
+    seed, shape = map_seed(section), (error.cells, error.cells)
+    kinds = orientations(section.tiling, *shape, seed) if laid.designed is None else laid.designed.orientations
+    units = [laid.unit, laid.outer] if laid.outer is not None else [laid.unit]
+    if laid.designed is not None and laid.designed.shifts:
+        units = [shifted(laid.unit, shift) for shift in laid.designed.shifts]
+    return robustness(
+        np.stack(units),
+        kinds,
+        error,
+        spread=spread,
+        seed=seed,
+        periodic=section.tiling is Tiling.PERIODIC,
+        mapped=laid.designed is not None,
     )
 
 
