@@ -325,10 +325,41 @@ def test_every_node_table_lies_below_the_cost_between_its_nodes(inner):
             between = nodes[:-1] + s * np.diff(nodes)
             h = (inner.stop * inner.pixel)[few, None] * between + (RATIO * inner.folded)[few, None]
             power = inner.power[few, None]
-            regular = variance / power if epsilon is None else epsilon * inner.inverse_prior[few, None]
+            prior = inner.inverse_prior[few, None]
+            span = inner.strengths[0] * prior, inner.strengths[-1] * prior
+            regular = np.clip(variance / power, *span) if epsilon is None else epsilon * prior
             exact = inner.weight[few, None] * (variance * h**2 + power * regular**2) / (h**2 + regular) ** 2
             chord = cost[few, :-1] * (1 - s) + cost[few, 1:] * s
             assert (chord <= exact * (1 + 1e-9) + 1e-18).all()
+
+
+def of_filter(inner, h, variance, regular):
+    return (variance * h**2 + inner.power * regular**2) / (h**2 + regular) ** 2
+
+
+def nearest(inner, variance):
+    """Of what the ε make of R, the nearest to the Wiener filter's."""
+    return np.clip(
+        variance / inner.power, inner.strengths[0] * inner.inverse_prior, inner.strengths[-1] * inner.inverse_prior
+    )
+
+
+@pytest.mark.parametrize("level", [24, 40])
+def test_best_filter_at_each_frequency_is_no_worse_than_any_of_the_protocol(inner, level):
+    variance = inner.noise.variance(level, RATIO)
+    for modulation in (0.05, RATIO, 0.9):
+        h = inner.transfer(modulation * inner.stop, RATIO)
+        best = of_filter(inner, h, variance, nearest(inner, variance))
+        for epsilon in inner.strengths:
+            assert (best <= of_filter(inner, h, variance, epsilon * inner.inverse_prior) * (1 + 1e-12)).all()
+    around = blocks(inner, RATIO)
+    found = [
+        block_error(inner, *wiener_cost(each, variance, RATIO), around, RATIO, moving=True, steps=10)[0]
+        for each in (replace(inner, strengths=(1e-9, 1e9)), inner)
+    ]
+    assert found[0] <= found[1] * (1 + 1e-5)
+    # In bright light the least ε holds back more than the Wiener filter would.
+    assert (found[1] > 1.05 * found[0]) == (level == 40)
 
 
 @pytest.mark.parametrize("moving", [False, True])
@@ -337,7 +368,7 @@ def test_dual_stays_below_the_flat_modulation_and_grows_with_steps(inner, moving
     nodes, cost = wiener_cost(inner, variance, RATIO)
     around = blocks(inner, RATIO)
     h = inner.transfer(RATIO * inner.stop, RATIO)
-    flat = float((inner.weight * inner.power / (1 + inner.power * h**2 / variance)).sum())
+    flat = float(inner.weight @ of_filter(inner, h, variance, nearest(inner, variance)))
     values = [block_error(inner, nodes, cost, around, RATIO, moving=moving, steps=k)[0] for k in (1, 15)]
     assert 0 < values[0] <= values[1] <= flat
 

@@ -135,7 +135,7 @@ def bounds(
     if any_layout:
         free = tuple(layout_bound(inner, ratio, level, ratio) for level in levels)
         method.append(
-            "any_layout: Lagrangian dual over blocks of lags, best filter at each frequency, cut cells counted"
+            "any_layout: Lagrangian dual over blocks of lags, best filter within ε at each frequency, cut cells counted"
         )
     return Bounds(tuple(levels), clear_dots, periodic, found, whole, free, grey, small, area, tuple(method))
 

@@ -7,8 +7,8 @@ light lies in the cut ones. That includes every map of one unit, of every one of
 c dots.
 
 The frame's error is at least σ² · noise + bias without the frequencies below 1/16 cycle per pixel, where the leak
-counts, which is at least 0 (:mod:`maskfab.optimiser.bounds.frame_bound`); the best filter at each frequency is better
-than that of any ε.
+counts, which is at least 0 (:mod:`maskfab.optimiser.bounds.frame_bound`); the best filter at each frequency, within
+what the protocol's ε span there, is better than that of any ε.
 
 Notes:
     Proven for what sampling folds back from a grey panel of the same light, as all bounds here are; a realised panel's
