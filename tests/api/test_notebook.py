@@ -272,8 +272,8 @@ def test_every_tiling_is_laid_out_as_a_job_lays_it_out(bar, camera):
 
 
 def test_a_map_gives_its_own_size_and_needs_a_seed_only_beyond_itself():
-    found = mf.read_map(resources.path("layouts/maps/bar_88.toml"))
-    opening = load_opening(resources.path("layouts/openings/bar_88.toml"))
+    found = mf.read_map(resources.path("layouts/maps/fits_88.toml"))
+    opening = load_opening(resources.path("layouts/openings/fits_88.toml"))
     panel = mf.Panel.tile(opening, found)
     np.testing.assert_array_equal(panel.orientations, found.cells)
     with pytest.raises(JobError, match="MF111"):

@@ -15,6 +15,8 @@ from maskfab.benchmark.cases import Case, run_cases
 from maskfab.benchmark.other_libraries import PEERS, Peer, PsfTask
 from maskfab.cli import run_command_line
 
+ROOT = Path(__file__).parents[2]
+
 
 @pytest.fixture(scope="module")
 def timings() -> list[Timing]:
@@ -87,10 +89,14 @@ def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[s
     } | {*document["absent"]}
 
 
-@pytest.mark.parametrize(("die", "code"), [("BEST_R300_G8", "MF105"), ("NOBODY", "MF105")])
-def test_bench_refuses_what_it_cannot_race(die: str, code: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_command_line(["bench", "layouts/upc12.toml", "--die", die, "--quiet"]) == 2
-    assert code in capsys.readouterr().err
+def test_bench_refuses_what_it_cannot_race(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    job = (ROOT / "layouts" / "toled_against_ours.toml").read_text().replace('"openings/', f'"{ROOT}/layouts/openings/')
+    job = job.replace('"maps/', f'"{ROOT}/layouts/maps/')
+    parted = tmp_path / "parted.toml"
+    parted.write_text(job.replace('pitch = "168 um"', 'pitch = "176 um"\ngutter = "8 um"', 1))
+    for path, die in ((str(parted), "TOLED"), ("layouts/upc12.toml", "NOBODY")):
+        assert run_command_line(["bench", path, "--die", die, "--quiet"]) == 2
+        assert "MF105" in capsys.readouterr().err
 
 
 def test_a_missed_limit_is_told() -> None:

@@ -145,7 +145,7 @@ def test_noise_that_interpolation_made_coarse_is_taken_out_too(electrons):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("opening", "least_db"), [("bar_88", 0.4), ("toled", -0.05)])
+@pytest.mark.parametrize(("opening", "least_db"), [("fits_88", 0.4), ("toled", -0.05)])
 @pytest.mark.parametrize("level", [24, 40])
 def test_a_scene_behind_a_panel_gains_and_behind_a_display_loses_nothing(opening, least_db, level):
     mask = load_opening(resources.path("layouts") / "openings" / f"{opening}.toml").mask

@@ -98,7 +98,7 @@ def test_a_proof_is_counted_again_on_the_polygons():
 
 
 def test_lines_turn_with_the_panel():
-    panel = panel_of(load_opening(OPENINGS / "bar_display.toml").mask, np.arange(9).reshape(3, 3) % 8)
+    panel = panel_of(load_opening(OPENINGS / "fits.toml").mask, np.arange(9).reshape(3, 3) % 8)
     turned = {
         int(k): next(
             j for j in range(ORIENTATIONS) if np.array_equal(panel.pattern(j), np.rot90(panel.pattern(int(k))))
