@@ -133,7 +133,14 @@ def bound_loosely(monkeypatch) -> None:
     def of_open_stop(inner, ratio, *_) -> tuple[float, ...]:
         return inner.psnr(inner.stop, ratio, 1.0)
 
-    monkeypatch.setattr(bounds, "_unit_bound", of_open_stop)
+    def errors(inner, classes, ratio, variances, *, periodic) -> list[float]:
+        levels = inner.noise.taking.levels
+        return [
+            10 ** ((inner.decibels(level, 1.0) - psnr) / 10)
+            for level, psnr in zip(levels, of_open_stop(inner, ratio), strict=True)
+        ]
+
+    monkeypatch.setattr(bounds, "residue_errors", errors)
     monkeypatch.setattr(bounds, "frame_bound", lambda _, inner, clear, **__: of_open_stop(inner, clear / inner.dots**2))
 
 
