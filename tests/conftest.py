@@ -137,7 +137,7 @@ def bound_loosely(monkeypatch) -> None:
         levels = inner.noise.taking.levels
         return [
             10 ** ((inner.decibels(level, 1.0) - psnr) / 10)
-            for level, psnr in zip(levels, of_open_stop(inner, ratio), strict=True)
+            for level, psnr in zip(inner.levels, of_open_stop(inner, ratio), strict=True)
         ]
 
     monkeypatch.setattr(bounds, "residue_errors", errors)
