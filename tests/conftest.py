@@ -134,7 +134,6 @@ def bound_loosely(monkeypatch) -> None:
         return inner.psnr(inner.stop, ratio, 1.0)
 
     def errors(inner, classes, ratio, variances, *, periodic) -> list[float]:
-        levels = inner.noise.taking.levels
         return [
             10 ** ((inner.decibels(level, 1.0) - psnr) / 10)
             for level, psnr in zip(inner.levels, of_open_stop(inner, ratio), strict=True)
