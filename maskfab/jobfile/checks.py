@@ -155,15 +155,22 @@ def _check_search(design: SearchSection, where: str) -> None:
         ("joint", design.map is not None or not design.joint, "a map", 'Add map = "equal_light"'),
         ("shortlist", design.map is not None or design.shortlist == 1, "a map", 'Add map = "equal_light"'),
         ("density", design.map is not None, "a map", 'Add map = "equal_light"'),
+        ("cluster", design.map is not None, "a map", 'Add map = "equal_light"'),
+        ("most_dots", design.cluster is not None, "groups of pixels", "Add cluster = 2"),
         ("map", design.tiling is Tiling.RANDOM, 'tiling = "random"', "Remove it: periodic cells are laid alike"),
     )
     for key, met, needed, cure in needs:
         if key in stated and getattr(design, key) is not None and not met:
             raise JobError("MF105", f"{key} needs {needed}", where=f"{where}.{key}", cure=cure)
     pairs = [("objective", "families"), ("objective", "weights"), ("density", "positions"), ("density", "joint")]
+    pairs += [("cluster", "positions"), ("cluster", "joint"), ("cluster", "density")]
     if design.shortlist > 1:
-        pairs += [("objective", "shortlist"), ("density", "shortlist")]
-    idle = {"objective": design.objective == "auc", "density": design.density is not None}
+        pairs += [("objective", "shortlist"), ("density", "shortlist"), ("cluster", "shortlist")]
+    idle = {
+        "objective": design.objective == "auc",
+        "density": design.density is not None,
+        "cluster": design.cluster is not None,
+    }
     for key, each in pairs:
         if idle[key] and each in stated:
             raise JobError(

@@ -298,7 +298,8 @@ class SearchSection(DesignSection):
     inward; of the best shapes that differ in family or size, so many as the ``shortlist`` has are tried under a quick
     map, and the best goes on. The opening may then lie at one of so many ``positions`` in its cell, and opening and map
     are bettered in turns for ``joint`` rounds. ``density`` is the share of the dots that are clear in the central half
-    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist.
+    of the stop; the rest has so many fewer that the light is the same, and there is no shortlist. With ``cluster`` two
+    pixels of every group of 2 x 2 have ``most_dots`` clear dots and two as many fewer, and groups are turned as one.
     """
 
     families: Annotated[
@@ -326,6 +327,10 @@ class SearchSection(DesignSection):
     """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``."""
     density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
     """Share of clear dots in the central half of the stop; the rest has fewer, so that total light is the same."""
+    cluster: Literal[2] | None = None
+    """Pixels along the side of groups that share their light unevenly and are laid as one: two by two."""
+    most_dots: int | None = Field(default=None, ge=1)
+    """Clear dots of the denser pixels of such a group; default: half as many again as clear_dots."""
 
 
 class RelaxSection(DesignSection):

@@ -18,6 +18,7 @@ from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
 from maskfab.jobfile.sections import DesignSection
 from maskfab.opening.openings import dot_of_pitch
+from maskfab.optimiser.maps.cluster import most_dots, shares
 from maskfab.optimiser.model.robustness import EXACT, Spread
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import Designed, constraints_of
@@ -267,17 +268,28 @@ def _require_weights(section: SearchSection, taking: Taking, where: str) -> None
 
 
 def _require_room(spec: JobSpec, section: SearchSection, where: str) -> None:
-    """Refuse a denser middle whose openings and emitters are more than a pixel."""
-    if section.density is None or not section.fit or spec.emitters is None:
+    """Refuse denser pixels whose openings and emitters are more than a pixel.
+
+    Raises:
+        JobError: MF104 for dots of a group that no pixels share; MF123 where emitters need more than is closed.
+    """
+    if section.cluster is not None:
+        most, _ = shares(section.clear_dots, most_dots(section))
+        key, stated, dense = "most_dots", float(most), most / section.dots**2
+    elif section.density is not None:
+        key, stated, dense = "density", section.density, section.density
+    else:
         return
-    closed, needed = 1 - section.density, 3 * spec.emitters.required
+    if not section.fit or spec.emitters is None:
+        return
+    closed, needed = 1 - dense, 3 * spec.emitters.required
     if needed > closed + 1e-9:
         raise JobError(
             "MF123",
-            f"density = {section.density:g} leaves {closed:.1%} of the pixel closed, and three emitters of "
+            f"{key} = {stated:g} leaves {closed:.1%} of the pixel closed, and three emitters of "
             f"{spec.emitters.required:.1%} are {needed - closed:.1%} of the pixel more",
-            where=f"{where}: design.density",
-            cure=f"Choose a density below {max(0.0, 1 - needed):.3g}, or ask for smaller emitters",
+            where=f"{where}: design.{key}",
+            cure=f"Leave {min(1.0, needed):.1%} of the pixel closed, or ask for smaller emitters",
         )
 
 

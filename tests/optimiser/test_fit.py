@@ -107,6 +107,20 @@ def test_what_is_designed_for_a_display_fits_in_the_job_that_holds_it(tmp_path: 
     assert found.prices.together >= 0
 
 
+@pytest.mark.parametrize(
+    ("most", "told"),
+    [
+        (25, r"MF104.*most_dots = 25 .*design\.most_dots.*Choose 26 to 49"),
+        (49, r"MF123.*most_dots = 49 leaves 59\.5%.*20\.0% are 0\.5% .*design\.most_dots"),
+    ],
+)
+def test_groups_that_cannot_share_so_are_refused_at_once(tmp_path: Path, most: int, told: str) -> None:
+    asked = f'fit = true\nmap = "equal_light"\nshortlist = 1\ncluster = 2\nmost_dots = {most}'
+    path = job_of(tmp_path, ("fit = true", asked), ("required = 0.1", "required = 0.2"))
+    with pytest.raises(JobError, match=told):
+        check_possible(read(path), where=str(path))
+
+
 def test_two_openings_and_their_map_fit_the_display_in_the_job_that_holds_them(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
     monkeypatch.setattr("maskfab.optimiser.search.finish._KICKS", 0)
@@ -156,7 +170,9 @@ def test_beyond_a_map_of_two_openings_cells_hold_either(tmp_path: Path) -> None:
 def test_a_density_and_emitters_that_are_more_than_a_pixel_are_refused_at_once(tmp_path: Path) -> None:
     asked = ("fit = true", 'fit = true\nmap = "equal_light"\nshortlist = 1\ndensity = 0.75')
     path = job_of(tmp_path, asked)
-    with pytest.raises(JobError, match=r"MF123.*25\.0%.*10\.0% are 5\.0% .*design\.density.*below 0\.7"):
+    with pytest.raises(
+        JobError, match=r"MF123.*25\.0%.*10\.0% are 5\.0% .*design\.density.*30\.0% of the pixel closed"
+    ):
         check_possible(read(path), where=str(path))
 
 

@@ -88,6 +88,6 @@ def _targets(spec: JobSpec, job: Path, out: Path | None) -> dict[str, Path]:
         # The job's own map belongs to the opening that it names.
         own = section.map_output is not None and out is None
         targets["map"] = job.parent / str(section.map_output) if own else beside(target)["map"]
-        if section.density is not None:
+        if section.density is not None or section.cluster is not None:
             targets["outer"] = beside(target)["outer"]
     return targets

@@ -171,7 +171,7 @@ def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], const
             sparser = list(islice(find(sparse_count), _SPARSER))
         for sparse in sparser:
             _require(sparse, sparse_count, constraints, "sparser")
-            units = np.stack([dense, _behind(sparse, dense, constraints.orientations)])
+            units = np.stack([dense, behind(sparse, dense, constraints.orientations)])
             broken = constraints.broken_beside(units)
             if broken is None:
                 found = True
@@ -185,7 +185,7 @@ def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], const
         )
 
 
-def _behind(sparse: Mask, dense: Mask, orientations: Sequence[int]) -> Mask:
+def behind(sparse: Mask, dense: Mask, orientations: Sequence[int]) -> Mask:
     """The sparser unit in the orientation, of those in use, in which most of it lies where the denser one is clear."""
     return max((orient(sparse, k) for k in orientations), key=lambda turned: int((turned & dense).sum()))
 

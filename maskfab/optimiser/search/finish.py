@@ -9,7 +9,8 @@ from maskfab.jobfile import SearchSection
 from maskfab.optimiser.bounds.map_bound import map_gap
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import joint, laid
-from maskfab.optimiser.maps.density import graded
+from maskfab.optimiser.maps.cluster import Groups, clustered, most_dots
+from maskfab.optimiser.maps.density import Graded, graded
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.layout_error import PupilError
@@ -65,6 +66,7 @@ def mapped(
     find: Callable[[int], Iterable[Mask]],
     clock: Clock,
     progress: Progress,
+    groups: Groups | None = None,
 ) -> Mapped:
     """Lay the unit out as the section says.
 
@@ -78,6 +80,7 @@ def mapped(
         find: gives openings of so many clear dots, the best first, for a panel of two.
         clock: a map whose time is over is designed without kicks.
         progress: told where the work stands.
+        groups: how groups of pixels are judged; None unless they share their light.
 
     Raises:
         JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
@@ -93,7 +96,12 @@ def mapped(
         descent = "one descent" if steps is None else f"the first {steps} steps of a descent"
         notes = (f"The budget left the map {descent}, and no turns with the opening.",)
     if section.density is not None:
-        return _graded(section, unit, rules, error, facts, find, seed, kicks, notes, progress)
+        made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
+        return _of_two(section, made, error, facts, "middle", notes)
+    if groups is not None:
+        most = most_dots(section)
+        made = clustered(unit, error, most, find, groups, constraints=rules, seed=seed, kicks=kicks, progress=progress)
+        return _of_two(section, made, error, facts, "pixels of a group", notes)
     both = joint(
         unit,
         error,
@@ -120,21 +128,10 @@ def map_seed(section: SearchSection) -> int:
     return section.seed if section.tiling_seed is None else section.tiling_seed
 
 
-def _graded(
-    section: SearchSection,
-    unit: Mask,
-    rules: Constraints,
-    error: PupilError,
-    facts: Facts,
-    find: Callable[[int], Iterable[Mask]],
-    seed: int,
-    kicks: int,
-    notes: tuple[str, ...],
-    progress: Progress,
+def _of_two(
+    section: SearchSection, made: Graded, error: PupilError, facts: Facts, denser: str, notes: tuple[str, ...]
 ) -> Mapped:
     """Two openings at equal light, and what the display pays for them."""
-    assert section.density is not None
-    made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
     price = made.price
     known: Facts = {
         **facts,
@@ -144,7 +141,7 @@ def _graded(
         "emitter_life_ratio": round(price.life_ratio, 4),
     }
     told = (
-        f"The display pays for the denser middle: emitters, alike in all cells, of {price.share:.1%} of the pixel in "
+        f"The display pays for the denser {denser}: emitters, alike in all cells, of {price.share:.1%} of the pixel in "
         f"each colour instead of {price.uniform_share:.1%}, which live {price.life_ratio:.2f} as long at equal "
         "luminance."
     )

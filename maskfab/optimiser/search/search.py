@@ -23,6 +23,7 @@ from maskfab.model import Opening, Tiling
 from maskfab.optimiser.bounds.auc_bound import rings
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
+from maskfab.optimiser.maps.cluster import Groups
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
 from maskfab.optimiser.model.expected_psnr import surrogate_behind
 from maskfab.optimiser.model.layout_error import PupilError, pupil_error
@@ -116,7 +117,7 @@ def search(
     if section.map is not None:
         wide = surrogate_behind(scenes, room, taking=taking, leak_scenes=MAP_LEAK_SCENES)
         error = pupil_error(wide, weights=section.weights)
-    if error is not None and section.map is not None and section.objective != "auc" and section.density is None:
+    if error is not None and section.map is not None and section.objective != "auc" and not _of_two_openings(section):
         found = shortlisted(
             found,
             section.shortlist,
@@ -135,7 +136,16 @@ def search(
         return allowed(other, replace(rules, clear_dots=clear_dots), expected, clock, progress)
 
     laid = mapped(
-        section, found.best.unit, rules, estimate, error, origin(section, command, made_for), of_count, clock, progress
+        section,
+        found.best.unit,
+        rules,
+        estimate,
+        error,
+        origin(section, command, made_for),
+        of_count,
+        clock,
+        progress,
+        groups=_groups(section, scenes, rules.dot_nm, camera, taking),
     )
     if display is not None and laid.outer is None:
         _require_fit(display, laid, rules)
@@ -192,6 +202,23 @@ def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: 
         periodic=section.tiling is Tiling.PERIODIC,
         mapped=laid.designed is not None,
     )
+
+
+def _groups(
+    section: SearchSection, scenes: Sequence[Photograph], dot_nm: int, camera: PhotoCamera, taking: Taking
+) -> Groups | None:
+    """Judgement of groups of pixels; None where they share no light."""
+    if section.cluster is None:
+        return None
+    room = lattice(section.cluster * section.dots, dot_nm, camera=camera)
+    require_size(room)
+    estimate = surrogate_behind(scenes, room, taking=taking, leak_scenes=MAP_LEAK_SCENES)
+    value = ExpectedPsnr(estimate, False, taking.levels, section.weights or ())
+    return Groups(value, pupil_error(estimate, weights=section.weights))
+
+
+def _of_two_openings(section: SearchSection) -> bool:
+    return section.density is not None or section.cluster is not None
 
 
 def _require_fit(display: Display, laid: Mapped, rules: Constraints) -> None:
