@@ -127,6 +127,8 @@ def test_curves_are_exact_among_all_shapes(scenes: tuple[Photograph, ...], shown
             wired = [n for n in lines if shown.asking(required=0.0, lines=n).unwired(unit, DOT_NM) is None]
             if wired:
                 every.append((round(worth(unit), 9), round(footprints(unit), 9), max(wired)))
+        top = max(value for value, _, _ in every)
+        every = [each for each in every if each[0] >= top - 0.5]
         best = {p for p in every if not any(all(a >= b for a, b in zip(q, p, strict=True)) and q != p for q in every)}
         told = {(round(p.judged.value, 9), round(p.judged.footprint, 9), p.judged.lines) for p in curve.front}
         assert told == best

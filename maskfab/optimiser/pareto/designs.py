@@ -69,12 +69,13 @@ def designs(
 
 
 def _job(spec: JobSpec, section: SearchSection, each: FrontPoint, name: str) -> str:
-    """A job that asks of a search what this design has, its emitters rounded down to a hundredth of a percent."""
+    """A job that asks of a search what this design has: of its emitters as much as the job keeps of the largest, rounded
+    down to a hundredth of a percent."""
     asked = {"name": name, "clear_dots": each.judged.clear_dots, "fit": True, "output": f"{name}_designed.toml"}
     if section.map is not None:
         asked["map_output"] = f"{name}_designed_map.toml"
-    footprint = math.floor(_DIGITS * each.judged.footprint) / _DIGITS
     assert spec.emitters is not None
+    footprint = math.floor(_DIGITS * spec.emitters.keep * each.judged.footprint) / _DIGITS
     emitters = spec.emitters.model_copy(update={"required": max(footprint, spec.emitters.required)})
     wires = None
     if spec.wires is not None and each.judged.lines:

@@ -1,8 +1,9 @@
 """Designs for a display, and what they trade: light, restored photographs, emitters, wires and grain.
 
-Every shape is judged by its expected restored PSNR. From the best downwards, its footprint and the lines that pass it
-are measured, and only where a bound leaves room above all that were measured before. So each curve is exact among all
-shapes judged; footprints are those of rectangles and straight cuts, which crooked emitters may exceed. What is on a
+Every shape is judged by its expected restored PSNR. From the best downwards, to half a decibel below it, its footprint and
+the lines that pass it are measured, and only where a bound leaves room for a quarter of a percent of the pixel above all
+that were measured before. So each curve is exact, to that step, among all shapes judged; footprints are those of
+rectangles and straight cuts, which crooked emitters may exceed. What is on a
 curve is then laid on the panel of a die, with its map, and held against the display by the check itself.
 """
 
@@ -45,6 +46,10 @@ from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
 
 _BATCH = 64
+_STEP = 0.0025
+"""Footprints count as more from so much of the pixel on: less is no reason for another design."""
+_DEPTH_DB = 0.5
+"""Openings whose PSNR is so far below the best that the display fits are not looked at: fewer dots do better there."""
 
 
 def rules_of(section: SearchSection, display: Display, compared: Sequence[Opening] = ()) -> Constraints:
@@ -244,11 +249,13 @@ class _Sweep:
         for done, (each, bound) in enumerate(self._bounded(ranked)):
             if done % _BATCH == 0:
                 self.progress(f"{count} clear dots: emitters and wires", done, len(ranked))
-            if bound < least or bound <= min(widest.values()) + ROUNDING:
+            if steps and each.value < steps[0].value - _DEPTH_DB:
+                break
+            if bound < least or bound <= min(widest.values()) + _STEP:
                 continue
             footprint = self.footprints(each.unit)
             measured += 1
-            better = [lines for lines in self.lines if footprint > widest[lines] + ROUNDING]
+            better = [lines for lines in self.lines if footprint > widest[lines] + (_STEP if widest[lines] else 0.0)]
             if footprint < least or not better or not self._roomy(each.unit):
                 continue
             passed = None
@@ -316,7 +323,8 @@ class _Sweep:
         cells = None
         if designed is not None and self.error is not None:
             cells = map_of(self.section, self.error, designed, {})
-        held = self._asked(each.footprint - ROUNDING, each.lines)
+        # As much as the job keeps for light that is better centred, so that grain is that of emitters as they are laid.
+        held = self._asked(self.display.rules.keep * each.footprint - ROUNDING, each.lines)
         found = held.on(held.die(each.unit, self.rules.dot_nm, cells, None))
         why = misfit(found)
         return self._point(each, designed, cells, found) if why is None else f"{each.shape}: {why}"
