@@ -60,6 +60,12 @@ dot = "14 um"
 pitch = "98 um"
 tiling = "periodic"
 """
+EMITTERS = """
+[emitters]
+colour_gap = "14 um"
+min_width = "14 um"
+circuit = "1 um^2"
+"""
 DRAWING = ".......\n" * 3 + "####...\n" * 3 + ".......\n"
 BAR = f'name = "bar"\npitch = "98 um"\ndots = 7\ngrid = """\n{DRAWING}"""\n'
 DESIGNED = '\n[provenance]\nauthor = "maskfab"\nexpected_psnr_24 = 20.0\n'
@@ -169,16 +175,19 @@ def test_files_given_a_place_lie_there_whatever_the_job_says(folder):
     assert moved == {"opening": folder / "there" / "x.toml", "map": folder / "there" / "x_map.toml"}
 
 
-def test_a_sweep_judges_behind_the_jobs_camera(folder, capsys):
+def test_a_sweep_judges_behind_the_jobs_camera_and_in_its_light(folder, capsys):
     images = "--images", folder / "photographs"
     best = {}
     for name in ("phone", "fast"):
-        out = folder / f"pareto_{name}"
-        require_notes(told(capsys, "pareto", folder / f"{name}.toml", "--out", out, *images)["notes"])
-        require_notes(json.loads((out / "pareto.json").read_text())["notes"])
-        files = [openings.load_opening(path) for path in sorted(out.rglob("*.toml"))]
+        job, out = folder / f"{name}_display.toml", folder / f"pareto_{name}"
+        job.write_text((folder / f"{name}.toml").read_text() + EMITTERS)
+        notes = told(capsys, "pareto", job, "--out", out, *images)["notes"]
+        assert notes == ["Skipped, as no photographs: by_whom.txt."]
+        assert json.loads((out / "pareto.json").read_text())["notes"] == notes
+        files = [openings.load_opening(path) for path in sorted(out.rglob("*.toml")) if "_job" not in path.name]
         best[name] = max(each.provenance["expected_psnr_32"] for each in files)
-        assert all(each.provenance["camera"] == camera_line(load_job(folder / f"{name}.toml").camera) for each in files)
+        assert all(each.provenance["camera"] == camera_line(load_job(job).camera) for each in files)
+        assert all("linear light" in each.provenance["protocol"] for each in files)
     assert abs(best["phone"] - best["fast"]) > 0.1
 
 
@@ -229,7 +238,7 @@ def test_shipped_openings_of_f1_are_at_home_in_shipped_jobs():
 def test_dots_too_coarse_for_the_camera_are_refused_before_any_scene_is_drawn(folder, capsys, verb, monkeypatch):
     monkeypatch.setattr("maskfab.camera.scenes.bundled", None)
     job = folder / "coarse.toml"
-    job.write_text((folder / "phone.toml").read_text().replace('"1 mm"', '"800 um"'))
+    job.write_text((folder / "phone.toml").read_text().replace('"1 mm"', '"800 um"') + EMITTERS)
     assert run_command_line([verb[0], str(job), *verb[1:], "--quiet"]) == 2
     refusal = capsys.readouterr().err
     assert "MF135" in refusal

@@ -202,7 +202,8 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
             cure=f"Add [emitters], and [wires] if they must be wired, or remove {key}",
         )
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
-    across = before = lattice(section.dots, dot_nm, camera=PhotoCamera.of(spec.camera.camera(), where=where)).cells
+    camera = PhotoCamera.of(spec.camera.camera(), where=where)
+    across = before = lattice(section.dots, dot_nm, camera=camera, where=f"{where}: design.dots").cells
     if spec.plate is not None:
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
         across = max(across, side_nm // (section.dots * dot_nm))

@@ -1,4 +1,4 @@
-"""What a front is made of: openings with the numbers that are traded against each other."""
+"""Points of a front: openings with the numbers that are traded against each other."""
 
 from __future__ import annotations
 

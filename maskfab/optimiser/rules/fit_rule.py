@@ -55,7 +55,7 @@ class Display:
         return cls(rules, orientations(tiling, before_stop, before_stop, seed), tiling, seed, across)
 
     def asking(self, *, required: float, lines: int) -> Display:
-        """The same display with another least footprint, and so many lines each way; 0 for none."""
+        """This display with another least footprint, and so many lines each way; 0 for none."""
         wires = self.rules.wires
         held = None if wires is None or not lines else replace(wires, lines=lines)
         rules = replace(self.rules, emitters=replace(self.rules.emitters, required=required), wires=held)
@@ -77,7 +77,7 @@ class Display:
         return self.panel(unit, dot_nm, placed(given, rows, columns, self.seed, openings=held, where="design"), outer)
 
     def on(self, panel: Panel) -> Feasibility | None:
-        """What the check says of a panel; None for a sheet that has no pixels."""
+        """Answer of the check to a panel; None for a sheet that has no pixels."""
         return feasibility(panel, self.rules)
 
     def broken_on(self, panel: Panel) -> str | None:

@@ -1,7 +1,8 @@
 """Designs for a display: restored photographs against emitters, one field for each number of lines.
 
 A curve is drawn as what it says: a design serves for its own footprint and every smaller one, and for its own lines and
-fewer, so it is a stair that comes from the left and stands in every field that it serves. The colours are those of
+fewer, so it is a stair that comes from the left and stands in every field that it serves. A given opening is a star,
+hollow where fewer lines pass it than the field asks for. The colours are those of
 cividis, whose lightness rises alike for colour-blind readers; every curve also has a mark of its own.
 """
 
@@ -98,10 +99,9 @@ def _field(axes: Axes, found: Pareto, lines: int) -> None:
         _curve(axes, serving, left, shades[k], _MARKS[k % len(_MARKS)], label)
     for number, each in enumerate(found.compared, start=1):
         label = f"{number}  {each.shape}, {each.open_ratio:.1%}, {each.lines} lines"
-        if each.lines < lines:
-            continue
         x, y = 100 * each.footprint, each.value
-        axes.plot(x, y, "*", color=INK, markersize=9, zorder=4, label=label)
+        filled = INK if each.lines >= lines else "white"
+        axes.plot(x, y, "*", color=INK, markerfacecolor=filled, markersize=9, zorder=4, label=label)
         axes.annotate(f"{number}", (x, y), (5, 4), textcoords="offset points", fontsize=7.5)
     axes.set_xlabel("area of each colour's emitter (% of the pixel)")
     axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
