@@ -69,8 +69,7 @@ def designs(
 
 
 def _job(spec: JobSpec, section: SearchSection, each: FrontPoint, name: str) -> str:
-    """A job that asks of a search what this design has: of its emitters as much as the job keeps of the largest, rounded
-    down to a hundredth of a percent."""
+    """A job that asks of a search what this design has, and of its emitters as much as is kept of the largest."""
     asked = {"name": name, "clear_dots": each.judged.clear_dots, "fit": True, "output": f"{name}_designed.toml"}
     if section.map is not None:
         asked["map_output"] = f"{name}_designed_map.toml"
