@@ -1,10 +1,10 @@
 """Designs for a display, and what they trade: light, restored photographs, emitters, wires and grain.
 
-Every shape is judged by its expected restored PSNR. From the best downwards, to half a decibel below it, its footprint
-and the lines that pass it are measured, and only where a bound leaves room for a quarter of a percent of the pixel
-above all that were measured before. So each curve is exact, to that step, among all shapes judged; footprints are those
-of rectangles and straight cuts, which crooked emitters may exceed. What is on a curve is then laid on the panel of a die,
-with its map, and held against the display by the check itself.
+Every shape is judged by its expected restored PSNR. From the best downwards, to half a decibel below it, its
+footprint and the lines that pass it are measured, and only where a bound leaves room for a quarter of a percent of
+the pixel above all that were measured before. So each curve is exact, to that step, among all shapes judged;
+footprints are those of rectangles and straight cuts, which crooked emitters may exceed. What is on a curve is then
+laid on the panel of a die, with its map, and held against the display by the check itself.
 """
 
 from __future__ import annotations
