@@ -23,7 +23,7 @@ from maskfab.display.emitters.free_area import EVERY, free_region
 from maskfab.display.emitters.freeform import guillotine
 from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.display.emitters.rectangles import three_rectangles
-from maskfab.display.wires.flow import DIRECTIONS, line_flow
+from maskfab.display.wires.flow import DIRECTIONS, Net
 from maskfab.display.wires.ports import ports
 from maskfab.eye import grain
 from maskfab.model import Emitters, Opening, Panel, Tiling, orient
@@ -72,7 +72,7 @@ def test_the_third_largest_component_decides() -> None:
 def test_symmetric_openings_have_ports_and_openings_on_the_sides_have_none() -> None:
     """Lines beside and between four blobs meet in all orientations; many lines alone do not bring a port."""
     blobs = ~four_blobs()
-    through = [line_flow(blobs, way).count for way in DIRECTIONS]
+    through = [Net(blobs, way).count() for way in DIRECTIONS]
     assert through[0] == through[1] == 13
     assert ports(blobs).count == 13
     # Openings at the middle of one side: as many lines as before from side to side, none of which comes out anywhere
@@ -80,7 +80,7 @@ def test_symmetric_openings_have_ports_and_openings_on_the_sides_have_none() -> 
     turned = np.ones((21, 21), dtype=bool)
     turned[0, ::2] = turned[1::2, 0] = False
     turned[0, 10] = True
-    flow = min(line_flow(turned, way).count for way in DIRECTIONS)
+    flow = min(Net(turned, way).count() for way in DIRECTIONS)
     assert flow >= 8
     assert ports(turned).count <= 1
 

@@ -1,14 +1,11 @@
-"""The most opaque lines that cross a pixel through closed dots, the lines, and the barrier that stops one more.
+"""The most opaque lines that cross a pixel through closed dots, and the lines.
 
-A dot carries so many lines per layer; lines step between dots that share a side, since corners do not conduct. The
-count is a maximum flow with capacities on the dots. By planar duality it equals the cheapest barrier: a chain of dots
-from one flank to the other, joined by sides or corners, that costs nothing at an opening and its capacity at a closed
-dot. Every line crosses it, so it is a proof that a reader can check by counting.
+A dot carries one line; lines step between dots that share a side, since corners do not conduct. The count is a maximum
+flow with capacities on the dots, and by Menger's theorem the fewest dots that cut one side off from the other.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
@@ -16,9 +13,7 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
-from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.errors import JobError
-from maskfab.model import frozen
 
 Mask = NDArray[np.bool_]
 Indices = NDArray[np.intp]
@@ -27,53 +22,27 @@ Direction = Literal["vertical", "horizontal"]
 DIRECTIONS: tuple[Direction, Direction] = ("vertical", "horizontal")
 
 
-@dataclass(frozen=True, eq=False)
-class Lines:
-    """The most lines of one layer through closed dots.
-
-    Attributes:
-        direction: vertical lines run from the lowest row to the highest, horizontal ones from the left to the right.
-        paths: intp [k, 2] row and column of each dot of each line, in order; at most ``capacity`` through one dot.
-        capacity: lines that a dot carries.
-        certificate: the barrier, whose closed dots carry no more lines than there are.
-    """
-
-    direction: Direction
-    paths: tuple[Indices, ...]
-    capacity: int
-    certificate: Certificate
-
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "paths", tuple(frozen(path) for path in self.paths))
-
-    @property
-    def count(self) -> int:
-        return len(self.paths)
-
-
 class Net:
     """The flow network of a pixel in one direction, made once and asked for many sets of ports.
 
     Args:
-        closed: bool [n, n], True where a line may run.
-        direction: which way the lines go.
-        capacity: lines that a dot carries.
+        closed: bool [n, n], y up, True where a line may run.
+        direction: vertical lines run from the lowest row to the highest, horizontal ones from the left to the right.
 
     Raises:
-        JobError: MF120 if the dots are not a square or the capacity is less than 1.
+        JobError: MF120 if the dots are not a square.
     """
 
-    def __init__(self, closed: Mask, direction: Direction, capacity: int = 1) -> None:
-        if closed.ndim != 2 or closed.shape[0] != closed.shape[1] or capacity < 1:
+    def __init__(self, closed: Mask, direction: Direction) -> None:
+        if closed.ndim != 2 or closed.shape[0] != closed.shape[1]:
             raise JobError(
                 "MF120",
-                f"{capacity} lines per dot on dots {closed.shape} cannot be counted",
+                f"lines through dots {closed.shape} cannot be counted",
                 where="wiring",
-                cure="Give a square of dots that carry at least 1 line each",
+                cure="Give a square of dots",
             )
         self.direction = direction
         self._upright = np.ascontiguousarray(closed if direction == "vertical" else closed.T)
-        self._capacity = capacity
         self._ids = np.flatnonzero(self._upright)
         self._number = np.full(self._upright.shape, -1, dtype=np.int32)
         self._number.flat[self._ids] = np.arange(self._ids.size, dtype=np.int32)
@@ -86,7 +55,7 @@ class Net:
     def paths(self, ports: Indices | None = None) -> tuple[Indices, ...]:
         """The lines themselves, first side to last, ordered along the first side; intp [k, 2] row and column.
 
-        Through dots of capacity 1 lines cannot cross, so those through ports come out at the port they went in by
+        A dot carries one line, so that lines cannot cross, so those through ports come out at the port they went in by
         when all ports are used.
         """
         flow = self._solve(ports).flow.tocoo()
@@ -104,35 +73,6 @@ class Net:
         found = [self._walk(start, onward) for start in sorted(starts)]
         return tuple(self._places(walk) for walk in found)
 
-    def barrier(self) -> tuple[Mask, int]:
-        """The cheapest chain of dots, joined by sides or corners, between the flanks, and what its closed dots carry;
-        among equals the shortest."""
-        n = self._upright.shape[0]
-        length = 1 / (2 * n * n)
-        cost = np.where(self._upright, 1.0, 0.0) + length
-        number = np.arange(n * n).reshape(n, n)
-        tails, heads = [], []
-        for dy, dx in ((0, 1), (1, 0), (1, 1), (1, -1)):
-            here = number[: n - dy, max(0, -dx) : n - max(0, dx)].ravel()
-            there = number[dy:, max(0, dx) : n + min(0, dx)].ravel()
-            tails += [here, there]
-            heads += [there, here]
-        first, last = n * n, n * n + 1
-        tails += [np.full(n, first), number[:, -1]]
-        heads += [number[:, 0], np.full(n, last)]
-        tail, head = np.concatenate(tails), np.concatenate(heads)
-        weight = np.append(cost.ravel(), [length, length])[head]
-        graph = sparse.csr_matrix((weight, (tail, head)), shape=(n * n + 2, n * n + 2))
-        _, before = csgraph.dijkstra(graph, indices=first, return_predecessors=True)
-        chain = np.zeros(n * n, dtype=np.bool_)
-        at = int(before[last])
-        while at != first:
-            chain[at] = True
-            at = int(before[at])
-        upright = chain.reshape(n, n)
-        carried = int((upright & self._upright).sum()) * self._capacity
-        return (upright if self.direction == "vertical" else upright.T), carried
-
     def _solve(self, ports: Indices | None) -> Any:
         size = self._ids.size
         dots = np.arange(size, dtype=np.int32)
@@ -145,7 +85,7 @@ class Net:
         tails = (2 * dots, 2 * self._tail + 1, np.full(starts.size, source), 2 * stops + 1)
         heads = (2 * dots + 1, 2 * self._head, 2 * starts, np.full(stops.size, sink))
         tail, head = np.concatenate(tails), np.concatenate(heads)
-        data = np.full(tail.size, self._capacity, dtype=np.int32)
+        data = np.ones(tail.size, dtype=np.int32)
         graph = sparse.csr_matrix((data, (tail, head)), shape=(2 * size + 2, 2 * size + 2))
         return csgraph.maximum_flow(graph, source, sink)
 
@@ -167,30 +107,6 @@ class Net:
         rows, columns = np.unravel_index(self._ids[walk], self._upright.shape)
         pair = (rows, columns) if self.direction == "vertical" else (columns, rows)
         return np.stack(pair, axis=1).astype(np.intp)
-
-
-def line_flow(closed: Mask, direction: Direction, *, capacity: int = 1, dot_nm: int = 0) -> Lines:
-    """The most lines between opposite sides of a pixel.
-
-    Args:
-        closed: bool [n, n], y up, True where a line may run.
-        direction: vertical from bottom to top, horizontal from left to right.
-        capacity: lines that a dot carries.
-        dot_nm: side of a dot, for the certificate.
-
-    Raises:
-        JobError: MF120 if the dots are not a square or the capacity is less than 1.
-    """
-    net = Net(closed, direction, capacity)
-    paths = net.paths()
-    barrier, carried = net.barrier()
-    shut = carried // capacity
-    statement = (
-        f"every {direction} line crosses a chain of {int(barrier.sum())} dots, {shut} of them closed, "
-        f"which carry {carried} lines"
-    )
-    numbers = {"lines": float(len(paths)), "closed_dots": float(shut), "capacity": float(capacity)}
-    return Lines(direction, paths, capacity, Certificate(Proof.FLOW, statement, numbers, barrier, dot_nm))
 
 
 def _neighbours(number: NDArray[np.int32]) -> tuple[NDArray[np.int32], NDArray[np.int32]]:

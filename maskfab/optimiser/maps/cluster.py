@@ -21,12 +21,10 @@ from maskfab.display.light import LightDemand
 from maskfab.errors import JobError
 from maskfab.jobfile import SearchSection
 from maskfab.model import ORIENTATIONS, orient, side_by_side
-from maskfab.optimiser.maps.density import Graded, behind, display_price
+from maskfab.optimiser.maps.density import Graded, behind, display_price, shown
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.fit_rule import Display
-from maskfab.plate.maps import CellMap
 from maskfab.plate.tiling import MOST_OPENINGS
 from maskfab.progress import Progress, silent
 
@@ -133,14 +131,10 @@ def clustered(
             progress=progress,
         )
         pixels = _cut(pixel_map(designed, arranged), error.cells)
-        display: Display | None = constraints["emitters"] or None
-        lines = None
-        if display is not None:
-            die = display.die(units[0], constraints.dot_nm, CellMap("map", pixels.orientations), units[1])
-            if (broken := display.broken_on(die)) is not None:
-                why = broken
-                continue
-            lines = display.most_lines(die)
+        broken, lines = shown(units, pixels.orientations, constraints)
+        if broken is not None:
+            why = broken
+            continue
         price = display_price(mask, units, constraints, light or LightDemand(), lines)
         return Graded(units, pixels, error.psnr(first), clear, price)
     raise JobError(

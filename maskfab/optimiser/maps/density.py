@@ -138,14 +138,10 @@ def graded(
             keep_units=True,
             progress=progress,
         )
-        display: Display | None = constraints["emitters"] or None
-        lines = None
-        if display is not None:
-            die = display.die(units[0], constraints.dot_nm, CellMap("map", designed.orientations), units[1])
-            if (broken := display.broken_on(die)) is not None:
-                why = broken
-                continue
-            lines = display.most_lines(die)
+        broken, lines = shown(units, designed.orientations, constraints)
+        if broken is not None:
+            why = broken
+            continue
         price = display_price(mask, units, constraints, light or LightDemand(), lines)
         return Graded(units, designed, error.psnr(first), clear, price)
     raise JobError(
@@ -154,6 +150,19 @@ def graded(
         where="design.fit",
         cure="Ask for fewer lines, smaller emitters, a smaller density or another tiling_seed",
     )
+
+
+def shown(units: Mask, kinds: NDArray[np.int8], constraints: Constraints) -> tuple[str | None, int | None]:
+    """Why the display that must be held does not fit two openings on their map, and the lines each way if it does.
+
+    Both are None where no display, or none with wires, must be held.
+    """
+    display: Display | None = constraints["emitters"] or None
+    if display is None:
+        return None, None
+    die = display.die(units[0], constraints.dot_nm, CellMap("map", kinds), units[1])
+    broken = display.broken_on(die)
+    return broken, None if broken is not None else display.most_lines(die)
 
 
 def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], constraints: Constraints) -> Iterator[Mask]:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 from scipy import ndimage
 
-from maskfab.display.wires.flow import DIRECTIONS, Net, line_flow
+from maskfab.display.wires.flow import DIRECTIONS, Direction, Net
 from maskfab.display.wires.gutter import WireRules, lines_per_layer
 from maskfab.display.wires.ports import ports
 from maskfab.display.wires.reach import reaches
@@ -16,37 +18,45 @@ from maskfab.model import ORIENTATIONS, Emitters, orient
 
 @pytest.mark.parametrize("seed", range(20))
 @pytest.mark.parametrize("direction", DIRECTIONS)
-def test_lines_equal_the_barrier_and_are_disjoint(seed: int, direction: str) -> None:
+def test_lines_are_disjoint_and_as_many_as_were_counted(seed: int, direction: Direction) -> None:
     closed = np.random.default_rng(seed).random((11, 11)) < 0.5 + 0.02 * seed
-    found = line_flow(closed, direction)  # type: ignore[arg-type]
+    net = Net(closed, direction)
     axis = 0 if direction == "vertical" else 1
     used = np.zeros(closed.shape, dtype=int)
-    for path in found.paths:
+    for path in net.paths():
         assert (abs(np.diff(path, axis=0)).sum(axis=1) == 1).all()
         assert path[0, axis] == 0
         assert path[-1, axis] == 10
         used[tuple(path.T)] += 1
     assert used.max(initial=0) <= 1
     assert not (used.astype(bool) & ~closed).any()
-    barrier = found.certificate.witness
-    assert barrier is not None
-    assert (barrier & closed).sum() == found.count
-    pieces, _ = ndimage.label(closed & ~barrier)
-    ends = np.take(pieces, 0, axis), np.take(pieces, -1, axis)
-    assert not set(ends[0][ends[0] > 0]) & set(ends[1][ends[1] > 0])
+    assert len(net.paths()) == net.count()
 
 
-def test_slit_corners_and_capacity() -> None:
+@pytest.mark.parametrize("seed", range(8))
+def test_as_many_lines_pass_as_dots_must_be_opened_to_stop_them(seed: int) -> None:
+    closed = np.random.default_rng(seed).random((5, 5)) < 0.7
+    dots = np.argwhere(closed)
+
+    def passes(opened: tuple[int, ...]) -> bool:
+        left = closed.copy()
+        left[tuple(dots[list(opened)].T)] = False
+        pieces, _ = ndimage.label(left)
+        return bool(set(pieces[0][pieces[0] > 0]) & set(pieces[-1][pieces[-1] > 0]))
+
+    fewest = next(k for k in range(6) if not all(passes(each) for each in combinations(range(len(dots)), k)))
+    assert Net(closed, "vertical").count() == fewest
+
+
+def test_slit_and_corners() -> None:
     slit = np.ones((21, 21), dtype=bool)
     slit[:, 8:13] = False
-    assert (line_flow(slit, "vertical").count, line_flow(slit, "horizontal").count) == (16, 0)
+    assert (Net(slit, "vertical").count(), Net(slit, "horizontal").count()) == (16, 0)
     assert ports(slit).count == 0
-    assert line_flow(np.eye(5, dtype=bool), "vertical").count == 0
-    assert line_flow(np.ones((4, 4), dtype=bool), "vertical", capacity=3).count == 12
-    assert line_flow(np.zeros((4, 4), dtype=bool), "vertical").count == 0
-    for wrong, capacity in ((np.ones((3, 4), dtype=bool), 1), (np.ones((3, 3), dtype=bool), 0)):
-        with pytest.raises(JobError, match="MF120"):
-            line_flow(wrong, "vertical", capacity=capacity)
+    assert Net(np.eye(5, dtype=bool), "vertical").count() == 0
+    assert Net(np.zeros((4, 4), dtype=bool), "vertical").count() == 0
+    with pytest.raises(JobError, match="MF120"):
+        Net(np.ones((3, 4), dtype=bool), "vertical")
 
 
 def test_ports_hold_in_every_orientation_and_no_larger_set_does() -> None:
