@@ -36,7 +36,7 @@ def stated() -> str:
     """The job, to be read from any folder."""
     text = JOB.read_text()
     for folder in ("openings", "maps"):
-        text = text.replace(f'= "{folder}/', f'= "{JOB.parent / folder}/')
+        text = text.replace(f'"{folder}/', f'"{JOB.parent / folder}/')
     return text
 
 
