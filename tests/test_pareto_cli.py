@@ -23,6 +23,7 @@ pitch = "168 um"
 clear_dots = 12
 map = "equal_light"
 positions = 2
+shortlist = 2
 
 [pareto]
 clear_dots = { from = 9, to = 12, step = 3 }
@@ -34,6 +35,9 @@ gap_to_opening = "21 um"
 colour_gap = "21 um"
 min_width = "21 um"
 circuit = "1 um^2"
+
+[process.spread]
+bias = "0.3 um"
 
 [wires]
 line = "8 um"
@@ -82,7 +86,10 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
     (given,) = told["compared"]
     assert given["name"] == "given"
     assert given["best_gain_db"] >= 0
-    assert told["notes"] == ["Of [design] a sweep does not use: positions; the jobs of its designs do."]
+    assert told["notes"] == [
+        "Of [design] a sweep does not use: shortlist, positions; the jobs of its designs do.",
+        "Not used of the job, for a sweep appraises nothing over it: [process.spread].",
+    ]
     page = (out / "pareto.html").read_text()
     assert "<script" not in page
     for each in found:
@@ -121,6 +128,7 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
         ('colour_gap = "21 um"', 'colour_gap = "21.001 um"', "MF118"),
         ('compare = ["given.toml"]', "anneal = -1", "MF104"),
         ("lines = [0, 1]", "lines = []", "MF105"),
+        ("clear_dots = 12\n", "clear_dots = 12\nweights = [1, 2]\n", "MF105"),
         ("lines = [0, 1]", "lines = [-1]", "MF104"),
     ],
 )
@@ -138,7 +146,9 @@ def test_bad_requests_are_refused(job: Path, capsys: pytest.CaptureFixture[str])
     without = job.parent / "plain.toml"
     without.write_text(plain[: plain.index("[pareto]")] + plain[plain.index("[camera]") :])
     relaxed = job.parent / "relaxed.toml"
-    relaxed.write_text(plain.replace('map = "equal_light"\npositions = 2', 'method = "relax"\ntiling_seed = 1'))
+    relaxed.write_text(
+        plain.replace('map = "equal_light"\npositions = 2\nshortlist = 2', 'method = "relax"\ntiling_seed = 1')
+    )
     out = str(job.parent / "out")
     for arguments, code in (
         ([str(without), "--out", out], "MF105"),

@@ -98,7 +98,7 @@ def _possible(spec: JobSpec, where: str) -> Display | None:
     if isinstance(section, SearchSection):
         from maskfab.optimiser.search.scan import require_shapes
 
-        _require_weights(section, taking_of(spec), where)
+        require_weights(section, taking_of(spec), where)
         _require_room(spec, section, where)
         camera = PhotoCamera.of(spec.camera.camera(), where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
@@ -257,7 +257,12 @@ def section_of(spec: JobSpec, where: str) -> DesignSection:
     return spec.design
 
 
-def _require_weights(section: SearchSection, taking: Taking, where: str) -> None:
+def require_weights(section: SearchSection, taking: Taking, where: str) -> None:
+    """Refuse weights that are not one for each level of light.
+
+    Raises:
+        JobError: MF105.
+    """
     if section.weights is not None and len(section.weights) != len(taking.levels):
         told = ", ".join(f"{level:g}" for level in taking.levels)
         raise JobError(

@@ -12,9 +12,9 @@ from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.transfer import lattice
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
-from maskfab.jobfile import SearchSection, read
+from maskfab.jobfile import JobSpec, SearchSection, read
 from maskfab.opening.openings import load_opening, opening_text
-from maskfab.optimiser.design import notes_of, scenes_of, stated_display, taking_of
+from maskfab.optimiser.design import notes_of, require_weights, scenes_of, stated_display, taking_of
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
 from maskfab.optimiser.pareto.front import JudgedOpening, Pareto
 from maskfab.optimiser.pareto.sweep import lines_of, rules_of, sweep
@@ -26,7 +26,7 @@ from maskfab.units import parse_time_s
 if TYPE_CHECKING:
     from maskfab.report.plots.sheet import Drawing
 
-_OF_ONE_DESIGN = ("objective", "anneal", "positions", "joint", "density")
+_OF_ONE_DESIGN = ("objective", "anneal", "shortlist", "positions", "joint", "density", "cluster", "most_dots")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -110,6 +110,7 @@ def pareto(
         )
     camera = PhotoCamera.of(spec.camera.camera(), where=str(path))
     taking = taking_of(spec)
+    require_weights(section, taking, str(path))
     limit_s = None if budget is None else parse_time_s(budget, where="budget")
     compared = [load_opening(path.parent / each) for each in spec.pareto.compare]
     texts = {opening.name: opening_text(opening) for opening in compared}
@@ -138,14 +139,17 @@ def pareto(
     )
     made = designs(found, spec, command or f"maskfab.pareto({path.as_posix()!r})", camera, taking)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
-    return ParetoFront(found, made, digest, (*notes_of(spec, scenes, taking), *_idle(section)))
+    return ParetoFront(found, made, digest, (*notes_of(spec, scenes, taking), *_idle(spec, section)))
 
 
-def _idle(section: SearchSection) -> tuple[str, ...]:
-    """Sentence on what a sweep leaves out of [design]."""
+def _idle(spec: JobSpec, section: SearchSection) -> tuple[str, ...]:
+    """Sentences on what a sweep leaves out of [design], and of what is made."""
     fields = type(section).model_fields
     idle = [key for key in _OF_ONE_DESIGN if getattr(section, key) != fields[key].default]
-    return (f"Of [design] a sweep does not use: {', '.join(idle)}; the jobs of its designs do.",) if idle else ()
+    told = [f"Of [design] a sweep does not use: {', '.join(idle)}; the jobs of its designs do."] if idle else []
+    if spec.process is not None and spec.process.spread is not None:
+        told.append("Not used of the job, for a sweep appraises nothing over it: [process.spread].")
+    return tuple(told)
 
 
 def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:

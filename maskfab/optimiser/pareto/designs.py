@@ -1,4 +1,4 @@
-"""The designs of a front as files: an opening, its map, and the job that finds them again and goes on from there."""
+"""The designs of a front as files: an opening, its map, and a job that asks for as much."""
 
 from __future__ import annotations
 
