@@ -101,6 +101,17 @@ class Display:
         wires = self.rules.wires
         return 0 if wires is None else wires.lines - int(wires.transparent_nm > 0)
 
+    def lines_told(self, pitch_nm: int) -> str:
+        """Opaque lines that must pass, and the width of a pixel that they take."""
+        if self.rules.wires is None:
+            return "no lines"
+        line = self.rules.wires.rules
+        width, space, clearance = (each / NM_PER_UM for each in (line.line_nm, line.space_nm, line.clearance_nm))
+        return (
+            f"{self.opaque_lines} lines {width:g} um wide, {space:g} um apart and {clearance:g} um from openings take "
+            f"{self.opaque_lines * (width + space):g} um of the {pitch_nm / NM_PER_UM:g} um of a pixel"
+        )
+
     def without_wires(self, panel: Panel) -> Feasibility | None:
         """Its emitters and their circuits on a panel, were there nothing to wire."""
         return feasibility(panel, replace(self.rules, wires=None))
@@ -211,8 +222,6 @@ def _crowd(constraints: Constraints, need_um2: float, what: str) -> str | None:
 def _unwired(constraints: Constraints, unit: Mask) -> str | None:
     """The whole display, so that emitters without a way to the pixel's side count too."""
     display: Display = constraints["wires"]
-    if display.rules.wires is None:
-        return None
     return display.unwired(unit, constraints.dot_nm) or display.broken_on(display.panel(unit, constraints.dot_nm))
 
 
@@ -231,8 +240,10 @@ def _not_fitting_beside(constraints: Constraints, units: Mask) -> bool:
 def _by_nothing(constraints: Constraints) -> Conflict | None:
     """Not even a pixel without an opening can be wired."""
     display: Display = constraints["wires"]
-    why = display.unwired(constraints.nothing, constraints.dot_nm)
-    return None if why is None else Conflict(("wires",), f"not even a pixel without an opening can be wired: {why}")
+    if display.unwired(constraints.nothing, constraints.dot_nm) is None:
+        return None
+    told = display.lines_told(constraints.dots * constraints.dot_nm)
+    return Conflict(("wires",), f"not even a pixel without an opening can be wired: {told}")
 
 
 def _off_centre(constraints: Constraints, unit: Mask) -> str | None:

@@ -28,7 +28,6 @@ from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.orbits import orbits
 from maskfab.progress import Progress
-from maskfab.units import NM_PER_UM
 
 PRICED = 200
 """Best openings of a scan among which rules are priced."""
@@ -84,17 +83,13 @@ def require_shapes(section: SearchSection, rules: Constraints) -> None:
             )
         units = units[_symmetric(units, symmetry)]
     most = None if display is None or section.density is not None else display.lines_beside(units, rules.dot_nm)
-    if display is None or display.rules.wires is None or most is None:
+    if display is None or most is None:
         return
     if int(most.max()) < display.opaque_lines:
-        line = display.rules.wires.rules
-        width, space, clearance = (each / NM_PER_UM for each in (line.line_nm, line.space_nm, line.clearance_nm))
-        need, pitch = display.opaque_lines * (width + space), section.dots * rules.dot_nm / NM_PER_UM
         raise JobError(
             "MF123",
-            f"{told} lets {display.opaque_lines} lines pass along x and along y: {width:g} um wide, {space:g} um apart "
-            f"and {clearance:g} um from openings, they take {need:g} um of the {pitch:g} um of a pixel, and no more "
-            f"than {int(most.max())} pass a chain of openings across",
+            f"{told} lets so many lines pass along x and y: {display.lines_told(section.dots * rules.dot_nm)}, and "
+            f"no more than {int(most.max())} pass a chain of openings across",
             where="wires.lines",
             cure=f"Use at most {int(most.max())} lines, finer ones, or fewer clear_dots",
         )
