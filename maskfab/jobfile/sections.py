@@ -399,6 +399,11 @@ class ParetoSection(Section):
     """Evaluations of a search dot by dot at each point, footprint and lines kept."""
     points: int = Field(default=4, ge=1, le=100)
     """Designs of each curve, spread over it, that are annealed, given their map and laid on a die."""
+    density: Annotated[
+        tuple[Annotated[float, Field(gt=0, lt=1, allow_inf_nan=False)], ...], Field(max_length=16, strict=False)
+    ] = ()
+    """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the
+    light of each curve."""
 
 
 class EmittersSection(Section):

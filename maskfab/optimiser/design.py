@@ -99,7 +99,8 @@ def _possible(spec: JobSpec, where: str) -> Display | None:
         from maskfab.optimiser.search.scan import require_shapes
 
         require_weights(section, taking_of(spec), where)
-        _require_room(spec, section, where)
+        if section.fit and spec.emitters is not None:
+            require_room(section, spec.emitters.required, where=f"{where}: design")
         camera = PhotoCamera.of(spec.camera.camera(), where=where)
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
         spread_of(spec, where)
@@ -273,8 +274,13 @@ def require_weights(section: SearchSection, taking: Taking, where: str) -> None:
         )
 
 
-def _require_room(spec: JobSpec, section: SearchSection, where: str) -> None:
+def require_room(section: SearchSection, required: float, *, where: str) -> None:
     """Refuse denser pixels whose openings and emitters are more than a pixel.
+
+    Args:
+        section: with its density or cluster, if it has any.
+        required: least share of the pixel for each colour.
+        where: the section, for errors.
 
     Raises:
         JobError: MF104 for dots of a group that no pixels share; MF123 where emitters need more than is closed.
@@ -286,15 +292,13 @@ def _require_room(spec: JobSpec, section: SearchSection, where: str) -> None:
         key, stated, dense = "density", section.density, section.density
     else:
         return
-    if not section.fit or spec.emitters is None:
-        return
-    closed, needed = 1 - dense, 3 * spec.emitters.required
+    closed, needed = 1 - dense, 3 * required
     if needed > closed + 1e-9:
         raise JobError(
             "MF123",
             f"{key} = {stated:g} leaves {closed:.1%} of the pixel closed, and three emitters of "
-            f"{spec.emitters.required:.1%} are {needed - closed:.1%} of the pixel more",
-            where=f"{where}: design.{key}",
+            f"{required:.1%} are {needed - closed:.1%} of the pixel more",
+            where=f"{where}.{key}",
             cure=f"Leave {min(1.0, needed):.1%} of the pixel closed, or ask for smaller emitters",
         )
 

@@ -35,6 +35,10 @@ def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Seque
         return {
             "name": each.name,
             **_numbers(point.judged, found.levels),
+            "shape": point.shape,
+            "density": point.middle,
+            "footprint": point.footprint,
+            "lines": point.lines,
             "mapped": point.mapped is not None,
             "panel_psnr_db": point.value,
             "panel_psnr_by_level_db": _by_level(point.psnr, found.levels),
@@ -57,7 +61,7 @@ def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Seque
                 "misfits": list(curve.misfits),
                 "complete": curve.complete,
                 "refusal": curve.refusal,
-                "designs": [told(by_point[id(each)]) for each in curve.front],
+                "designs": [told(by_point[id(each)]) for each in curve.points],
             }
             for curve in found.curves
         ],
@@ -74,16 +78,26 @@ def table(found: Pareto, designs: Designs) -> str:
     buffer = io.StringIO()
     rows = csv.writer(buffer, lineterminator="\n")
     psnr = [f"panel_psnr_{level:g}_db" for level in found.levels]
-    columns = ["open_ratio", "expected_psnr_db", "panel_psnr_db", *psnr, "footprint", "lines", "grain_rms", "best"]
+    columns = [
+        "open_ratio",
+        "density",
+        "expected_psnr_db",
+        "panel_psnr_db",
+        *psnr,
+        "footprint",
+        "lines",
+        "grain_rms",
+        "best",
+    ]
     rows.writerow(["kind", "name", "shape", "clear_dots", *columns])
     best = set(map(id, found.best))
     for each in designs:
         point, judged = each.point, each.point.judged
-        numbers = [judged.open_ratio, judged.value, point.value, *point.psnr, judged.footprint]
-        told = [*(f"{number:.6f}" for number in numbers), judged.lines, f"{point.grain:.6f}", int(id(point) in best)]
-        rows.writerow(["design", each.name, judged.shape, judged.clear_dots, *told])
+        numbers = [judged.open_ratio, point.middle, judged.value, point.value, *point.psnr, point.footprint]
+        told = [*(f"{number:.6f}" for number in numbers), point.lines, f"{point.grain:.6f}", int(id(point) in best)]
+        rows.writerow(["design", each.name, point.shape, judged.clear_dots, *told])
     for other in found.compared:
-        alone = [f"{number:.6f}" for number in (other.open_ratio, other.value)]
+        alone = [f"{number:.6f}" for number in (other.open_ratio, other.open_ratio, other.value)]
         unlaid = [""] * (1 + len(found.levels))
         told = [*alone, *unlaid, f"{other.footprint:.6f}", other.lines, "", 0]
         rows.writerow(["given", other.shape, other.shape, other.clear_dots, *told])
@@ -100,6 +114,8 @@ def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], desig
         for each in designs:
             names = _files(each)
             _text(folder / names["opening"], opening_text(each.opening))
+            if each.outer is not None:
+                _text(folder / names["outer"], opening_text(each.outer))
             _text(folder / names["job"], each.job)
             if each.map is not None:
                 _text(folder / names["map"], map_text(each.map))
@@ -121,6 +137,8 @@ def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], desig
 
 def _files(each: FrontDesign) -> dict[str, str]:
     named = {"opening": f"{each.name}.toml", "job": f"{each.name}_job.toml"}
+    if each.outer is not None:
+        named["outer"] = f"{each.name}_outer.toml"
     return named if each.map is None else {**named, "map": f"{each.name}_map.toml"}
 
 

@@ -11,7 +11,6 @@ import pytest
 from maskfab.camera.transfer import CELLS, lay
 from maskfab.display.emitters.fit import footprint
 from maskfab.display.feasibility import DisplayRules
-from maskfab.display.light import LightDemand
 from maskfab.errors import JobError
 from maskfab.jobfile import EmittersSection, parse_section
 from maskfab.model import ORIENTATIONS, Tiling, orient
@@ -99,7 +98,7 @@ def test_emitters_alike_in_all_cells_keep_clear_of_both_units():
     """What counts is what is clear in either unit, whichever is told first and wherever it lies."""
     dense, beyond = block(21), block(4)[:, ::-1]
     shares = [
-        display_price(block(12), np.stack(pair), RULES, LightDemand()).share
+        display_price(block(12), np.stack(pair), RULES).share
         for pair in ([dense, block(4)], [dense, beyond], [beyond, dense])
     ]
     both = footprint(RULES.opening(dense | beyond), 24000, 0, range(ORIENTATIONS), RULES.emitters, largest=True)
@@ -107,12 +106,12 @@ def test_emitters_alike_in_all_cells_keep_clear_of_both_units():
 
 
 def test_a_panel_that_is_no_denser_anywhere_costs_nothing():
-    price = display_price(block(12), np.stack([block(12), block(4)]), RULES, LightDemand())
+    price = display_price(block(12), np.stack([block(12), block(4)]), RULES)
     assert (price.current_ratio, price.life_ratio) == (1, 1)
 
 
 def test_a_cell_without_room_has_no_life():
-    price = display_price(block(12), np.stack([block(49), block(4)]), RULES, LightDemand())
+    price = display_price(block(12), np.stack([block(49), block(4)]), RULES)
     assert (price.share, price.current_ratio, price.life_ratio) == (0, math.inf, 0)
 
 

@@ -25,7 +25,7 @@ from maskfab.optimiser.model.expected_psnr import surrogate_behind
 from maskfab.optimiser.model.taking import F1_TAKING
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
 from maskfab.optimiser.pareto.front import JudgedOpening, Pareto, spread
-from maskfab.optimiser.pareto.sweep import lines_of, rules_of, sweep
+from maskfab.optimiser.pareto.sweep import lines_of, require_densities, rules_of, sweep
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr
 from maskfab.optimiser.rules.families import bars
@@ -62,10 +62,7 @@ def swept(pareto: ParetoSection, of: SearchSection, scenes: tuple[Photograph, ..
 def covers(wide: Pareto, narrow: Pareto) -> bool:
     """Whether every design of one has an equal or a better in the other."""
     return all(
-        any(
-            w.value >= n.value - 1e-12 and w.judged.footprint >= n.judged.footprint and w.judged.lines >= n.judged.lines
-            for w in wide.points
-        )
+        any(w.value >= n.value - 1e-12 and w.footprint >= n.footprint and w.lines >= n.lines for w in wide.points)
         for n in narrow.points
     )
 
@@ -159,6 +156,38 @@ def test_every_design_fits_its_display_and_its_job_asks_for_it(scenes: tuple[Pho
         assert shown.rules.wires.lines == each.point.judged.lines
         assert each.point.mapped is not None
         assert each.map is not None
+
+
+def test_a_denser_middle_shares_the_light_of_its_curve_and_fits(scenes: tuple[Photograph, ...]) -> None:
+    spec = job()
+    of = spec.design
+    assert isinstance(of, SearchSection)
+    found = sweep(asked(12, lines=[1], points=1, density=[0.25, 0.9]), of, scenes, SHOWN)
+    (curve,) = found.curves
+    (denser,) = curve.denser
+    assert denser.density == 0.25
+    assert denser.middle == 16 / DOTS**2 > denser.units[1].mean()
+    assert denser.value > curve.front[0].value
+    assert denser.footprint < curve.front[0].footprint
+    assert [each for each in curve.misfits if each.startswith("density 0.9, 1 lines: MF1")]
+    made = next(each for each in designs(found, spec, "x") if each.point is denser)
+    assert made.outer is not None
+    again = validate(loads(made.job), where="job")
+    assert isinstance(again.design, SearchSection)
+    assert again.design.density == 0.25
+    assert again.design.clear_dots == 12
+    shown = display_of(again, "job")
+    assert shown is not None
+    assert shown.broken_on(shown.die(made.opening.mask, DOT_NM, made.map, made.outer.mask)) is None
+
+
+@pytest.mark.parametrize(
+    ("density", "changed", "code"), [(0.5, {"map": None}, "MF105"), (0.1, {}, "MF104"), (0.9, {}, "MF123")]
+)
+def test_densities_that_cannot_be_are_refused(density: float, changed: dict[str, object], code: str) -> None:
+    of = section(**{"map": "equal_light", **changed})
+    with pytest.raises(MaskfabError, match=code):
+        require_densities(asked(12, density=[density]), of, SHOWN.asking(required=0.05, lines=1))
 
 
 def job() -> JobSpec:

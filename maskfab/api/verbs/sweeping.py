@@ -16,8 +16,8 @@ from maskfab.jobfile import JobSpec, SearchSection, read
 from maskfab.opening.openings import load_opening, opening_text
 from maskfab.optimiser.design import notes_of, require_weights, scenes_of, stated_display, taking_of
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
-from maskfab.optimiser.pareto.front import JudgedOpening, Pareto
-from maskfab.optimiser.pareto.sweep import lines_of, rules_of, sweep
+from maskfab.optimiser.pareto.front import FrontPoint, JudgedOpening, Pareto
+from maskfab.optimiser.pareto.sweep import lines_of, require_densities, rules_of, sweep
 from maskfab.progress import Progress, silent
 from maskfab.report import pareto_files
 from maskfab.threads import one_thread
@@ -123,6 +123,7 @@ def pareto(
         )
     display = stated_display(spec, section, str(path), key="pareto")
     lines_of(spec.pareto, display, where=f"{path}: pareto.lines")
+    require_densities(spec.pareto, section, display, where=f"{path}: pareto")
     rules = rules_of(section, display, compared)
     lattice(section.dots, rules.dot_nm, camera=camera, where=f"{path}: design.dots")
     scenes = scenes_of(None if images is None else Path(images), section)
@@ -167,9 +168,9 @@ def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
             f"evaluated, emitters and wires of {curve.measured} measured{between}{cut}"
         )
         lines += [
-            f"  {'*' if id(each) in best else ' '} {_told(each.value, each.judged)}, grain {each.grain:.5f}  "
-            f"{names[id(each)]}: {each.judged.shape}"
-            for each in curve.front
+            f"  {'*' if id(each) in best else ' '} {_told(each.value, each)}, grain {each.grain:.5f}  "
+            f"{names[id(each)]}: {each.shape}"
+            for each in curve.points
         ]
         lines += [f"    does not fit on a die: {each}" for each in curve.misfits]
     for given in found.compared:
@@ -183,5 +184,5 @@ def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:
     return lines
 
 
-def _told(value: float, each: JudgedOpening) -> str:
+def _told(value: float, each: JudgedOpening | FrontPoint) -> str:
     return f"{value:.2f} dB  emitters {each.footprint:.2%}  {each.lines} lines"

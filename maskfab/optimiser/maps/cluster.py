@@ -17,7 +17,6 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.display.light import LightDemand
 from maskfab.errors import JobError
 from maskfab.jobfile import SearchSection
 from maskfab.model import ORIENTATIONS, orient, side_by_side
@@ -91,7 +90,6 @@ def clustered(
     constraints: Constraints,
     seed: int = 0,
     kicks: int = 0,
-    light: LightDemand | None = None,
     progress: Progress = silent,
 ) -> Graded:
     """Design a panel of groups whose pixels share their light unevenly, at equal light.
@@ -105,7 +103,6 @@ def clustered(
         constraints: that each unit keeps for its own count of clear dots, and both beside one another.
         seed: of the random map, and of the arrangements.
         kicks: as of :func:`maskfab.optimiser.maps.orientation_map.design_map`.
-        light: whose ageing exponent counts; None for the usual one.
         progress: as ``design_map`` tells.
 
     Raises:
@@ -135,7 +132,7 @@ def clustered(
         if broken is not None:
             why = broken
             continue
-        price = display_price(mask, units, constraints, light or LightDemand(), lines)
+        price = display_price(mask, units, constraints, lines)
         return Graded(units, pixels, error.psnr(first), clear, price)
     raise JobError(
         "MF123",

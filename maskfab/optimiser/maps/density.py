@@ -98,7 +98,6 @@ def graded(
     constraints: Constraints,
     seed: int = 0,
     kicks: int = 0,
-    light: LightDemand | None = None,
     progress: Progress = silent,
 ) -> Graded:
     """Design a panel whose middle is denser, at equal light; where a display must fit, one that it fits.
@@ -111,7 +110,6 @@ def graded(
         constraints: that each unit keeps for its own count of clear dots, and both beside one another.
         seed: of the random map.
         kicks: as of :func:`maskfab.optimiser.maps.orientation_map.design_map`.
-        light: whose ageing exponent counts; None for the usual one.
         progress: as ``design_map`` tells.
 
     Raises:
@@ -142,7 +140,7 @@ def graded(
         if broken is not None:
             why = broken
             continue
-        price = display_price(mask, units, constraints, light or LightDemand(), lines)
+        price = display_price(mask, units, constraints, lines)
         return Graded(units, designed, error.psnr(first), clear, price)
     raise JobError(
         "MF123",
@@ -248,16 +246,13 @@ def counts(uniform: Mask, error: PupilError, share: float) -> tuple[int, int]:
     return dense, sparse
 
 
-def display_price(
-    uniform: Mask, units: Mask, constraints: Constraints, light: LightDemand, lines: int | None = None
-) -> DisplayPrice:
+def display_price(uniform: Mask, units: Mask, constraints: Constraints, lines: int | None = None) -> DisplayPrice:
     """Cost for the display, from the largest emitters found around one unit, and around both, in all orientations.
 
     Args:
         uniform: bool [dots, dots].
         units: bool [2, dots, dots].
-        constraints: whose rules of emitters hold.
-        light: whose ageing exponent counts.
+        constraints: whose rules of emitters hold, and whose display's light says how fast emitters age.
         lines: that are drawn each way; None where none are asked for.
 
     Raises:
@@ -271,5 +266,7 @@ def display_price(
     before, share = largest(uniform), largest(np.logical_or(*units))
     fits = before > 0 and share > 0
     ratio = before / share if fits else math.inf
+    display: Display | None = constraints["emitters"] or None
+    light = LightDemand() if display is None else display.rules.light
     life = relative_life(ratio, 1.0, light.ageing_exponent) if fits else 0.0
     return DisplayPrice(before, share, ratio, life, lines)

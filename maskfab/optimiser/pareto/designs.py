@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.jobfile import JobSpec, SearchSection
@@ -16,6 +17,8 @@ from maskfab.plate.maps import CellMap
 
 _SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "wires", "light")
 _DIGITS = 1e4
+_OF_ONE_OPENING = {"positions": 1, "joint": 0, "shortlist": 1}
+"""Keys of [design] that a denser middle has no use for, as if they were not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -25,7 +28,8 @@ class FrontDesign:
     Attributes:
         name: the job's, the clear dots and its place in the curve.
         point: its numbers.
-        opening: with its provenance.
+        opening: with its provenance; of a denser middle, the one in the middle.
+        outer: the one beyond it; None for one opening.
         map: of its cells, if it has one.
         job: text of a job whose [design] asks for this light, these emitters and lines.
     """
@@ -33,6 +37,7 @@ class FrontDesign:
     name: str
     point: FrontPoint
     opening: Opening
+    outer: Opening | None
     map: CellMap | None
     job: str
 
@@ -52,33 +57,41 @@ def designs(
     assert isinstance(section, SearchSection)
     named = []
     for curve in found.curves:
-        for place, each in enumerate(curve.front, start=1):
+        for place, each in enumerate(curve.points, start=1):
             name = f"{section.name[:14]}_{curve.clear_dots}_{place}"
             facts: Facts = {
                 **origin(section, command, camera_facts(camera, taking)),
-                "shape": each.judged.shape,
+                "shape": each.shape,
                 **by_level("expected_psnr", each.psnr, found.levels),
-                "footprint": round(each.judged.footprint, 6),
-                "lines": each.judged.lines,
+                "footprint": round(each.footprint, 6),
+                "lines": each.lines,
                 "evaluated": curve.evaluated,
             }
-            opening = Opening(name, each.judged.unit, found.dot_nm, facts)
+            opening = Opening(name, each.units[0], found.dot_nm, facts)
+            outer = None if len(each.units) == 1 else Opening(f"{name}_outer", each.units[1], found.dot_nm, facts)
             held = None if each.cells is None else CellMap(f"{name}_map", each.cells.cells, facts, each.cells.shifts)
-            named.append(FrontDesign(name, each, opening, held, _job(spec, section, each, name)))
+            named.append(FrontDesign(name, each, opening, outer, held, _job(spec, section, each, name)))
     return tuple(named)
 
 
 def _job(spec: JobSpec, section: SearchSection, each: FrontPoint, name: str) -> str:
     """A job that asks of a search what this design has, and of its emitters as much as is kept of the largest."""
-    asked = {"name": name, "clear_dots": each.judged.clear_dots, "fit": True, "output": f"{name}_designed.toml"}
+    asked: dict[str, Any] = {
+        "name": name,
+        "clear_dots": each.judged.clear_dots,
+        "fit": True,
+        "output": f"{name}_designed.toml",
+    }
     if section.map is not None:
         asked["map_output"] = f"{name}_designed_map.toml"
     assert spec.emitters is not None
-    footprint = math.floor(_DIGITS * spec.emitters.keep * each.judged.footprint) / _DIGITS
+    if each.density is not None:
+        asked |= {"density": each.density, **_OF_ONE_OPENING}
+    footprint = math.floor(_DIGITS * spec.emitters.keep * each.footprint) / _DIGITS
     emitters = spec.emitters.model_copy(update={"required": max(footprint, spec.emitters.required)})
     wires = None
-    if spec.wires is not None and each.judged.lines:
-        wires = spec.wires.model_copy(update={"lines": each.judged.lines})
+    if spec.wires is not None and each.lines:
+        wires = spec.wires.model_copy(update={"lines": each.lines})
     held = {"design": section.model_copy(update=asked), "emitters": emitters, "wires": wires}
     changed = spec.model_copy(update=held)
     plain = changed.model_dump(mode="json", exclude_none=True, exclude_defaults=True)

@@ -50,10 +50,15 @@ class JudgedOpening:
 
 @dataclass(frozen=True, eq=False)
 class FrontPoint:
-    """A design that fits: an opening on a panel, with emitters and wires.
+    """A design that fits: an opening, or two, on a panel, with emitters and wires.
 
     Attributes:
-        judged: the opening.
+        judged: the opening; of a denser middle, the one on whose panel it passes as much light.
+        shape: of what is laid, in words.
+        units: bool [1 or 2, dots, dots], what is laid, the denser one first.
+        density: share of the dots that was asked for in the middle of the stop; None for one opening.
+        footprint: share of the pixel that each colour covers, mean over the emitters' ratio, alike in all cells.
+        lines: most opaque lines, of the numbers that were asked about, that cross every pixel each way.
         mapped: expected restored PSNR in dB by level on its panel, whose map had one descent; None without a map.
         value: of what is laid: weighted mean over the levels, mapped if there is a map.
         cells: its map, if there is one.
@@ -61,6 +66,11 @@ class FrontPoint:
     """
 
     judged: JudgedOpening
+    shape: str
+    units: Mask
+    density: float | None
+    footprint: float
+    lines: int
     mapped: tuple[float, ...] | None
     value: float
     cells: CellMap | None
@@ -71,9 +81,14 @@ class FrontPoint:
         """By level, of what is laid."""
         return self.judged.psnr if self.mapped is None else self.mapped
 
+    @property
+    def middle(self) -> float:
+        """Clear share of a cell in the middle of the stop; of one opening, its open ratio."""
+        return float(self.units[0].mean())
+
     def betters(self, other: FrontPoint) -> bool:
         """Whether it has at least as much of everything that is wanted and as little grain, and is better in one."""
-        mine, its = ((p.value, p.judged.footprint, p.judged.lines, -p.grain) for p in (self, other))
+        mine, its = ((p.value, p.footprint, p.lines, -p.grain) for p in (self, other))
         return all(a >= b for a, b in zip(mine, its, strict=True)) and mine != its
 
 
@@ -83,7 +98,8 @@ class FrontCurve:
 
     Attributes:
         clear_dots: in a cell.
-        front: PSNR falling; no opening that was judged betters one of them in PSNR, footprint and lines.
+        front: of one opening, PSNR falling; none that was judged betters one of them in PSNR, footprint and lines.
+        denser: at the same light, with a denser middle, density rising.
         evaluated: shapes whose PSNR was computed.
         measured: those whose footprint and lines were measured too.
         left_out: openings that none betters either, between those of ``front``; a curve holds only so many.
@@ -94,12 +110,18 @@ class FrontCurve:
 
     clear_dots: int
     front: tuple[FrontPoint, ...]
+    denser: tuple[FrontPoint, ...]
     evaluated: int
     measured: int
     left_out: int
     misfits: tuple[str, ...]
     complete: bool
     refusal: str | None = None
+
+    @property
+    def points(self) -> tuple[FrontPoint, ...]:
+        """Those of one opening, then those of two."""
+        return (*self.front, *self.denser)
 
 
 @dataclass(frozen=True, eq=False)
@@ -123,7 +145,7 @@ class Pareto:
     @property
     def points(self) -> tuple[FrontPoint, ...]:
         """Those of all curves."""
-        return tuple(point for curve in self.curves for point in curve.front)
+        return tuple(point for curve in self.curves for point in curve.points)
 
     @property
     def best(self) -> tuple[FrontPoint, ...]:

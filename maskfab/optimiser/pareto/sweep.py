@@ -4,7 +4,8 @@ Every shape is judged by its expected restored PSNR. From the best downwards, to
 footprint and the lines that pass it are measured, and only where a bound leaves room for a quarter of a percent of
 the pixel above all that were measured before. So each curve is exact, to that step, among all shapes judged;
 footprints are those of rectangles and straight cuts, which crooked emitters may exceed. What is on a curve is then
-laid on the panel of a die, with its map, and held against the display by the check itself.
+laid on the panel of a die, with its map, and held against the display by the check itself. Beside the best of a curve
+stand designs of its light with more of it in the middle of the stop.
 """
 
 from __future__ import annotations
@@ -22,13 +23,14 @@ from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice
 from maskfab.display.circuit import pixel_room
-from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InputError, JobError
 from maskfab.eye.grain import predicted_rms
 from maskfab.eye.viewing import TELEPHONE_UM, Viewing
 from maskfab.jobfile import ParetoSection, SearchSection
 from maskfab.model import Opening, Tiling
 from maskfab.optimiser.clock import Clock
+from maskfab.optimiser.design import require_room
+from maskfab.optimiser.maps.density import graded
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
 from maskfab.optimiser.model.expected_psnr import surrogate_behind
 from maskfab.optimiser.model.layout_error import PupilError, pupil_error
@@ -41,7 +43,7 @@ from maskfab.optimiser.rules.families import FAMILIES
 from maskfab.optimiser.rules.fit_rule import Display, footprints_of, misfit, of_display
 from maskfab.optimiser.rules.footprints import Footprints
 from maskfab.optimiser.search.finish import FIRST_STEPS, MAP_LEAK_SCENES, map_of, map_seed
-from maskfab.plate.maps import CellMap
+from maskfab.optimiser.search.scan import allowed
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
 
@@ -92,6 +94,35 @@ def lines_of(pareto: ParetoSection, display: Display, *, where: str = "pareto.li
             cure="Add [wires], or remove lines",
         )
     return tuple(sorted(set(pareto.lines)))
+
+
+def require_densities(
+    pareto: ParetoSection, section: SearchSection, display: Display, *, where: str = "pareto"
+) -> None:
+    """Refuse denser middles that no design of a sweep can have.
+
+    Raises:
+        JobError: MF105 without a map; MF104 for a share that is no more than that of any curve; MF123 where emitters
+            need more than the denser pixels leave closed.
+    """
+    for share in pareto.density:
+        if section.map is None:
+            raise JobError(
+                "MF105",
+                "density needs a map",
+                where=f"{where}.density",
+                cure='Add map = "equal_light" to [design]',
+            )
+        least = min(pareto.clear_dots) / section.dots**2
+        if share <= least:
+            raise JobError(
+                "MF104",
+                f"density = {share:g} is not above the {least:.3g} of any curve",
+                where=f"{where}.density",
+                cure="Choose larger shares of clear dots for the middle",
+            )
+        asked = section.model_copy(update={"density": share})
+        require_room(asked, display.rules.emitters.required, where=where)
 
 
 def sweep(
@@ -148,7 +179,7 @@ def sweep(
             curves.append(work.curve(count, Clock(clock.left(1 / (len(counts) - done)))))
         except InputError as refusal:
             refusals.append(refusal)
-            curves.append(FrontCurve(count, (), 0, 0, 0, (), True, f"{refusal.code} {refusal.what}"))
+            curves.append(FrontCurve(count, (), (), 0, 0, 0, (), True, f"{refusal.code} {refusal.what}"))
     if len(refusals) == len(counts):
         raise refusals[0]
     given = tuple(work.given(opening) for opening in compared)
@@ -207,8 +238,11 @@ class _Sweep:
                 where="pareto.clear_dots",
                 cure="Ask for less of the display, or for another tiling_seed",
             )
+        shares = () if clock.over else tuple(sorted(set(self.pareto.density)))
+        denser, unlike = self._denser(kept[0], rules, shares, clock)
         left_out = len(kept) - len(chosen)
-        return FrontCurve(count, points, evaluated, measured, left_out, misfits, complete)
+        whole = complete and len(shares) == len(set(self.pareto.density))
+        return FrontCurve(count, points, denser, evaluated, measured, left_out, (*misfits, *unlike), whole)
 
     def given(self, opening: Opening) -> JudgedOpening:
         footprint = self.footprints(opening.mask)
@@ -323,20 +357,74 @@ class _Sweep:
         cells = None
         if designed is not None and self.error is not None:
             cells = map_of(self.section, self.error, designed, {})
-        # As much as the job keeps for light that is better centred, so that grain is that of emitters as they are laid.
-        held = self._asked(self.display.rules.keep * each.footprint - ROUNDING, each.lines)
-        found = held.on(held.die(each.unit, self.rules.dot_nm, cells, None))
-        why = misfit(found)
-        return self._point(each, designed, cells, found) if why is None else f"{each.shape}: {why}"
+        psnr = None if designed is None else designed.psnr
+        value = each.value if psnr is None else self._weighted(psnr)
+        shape, units = each.shape, each.unit[None]
+        return self._shown(FrontPoint(each, shape, units, None, each.footprint, each.lines, psnr, value, cells, 0.0))
 
-    def _point(
-        self, each: JudgedOpening, designed: DesignedMap | None, cells: CellMap | None, found: Feasibility | None
-    ) -> FrontPoint:
+    def _shown(self, point: FrontPoint) -> FrontPoint | str:
+        """The design with its grain on a die, or why it does not fit that.
+
+        Emitters are as large as the job asks where they may be smaller for light that is better centred.
+        """
+        held = self._asked(self.display.rules.keep * point.footprint - ROUNDING, point.lines)
+        outer = None if len(point.units) == 1 else point.units[1]
+        found = held.on(held.die(point.units[0], self.rules.dot_nm, point.cells, outer))
+        why = misfit(found)
+        if why is not None:
+            return f"{point.shape}: {why}"
         pitch_um = self.rules.dots * self.rules.dot_nm / NM_PER_UM
         wander_px = 0.0 if found is None else found.wander_px
-        grain = predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM))
-        psnr = None if designed is None else designed.psnr
-        return FrontPoint(each, psnr, each.value if psnr is None else self._weighted(psnr), cells, grain)
+        return replace(point, grain=predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM)))
+
+    def _denser(
+        self, uniform: JudgedOpening, rules: Constraints, shares: Sequence[float], clock: Clock
+    ) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
+        """Designs of an opening's light with a denser middle, each for the most lines that pass; why others fail."""
+        points: list[FrontPoint] = []
+        misfits: list[str] = []
+        for share in shares:
+            made: FrontPoint | str = ""
+            for lines in reversed(self.lines):
+                made = self._of_two(uniform, rules, share, lines, clock)
+                if isinstance(made, FrontPoint):
+                    break
+            if isinstance(made, FrontPoint):
+                points.append(made)
+            else:
+                misfits.append(made)
+        return tuple(points), tuple(misfits)
+
+    def _of_two(
+        self, uniform: JudgedOpening, rules: Constraints, share: float, lines: int, clock: Clock
+    ) -> FrontPoint | str:
+        held = self._holding(rules, 0.0, lines)
+
+        def find(count: int) -> Iterator[Mask]:
+            section = self.section.model_copy(update={"clear_dots": count})
+            return allowed(section, replace(held, clear_dots=count), self.objective, clock, self._told(count))
+
+        assert self.error is not None
+        try:
+            made = graded(
+                uniform.unit,
+                self.error,
+                share,
+                find,
+                constraints=held,
+                seed=map_seed(self.section),
+                progress=self._told(uniform.clear_dots),
+            )
+        except InputError as refusal:
+            return f"density {share:g}, {lines} lines: {refusal.code} {refusal.what}"
+        dense, sparse = (int(unit.sum()) for unit in made.units)
+        shape = f"{dense} dots in the middle, {sparse} beyond"
+        cells, psnr = map_of(self.section, self.error, made.designed, {}), made.designed.psnr
+        value, covered = self._weighted(psnr), made.price.share
+        return self._shown(FrontPoint(uniform, shape, made.units, share, covered, lines, psnr, value, cells, 0.0))
+
+    def _told(self, count: int) -> Progress:
+        return lambda stage, done, total: self.progress(f"{count} clear dots: {stage}", done, total)
 
     def _mapped(self, unit: Mask, steps: int | None) -> DesignedMap | None:
         if self.section.map is None or self.error is None:

@@ -41,6 +41,7 @@ def pareto_page(found: Pareto, designs: Sequence[FrontDesign], document: Mapping
         compared=document["compared"],
         curves=document["curves"],
         notes=document["notes"],
+        uneven=any(each.outer is not None for each in designs),
         mapped=any(each.point.mapped is not None for each in designs),
     )
 

@@ -48,7 +48,7 @@ def svg(found: Pareto) -> str:
 
 def _fields(found: Pareto) -> tuple[int, ...]:
     """Numbers of lines that some design serves, at most so many."""
-    most = max(each.judged.lines for each in found.points)
+    most = max(each.lines for each in found.points)
     served = [lines for lines in found.lines if lines <= most]
     return tuple(served[-_MOST_FIELDS:])
 
@@ -87,7 +87,7 @@ def _drawn(found: Pareto) -> Figure:
 def _field(axes: Axes, found: Pareto, lines: int) -> None:
     curves = [curve for curve in found.curves if curve.front]
     shades = mpl.colormaps["cividis"](np.linspace(0, _LIGHTEST, len(curves)))
-    across = [100 * each.judged.footprint for each in found.points]
+    across = [100 * each.footprint for each in found.points]
     across += [100 * each.footprint for each in found.compared]
     room = 0.06 * (max(across) - min(across)) + 0.3
     left = max(0.0, min(across) - room)
@@ -95,8 +95,10 @@ def _field(axes: Axes, found: Pareto, lines: int) -> None:
     for k, curve in reversed(list(enumerate(curves))):
         ratio = curve.front[0].judged.open_ratio
         label = f"{ratio:.1%} open, {curve.clear_dots} dots"
-        serving = [each for each in curve.front if each.judged.lines >= lines]
-        _curve(axes, serving, left, shades[k], _MARKS[k % len(_MARKS)], label)
+        serving = [each for each in curve.front if each.lines >= lines]
+        mark = _MARKS[k % len(_MARKS)]
+        _curve(axes, serving, left, shades[k], mark, label)
+        _denser(axes, [each for each in curve.denser if each.lines >= lines], shades[k], mark)
     for number, each in enumerate(found.compared, start=1):
         label = f"{number}  {each.shape}, {each.open_ratio:.1%}, {each.lines} lines"
         x, y = 100 * each.footprint, each.value
@@ -112,9 +114,19 @@ def _field(axes: Axes, found: Pareto, lines: int) -> None:
         axes.spines[side].set_visible(False)
 
 
+def _denser(axes: Axes, serving: list[FrontPoint], colour: object, mark: str) -> None:
+    """Hollow marks with the clear share of the middle beside them."""
+    for each in serving:
+        x, y = 100 * each.footprint, each.value
+        axes.plot(
+            x, y, mark, markerfacecolor="white", markeredgecolor=colour, markeredgewidth=1.4, markersize=7, zorder=3
+        )
+        axes.annotate(f"{each.middle:.0%}", (x, y), (6, -3), textcoords="offset points", fontsize=6.5, color=INK)
+
+
 def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
     """The stair of those that none betters in this field, and marks for all that serve."""
-    across = [100 * each.judged.footprint for each in serving]
+    across = [100 * each.footprint for each in serving]
     up = [each.value for each in serving]
     widest, stair_x, stair_y = left, [left], []
     for x, y in sorted(zip(across, up, strict=True), key=lambda pair: (-pair[1], -pair[0])):
