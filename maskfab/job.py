@@ -23,6 +23,7 @@ from maskfab.progress import Progress, silent
 if TYPE_CHECKING:
     from maskfab.display.feasibility import DisplayRules
     from maskfab.display.place import Populated
+    from maskfab.processes import Alone
 
 
 @dataclass(frozen=True, eq=False)
@@ -88,12 +89,14 @@ class Job:
         """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.display.place`."""
         return self.displays_of(self.plate(), progress, largest=largest)
 
-    def displays_of(self, plate: Plate, progress: Progress = silent, *, largest: bool = False) -> Populated:
-        """Displays of the job's plate, which is laid out already."""
+    def displays_of(
+        self, plate: Plate, progress: Progress = silent, *, largest: bool = False, crew: Alone | None = None
+    ) -> Populated:
+        """Displays of the job's plate, which is laid out already; by a crew, if there is one."""
         from maskfab.display.place import Populated, populate
 
         rules = self.display_rules
-        return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest)
+        return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest, crew=crew)
 
 
 def load_job(path: str | Path) -> Job:

@@ -162,8 +162,9 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             plate = job.plate()
             check_processes(job, plate)
             check_pictures(job, plate)
+            Conditions.of(job, "camera")  # light that cannot be is refused before dies are worked on
+            built = job.displays_of(plate, progress, largest=True, crew=crew)
             photographs = begin_photographs(job, plate, crew)
-            built = job.displays_of(plate, progress, largest=True)
             plate = built.plate
         with clock.stage("draw"):
             made = draw_files(job, plate)

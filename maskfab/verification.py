@@ -87,7 +87,8 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         # A later version would sign its plates differently, which is no fault of this one.
         signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
         plate = compose(job.spec, job.openings, signature, where=job.where)
-        built = job.displays_of(plate, progress, largest=True)
+        with crew_of(job) as crew:
+            built = job.displays_of(plate, progress, largest=True, crew=crew)
         plate = built.plate
         made = draw_files(job, plate)
         of_shop = shop_quantities(job, made)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from functools import partial
 
 from maskfab.display.emitters.borders import meetings
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility, widest_gap
 from maskfab.display.wires.panel_routing import PanelLines
 from maskfab.model import WIRES, Die, Furniture, Panel, Plate
+from maskfab.processes import Alone, Given
 from maskfab.progress import Progress, silent
 
 
@@ -21,7 +23,14 @@ class Populated:
     found: Mapping[str, Feasibility]
 
 
-def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, largest: bool = False) -> Populated:
+def populate(
+    plate: Plate,
+    rules: DisplayRules,
+    progress: Progress = silent,
+    *,
+    largest: bool = False,
+    crew: Alone | None = None,
+) -> Populated:
     """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
 
     Wires that every pixel has alike are drawn with it, those that are laid across a die are furniture of the plate.
@@ -29,21 +38,24 @@ def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, 
     Args:
         plate: laid out, without emitters.
         rules: the maker's.
-        progress: told how many dies are done.
+        progress: told how many dies are done, of those that differ.
         largest: as for :func:`maskfab.display.feasibility.feasibility`.
+        crew: who works on the dies; what is found does not show who did.
 
     Raises:
         JobError: MF117, MF118 as :func:`maskfab.display.feasibility.feasibility`.
     """
-    known: dict[object, Feasibility | None] = {}
     dies: list[Die] = []
     lines: list[Furniture] = []
     found: dict[str, Feasibility] = {}
-    for done, die in enumerate(plate.dies):
-        progress("emitters", done, len(plate.dies))
-        key = (_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes())
-        if key not in known:
-            known[key] = feasibility(die.panel, rules, largest=largest)
+    keys = [(_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes()) for die in plate.dies]
+    panels = {key: die.panel for key, die in zip(reversed(keys), reversed(plate.dies), strict=True)}
+    distinct = list(dict.fromkeys(keys))
+    calls = [(partial(feasibility, largest=largest), _arguments(panels[key], rules)) for key in distinct]
+    progress("emitters", 0, len(calls))
+    tasks = (crew or Alone()).each(calls, lambda done: progress("emitters", done, len(calls)))
+    known = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}
+    for key, die in zip(keys, plate.dies, strict=True):
         answer = known[key]
         if answer is None:
             dies.append(die)
@@ -53,7 +65,6 @@ def populate(plate: Plate, rules: DisplayRules, progress: Progress = silent, *, 
         if answer.wiring is not None and answer.wiring.laid is not None and rules.wires is not None:
             lines += [_drawn(die, each, rules.wires.rules.line_nm) for each in answer.wiring.laid]
         dies.append(replace(die, panel=replace(die.panel, emitters=answer.emitters, tracks=tracks)))
-    progress("emitters", len(plate.dies), len(plate.dies))
     return Populated(replace(plate, dies=tuple(dies), furniture=(*plate.furniture, *lines)), found)
 
 
@@ -75,6 +86,10 @@ def widest_gaps(plate: Plate, rules: DisplayRules, progress: Progress = silent) 
             found[die.name] = answer
     progress("colour gaps", len(plate.dies), len(plate.dies))
     return found
+
+
+def _arguments(panel: Panel, rules: DisplayRules) -> Given:
+    return lambda: (panel, rules)
 
 
 def _drawn(die: Die, laid: PanelLines, line_nm: int) -> Furniture:

@@ -13,7 +13,7 @@ from maskfab.errors import SourceError
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.plate_layout import plate_layout
-from maskfab.model import CLEAR, Gauge
+from maskfab.model import CLEAR, WIRES, Furniture, Gauge
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
@@ -188,3 +188,22 @@ def test_dies_whose_dots_are_exact_need_no_polygons_compared(small_plate, seed):
     assert fewer.differences == every.differences
     assert fewer.dies == every.dies
     assert (fewer.differing ^ every.differing).is_empty()
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+def test_wires_are_told_one_by_one_and_laid_over_each_other_where_they_differ(small_plate, tmp_path, format_):
+    def wire(low: int) -> tuple[tuple[int, int], ...]:
+        return ((0, low), (0, low + 3000), (90_000, low + 3000), (90_000, low))
+
+    def wired(*wires: tuple[tuple[int, int], ...]):
+        return replace(small_plate, furniture=(*small_plate.furniture, Furniture("LINES", "wires", WIRES[0], wires)))
+
+    plate = wired(wire(0), wire(6000))
+    asked = plate, plate_layout(plate)
+    assert roundtrip(*asked, write(plate, tmp_path, format_)).differences == ()
+    moved = wired(wire(0), wire(6001))
+    (found,) = roundtrip(*asked, write(moved, tmp_path, format_)).differences
+    assert (found.layer, found.area_um2) == (WIRES[0], pytest.approx(2 * 90 * 0.001))
+    # Cut in two, it covers what it covered.
+    parts = tuple(tuple((x // 2 + half, y) for x, y in wire(0)) for half in (0, 45_000))
+    assert roundtrip(*asked, write(wired(*parts, wire(6000)), tmp_path, format_)).differences == ()

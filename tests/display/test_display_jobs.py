@@ -19,6 +19,7 @@ from maskfab.job import load_job
 from maskfab.measurement.wired import wired_quantities
 from maskfab.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
 from maskfab.optics.pupil.wire_transmission import veil
+from maskfab.processes import Alone, Pair
 from maskfab.readers.layout_file import read_layout
 from maskfab.report.plots.display_figures import pictures
 
@@ -237,3 +238,25 @@ def test_wires_all_over_dim_the_picture_and_leave_its_shape(tmp_path: Path) -> N
         else:
             assert 1e-3 < told["wired_psf_change"] < 1 - tau**2
     assert wired_quantities(die, loaded.camera) == ()
+
+
+def test_two_processes_find_what_one_finds_and_equal_dies_are_worked_on_once(tmp_path: Path) -> None:
+    wires = section("wires", line='"2 um"', space='"2 um"', clearance='"1 um"', lines=5)
+    one = load_job(job(tmp_path, emitters() + wires))
+    plate = one.plate()
+    plate = replace(plate, dies=(*plate.dies, replace(plate.dies[0], name="AGAIN")))
+    answers = []
+    for crew in (Alone(), Pair()):
+        told: list[tuple[str, int, int]] = []
+        with crew:
+            answers.append(one.displays_of(plate, lambda *said, told=told: told.append(said), crew=crew))
+        assert (told[0], told[-1]) == (("emitters", 0, len(plate.dies) - 1), ("emitters",) + (len(plate.dies) - 1,) * 2)
+    alone, pair = answers
+    assert list(alone.found) == list(pair.found) == [die.name for die in plate.dies]
+    assert any(found.wiring is not None and found.wiring.laid for found in alone.found.values())
+    assert alone.plate.furniture == pair.plate.furniture
+    for one_die, other in zip(alone.plate.dies, pair.plate.dies, strict=True):
+        assert one_die.panel.emitters is not None
+        assert other.panel.emitters is not None
+        assert np.array_equal(one_die.panel.emitters.labels, other.panel.emitters.labels)
+        assert one_die.panel.tracks == other.panel.tracks

@@ -22,6 +22,7 @@ from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import blank_of
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
 from maskfab.mask_shops.profiles import load_shop
+from maskfab.pipeline import crew_of
 from maskfab.progress import Progress, silent
 from maskfab.report import display_text, render_files
 from maskfab.report.documents import check_data
@@ -153,7 +154,8 @@ def check(
     plate = loaded.plate()
     asked = dies_of(die, [each.name for each in plate.dies])
     plate = replace(plate, dies=tuple(each for each in plate.dies if each.name in asked))
-    built = loaded.displays_of(plate, progress, largest=largest)
+    with crew_of(loaded) as crew:
+        built = loaded.displays_of(plate, progress, largest=largest, crew=crew)
     return DisplayCheck(built, widest_gaps(plate, rules, progress) if largest_gap else {}, loaded.digest)
 
 

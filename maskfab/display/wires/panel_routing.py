@@ -152,11 +152,17 @@ class _Passage:
                     here += passed
                     continue
             onward: Sequence[int] = range(starts[here], starts[here + 1])
+            nearest, ahead = 0, -1
             if len(onward) > 1:
-                onward = [run for run in onward if right[run] >= left[at] and left[run] <= right[at]]
-            ahead = [run for run in onward if high[run] >= least and low[run] <= most]
-            if ahead:
-                at = min(ahead, key=away)
+                begin, end = left[at], right[at]
+                onward = [run for run in onward if right[run] >= begin and left[run] <= end]
+            for run in onward:
+                if high[run] >= least and low[run] <= most:
+                    far = max(low[run] - wished, wished - high[run])
+                    if ahead < 0 or far < nearest:
+                        nearest, ahead = far, run
+            if ahead >= 0:
+                at = ahead
                 least, most, here = max(least, low[at]), min(most, high[at]), here + 1
                 continue
             at = min(onward, key=lambda run: max(low[run] - most, least - high[run]))
@@ -177,7 +183,7 @@ class _Column:
         free: stretches that openings leave.
         slabs: how many slabs there are.
         steps: int64 [2, m] pairs of stretches, in neighbouring slabs, that meet: where one slab ends and the next
-            begins, a line may lie where either lets it.
+            begins, a line may lie where either lets it. Stretches of a slab lie apart, so both rows ascend.
     """
 
     free: _Runs
@@ -199,20 +205,29 @@ class _Column:
 
     def _used(self, left: NDArray[np.bool_]) -> NDArray[np.bool_] | None:
         """Which stretches, of those that are left, lie on a way from the first slab to the last; None without a way."""
-        count = left.size
-        tails, heads = self.steps[:, left[self.steps[0]] & left[self.steps[1]]]
-        begin, end = count, count + 1
-        firsts = np.flatnonzero(left & (self.free.slab == 0))
-        lasts = np.flatnonzero(left & (self.free.slab == self.slabs - 1))
-        tail = np.concatenate((tails, lasts, np.full(firsts.size, begin)))
-        head = np.concatenate((heads, np.full(lasts.size, end), firsts))
-        graph = sparse.csr_matrix((np.ones(tail.size, dtype=np.int8), (tail, head)), shape=(count + 2, count + 2))
-        used = np.ones(count + 2, dtype=np.bool_)
-        for way, start in ((graph, begin), (graph.T.tocsr(), end)):
-            reached = np.zeros(count + 2, dtype=np.bool_)
-            reached[csgraph.breadth_first_order(way, start, return_predecessors=False)] = True
-            used &= reached
-        return used[:count] if used[begin] else None
+        kept = left[self.steps[0]] & left[self.steps[1]]
+        last = int(self.free.slab.searchsorted(self.slabs - 1))
+        first = int(self.free.slab.searchsorted(0, side="right"))
+        forth = self._reached(0, kept, np.flatnonzero(left[:first]))
+        back = self._reached(1, kept, last + np.flatnonzero(left[last:]))
+        used = forth & back
+        return used if used.any() else None
+
+    def _reached(self, side: Literal[0, 1], kept: NDArray[np.bool_], starts: Ints) -> NDArray[np.bool_]:
+        """Which stretches ways from some of them come to, by the steps that are kept, from that side of each."""
+        many = np.concatenate(([0], np.cumsum(kept)))[self._begins[side]]
+        onward = np.concatenate((self.steps[1 - side, kept], starts))
+        rows = np.concatenate((many, [onward.size]))
+        graph = sparse.csr_matrix((np.ones(onward.size), onward, rows), shape=(many.size, many.size))
+        reached = np.zeros(many.size, dtype=np.bool_)
+        reached[csgraph.breadth_first_order(graph, many.size - 1, return_predecessors=False)] = True
+        return reached[:-1]
+
+    @cached_property
+    def _begins(self) -> Ints:
+        """Where the steps of every stretch begin, by its place in them, and where the last ends; int64 [2, n + 1]."""
+        every = np.arange(self.free.slab.size + 1)
+        return np.stack([np.searchsorted(side, every) for side in self.steps])
 
 
 def _steps(runs: _Runs) -> Ints:
@@ -223,9 +238,13 @@ def _steps(runs: _Runs) -> Ints:
     # Those that a stretch meets stand in a row.
     begin = np.searchsorted(high, low + step, side="left")
     end = np.searchsorted(low, high + step, side="right")
+    return np.stack((np.repeat(np.arange(begin.size), np.maximum(end - begin, 0)), _in_rows(begin, end)))
+
+
+def _in_rows(begin: Ints, end: Ints) -> Ints:
+    """Numbers from every begin to before its end, one row after the other; none where the end does not come later."""
     many = np.maximum(end - begin, 0)
-    heads = np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum())
-    return np.stack((np.repeat(np.arange(many.size), many), heads))
+    return np.asarray(np.repeat(begin - (np.cumsum(many) - many), many) + np.arange(many.sum()))
 
 
 @dataclass(frozen=True, eq=False)
@@ -276,9 +295,13 @@ class _Field:
     def column(self, pixel: int) -> _Column:
         """Where the lines of a pixel across may lie."""
         half = self.rules.line_nm // 2
-        low = np.maximum(self.runs.low, (pixel - 1) * self.pitch_nm + half)
-        high = np.minimum(self.runs.high, (pixel + 2) * self.pitch_nm - half)
-        free = _Runs(self.runs.slab, low, high).kept(low <= high)
+        least, most = (pixel - 1) * self.pitch_nm + half, (pixel + 2) * self.pitch_nm - half
+        # Of every slab, those that reach between the two stand in a row.
+        begin = np.searchsorted(self._highs, self._slabs + least, side="left")
+        end = np.searchsorted(self._lows, self._slabs + most, side="right")
+        near = _in_rows(begin, end)
+        low, high = np.maximum(self.runs.low[near], least), np.minimum(self.runs.high[near], most)
+        free = _Runs(self.runs.slab[near], low, high)
         return _Column(free, self.cuts.size - 1, _steps(free))
 
     def beside(self, across: Ints, side: Literal[1, -1]) -> Ints:
@@ -287,6 +310,21 @@ class _Field:
         held = np.append(side * across, np.iinfo(np.int64).min)
         nearest = np.asarray(np.maximum.reduceat(held, self._near)[::2], dtype=np.int64)
         return side * (nearest + lane)
+
+    @cached_property
+    def _slabs(self) -> Ints:
+        """A number for every slab, so far apart that places across, added to it, ascend from slab to slab."""
+        return np.asarray(np.arange(self.cuts.size - 1) * (self.pixels + 4) * self.pitch_nm)
+
+    @cached_property
+    def _lows(self) -> Ints:
+        """Where the stretches begin, ascending over all slabs."""
+        return np.asarray(self._slabs[self.runs.slab] + self.runs.low)
+
+    @cached_property
+    def _highs(self) -> Ints:
+        """Where the stretches end, ascending likewise."""
+        return np.asarray(self._slabs[self.runs.slab] + self.runs.high)
 
     @cached_property
     def _near(self) -> Ints:

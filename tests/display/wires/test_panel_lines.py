@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -151,3 +152,22 @@ def test_broken_rules_are_found():
     assert "space between lines" in {each.rule for each in line_violations(panel, [near], RULES)}
     slant = replace(good, paths=tuple(((x, y), (x + 1000, 120000)) for ((x, y), *_) in good.paths))
     assert "width of lines" in {each.rule for each in line_violations(panel, [slant], RULES)}
+
+
+@settings(max_examples=60)
+@given(st.integers(0, 10**6))
+def test_space_from_edge_to_edge_is_space_from_polygon_to_polygon(seed):
+    """Crooked lines at random, some too near to others or to themselves, against KLayout's check of regions."""
+    draw = np.random.default_rng(seed)
+    paths = []
+    for number in range(4):
+        along = np.cumsum(draw.integers(2000, 9000, 8))
+        across = 9000 * number + draw.integers(0, 2500, 8)
+        corners = [(int(x), int(y)) for x, ends in zip(across, pairwise(along), strict=False) for y in ends]
+        paths.append(tuple(corners))
+    laid = PanelLines("y", tuple(paths))
+    rules = replace(RULES, space_nm=int(draw.integers(1000, 6500)))
+    regions = db.Region(laid.polygons(rules.line_nm)).merged()
+    near = regions.space_check(rules.space_nm, False, db.Region.Square).count() > 0
+    said = {each.rule for each in line_violations(panel_of([[False]], [[0]]), [laid], rules)}
+    assert ("space between lines" in said) == near
