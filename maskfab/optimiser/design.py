@@ -27,6 +27,11 @@ from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM, to_nm
 
 _SCENES_OF_MAPS = 16
+_DIE_STOPS = 2.1
+"""Side of a die over the stop's diameter, where no plate states one: as on ``layouts/upc12.toml``, 8.4 mm before a stop
+of 4 mm."""
+_MOST_ACROSS = 100
+"""Pixels along a side of such a die at most: the check of 100 x 100 takes seconds."""
 _OF_DISPLAYS = ("emitters", "wires", "light")
 _F1S_OWN = ("sensor", "exposure")
 """Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
@@ -172,7 +177,7 @@ def design(
 
 
 def display_of(spec: JobSpec, where: str) -> Display | None:
-    """The display that the opening of a job must hold, on a panel of its plate's dies; None if none must.
+    """The display that the opening of a job must hold, on a die of its plate or a usual one; None if none must.
 
     Raises:
         JobError: MF105 if one must and there are no [emitters]; MF106, MF107 for the pitch; MF107, MF116 for the
@@ -181,7 +186,12 @@ def display_of(spec: JobSpec, where: str) -> Display | None:
     section = section_of(spec, where)
     if not isinstance(section, SearchSection) or not section.fit:
         return None
-    return stated_display(spec, section, where, key="design.fit")
+    display = stated_display(spec, section, where, key="design.fit")
+    if spec.plate is not None:
+        return display
+    pitch_um = section.dots * dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch") / NM_PER_UM
+    usual = int(_DIE_STOPS * spec.camera.camera().stop.diameter_um / pitch_um)
+    return replace(display, across=max(display.across, min(usual, _MOST_ACROSS)))
 
 
 def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: str) -> Display:

@@ -32,6 +32,7 @@ from maskfab.plate.maps import CellMap
 if TYPE_CHECKING:
     from maskfab.optimiser.maps.orientation_map import DesignedMap
     from maskfab.optimiser.model.robustness import Robustness
+    from maskfab.optimiser.rules.die_fit import DieFit
 
 Facts = dict[str, str | int | float]
 
@@ -62,6 +63,7 @@ class Designed:
         levels: of light, dB.
         robust: the panel beside those that are made instead of it; None where the budget is shorter than bounds take,
             and for a descent.
+        fit: of the display on a die; None where none must be held.
         cut: a budget cut the search short, so that it depends on the clock.
     """
 
@@ -81,6 +83,7 @@ class Designed:
     camera: str = ""
     levels: tuple[float, ...] = LEVELS
     robust: Robustness | None = None
+    fit: DieFit | None = None
 
 
 def constraints_of(

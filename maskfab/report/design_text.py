@@ -7,11 +7,14 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from maskfab.units import UM_PER_MM
+
 if TYPE_CHECKING:
     from maskfab.optimiser.bounds.bounds import Gap
     from maskfab.optimiser.maps.orientation_map import DesignedMap
     from maskfab.optimiser.model.robustness import Robustness, Varied
     from maskfab.optimiser.result import Designed
+    from maskfab.optimiser.rules.die_fit import DieFit
     from maskfab.optimiser.rules.price import Prices
 
 
@@ -49,6 +52,8 @@ def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
         told.append(f"proven headroom of the map (same dots, same transmission): {_most(found, found.map_head_room)}")
     if found.robust is not None:
         told += _robust_lines(found, found.robust)
+    if found.fit is not None:
+        told += _fit_lines(found.fit, mapped=found.designed is not None)
     return [*told, *(f"note: {note}" for note in notes)]
 
 
@@ -79,9 +84,32 @@ def designed_document(found: Designed, paths: Mapping[str, Path], notes: Sequenc
             "positions": max(1, len(designed.shifts)),
         },
         "robust": None if found.robust is None else _robust(found, found.robust),
+        "fit": None if found.fit is None else _fit(found.fit),
         "outer": None if found.outer is None else str(paths["outer"]),
         "notes": list(notes),
         "provenance": dict(found.opening.provenance),
+    }
+
+
+def _fit_lines(fit: DieFit, *, mapped: bool) -> list[str]:
+    drawn = "beyond its map" if mapped else "of its tiling"
+    size = f"{fit.across} x {fit.across} pixels, {fit.side_um / UM_PER_MM:g} mm"
+    told = [
+        f"the display fits a die of {size}, with seed {fit.seed} {drawn} (checked in {fit.seconds:.1f} s of processor)"
+    ]
+    if fit.failed:
+        tried = ", ".join(map(str, fit.failed))
+        told.append(f"  state seed = {fit.seed} in its [[die]]: with seed {tried} it does not fit, {fit.first_failure}")
+    return told
+
+
+def _fit(fit: DieFit) -> dict[str, object]:
+    return {
+        "pixels": [fit.across, fit.across],
+        "side_um": fit.side_um,
+        "seed": fit.seed,
+        "failed": [{"seed": seed, "why": why} for seed, why in fit.failed.items()],
+        "seconds": round(fit.seconds, 3),
     }
 
 

@@ -21,9 +21,12 @@ from maskfab.opening.openings import opening_text
 from maskfab.optimiser.design import check_possible, design, display_notes, display_of
 from maskfab.optimiser.result import constraints_of
 from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.die_fit import fitting_die
 from maskfab.optimiser.rules.families import bars
 from maskfab.optimiser.rules.fit_rule import Display, of_display
 from maskfab.plate.maps import CellMap, map_text
+from maskfab.plate.tiling import orientations
+from maskfab.report.design_text import designed_document, designed_lines
 
 JOB = """
 [design]
@@ -256,3 +259,82 @@ def test_a_pixel_without_an_opening_is_judged_once(tmp_path: Path, monkeypatch: 
 def test_a_design_without_a_display_asks_its_shapes_for_nothing(tmp_path: Path) -> None:
     path = job_of(tmp_path, ("fit = true", ""))
     check_possible(read(path), where=str(path))
+
+
+FIVE = ("lines = 2", "lines = 5")
+
+
+def shown(folder: Path) -> Display:
+    display = display_of(read(job_of(folder, FIVE)), "job")
+    assert display is not None
+    return display
+
+
+def unit() -> np.ndarray:
+    """An opening that five lines pass on some dies of 12 x 12 pixels, and not on others."""
+    return next(bar.unit for bar in bars(11, 25) if bar.name == "bar 5x5 at (1, 6)")
+
+
+def test_the_first_seed_is_taken_whose_die_the_check_itself_finds_to_fit(tmp_path: Path) -> None:
+    display = shown(tmp_path)
+    fit = fitting_die(display, unit(), 8000)
+    assert fit.seed is not None
+    assert fit.seed > 0
+    assert list(fit.failed) == list(range(fit.seed))
+    for seed in range(fit.seed + 1):
+        drawn = display.panel(unit(), 8000, orientations(display.tiling, 12, 12, seed))
+        answer = feasibility(drawn, display.rules)
+        assert answer is not None
+        assert (answer.verdict is Verdict.FITS) == (seed == fit.seed)
+        if seed < fit.seed:
+            assert answer.wiring is not None
+            assert answer.wiring.failed is not None
+            assert fit.failed[seed] == answer.wiring.failed.statement
+
+
+def test_beyond_a_map_alone_seeds_are_tried_and_none_for_a_map_that_fails_itself(tmp_path: Path) -> None:
+    display = replace(shown(tmp_path), seed=0)
+    held, fails = CellMap("map", np.zeros((4, 4), dtype=np.int8)), shown(tmp_path).die(unit(), 8000, None).orientations
+    around = fitting_die(display, unit(), 8000, held)
+    assert around.seed is not None
+    own = fitting_die(replace(display, across=14), unit(), 8000, CellMap("map", fails))
+    assert (own.seed, list(own.failed)) == (None, [0])
+    # The map is the whole die: no seed changes it.
+    whole = fitting_die(display, unit(), 8000, CellMap("map", fails))
+    assert (whole.seed, list(whole.failed)) == (None, [0])
+
+
+def test_a_job_without_a_plate_has_dies_like_those_that_ship_and_one_with_a_plate_its_own(tmp_path: Path) -> None:
+    layouts = Path(__file__).parents[2] / "layouts"
+    dies = {die.name: die.panel.orientations.shape for die in load_job(layouts / "upc12.toml").plate().dies}
+    for name, die in (("design_fits_gutter", "GUT8_M150"), ("design_fits_300", "FITS_M300")):
+        shipped = display_of(read(layouts / f"{name}.toml"), "job")
+        assert shipped is not None
+        assert (shipped.across, shipped.across) == dies[die]
+    own = display_of(read(job_of(tmp_path, more=DISPLAY)), "job")
+    usual = display_of(read(job_of(tmp_path)), "job")
+    assert own is not None
+    assert usual is not None
+    assert (own.across, usual.across) == (7, int(2.1 * 512 / 88))
+
+
+def test_a_design_tells_the_die_that_it_fits_and_the_seed_to_state(tmp_path: Path, monkeypatch) -> None:
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
+    monkeypatch.setattr("maskfab.optimiser.search.search.fitting_die", lambda *_, **__: fit)
+    fit = fitting_die(shown(tmp_path), unit(), 8000)
+    path = job_of(tmp_path)
+    found = design(read(path), "a test", where=str(path))
+    told = "\n".join(designed_lines(found, ()))
+    assert f"fits a die of 12 x 12 pixels, 1.056 mm, with seed {fit.seed} of its tiling" in told
+    assert f"state seed = {fit.seed} in its [[die]]" in told
+    document = designed_document(found, {"opening": path}, ())["fit"]
+    assert document == {
+        "pixels": [12, 12],
+        "side_um": 1056.0,
+        "seed": fit.seed,
+        "failed": [{"seed": seed, "why": why} for seed, why in fit.failed.items()],
+        "seconds": round(fit.seconds, 3),
+    }
+    fit = replace(fit, seed=None)
+    with pytest.raises(JobError, match=r"MF123.*not on a die of 12 x 12 pixels, seed.*lines along"):
+        design(read(path), "a test", where=str(path))

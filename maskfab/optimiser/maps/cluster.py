@@ -128,12 +128,12 @@ def clustered(
             progress=progress,
         )
         pixels = _cut(pixel_map(designed, arranged), error.cells)
-        broken, lines = shown(units, pixels.orientations, constraints)
-        if broken is not None:
-            why = broken
+        fit, lines = shown(units, pixels.orientations, constraints)
+        if fit is not None and fit.why is not None:
+            why = fit.why
             continue
         price = display_price(mask, units, constraints, lines)
-        return Graded(units, pixels, error.psnr(first), clear, price)
+        return Graded(units, pixels, error.psnr(first), clear, price, fit)
     raise JobError(
         "MF123",
         f"no pair of openings of {' and '.join(map(str, shares(int(mask.sum()), most_dots)))} clear dots keeps the "

@@ -30,6 +30,7 @@ from maskfab.model import ORIENTATIONS, frozen, orient
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.die_fit import DieFit, fitting_die
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent
@@ -72,6 +73,7 @@ class Graded:
         uniform_psnr: expected restored PSNR of the uniform unit's random map, dB by level.
         uniform_clear_dots: inside the stop, of the same.
         price: of the display.
+        fit: of the display on a die; None where none must be held.
     """
 
     units: Mask
@@ -79,6 +81,7 @@ class Graded:
     uniform_psnr: tuple[float, ...]
     uniform_clear_dots: int
     price: DisplayPrice
+    fit: DieFit | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "units", frozen(np.asarray(self.units, dtype=np.bool_)))
@@ -136,12 +139,12 @@ def graded(
             keep_units=True,
             progress=progress,
         )
-        broken, lines = shown(units, designed.orientations, constraints)
-        if broken is not None:
-            why = broken
+        fit, lines = shown(units, designed.orientations, constraints)
+        if fit is not None and fit.why is not None:
+            why = fit.why
             continue
         price = display_price(mask, units, constraints, lines)
-        return Graded(units, designed, error.psnr(first), clear, price)
+        return Graded(units, designed, error.psnr(first), clear, price, fit)
     raise JobError(
         "MF123",
         f"the display fits none of the {_TRIED} best pairs of openings on their own maps: {why}",
@@ -150,17 +153,20 @@ def graded(
     )
 
 
-def shown(units: Mask, kinds: NDArray[np.int8], constraints: Constraints) -> tuple[str | None, int | None]:
-    """Why the display that must be held does not fit two openings on their map, and the lines each way if it does.
+def shown(units: Mask, kinds: NDArray[np.int8], constraints: Constraints) -> tuple[DieFit | None, int | None]:
+    """Whether the display that must be held fits two openings on their map, and the lines each way if it does.
 
-    Both are None where no display, or none with wires, must be held.
+    One die is tried: there are other pairs of openings. Both are None where no display must be held, the lines too
+    where none with wires must.
     """
     display: Display | None = constraints["emitters"] or None
     if display is None:
         return None, None
-    die = display.die(units[0], constraints.dot_nm, CellMap("map", kinds), units[1])
-    broken = display.broken_on(die)
-    return broken, None if broken is not None else display.most_lines(die)
+    cells = CellMap("map", kinds)
+    fit = fitting_die(display, units[0], constraints.dot_nm, cells, units[1], most=1)
+    if fit.why is not None:
+        return fit, None
+    return fit, display.most_lines(display.die(units[0], constraints.dot_nm, cells, units[1]))
 
 
 def _pairs(find: Callable[[int], Iterable[Mask]], wanted: tuple[int, int], constraints: Constraints) -> Iterator[Mask]:

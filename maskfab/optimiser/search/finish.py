@@ -16,6 +16,7 @@ from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.result import Facts, by_level
 from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.die_fit import DieFit
 from maskfab.optimiser.rules.discrete import Mask
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress
@@ -44,6 +45,7 @@ class Mapped:
             map, for a panel of two, and where the budget is shorter than bounds take.
         notes: what a user should know, as sentences.
         cut: the budget cut it short.
+        fit: of the display on a die, for a panel of two that must hold one.
     """
 
     unit: Mask
@@ -54,6 +56,7 @@ class Mapped:
     head_room: tuple[float, ...] | None = None
     notes: tuple[str, ...] = ()
     cut: bool = False
+    fit: DieFit | None = None
 
 
 def mapped(
@@ -150,7 +153,8 @@ def _of_two(
         told += f" {price.lines} lines each way pass both openings."
     cells = map_of(section, error, made.designed, known)
     dense, sparse = made.units
-    return Mapped(dense, cells, made.designed, sparse, made.designed.psnr, notes=(*notes, told), cut=bool(notes))
+    known_psnr, said = made.designed.psnr, (*notes, told)
+    return Mapped(dense, cells, made.designed, sparse, known_psnr, notes=said, cut=bool(notes), fit=made.fit)
 
 
 def map_of(section: SearchSection, error: PupilError, designed: DesignedMap, facts: Facts) -> CellMap:

@@ -42,6 +42,7 @@ from maskfab.optimiser.result import (
     run_key,
 )
 from maskfab.optimiser.rules.constraints import Constraints
+from maskfab.optimiser.rules.die_fit import DieFit, fitting_die
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
@@ -147,8 +148,7 @@ def search(
         progress,
         groups=_groups(section, scenes, rules.dot_nm, camera, taking),
     )
-    if display is not None and laid.outer is None:
-        _require_fit(display, laid, rules)
+    fit = _required_fit(display, laid, rules, progress)
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
     if psnr is None and clock.shorter_than(BOUNDS_S):
@@ -183,6 +183,7 @@ def search(
         camera=made_for_line(camera, taking),
         levels=taking.levels,
         robust=robust,
+        fit=fit,
     )
 
 
@@ -221,20 +222,26 @@ def _of_two_openings(section: SearchSection) -> bool:
     return section.density is not None or section.cluster is not None
 
 
-def _require_fit(display: Display, laid: Mapped, rules: Constraints) -> None:
-    """Refuse a panel that does not hold its display, though the opening does on another.
+def _required_fit(display: Display | None, laid: Mapped, rules: Constraints, progress: Progress) -> DieFit | None:
+    """A die of the panel that holds the display, if it must; that of two openings was found with them.
 
     Raises:
-        JobError: MF123.
+        JobError: MF123 where none does, though the opening does on another panel.
     """
-    why = display.broken_on(display.die(laid.unit, rules.dot_nm, laid.cells))
-    if why is not None:
+    if display is None or laid.outer is not None:
+        return laid.fit
+    fit = fitting_die(display, laid.unit, rules.dot_nm, laid.cells, progress=progress)
+    if fit.why is not None:
+        seeds = f"seed {min(fit.failed)}" if len(fit.failed) == 1 else f"seeds {min(fit.failed)} to {max(fit.failed)}"
+        own = "" if laid.cells is None else " with its own map"
         raise JobError(
             "MF123",
-            f"the display fits the opening on a panel turned at random, and not on its own map: {why}",
+            f"the display fits the opening on a panel turned at random, and not on a die of {fit.across} x "
+            f"{fit.across} pixels{own}, {seeds}: {fit.why}",
             where="design.fit",
             cure="Design with another tiling_seed, with fewer lines, or without a map",
         )
+    return fit
 
 
 def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:
