@@ -19,6 +19,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 import scipy.fft
@@ -31,10 +32,16 @@ from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient, side_by_side
 from maskfab.opening.clear_dots import closed
+from maskfab.optics.numbers.wiener import squared_modulus
 from maskfab.optics.pupil.stop_shape import stop_dots
+from maskfab.optics.wavefront.panel_gap import turned
+from maskfab.optics.wavefront.phase_field import Waves
 from maskfab.units import NM_PER_UM
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
+Lagged = NDArray[Any]
+"""Of float64, or of complex128 where light has a phase."""
 
 CELLS = 24
 """Cells of 168 um that cover protocol F1's stop, along the panel's side."""
@@ -51,6 +58,8 @@ MOST_PER_CYCLE = 2048
 """Dots of lag to one cycle per pixel: lags are frequencies, and stand for the whole square of them."""
 
 _ORDERS, _FOLDED = 3, 2  # orders summed at least; beyond the stop they add nothing
+_ROUNDING = 1e-9
+"""Of an autocorrelation, 1 at lag 0."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +87,16 @@ class CellGrid:
     def stop(self) -> NDArray[np.bool_]:
         """The dots within the stop, [side, side]."""
         return stop_dots(self.camera.stop, self.side, self.dot_um)
+
+    def turned(self, waves: Waves) -> Complexes:
+        """Amplitude behind the open stop of light with a phase, constant over a dot, [side, side].
+
+        Raises:
+            JobError: MF104 for a phase that is not finite; MF115 where it turns by more than an eighth of a wave from
+                one dot to the next.
+        """
+        middles = (np.arange(self.side, dtype=np.float64) - (self.side - 1) / 2) * self.dot_um
+        return turned(waves, middles, middles, self.stop)
 
     def per_cycle(self, wavelength_nm: float) -> float:
         """Lag in dots that belongs to one cycle per pixel."""
@@ -259,7 +278,16 @@ def pupil_autocorrelation(pupil: NDArray[np.float64]) -> Floats:
     return np.asarray(table[np.ix_(lags, lags)])
 
 
-def at_lags(table: Floats, y: NDArray[np.int64], x: NDArray[np.int64]) -> Floats:
+def _amplitude_autocorrelation(amplitude: Complexes) -> Complexes:
+    """Σ a(r) a*(r + s) of whole dots, as :func:`pupil_autocorrelation` of real ones."""
+    fast = int(scipy.fft.next_fast_len(2 * len(amplitude) - 1))
+    power = squared_modulus(scipy.fft.fft2(amplitude, (fast, fast), workers=1))
+    table = scipy.fft.fft2(power, norm="forward", workers=1)
+    lags = np.arange(-len(amplitude) + 1, len(amplitude)) % fast
+    return np.asarray(table[np.ix_(lags, lags)])
+
+
+def at_lags(table: Lagged, y: NDArray[np.int64], x: NDArray[np.int64]) -> Lagged:
     """An autocorrelation [2n - 1, 2n - 1] at whole lags, 0 beyond."""
     reach = len(table) // 2
     inside = (abs(y) <= reach) & (abs(x) <= reach)
@@ -271,29 +299,42 @@ class OpenStop:
     """Transfer of the open stop and the pixel, one colour.
 
     Attributes:
-        table: its autocorrelation, [2 side - 1, 2 side - 1], 1 at lag 0 in the middle.
+        table: its autocorrelation, [2 side - 1, 2 side - 1], 1 at lag 0 in the middle; complex behind a lens whose
+            phase is not the same turned by 180 degrees.
         dots: within the stop.
         per_cycle: lag in dots that belongs to one cycle per pixel.
         orders: multiples of the sampling frequency that are folded back.
         whole_lags: take the nearest whole lag; otherwise interpolate between them, which is exact for square dots.
     """
 
-    table: Floats
+    table: Lagged
     dots: float
     per_cycle: float
     orders: int
     whole_lags: bool
 
     @classmethod
-    def of(cls, room: CellGrid, wavelength_nm: float, per_cycle: float | None = None) -> OpenStop:
-        """Of a camera at one wavelength."""
-        table = pupil_autocorrelation(room.stop.astype(np.float64))
-        area = float(table[room.side - 1, room.side - 1])
+    def of(
+        cls,
+        room: CellGrid,
+        wavelength_nm: float,
+        per_cycle: float | None = None,
+        amplitude: Complexes | None = None,
+    ) -> OpenStop:
+        """Of a camera at one wavelength; the ``amplitude`` of :meth:`CellGrid.turned` where light has a phase."""
+        table: Lagged
+        if amplitude is None:
+            table = pupil_autocorrelation(room.stop.astype(np.float64))
+        else:
+            table = _amplitude_autocorrelation(amplitude)
+        area = float(table[room.side - 1, room.side - 1].real)
         table /= area
+        if np.iscomplexobj(table) and abs(table.imag).max() < _ROUNDING:
+            table = np.ascontiguousarray(table.real)
         orders = max(_FOLDED, room.camera.orders(wavelength_nm))
         return cls(table, area, per_cycle or room.per_cycle(wavelength_nm), orders, room.camera.is_f1)
 
-    def __call__(self, y: Floats, x: Floats) -> Floats:
+    def __call__(self, y: Floats, x: Floats) -> Lagged:
         """At frequencies in cycles per pixel, any shape."""
         lags = y * self.per_cycle, x * self.per_cycle
         if self.whole_lags:
@@ -305,14 +346,14 @@ class OpenStop:
             values = (1 - y_part) * below + y_part * above
         return np.asarray(values * np.sinc(y) * np.sinc(x))
 
-    def at(self, y: NDArray[np.int64], x: NDArray[np.int64]) -> Floats:
+    def at(self, y: NDArray[np.int64], x: NDArray[np.int64]) -> Lagged:
         """The autocorrelation at whole lags."""
         return at_lags(self.table, y, x)
 
-    def folded(self, y: Floats, x: Floats) -> Floats:
+    def folded(self, y: Floats, x: Floats) -> Lagged:
         """Sum of what sampling folds back at the given frequencies."""
         around = range(-self.orders, self.orders + 1)
-        total = np.zeros(np.broadcast(y, x).shape)
+        total = np.zeros(np.broadcast(y, x).shape, dtype=self.table.dtype)
         for k in around:
             for j in around:
                 if (k, j) != (0, 0):

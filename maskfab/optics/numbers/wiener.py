@@ -87,12 +87,16 @@ def wiener_filter(transfer: Response, noise_to_signal: NDArray[np.floating[Any]]
 
     Designs descend along its slope by :func:`maskfab.optimiser.model.layout_error.wiener_tensor`, the same on tensors.
     """
-    power = transfer.real**2 + transfer.imag**2 if np.iscomplexobj(transfer) else transfer**2
-    below, above = np.asarray(power + noise_to_signal), transfer.conj()
+    below, above = np.asarray(squared_modulus(transfer) + noise_to_signal), transfer.conj()
     found = below if below.dtype == transfer.dtype else np.empty_like(transfer)
     if below.min(initial=1) > 0:  # nearly always; nothing then needs to be asked, or filled, element by element
         return np.asarray(np.divide(above, below, out=found))
     return np.asarray(np.divide(above, below, out=np.zeros_like(transfer), where=below > 0))
+
+
+def squared_modulus(transfer: NDArray[Any]) -> NDArray[Any]:
+    """|H|², any shape, real or complex."""
+    return transfer.real**2 + transfer.imag**2 if np.iscomplexobj(transfer) else transfer**2
 
 
 def wiener_response(modulation: Floats, noise_to_signal: float) -> Floats:

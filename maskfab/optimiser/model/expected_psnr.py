@@ -20,8 +20,14 @@ them, its rank correlation over 16 openings of 100 dots was .95, .99 and .99 at 
 um pixels; drawn scenes against the mean of these and three photographs). How far the two PSNRs lie apart depends on the
 level alone, nearly: it is found once, for a square opening, with the curve of sRGB at pixels of the scenes.
 
+Where light has a phase, that of a depth or of a lens, S is the open stop's with that phase and complex: means over
+layouts and over where a cell begins are products of the lens's autocorrelation and the unit's, as long as the phase
+changes little over a cell. A gap between panel and stop changes no mean: a free wave keeps its autocorrelation.
+
 Notes:
     The camera is that of the lattice, protocol F1's by default; its middle wavelength stands for all.
+    Random layouts scatter about their mean. Where a phase takes the mean below that, as several waves at the rim do,
+    restored pictures are better than is expected, and openings rank less surely.
     Full wells, mosaics and brackets are left out. Highlights are white.
 """
 
@@ -40,16 +46,20 @@ from numpy.typing import NDArray
 from maskfab.camera.exposure import REFERENCE_TRANSMISSION
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
+from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX, wiener
-from maskfab.camera.transfer import CellGrid, OpenStop, lattice
+from maskfab.camera.transfer import CellGrid, Lagged, OpenStop, lattice
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.opening.clear_dots import closed
 from maskfab.optics.numbers.colour import code_of_light
+from maskfab.optics.numbers.wiener import squared_modulus
+from maskfab.optics.wavefront.phase_field import Waves
 from maskfab.optimiser.model.scene_statistics import COLUMNS, FACTOR, ROWS, WIDTH, SceneStatistics, scene_statistics
 from maskfab.optimiser.model.taking import F1_TAKING, PixelNoise, Taking
 
 Floats = NDArray[np.float64]
+Complexes = NDArray[np.complex128]
 
 _LONG_LAGS = 3000
 _LEAK_EVERY = 5
@@ -101,16 +111,18 @@ class Surrogate:
         noise: of the photographs' pixels.
         strengths: ε to choose from, ascending.
         leak_every: step between those at which the leak is computed; in between it is interpolated.
+        amplitude: behind the open stop, [side, side], where light has a phase; then ``clear``, ``folded`` and ``near``
+            may be complex.
     """
 
     lattice: CellGrid
     lags: NDArray[np.int64]
-    clear: Floats
-    folded: Floats
+    clear: Lagged
+    folded: Lagged
     weight: Floats
     signal: Floats
     inverse_prior: Floats
-    near: Floats
+    near: Lagged
     along: tuple[Floats, Floats]
     low: NDArray[np.complex64]
     low_truth: NDArray[np.float32]
@@ -118,6 +130,7 @@ class Surrogate:
     noise: PixelNoise
     strengths: tuple[float, ...]
     leak_every: int = 7
+    amplitude: Complexes | None = None
 
     @property
     def levels(self) -> tuple[float, ...]:
@@ -168,7 +181,7 @@ class Surrogate:
         wrapped, short, within = self._places
         transfer = self.clear * circular.ravel()[wrapped] + self.folded * share
         transfer[short] += self.clear[short] * linear.ravel()[within]
-        squared = transfer**2
+        squared = squared_modulus(transfer)
         epsilons, shared = self._regular
         below = squared + shared
         below *= below
@@ -219,7 +232,8 @@ class Surrogate:
         table = circular[np.ix_(lags % self.dots, lags % self.dots)]
         within = np.flatnonzero(abs(lags) <= self.dots)
         table[np.ix_(within, within)] += linear[np.ix_(lags[within], lags[within])]
-        transfer = (self.along[0] @ (table * self.near) @ self.along[1].T).astype(np.float32)
+        low = self.along[0] @ (table * self.near) @ self.along[1].T
+        transfer: Transfer = low.astype(np.complex64) if np.iscomplexobj(low) else low.astype(np.float32)
         seen = _mirrored(_on_sensor(self.low * transfer))
         known = epsilons[:: self.leak_every].astype(np.float32)
         filters = np.stack([wiener(transfer, self.low_prior, epsilon) for epsilon in known])
@@ -275,14 +289,19 @@ def surrogate_behind(
     scenes: Sequence[Photograph], room: CellGrid, *, taking: Taking = F1_TAKING, leak_scenes: int = 2
 ) -> Surrogate:
     """A surrogate for the units of given cells; arguments and errors as of :func:`surrogate`."""
-    return _behind(scene_statistics(scenes, leak_scenes=leak_scenes, taking=taking), room)
+    return surrogate_of(scene_statistics(scenes, leak_scenes=leak_scenes, taking=taking), room)
 
 
-def _behind(known: SceneStatistics, room: CellGrid) -> Surrogate:
-    """The surrogate for the units of given cells."""
+def surrogate_of(known: SceneStatistics, room: CellGrid, waves: Waves | None = None) -> Surrogate:
+    """The surrogate for the units of given cells, in light of a phase at the stop where there is one.
+
+    Raises:
+        JobError: MF104, MF115 as :meth:`maskfab.camera.transfer.CellGrid.turned`.
+    """
     wavelength_nm = room.camera.middle_nm
     per_cycle = room.per_cycle(wavelength_nm)
-    open_stop = OpenStop.of(room, wavelength_nm)
+    amplitude = None if waves is None else room.turned(waves)
+    open_stop = OpenStop.of(room, wavelength_nm, amplitude=amplitude)
     lags, count = _choose_lags(room.dots, int(per_cycle / 2))
     nu = lags / per_cycle
     distance = np.hypot(nu[0], nu[1])
@@ -309,6 +328,7 @@ def _behind(known: SceneStatistics, room: CellGrid) -> Surrogate:
         ((axes[0][:, None] ** 2 + axes[1] ** 2) / PRIOR_CY_PER_PX**2).astype(np.float32),
         known.noise,
         known.noise.taking.protocol.strengths,
+        amplitude=amplitude,
     )
     return made if known.noise.taking.is_f1 else _coded(_narrowed(made), known.pixels)
 

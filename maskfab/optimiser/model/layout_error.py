@@ -14,11 +14,15 @@ square dots, and as many k are summed as the stop passes. The middle wavelength 
 The slope by the pupil is a field that costs two transforms: with g = ∂E/∂A,
 
     ∂E/∂p(x) = 2 sum over t of g(t) p(x + t).
+
+Light with a phase at the stop has a complex amplitude p q with the open stop's q, and A is complex; the slope by p is
+then found through the transforms themselves. Pairs of dots within a cell are taken to have one phase.
 """
 
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -59,20 +63,16 @@ class Slope:
 
 
 @dataclass(frozen=True, eq=False)
-class JudgedPupil:
+class JudgedPupil(ABC):
     """The loss of one pupil, and what its slope takes.
 
     Attributes:
         dots: along the unit's side.
-        side: dots along the panel's side.
-        spectrum: the pupil's transform, complex64, frequencies along x from 0.
         lags: its autocorrelation in the upper half plane.
         value: the loss as a function of it.
     """
 
     dots: int
-    side: int
-    spectrum: torch.Tensor
     lags: torch.Tensor
     value: torch.Tensor
 
@@ -81,25 +81,68 @@ class JudgedPupil:
         """Minus the weighted mean over the levels of the expected restored PSNR, dB."""
         return float(self.value.detach())
 
+    @abstractmethod
+    def slope(self) -> Slope:
+        """The slopes; to be asked for once."""
+
+    def _near(self, half: NDArray[np.float32]) -> Floats:
+        """g at the lags within a unit, of the slopes in the upper half plane, each shared with its mirror image."""
+        reach = half.shape[1] // 2
+        upper = np.zeros((self.dots, 2 * self.dots - 1))
+        # Cells wider than the stop have lags at which nothing is seen.
+        kept = min(self.dots - 1, reach)
+        upper[: kept + 1, self.dots - 1 - kept : self.dots + kept] = half[: kept + 1, reach - kept : reach + kept + 1]
+        return np.concatenate([upper[:0:-1, ::-1], upper])
+
+
+@dataclass(frozen=True, eq=False)
+class _PlainPupil(JudgedPupil):
+    """In light without a phase.
+
+    Attributes:
+        side: dots along the panel's side.
+        spectrum: the pupil's transform, complex64, frequencies along x from 0.
+    """
+
+    side: int
+    spectrum: torch.Tensor
+
     def slope(self) -> Slope:
         """The slopes; to be asked for once."""
         (given,) = torch.autograd.grad(self.value, self.lags)
-        # Rows of lags above 0 stand for their mirror images too; row 0 holds both signs.
-        half = given.numpy()
+        # Rows of lags above 0 stand for their mirror images too.
+        half = _shared(given.numpy())
         reach, size = half.shape[1] // 2, len(self.spectrum)
-        half[0] = 0.5 * (half[0] + half[0, ::-1])
-        half[1:] *= 0.5
         wrapped = np.zeros((len(half), size), dtype=np.float32)
         wrapped[:, : reach + 1], wrapped[:, -reach:] = half[:, reach:], half[:, :reach]
         # The slopes are real and even, so their transform is real.
         slopes = torch.fft.hfft(torch.fft.rfft(torch.from_numpy(wrapped), dim=1), n=size, dim=0)
         by_row = torch.fft.ifft(self.spectrum * slopes, dim=0)[: self.side]
         field = 2 * torch.fft.irfft(by_row, n=size, dim=1)[:, : self.side].numpy()
-        upper = np.zeros((self.dots, 2 * self.dots - 1))
-        # Cells wider than the stop have lags at which nothing is seen.
-        kept = min(self.dots - 1, reach)
-        upper[: kept + 1, self.dots - 1 - kept : self.dots + kept] = half[: kept + 1, reach - kept : reach + kept + 1]
-        return Slope(np.concatenate([upper[:0:-1, ::-1], upper]), field)
+        return Slope(self._near(half), field)
+
+
+@dataclass(frozen=True, eq=False)
+class _TurnedPupil(JudgedPupil):
+    """In light with a phase.
+
+    Attributes:
+        pupil: float32 [side, side], of which the lags are a function.
+    """
+
+    pupil: torch.Tensor
+
+    def slope(self) -> Slope:
+        """The slopes; to be asked for once."""
+        field, given = torch.autograd.grad(self.value, (self.pupil, self.lags))
+        return Slope(self._near(_shared(given.real.numpy().copy())), field.numpy())
+
+
+def _shared(half: NDArray[np.float32]) -> NDArray[np.float32]:
+    """Slopes in the upper half plane, changed in place into those of both halves: row 0 holds both signs."""
+    half[0] = 0.5 * (half[0] + half[0, ::-1])
+    half[1:] *= 0.5
+    return half
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,6 +183,7 @@ class PupilError:
         mirror: for y and x, where the mirrored record takes its rows and columns from.
         noise: of the photographs' pixels.
         strengths: ε to choose from.
+        amplitude: complex64 behind the open stop, [side, side], where light has a phase.
     """
 
     lattice: CellGrid
@@ -161,6 +205,7 @@ class PupilError:
     mirror: tuple[torch.Tensor, torch.Tensor]
     noise: PixelNoise
     strengths: tuple[float, ...]
+    amplitude: torch.Tensor | None = None
 
     @property
     def dots(self) -> int:
@@ -182,25 +227,47 @@ class PupilError:
         Args:
             pupil: of :meth:`laid`, [side, side] of 0 and 1.
         """
-        return self.psnr_of_table(self.table(pupil))
+        return _best(self._tabulated(self._lags(pupil)))
 
     def table(self, pupil: NDArray[np.bool_] | Floats) -> NDArray[np.float32]:
-        """Autocorrelation of a pupil in dots, at the lags (y, x) of the upper half plane within reach."""
+        """Autocorrelation of a pupil in dots, at the lags (y, x) of the upper half plane within reach, in light without
+        a phase."""
         return self._table(pupil)[1]
 
     def psnr_of_table(self, table: NDArray[np.float32]) -> tuple[float, ...]:
         """Expected restored PSNR in dB at each level, of an autocorrelation as :meth:`table` has it."""
-        return tuple(float(v) for v in self._tabulated(table).max(axis=1))
+        return _best(self._tabulated(torch.from_numpy(table)))
 
     def epsilons(self, pupil: Floats) -> tuple[float, ...]:
         """The best ε of each level."""
-        return tuple(self.strengths[int(k)] for k in self._tabulated(self.table(pupil)).argmax(axis=1))
+        return tuple(self.strengths[int(k)] for k in self._tabulated(self._lags(pupil)).argmax(axis=1))
 
     def judge(self, pupil: Floats, epsilons: Sequence[float]) -> JudgedPupil:
         """The loss of a pupil with the ε given for each level."""
+        if self.amplitude is not None:
+            dots = torch.from_numpy(pupil.astype(np.float32)).requires_grad_()
+            lags = self._turned(dots, self.amplitude)
+            return _TurnedPupil(self.dots, lags, self._loss(lags, epsilons), dots)
         spectrum, table = self._table(pupil)
         lags = torch.from_numpy(table).requires_grad_()
-        return JudgedPupil(self.dots, len(pupil), spectrum, lags, self._loss(lags, epsilons))
+        return _PlainPupil(self.dots, lags, self._loss(lags, epsilons), len(pupil), spectrum)
+
+    def _lags(self, pupil: Floats) -> torch.Tensor:
+        """Autocorrelation of the amplitude behind the stop, as :meth:`table` has that of a pupil."""
+        if self.amplitude is None:
+            return torch.from_numpy(self.table(pupil))
+        with torch.no_grad():
+            return self._turned(torch.from_numpy(pupil.astype(np.float32)), self.amplitude)
+
+    def _turned(self, pupil: torch.Tensor, amplitude: torch.Tensor) -> torch.Tensor:
+        """Σ a(r) a*(r + s) at the lags of :meth:`table`, complex64."""
+        size, reach = self.size, self.reach
+        spectrum = torch.fft.fft2(pupil * amplitude, s=(size, size))
+        power = spectrum.real**2 + spectrum.imag**2
+        # The forward transform of |a|² is that of the opposite lags of the inverse one.
+        rows = torch.fft.fft(power, dim=0, norm="forward")[: reach + 1]
+        wide = torch.fft.fft(rows, dim=1, norm="forward")
+        return torch.cat([wide[:, -reach:], wide[:, : reach + 1]], dim=1)
 
     def _table(self, pupil: NDArray[np.bool_] | Floats) -> tuple[torch.Tensor, NDArray[np.float32]]:
         """The pupil's transform, and its autocorrelation at the lags (y, x) of the upper half plane within reach.
@@ -220,24 +287,27 @@ class PupilError:
     def _transfers(self, table: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
         """H on the upper half of the square of frequencies, at the low ones, and the light in dots."""
         reach, near_reach, cycle = self.reach, self.along[0].shape[1] // 2, self.cycle
-        light = table[0, reach].to(torch.float64)
+        light = table[0, reach].real.to(torch.float64)
+        precise = torch.complex128 if table.is_complex() else torch.float64
         seen = self._stretched(table) * self.pixel
         lines = seen.reshape(len(seen), -1, cycle).sum(dim=1) * self.pixel[len(self.pixel) // 2 :, None]
         half = cycle // 2 + 1
         folded = lines[:half]
         for start in range(cycle, len(lines), cycle):
             # Rows from below 0 are rows above it, mirrored.
-            folded = folded + lines[start : start + half] + lines[start - half + 1 : start + 1].flip(0, 1)
-        folded = folded.to(torch.float64) / light
-        upper = table[: near_reach + 1, reach - near_reach : reach + near_reach + 1].to(torch.float64)
-        near = torch.cat([upper[1:].flip(0, 1), upper]) / light
-        return folded, self.along[0] @ near @ self.along[1].T, light
+            folded = folded + lines[start : start + half] + lines[start - half + 1 : start + 1].flip(0, 1).conj()
+        folded = folded.to(precise) / light
+        upper = table[: near_reach + 1, reach - near_reach : reach + near_reach + 1].to(precise)
+        near = torch.cat([upper[1:].flip(0, 1).conj(), upper]) / light
+        up, across = (matrix.to(precise) for matrix in self.along)
+        return folded, up @ near @ across.T, light
 
     def _stretched(self, table: torch.Tensor) -> torch.Tensor:
         """The autocorrelation at the lags of the frequencies, those of y from 0."""
         if self.stretch is None:
             return table
         below, beyond = self.stretch
+        beyond = beyond.to(table.dtype)
         rows = torch.lerp(table[below], table[below + 1], beyond[:, None])
         right = self.reach + below
         # At lags to the left everything is mirrored.
@@ -255,7 +325,7 @@ class PupilError:
 
     def _errors(self, transfer: torch.Tensor, low: torch.Tensor, epsilons: Sequence[float]) -> _Errors:
         """The mean squared errors of filters, whatever the light."""
-        squared = transfer**2
+        squared = _squared_modulus(transfer)
         noise, bias = [], []
         for epsilon in epsilons:
             regular = epsilon * self.inverse_prior
@@ -271,7 +341,7 @@ class PupilError:
 
     def _leaks(self, transfer: torch.Tensor, epsilons: Sequence[float]) -> torch.Tensor:
         """Mean squared errors of the low-passed scenes, whose halo crosses the sensor's edge, by ε."""
-        single = transfer.to(torch.float32)
+        single = transfer.to(torch.complex64 if transfer.is_complex() else torch.float32)
         rows, columns = len(self.mirror[0]), len(self.mirror[1])
         height, width = self.low_truth.shape[-2:]
         top, left = (rows - height) // 2, (columns - width) // 2
@@ -286,17 +356,25 @@ class PupilError:
             found.append((missed**2).mean().to(torch.float64))
         return torch.stack(found)
 
-    def _tabulated(self, table: NDArray[np.float32]) -> Floats:
+    def _tabulated(self, table: torch.Tensor) -> Floats:
         """Expected PSNR by level and ε."""
         with torch.no_grad():
-            transfer, low, light = self._transfers(torch.from_numpy(table))
+            transfer, low, light = self._transfers(table)
             errors = self._errors(transfer, low, self.strengths)
             return np.stack([self._decibels(level, light, errors).numpy() for level in self.levels])
 
 
 def wiener_tensor(transfer: torch.Tensor, noise_to_signal: torch.Tensor | float) -> torch.Tensor:
     """:func:`maskfab.optics.numbers.wiener.wiener_filter` with a slope, for R above 0."""
-    return transfer / (transfer**2 + noise_to_signal)
+    return transfer.conj() / (_squared_modulus(transfer) + noise_to_signal)
+
+
+def _squared_modulus(transfer: torch.Tensor) -> torch.Tensor:
+    return transfer.real**2 + transfer.imag**2 if transfer.is_complex() else transfer**2
+
+
+def _best(by_epsilon: Floats) -> tuple[float, ...]:
+    return tuple(float(v) for v in by_epsilon.max(axis=1))
 
 
 def pupil_error(
@@ -361,6 +439,7 @@ def pupil_error(
         (_mirrored(rows, height), _mirrored(columns, width)),
         estimate.noise,
         estimate.strengths,
+        None if estimate.amplitude is None else torch.from_numpy(estimate.amplitude.astype(np.complex64)),
     )
 
 
