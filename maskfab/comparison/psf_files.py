@@ -15,7 +15,7 @@ from maskfab.errors import SourceError
 from maskfab.export.images.exr import PREFIX, Facts
 from maskfab.export.images.psf_exr import PsfFile
 from maskfab.model import Quantity
-from maskfab.readers.image_mask import said_by
+from maskfab.readers.image_errors import said_by
 
 _OF_ITSELF, _OF_PEAK = 1e-6, 1e-9
 """Float32 rounds to 6e-8 of a value; another machine's sums differ by some 1e-12 of the peak."""

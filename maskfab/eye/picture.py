@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError, SourceError
 from maskfab.optics.numbers.colour import light_of_code
-from maskfab.readers.image_mask import said_by
+from maskfab.readers.image_errors import said_by
 from maskfab.readers.tiff_tone import shown_alike
 
 Floats = NDArray[np.float64]

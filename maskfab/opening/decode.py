@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError, SourceError
+from maskfab.readers.image_errors import said_by
 from maskfab.readers.tiff_tone import shown_alike
 from maskfab.units import NM_PER_UM
 
@@ -95,8 +96,6 @@ def from_image(path: Path) -> Mask:
 def _opened_image(path: Path, shown: Path) -> Any:
     import OpenImageIO as oiio  # noqa: N813 - its customary name
 
-    from maskfab.readers.image_mask import said_by
-
     image = oiio.ImageInput.open(str(shown))
     if image is None:
         raise _damaged(str(path), said_by(oiio))
@@ -105,8 +104,6 @@ def _opened_image(path: Path, shown: Path) -> Any:
 
 def _of_image(image: Any, where: str) -> Mask:
     import OpenImageIO as oiio  # noqa: N813 - its customary name
-
-    from maskfab.readers.image_mask import said_by
 
     try:
         spec = image.spec()

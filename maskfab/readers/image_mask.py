@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import os
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from klayout import db
@@ -17,6 +16,7 @@ from maskfab.errors import SourceError
 from maskfab.geometry.plate_layout import DBU_UM, layer_info
 from maskfab.geometry.shape_limits import ROUNDING_KEY, LeftOut, note_left_out
 from maskfab.model import CLEAR
+from maskfab.readers.image_errors import said_by
 from maskfab.readers.tiff_tone import shown_alike
 from maskfab.units import NM_PER_UM, UM_PER_INCH, UM_PER_UNIT
 
@@ -92,14 +92,6 @@ def read_levels(path: Path) -> tuple[NDArray[np.float64] | NDArray[np.uint8], fl
         with shown_alike(path) as shown:
             return _pixels(path, shown)
     return _pixels(path, path)
-
-
-def said_by(library: Any) -> str:
-    """Error message of OpenImageIO or of one of its files; it repeats content of the file, which may be no text."""
-    try:
-        return str(library.geterror())
-    except UnicodeDecodeError:
-        return "a name or an entry in it is no text"
 
 
 def _ends(path: Path) -> bool:

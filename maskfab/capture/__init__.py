@@ -1,0 +1,1 @@
+"""Captures of a camera: read, merged, and held against what was designed."""

@@ -1,0 +1,338 @@
+r"""Exposures of one light merged into one, colour by colour, each pixel where it is.
+
+    x = sum of w_k y_k / sum of w_k a_k,       w_k = a_k / v_k(x),       v_k(x) = a_k x + c_k,
+
+y_k the electrons of exposure k above the dark, a_k its time with drift and the pixel's response, c_k the variance
+without light: read noise, rounding and dark current (Granados, Ajdin, Wand, Theobalt, Seidel, Lensch, CVPR 2010). The
+weights are those of the merged light, found by repetition from those of pure shot noise: weights that knew the noise of
+one exposure would favour what came out dark. Full pixels and their neighbours have weight 0. The variance,
+
+    var x = shot x + floor + (relative x)²,    shot = sum of w_k² a_k / (sum of w_k a_k)²,    floor alike with c_k,
+
+is linear in the light but for the noise of the flat field; a fit puts the light of its model into it.
+
+Notes:
+    Of readings within noise of white those below count, so light there is told too dark, by up to 0.4 standard
+    deviations of the longer exposure.
+    Dark frames tell hot pixels and the level of the dark. They are not taken off pixel by pixel, which would add
+    their noise.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.capture.defects import Dark, Response, alone, dark_of, response_of
+from maskfab.capture.drift import Drift, Exposed, drifts
+from maskfab.capture.frames import Colour, Frame, Lattice, Pattern, same_sensor
+from maskfab.capture.stack import check_stack
+from maskfab.errors import SourceError
+
+Floats = NDArray[np.float64]
+Marks = NDArray[np.bool_]
+Places = NDArray[np.int64]
+
+_ROUNDS = 3
+_DISAGREES = 6.0
+_LEVERAGE = 0.98
+_SEEN, _BRIGHT, _MOST_DISAGREEING, _ENOUGH = 6.0, 20.0, 0.2, 50
+_MOST_FULL = 0.9
+
+
+@dataclass(frozen=True, eq=False)
+class Plane:
+    """Merged light of one colour.
+
+    Attributes:
+        colour: ``R G B``, or ``-`` of a sensor without colours.
+        first: row and column of its uppermost left pixel.
+        step: rows and columns from one pixel to the next, 1 or 2.
+        electrons_per_s: [rows, columns] the light; electrons of the one exposure where its time is not known; 0 where
+            not valid.
+        sigma: [rows, columns] its standard deviation; infinite where not valid.
+        valid: [rows, columns] whether any exposure tells it and no defect forbids it.
+        shot: [rows, columns] variance of each electron a second.
+        floor: [rows, columns] variance without light.
+        relative: [rows, columns] standard deviation of the flat field's response, of itself; 0 without one.
+    """
+
+    colour: Colour
+    first: tuple[int, int]
+    step: int
+    electrons_per_s: Floats
+    sigma: Floats
+    valid: Marks
+    shot: Floats
+    floor: Floats
+    relative: Floats
+
+    def variance(self, light: Floats) -> Floats:
+        """Variance of what was measured if ``light`` [rows, columns] is the truth, as of a model."""
+        return np.asarray(self.shot * np.maximum(light, 0.0) + self.floor + (self.relative * light) ** 2)
+
+
+@dataclass(frozen=True)
+class Used:
+    """One exposure as it was used.
+
+    Attributes:
+        name: of its file.
+        sha256: of its file.
+        exposure_s: its time; None where it is not known.
+        drift: of its light.
+        full: pixels that are full, or beside one.
+    """
+
+    name: str
+    sha256: str
+    exposure_s: float | None
+    drift: Drift
+    full: int
+
+
+@dataclass(frozen=True, eq=False)
+class Merged:
+    """Merged exposures, and what was left out of them or is to be doubted.
+
+    Places are int64 [n, 2], row and column in the files.
+
+    Attributes:
+        planes: one, three, or the four of a mosaic.
+        shape: rows and columns of the frames.
+        corner: row and column of the files that is pixel (0, 0).
+        pattern: of the mosaic, or None.
+        used: every exposure.
+        electrons_per_count: gain.
+        read_noise_e: in electrons.
+        hot: places that dark frames tell as hot; not valid.
+        disagreeing: places where exposures disagree by six standard deviations, hot pixels or hits among them; not
+            valid.
+        full: places that are full, or beside one, in every exposure; not valid.
+        dust: places darker than their surroundings in the flat field; divided out, not valid below half.
+        alone: places that stand out from neighbours which agree: dust, a hot pixel or a fine peak, which one frame
+            cannot tell; they stay valid.
+    """
+
+    planes: tuple[Plane, ...]
+    shape: tuple[int, int]
+    corner: tuple[int, int]
+    pattern: Pattern | None
+    used: tuple[Used, ...]
+    electrons_per_count: float
+    read_noise_e: float
+    hot: Places
+    disagreeing: Places
+    full: Places
+    dust: Places
+    alone: Places
+
+
+@dataclass(frozen=True, eq=False)
+class _Doubts:
+    """Marks [rows, columns] of one colour."""
+
+    hot: Marks
+    disagreeing: Marks
+    full: Marks
+    dust: Marks
+    alone: Marks
+
+
+def merged(
+    frames: Sequence[Frame],
+    *,
+    electrons_per_count: float,
+    read_noise_e: float,
+    dark: Sequence[Frame] = (),
+    flat: Sequence[Frame] = (),
+) -> Merged:
+    """One light from a stack.
+
+    Args:
+        frames: of exposures that differ, in any order, or a single one.
+        electrons_per_count: gain.
+        read_noise_e: in electrons, without what rounding adds.
+        dark: frames without light, of the same sensor and crop.
+        flat: frames of even light, of the same sensor and crop.
+
+    Raises:
+        SourceError: as :func:`check_stack`; MF331 for dark or flat frames of another sensor, MF332 for light that
+            differs twofold from what the times say, MF334 if all is full or dark, MF335 for a gain or a read noise
+            that no sensor has, MF336 if the exposures do not show one light.
+    """
+    check_stack(frames)
+    same_sensor([frames[0], *dark, *flat])
+    if not (0 < electrons_per_count < np.inf and 0 <= read_noise_e < np.inf):
+        raise SourceError(
+            "MF335",
+            f"a gain of {electrons_per_count:g} electrons per count with a read noise of {read_noise_e:g} electrons",
+            cure="Give a gain above 0 and a read noise of 0 or more",
+        )
+    times = [1.0 if frame.exposure_s is None else frame.exposure_s for frame in frames]
+    lattices = list(enumerate(frames[0].lattices))
+    dark_e2 = read_noise_e**2 + (electrons_per_count**2 / 12 if _whole(frames) else 0.0)
+    darks = [dark_of(dark, place, lattice) if dark else None for place, lattice in lattices]
+    flats = [
+        response_of(flat, place, lattice, electrons_per_count, dark_e2) if flat else None for place, lattice in lattices
+    ]
+    fulls = np.stack([frame.full for frame in frames])
+    if fulls.all(axis=0).mean() > _MOST_FULL:
+        raise SourceError(
+            "MF334",
+            f"{100 * fulls.all(axis=0).mean():.0f} % of the pixels are full in all {len(frames)} frames",
+            where=frames[0].name,
+            cure="Give shorter exposures, or state the white level in the counts of the files",
+        )
+    exposed = [
+        _exposed(frames, fulls, times, place, lattice, electrons_per_count, dark_e2, darks[place])
+        for place, lattice in lattices
+    ]
+    found = drifts(exposed, times, [frame.name for frame in frames])
+    scales = np.array([time * drift.taken_out for time, drift in zip(times, found, strict=True)])
+    made = [
+        _merged(lattice, exposed[place], scales, darks[place], flats[place], frames[0].name)
+        for place, lattice in lattices
+    ]
+    planes = tuple(plane for plane, _ in made)
+    _check_light(planes, frames[0].name)
+    corner = frames[0].corner
+
+    def places(name: str) -> Places:
+        each = [
+            np.argwhere(getattr(doubts, name)) * plane.step + np.array(plane.first) + np.array(corner)
+            for plane, doubts in made
+        ]
+        return np.unique(np.concatenate(each), axis=0).astype(np.int64)
+
+    return Merged(
+        planes=planes,
+        shape=frames[0].shape,
+        corner=corner,
+        pattern=frames[0].pattern,
+        used=tuple(
+            Used(frame.name, frame.sha256, frame.exposure_s, drift, int(full.sum()))
+            for frame, drift, full in zip(frames, found, fulls, strict=True)
+        ),
+        electrons_per_count=electrons_per_count,
+        read_noise_e=read_noise_e,
+        hot=places("hot"),
+        disagreeing=places("disagreeing"),
+        full=places("full"),
+        dust=places("dust"),
+        alone=places("alone"),
+    )
+
+
+def _whole(frames: Sequence[Frame]) -> bool:
+    """Whether a converter rounded to whole counts."""
+    return all(bool((frame.counts == np.rint(frame.counts)).all()) for frame in frames)
+
+
+def _exposed(
+    frames: Sequence[Frame],
+    fulls: Marks,
+    times: Sequence[float],
+    place: int,
+    lattice: Lattice,
+    electrons_per_count: float,
+    dark_e2: float,
+    dark: Dark | None,
+) -> Exposed:
+    levels = [0.0 if dark is None else dark.counts(time) for time in times]
+    electrons = electrons_per_count * np.stack(
+        [
+            lattice.of(frame.counts).astype(np.float64) - (frame.black[place] + level)
+            for frame, level in zip(frames, levels, strict=True)
+        ]
+    )
+    usable = ~fulls[:, lattice.first[0] :: lattice.step, lattice.first[1] :: lattice.step]
+    if dark is not None:
+        usable &= ~dark.hot
+    shot = np.maximum(levels, 0.0) * electrons_per_count
+    return Exposed(electrons, usable, dark_e2 + shot)
+
+
+def _merged(
+    lattice: Lattice, exposed: Exposed, scales: Floats, dark: Dark | None, response: Response | None, name: str
+) -> tuple[Plane, _Doubts]:
+    """One colour, and what is wrong with it."""
+    y, usable = exposed.electrons, exposed.usable.astype(np.float64)
+    nowhere = np.zeros(y.shape[1:], dtype=np.bool_)
+    share = np.ones(y.shape[1:]) if response is None else np.maximum(response.share, _least(response.share))
+    a = scales[:, None, None] * share
+    c = np.broadcast_to(exposed.dark[:, None, None], y.shape)
+    w = usable
+    x = _ratio((w * y).sum(axis=0), (w * a).sum(axis=0))
+    for _ in range(_ROUNDS):
+        w = usable * a / (a * np.maximum(x, 0.0) + c)
+        total = (w * a).sum(axis=0)
+        x = _ratio((w * y).sum(axis=0), total)
+    seen = total > 0
+    shot, floor = _ratio((w**2 * a).sum(axis=0), total**2), _ratio((w**2 * c).sum(axis=0), total**2)
+    disagreeing = _disagreeing(y, a, c, exposed.usable, x)
+    blind = nowhere if response is None else response.blind
+    hot = nowhere if dark is None else dark.hot
+    valid = seen & ~disagreeing & ~blind & ~hot
+    relative = np.broadcast_to(0.0, x.shape) if response is None else response.error
+    plane = Plane(lattice.colour, lattice.first, lattice.step, x, x, valid, shot, floor, relative)
+    sigma = np.where(valid, np.sqrt(plane.variance(x)), np.inf)
+    plane = replace(plane, electrons_per_s=np.where(valid, x, 0.0), sigma=sigma)
+    _check_one_light(plane, seen, disagreeing, x, name)
+    full = ~exposed.usable.any(axis=0) & ~hot
+    dust = nowhere if response is None else response.dust
+    return plane, _Doubts(hot, disagreeing, full, dust, alone(plane.electrons_per_s, sigma, valid))
+
+
+def _least(share: Floats) -> float:
+    """A response that can be divided by; pixels below it are blind."""
+    return 1e-3 * float(share.max())
+
+
+def _ratio(one: Floats, other: Floats) -> Floats:
+    return np.divide(one, other, out=np.zeros_like(one), where=other > 0)
+
+
+def _disagreeing(y: Floats, a: Floats, c: Floats, usable: Marks, x: Floats) -> Marks:
+    """Pixels where any exposure is off the merged light by six standard deviations.
+
+    Shot noise is skewed: of a few electrons six standard deviations are common. The limit is raised by the skewness
+    (Cornish and Fisher, Rev. Inst. Int. Stat. 5 (1938) 307).
+    """
+    light = a * np.maximum(x, 0.0)
+    variance = light + c
+    precision = usable * a**2 / variance
+    total = precision.sum(axis=0)
+    leverage = np.divide(precision, total, out=np.ones_like(precision), where=total > 0)
+    limit = _DISAGREES * np.sqrt(variance) + (_DISAGREES**2 - 1) / 6 * light / variance
+    off = np.abs(y - a * x) > limit * np.sqrt(np.maximum(1 - leverage, 0.0))
+    return np.asarray((off & usable & (leverage < _LEVERAGE)).any(axis=0))
+
+
+def _check_one_light(plane: Plane, seen: Marks, disagreeing: Marks, x: Floats, name: str) -> None:
+    bright = seen & (x > _BRIGHT * np.sqrt(plane.variance(x)))
+    off, count = int((bright & disagreeing).sum()), int(bright.sum())
+    if off > _ENOUGH and off > _MOST_DISAGREEING * count:
+        raise SourceError(
+            "MF336",
+            f"the exposures disagree at {off} of {count} bright pixels by more than {_DISAGREES:g} standard deviations",
+            where=name,
+            cure="Take the stack again with camera and light at rest; or correct gain, read noise and black level",
+        )
+
+
+def _check_light(planes: Sequence[Plane], name: str) -> None:
+    """Refuse a stack without light: fewer pixels than four above noise, and none of all pixels together."""
+    above = sum(int((plane.valid & (plane.electrons_per_s > _SEEN * plane.sigma)).sum()) for plane in planes)
+    total = sum(float(plane.electrons_per_s.sum()) for plane in planes)
+    noise = float(np.sqrt(sum(float((plane.sigma[plane.valid] ** 2).sum()) for plane in planes)))
+    if above < 4 and not total > _SEEN * noise > 0:
+        raise SourceError(
+            "MF334",
+            f"{above} pixels are {_SEEN:g} standard deviations above black, and all together are not",
+            where=name,
+            cure="Expose longer, or state the true black level",
+        )

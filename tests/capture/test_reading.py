@@ -1,0 +1,177 @@
+"""Frames read back as they were written, and all that is no linear frame refused."""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from fractions import Fraction
+from importlib.util import find_spec
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+import tifffile
+
+from maskfab.capture import reading
+from maskfab.capture.reading import read_frame, read_frames
+from maskfab.errors import SourceError
+
+raw_only = pytest.mark.skipif(find_spec("rawpy") is None, reason="RAW files need rawpy, of the extra raw")
+
+if find_spec("rawpy") is not None:
+    from dng_files import write_dng
+
+COUNTS = np.random.default_rng(3).integers(60, 4000, (34, 46)).astype(np.uint16)
+
+
+def refusal(code, *paths, **options):
+    with pytest.raises(SourceError) as caught:
+        read_frames(paths, **options)
+    assert caught.value.code == code, caught.value
+    assert caught.value.cure
+    return caught.value
+
+
+def tiff(path, counts=COUNTS, **options):
+    tifffile.imwrite(path, counts, photometric="rgb" if counts.ndim == 3 else "minisblack", metadata=None, **options)
+    return path
+
+
+def png(path, counts=COUNTS, chunk=None):
+    """A grey PNG of 16 bits, one chunk of the given name and content before its pixels."""
+
+    def of(name, content):
+        return struct.pack(">I", len(content)) + name + content + struct.pack(">I", zlib.crc32(name + content))
+
+    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in counts)
+    head = struct.pack(">IIBBBBB", counts.shape[1], counts.shape[0], 16, 0, 0, 0, 0)
+    more = of(*chunk) if chunk else b""
+    path.write_bytes(
+        b"\x89PNG\r\n\x1a\n" + of(b"IHDR", head) + more + of(b"IDAT", zlib.compress(rows)) + of(b"IEND", b"")
+    )
+    return path
+
+
+def exr(path, values, compression="zip", kind="float"):
+    output = oiio.ImageOutput.create(str(path))
+    header = oiio.ImageSpec(values.shape[1], values.shape[0], values.shape[2], kind)
+    header.attribute("compression", compression)
+    header.attribute("ExposureTime", 0.125)
+    assert output.open(str(path), header)
+    assert output.write_image(values.astype(np.float32))
+    output.close()
+    return path
+
+
+@raw_only
+@pytest.mark.parametrize("time", [Fraction(1, 3), Fraction(1, 8000)])
+def test_a_dng_gives_back_all_that_was_written(tmp_path, time):
+    write_dng(tmp_path / "a.dng", COUNTS, time=time, black=(64, 65, 66, 67), white=4000, mosaic="grbg", iso=320)
+    frame = read_frame(tmp_path / "a.dng")
+    assert np.array_equal(frame.counts, COUNTS)
+    assert frame.exposure_s == float(time)
+    assert frame.black == (64, 65, 66, 67)
+    assert (frame.white, frame.pattern) == (4000, (("G", "R"), ("B", "G")))
+    assert frame.balance == (2, 1, 1.5)
+    assert (frame.camera, frame.sensitivity) == ("Lab Cam", 320)
+    assert len(frame.sha256) == 64
+    assert frame.colour_matrix.shape == (3, 3)
+    # White stays white: LibRaw's matrix is of balanced colours.
+    assert frame.colour_matrix.sum(axis=1) == pytest.approx([1, 1, 1], abs=1e-5)
+
+
+@raw_only
+def test_frames_of_two_cameras_sensitivities_or_sizes_are_refused(tmp_path):
+    write_dng(tmp_path / "a.dng", COUNTS)
+    for name, counts, options, said in (
+        ("camera", COUNTS, {"model": "Other"}, "Lab Other"),
+        ("iso", COUNTS, {"iso": 400}, "ISO"),
+        ("size", COUNTS[:-2], {}, "size"),
+        ("mosaic", COUNTS, {"mosaic": "bggr"}, "mosaic"),
+    ):
+        write_dng(tmp_path / f"{name}.dng", counts, **options)
+        assert said in refusal("MF331", tmp_path / "a.dng", tmp_path / f"{name}.dng").what
+
+
+@raw_only
+def test_raw_files_cut_short_or_of_nonsense_are_refused(tmp_path):
+    write_dng(tmp_path / "a.dng", COUNTS)
+    whole = (tmp_path / "a.dng").read_bytes()
+    for name, content in (("cut", whole[: len(whole) // 2]), ("head", whole[:100]), ("text", b"no picture " * 50)):
+        path = tmp_path / f"{name}.dng"
+        path.write_bytes(content)
+        with pytest.raises(SourceError, match=r"MF30[38]"):
+            read_frame(path)
+
+
+def test_raw_without_rawpy_says_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setattr(reading, "find_spec", lambda name: None)
+    (tmp_path / "a.nef").write_bytes(b"content")
+    assert "maskfab[raw]" in refusal("MF431", tmp_path / "a.nef").cure
+
+
+def test_pictures_of_16_bits_and_floats_are_read_as_counts(tmp_path):
+    three = np.stack([COUNTS, COUNTS + 1, COUNTS + 2], axis=-1)
+    grey = read_frame(tiff(tmp_path / "grey.tif", compression="deflate"), black=20, white=4095, exposure_s=0.5)
+    assert np.array_equal(grey.counts, COUNTS)
+    assert (grey.black, grey.white, grey.exposure_s, grey.pattern) == ((20,), 4095, 0.5, None)
+    colours = read_frame(tiff(tmp_path / "rgb.tif", three))
+    assert np.array_equal(colours.counts, three.transpose(2, 0, 1))
+    assert (colours.black, colours.white, colours.exposure_s) == ((0, 0, 0), 65535, None)
+    assert np.array_equal(read_frame(png(tmp_path / "a.png")).counts, COUNTS)
+    light = read_frame(exr(tmp_path / "a.exr", three / 7))
+    assert np.array_equal(light.counts, (three / 7).astype(np.float32).transpose(2, 0, 1))
+    assert (light.white, light.exposure_s) == (np.inf, 0.125)
+
+
+def test_a_mosaic_in_grey_is_one_if_it_is_stated(tmp_path):
+    path = tiff(tmp_path / "a.tif")
+    frame = read_frame(path, mosaic="gbrg", black=64)
+    assert (frame.pattern, frame.black) == ((("G", "B"), ("R", "G")), (64,) * 4)
+    blue = frame.lattices[1]
+    assert (blue.colour, blue.first, blue.step) == ("B", (0, 1), 2)
+    assert np.array_equal(blue.of(frame.counts), COUNTS[::2, 1::2])
+    assert "rggb" in refusal("MF331", path, mosaic="rgbw").cure
+
+
+def coded(folder):
+    eight = (COUNTS >> 4).astype(np.uint8)
+    yield tiff(folder / "bytes.tif", eight)
+    yield tiff(folder / "stretched.tif", eight.astype(np.uint16) * 257)
+    yield png(folder / "srgb.png", chunk=(b"sRGB", b"\0"))
+    yield png(folder / "gamma.png", chunk=(b"gAMA", struct.pack(">I", 45455)))
+    yield exr(folder / "lossy.exr", COUNTS[:, :, None] / 9, "dwaa")
+    for name in ("photo.jpg", "photo.HEIC"):
+        (folder / name).write_bytes(b"content")
+        yield folder / name
+
+
+def test_what_is_coded_or_compressed_with_loss_is_refused(tmp_path):
+    paths = list(coded(tmp_path))
+    assert len(paths) == 7
+    for path in paths:
+        assert path.name in refusal("MF330", path).what
+
+
+def test_a_gamma_of_one_is_linear(tmp_path):
+    assert np.array_equal(
+        read_frame(png(tmp_path / "a.png", chunk=(b"gAMA", struct.pack(">I", 100_000)))).counts, COUNTS
+    )
+
+
+def test_files_that_are_no_frame_are_refused(tmp_path):
+    refusal("MF301", tmp_path / "none.tif")
+    (tmp_path / "empty.tif").write_bytes(b"")
+    refusal("MF302", tmp_path / "empty.tif")
+    whole = tiff(tmp_path / "a.tif").read_bytes()
+    (tmp_path / "cut.tif").write_bytes(whole[:-300])
+    refusal("MF303", tmp_path / "cut.tif")
+    refusal("MF303", exr(tmp_path / "hole.exr", np.where(COUNTS > 100, COUNTS, np.nan)[:, :, None]))
+    refusal("MF308", exr(tmp_path / "alpha.exr", np.ones((4, 4, 4))))
+
+
+def test_levels_and_times_that_cannot_be_are_refused(tmp_path):
+    path = tiff(tmp_path / "a.tif")
+    refusal("MF333", path, black=4095, white=4095)
+    refusal("MF332", path, times_s=[0.0])
+    refusal("MF332", path, times_s=[1.0, 2.0])
