@@ -22,7 +22,7 @@ def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = N
         blank: of the plate.
         plan: that the transfer follows; None if it holds all of the scene.
     """
-    return (*_by_plan(scene, plan), *_of_lens(scene), *_of_plate(panel, blank))
+    return (*by_plan(scene, plan), *_of_lens(scene), *_of_plate(panel, blank))
 
 
 def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
@@ -39,7 +39,8 @@ def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
     return [f"{'' if len(names) == every else ', '.join(names) + ': '}{sentence}." for sentence, names in dies.items()]
 
 
-def _by_plan(scene: Scene, plan: Plan | None) -> list[str]:
+def by_plan(scene: Scene, plan: Plan | None) -> list[str]:
+    """Sentences on what a plan leaves out of a scene; of none, on the shift that is then left out."""
     if plan is None:
         told = "the shift through the gap off the axis is left out: every place is seen as the axis is"
         return [told] if scene.gap_um and scene.field_um else []

@@ -16,10 +16,13 @@ from maskfab.camera.transfer import lattice
 from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
-from maskfab.jobfile.sections import DesignSection
+from maskfab.jobfile.sections import DesignSection, SceneSection
+from maskfab.model import UNSTATED
 from maskfab.opening.openings import dot_of_pitch
+from maskfab.optics.scene.scene import Scene
 from maskfab.optimiser.maps.cluster import most_dots, shares
 from maskfab.optimiser.model.robustness import EXACT, Spread
+from maskfab.optimiser.model.scene_conditions import SceneConditions
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import Designed, constraints_of
 from maskfab.optimiser.rules.fit_rule import Display
@@ -35,6 +38,8 @@ _MOST_ACROSS = 100
 _OF_DISPLAYS = ("emitters", "wires", "light")
 _F1S_OWN = ("sensor", "exposure")
 """Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
+_NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation")
+"""Keys of [scene] that openings are not compared by."""
 
 
 def taking_of(spec: JobSpec) -> Taking:
@@ -52,17 +57,20 @@ def taking_of(spec: JobSpec) -> Taking:
     return Taking(Protocol("camera", sensor), levels)
 
 
-def notes_of(spec: JobSpec, scenes: Folder, taking: Taking = F1_TAKING) -> tuple[str, ...]:
+def notes_of(
+    spec: JobSpec, scenes: Folder, taking: Taking = F1_TAKING, seen: SceneConditions | None = None
+) -> tuple[str, ...]:
     """Sentences on what a search leaves out of a job, and of the folder of its photographs.
 
     Args:
         spec: of the job.
         scenes: the folder.
         taking: of the photographs that openings are compared by.
+        seen: conditions of the scene, as far as it is used.
     """
     if taking.is_f1:
         told = "Openings are compared in the light of protocol F1, code values taken for light"
-        idle = [f"[{name}]" for name in (*_F1S_OWN, "scene") if getattr(spec, name) is not None]
+        idle = [f"[{name}]" for name in _F1S_OWN if getattr(spec, name) is not None]
         named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
         idle += ["protocol of [design]"] if named else []
     else:
@@ -70,8 +78,11 @@ def notes_of(spec: JobSpec, scenes: Folder, taking: Taking = F1_TAKING) -> tuple
         own, usual = taking.protocol.sensor, Sensor()
         idle = [f"{key} of [sensor]" for key in ("full_well", "mosaic") if getattr(own, key) != getattr(usual, key)]
         idle += ["brackets of [exposure]"] if spec.exposure is not None and spec.exposure.brackets else []
-        idle += ["[scene]"] if spec.scene is not None else []
+    if spec.scene is not None:
+        stated = spec.scene.model_dump(exclude_defaults=True)
+        idle += ["[scene]"] if seen is None else [f"{key} of [scene]" for key in _NOT_DESIGNED_FOR if key in stated]
     notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
+    notes += [] if seen is None else [f"Of the scene, {sentence}." for sentence in seen.neglected]
     if scenes.skipped:
         notes.append(f"Skipped, as no photographs: {', '.join(scenes.skipped)}.")
     return tuple(notes)
@@ -95,8 +106,8 @@ def check_possible(spec: JobSpec, *, where: str) -> None:
     _possible(spec, where)
 
 
-def _possible(spec: JobSpec, where: str) -> Display | None:
-    """The display that the opening must hold, of a job that is possible."""
+def _possible(spec: JobSpec, where: str) -> tuple[Display | None, SceneConditions | None]:
+    """The display that the opening must hold, and the conditions of the scene, of a job that is possible."""
     section, display = section_of(spec, where), display_of(spec, where)
     rules = constraints_of(section, where=f"{where}: design", display=display)
     rules.require_possible()
@@ -110,7 +121,31 @@ def _possible(spec: JobSpec, where: str) -> Display | None:
         lattice(section.dots, rules.dot_nm, camera=camera, where=f"{where}: design.dots")
         spread_of(spec, where)
         require_shapes(section, rules)
-    return display
+        return display, conditions_of(spec, section, rules.dot_nm, where)
+    return display, None
+
+
+def conditions_of(spec: JobSpec, section: SearchSection, dot_nm: int, where: str) -> SceneConditions | None:
+    """Conditions of the job's scene; None without one, and where a search is by protocol F1 by name or by the AUC.
+
+    Raises:
+        JobError: MF104, MF114, MF115 for a scene that cannot be modelled; MF134 for other than three wavelengths;
+            MF302 and others for the glass of the plate.
+    """
+    if spec.scene is None or section.protocol == "f1" or section.objective != "restored":
+        return None
+    from maskfab.optimiser.search.scan import first_shape
+
+    defaults = {key: SceneSection.model_fields[key].default for key in _NOT_DESIGNED_FOR}
+    camera, blank = spec.camera.camera(), UNSTATED if spec.plate is None else spec.plate.mask_blank()
+    scene = Scene.of(spec.scene.model_copy(update=defaults), where=where).through(blank)
+    room = lattice(section.dots, dot_nm, camera=PhotoCamera.of(camera, where=where), where=f"{where}: design.dots")
+    try:
+        return SceneConditions.planned(camera, scene, spec.scene.accuracy, first_shape(section), room)
+    except JobError as refusal:
+        raise JobError(
+            refusal.code, refusal.what, where=f"{where}: {refusal.where or 'scene'}", cure=refusal.cure
+        ) from None
 
 
 def design(
@@ -139,7 +174,7 @@ def design(
         OutputError: MF401 for a checkpoint in a directory that does not exist.
         SourceError: for photographs that cannot be read.
     """
-    display = _possible(spec, where)
+    display, seen = _possible(spec, where)
     if checkpoint is not None and not os.path.isdir(checkpoint.absolute().parent):
         raise OutputError(
             "MF401",
@@ -157,20 +192,21 @@ def design(
         from maskfab.optimiser.search.search import search
 
         assert isinstance(section, SearchSection)
-        seen = PhotoCamera.of(camera)
+        needed = seen is not None and seen.needed
         found = search(
             section,
             scenes,
             command,
             progress,
-            camera=seen,
+            camera=PhotoCamera.of(camera),
             taking=taking,
             display=display,
             spread=spread_of(spec, where),
+            seen=seen if needed else None,
             budget_s=budget_s,
             checkpoint=checkpoint,
         )
-    notes = (*found.notes, *notes_of(spec, source, taking), *display_notes(spec))
+    notes = (*found.notes, *notes_of(spec, source, taking, seen), *display_notes(spec))
     if found.robust is None and spread_of(spec, where) != EXACT:
         notes += ("Not used of the job, for a descent and a short budget are not appraised over it: [process.spread].",)
     return replace(found, notes=notes)

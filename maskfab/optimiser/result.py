@@ -21,6 +21,7 @@ from maskfab.model import ORIENTATIONS, Camera, Opening, Tiling
 from maskfab.opening.openings import dot_of_pitch
 from maskfab.optimiser.bounds.bounds import Gap, bounds, optimality_gap
 from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.model.scene_conditions import SceneConditions
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.rules import registry
 from maskfab.optimiser.rules.constraints import Constraints
@@ -32,6 +33,7 @@ from maskfab.plate.maps import CellMap
 if TYPE_CHECKING:
     from maskfab.optimiser.maps.orientation_map import DesignedMap
     from maskfab.optimiser.model.robustness import Robustness
+    from maskfab.optimiser.model.scene_appraisal import SceneAppraisal
     from maskfab.optimiser.rules.die_fit import DieFit
 
 Facts = dict[str, str | int | float]
@@ -47,15 +49,16 @@ class Designed:
     Attributes:
         opening: the best that keeps all rules.
         shape: how it was found: the family, size and place it came from, or the objectives that were descended.
-        psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic).
-        head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior; None
-            for a panel of two openings, and where the budget is shorter than bounds take.
+        psnr: expected restored PSNR in dB, by level, cells turned at random (or not at all, if periodic); of a scene's
+            depth the mean over its distances.
+        head_room: by level, dB that no other opening of as many dots can gain over it in the picture's interior, in
+            focus; None for a panel of two openings, and where the budget is shorter than bounds take.
         evaluated: openings that were judged.
         prices: what the rules cost among them, in dB of the weighted mean; None where they were judged otherwise.
         cells: the designed map; None if none was asked for.
         designed: how that went.
         map_head_room: by level, dB that no layout of as many dots and the map's own light can gain over it; None
-            without a map, for one of two openings, and as above.
+            without a map, for one of two openings or of several distances, and as above.
         gap: the opening beside all its bounds; None for a panel of two, where there is no other opening, and as above.
         outer: the opening of the outer half of the stop; None unless the density was asked to differ.
         notes: what a user should know, as sentences.
@@ -64,6 +67,8 @@ class Designed:
         robust: the panel beside those that are made instead of it; None where the budget is shorter than bounds take,
             and for a descent.
         fit: of the display on a die; None where none must be held.
+        scene: the panel in the conditions that it is designed for; None where nothing of a scene must be modelled, and
+            where the budget is shorter than bounds take.
         cut: a budget cut the search short, so that it depends on the clock.
     """
 
@@ -84,6 +89,22 @@ class Designed:
     levels: tuple[float, ...] = LEVELS
     robust: Robustness | None = None
     fit: DieFit | None = None
+    scene: SceneDesign | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class SceneDesign:
+    """A design in the conditions of its scene.
+
+    Attributes:
+        seen: the conditions.
+        panel: appraised in them.
+        random: the same panel with its cells turned at random; None without a map of one opening.
+    """
+
+    seen: SceneConditions
+    panel: SceneAppraisal
+    random: SceneAppraisal | None
 
 
 def constraints_of(
@@ -153,20 +174,23 @@ def origin(section: DesignSection, command: str, made_for: Facts) -> Facts:
     return made | made_for
 
 
-def camera_facts(camera: Camera | PhotoCamera, taking: Taking = F1_TAKING) -> Facts:
+def camera_facts(
+    camera: Camera | PhotoCamera, taking: Taking = F1_TAKING, seen: SceneConditions | None = None
+) -> Facts:
     """The camera that an opening was designed for, as provenance; nothing for that of protocol F1.
 
     What says nothing was made for protocol F1, as all was before this was stated, and keeps its bytes.
     """
     told = camera_line(camera)
+    scene: Facts = {} if seen is None else {"scene": seen.line}
     if not taking.is_f1:
-        return {"camera": told, "protocol": taking.line}
-    return {} if told == camera_line(F1) else {"camera": told, "protocol": LEVELS_OF_F1}
+        return {"camera": told, "protocol": taking.line, **scene}
+    return scene if told == camera_line(F1) else {"camera": told, "protocol": LEVELS_OF_F1, **scene}
 
 
-def made_for_line(camera: Camera | PhotoCamera, taking: Taking = F1_TAKING) -> str:
-    """Lens, sensor and light that numbers are expected for, in words."""
-    return f"{camera_line(camera)}; {taking.line}"
+def made_for_line(camera: Camera | PhotoCamera, taking: Taking = F1_TAKING, seen: SceneConditions | None = None) -> str:
+    """Lens, sensor, light and scene that numbers are expected for, in words."""
+    return f"{camera_line(camera)}; {taking.line}{'' if seen is None else f'; scene: {seen.line}'}"
 
 
 def by_level(name: str, values: Sequence[float], levels: Sequence[float]) -> Facts:

@@ -7,13 +7,17 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from maskfab.measurement.scene_result import distance
+from maskfab.optics.wavefront.panel_gap import AXIS
 from maskfab.units import UM_PER_MM
 
 if TYPE_CHECKING:
     from maskfab.optimiser.bounds.bounds import Gap
     from maskfab.optimiser.maps.orientation_map import DesignedMap
     from maskfab.optimiser.model.robustness import Robustness, Varied
-    from maskfab.optimiser.result import Designed
+    from maskfab.optimiser.result import Designed, SceneDesign
     from maskfab.optimiser.rules.die_fit import DieFit
     from maskfab.optimiser.rules.price import Prices
 
@@ -28,13 +32,16 @@ def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
         f"{found.shape}: {found.opening.clear_dots} clear dots, expected restored PSNR {_levels(found, found.psnr)}"
     ]
     told.append(f"for {found.camera}")
+    if found.scene is not None:
+        told += _scene_lines(found, found.scene)
+    focus = "" if found.scene is None else ", in focus"
     if found.head_room is not None:
-        told.append(f"proven headroom (frame interior): {_most(found, found.head_room)}")
+        told.append(f"proven headroom (frame interior{focus}): {_most(found, found.head_room)}")
     if found.gap is not None:
-        limit = found.gap.bounds
-        told.append(f"proven headroom (whole frame): {_most(found, found.gap.head_room_frame)}")
-        told.append(f"grey filter of the same transmission: {_levels(found, limit.grey)} (frame interior)")
-        told.append(f"unobstructed stop with the same open area: {_levels(found, limit.open_stop)} (frame interior)")
+        limit, part = found.gap.bounds, f"(frame interior{focus})"
+        told.append(f"proven headroom (whole frame{focus}): {_most(found, found.gap.head_room_frame)}")
+        told.append(f"grey filter of the same transmission: {_levels(found, limit.grey)} {part}")
+        told.append(f"unobstructed stop with the same open area: {_levels(found, limit.open_stop)} {part}")
         most = "" if limit.auc is None else f" of at most {limit.auc:.4f}"
         told.append(f"area under the radial minimum of the blue MTF: {found.gap.auc:.4f}{most}")
     if found.prices is not None and found.prices.each:
@@ -85,6 +92,7 @@ def designed_document(found: Designed, paths: Mapping[str, Path], notes: Sequenc
         },
         "robust": None if found.robust is None else _robust(found, found.robust),
         "fit": None if found.fit is None else _fit(found.fit),
+        "scene": None if found.scene is None else _scene(found, found.scene),
         "outer": None if found.outer is None else str(paths["outer"]),
         "notes": list(notes),
         "provenance": dict(found.opening.provenance),
@@ -130,6 +138,41 @@ def _robust_lines(found: Designed, robust: Robustness) -> list[str]:
         away = robust.centre.deviation_um
         told.append(f"expected loss with the stop's centre off by {away:g} um: {_losses(found, robust.centre)}")
     return told
+
+
+def _scene_lines(found: Designed, scene: SceneDesign) -> list[str]:
+    seen, panel = scene.seen, scene.panel
+    told = [f"this panel over the scene (modelled: {', '.join(seen.modelled)}): {_levels(found, panel.mean)}, mean"]
+    for each, psnr in zip(panel.conditions, panel.psnr, strict=True):
+        x, y = each.image_um
+        place = "on the axis" if each.image_um == AXIS else f"{x:g} um right and {y:g} um up of the axis"
+        told.append(f"  at {distance(each.object_um)}, {place} ({each.weight:.1%}): {_levels(found, psnr)}")
+    if scene.random is not None:
+        gains = np.subtract(panel.mean, scene.random.mean).tolist()
+        told.append(f"gain of the designed map over a random one, over the scene: {_levels(found, gains, '+')}")
+    return told
+
+
+def _scene(found: Designed, scene: SceneDesign) -> dict[str, object]:
+    """Lengths in micrometres; null for an infinite distance."""
+    panel, random = scene.panel, scene.random
+    return {
+        "accuracy": scene.seen.plan.accuracy,
+        "modelled": list(scene.seen.modelled),
+        "left_out": list(scene.seen.neglected),
+        "mean_psnr_db": _by_level(found, panel.mean),
+        "random_mean_psnr_db": None if random is None else _by_level(found, random.mean),
+        "conditions": [
+            {
+                "object_um": _finite(each.object_um),
+                "image_um": list(each.image_um),
+                "weight": each.weight,
+                "psnr_db": _by_level(found, psnr),
+                "random_psnr_db": None if random is None else _by_level(found, random.psnr[k]),
+            }
+            for k, (each, psnr) in enumerate(zip(panel.conditions, panel.psnr, strict=True))
+        ],
+    }
 
 
 def _losses(found: Designed, varied: Varied) -> str:

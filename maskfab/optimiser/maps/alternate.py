@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, frozen, orient, split_cells
 from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE, DesignedMap, MapMode, design_map
-from maskfab.optimiser.model.layout_error import PupilError, Slope
+from maskfab.optimiser.model.layout_error import PanelError, Slope
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.plate.maps import Shift, shifted
 from maskfab.progress import Progress, silent
@@ -63,7 +63,7 @@ class Joint:
 
 def joint(
     unit: Mask,
-    error: PupilError,
+    error: PanelError,
     constraints: Constraints,
     *,
     rounds: int = 2,
@@ -181,7 +181,7 @@ def require_places(constraints: Constraints) -> None:
         )
 
 
-def _refitted(mask: Mask, designed: DesignedMap, error: PupilError, constraints: Constraints) -> tuple[Mask, int]:
+def _refitted(mask: Mask, designed: DesignedMap, error: PanelError, constraints: Constraints) -> tuple[Mask, int]:
     """The unit after all swaps that help under this map, and how many were made."""
     free = constraints.free.copy()
     for shift in designed.shifts:
@@ -214,7 +214,7 @@ def _refitted(mask: Mask, designed: DesignedMap, error: PupilError, constraints:
     return mask, made
 
 
-def _ranked(mask: Mask, slope: Slope, designed: DesignedMap, error: PupilError, free: Mask) -> NDArray[np.intp]:
+def _ranked(mask: Mask, slope: Slope, designed: DesignedMap, error: PanelError, free: Mask) -> NDArray[np.intp]:
     """Swaps (closed dot to open, open dot to close) as flat indices [m, 2], the most promising first."""
     dots = len(mask)
     gains = dot_slopes(slope, designed.orientations, designed.shifts, error.inside).ravel()
@@ -250,11 +250,11 @@ def _trials(mask: Mask, pairs: NDArray[np.intp]) -> list[tuple[Mask, int]]:
     return found
 
 
-def laid(mask: Mask, designed: DesignedMap, error: PupilError) -> Floats:
+def laid(mask: Mask, designed: DesignedMap, error: PanelError) -> Floats:
     """The pupil of a unit, bool [dots, dots], under its map."""
     units = np.stack([shifted(mask, shift) for shift in designed.shifts]) if designed.shifts else mask
     return error.laid(units, designed.orientations)
 
 
-def _loss(error: PupilError, psnr: tuple[float, ...]) -> float:
+def _loss(error: PanelError, psnr: tuple[float, ...]) -> float:
     return -sum(weight * value for weight, value in zip(error.weights, psnr, strict=True))

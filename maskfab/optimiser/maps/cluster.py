@@ -22,7 +22,7 @@ from maskfab.jobfile import SearchSection
 from maskfab.model import ORIENTATIONS, orient, side_by_side
 from maskfab.optimiser.maps.density import Graded, behind, display_price, shown
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
-from maskfab.optimiser.model.layout_error import PupilError
+from maskfab.optimiser.model.layout_error import PanelError
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.plate.tiling import MOST_OPENINGS
 from maskfab.progress import Progress, silent
@@ -53,7 +53,7 @@ class Groups:
     """
 
     value: Callable[[Mask], float]
-    error: PupilError
+    error: PanelError
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class Arrangement:
 
 def clustered(
     uniform: Mask,
-    error: PupilError,
+    error: PanelError,
     most_dots: int,
     find: Callable[[int], Iterable[Mask]],
     groups: Groups,

@@ -28,7 +28,7 @@ from maskfab.display.light import LightDemand, relative_life
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, frozen, orient
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
-from maskfab.optimiser.model.layout_error import PupilError
+from maskfab.optimiser.model.layout_error import PanelError
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.die_fit import DieFit, fitting_die
 from maskfab.optimiser.rules.fit_rule import Display
@@ -94,7 +94,7 @@ class Graded:
 
 def graded(
     uniform: Mask,
-    error: PupilError,
+    error: PanelError,
     share: float,
     find: Callable[[int], Iterable[Mask]],
     *,
@@ -213,7 +213,7 @@ def _require(unit: Mask, count: int, constraints: Constraints, which: str) -> No
         )
 
 
-def central(error: PupilError) -> Mask:
+def central(error: PanelError) -> Mask:
     """Cells whose middle lies in the central half of the stop's area, bool [24, 24]."""
     middles = np.arange(error.cells) - (error.cells - 1) / 2
     # The stop's radius comes from its area, so that the panel's pitch plays no part.
@@ -221,7 +221,7 @@ def central(error: PupilError) -> Mask:
     return np.asarray(middles[:, None] ** 2 + middles**2 <= squared / 2)
 
 
-def counts(uniform: Mask, error: PupilError, share: float) -> tuple[int, int]:
+def counts(uniform: Mask, error: PanelError, share: float) -> tuple[int, int]:
     """Clear dots of the denser and the sparser unit for the light of the uniform one, to the nearest dot.
 
     Raises:

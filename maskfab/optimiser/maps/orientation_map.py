@@ -32,7 +32,7 @@ from numpy.typing import NDArray
 from maskfab.camera.transfer import CellGrid
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Scalar, frozen, orient, side_by_side, split_cells
-from maskfab.optimiser.model.layout_error import PupilError, Slope
+from maskfab.optimiser.model.layout_error import PanelError, Slope
 from maskfab.optimiser.rules.positions import best_places, places
 from maskfab.plate.maps import Shift, shifted
 from maskfab.plate.tiling import MOST_OPENINGS
@@ -101,7 +101,7 @@ class DesignedMap:
 
 def design_map(
     units: NDArray[np.bool_],
-    error: PupilError,
+    error: PanelError,
     *,
     mode: MapMode = MapMode.EQUAL_LIGHT,
     seed: int = 0,
@@ -195,7 +195,7 @@ def require_size(room: CellGrid) -> None:
             )
 
 
-def _check(stack: NDArray[np.bool_], error: PupilError, positions: int, shifts: Sequence[Shift]) -> None:
+def _check(stack: NDArray[np.bool_], error: PanelError, positions: int, shifts: Sequence[Shift]) -> None:
     require_size(error.lattice)
     if not 0 < len(stack) <= MOST_OPENINGS or stack.shape[-1] != error.dots:
         raise JobError(
@@ -239,7 +239,7 @@ def _check(stack: NDArray[np.bool_], error: PupilError, positions: int, shifts: 
 
 def _placed(
     unit: NDArray[np.bool_],
-    error: PupilError,
+    error: PanelError,
     mode: MapMode,
     drawn: NDArray[np.int8],
     count: int,
@@ -277,7 +277,7 @@ class _Search:
     """The constants of one search: what every cell can hold, what the stop leaves of it."""
 
     def __init__(
-        self, units: NDArray[np.bool_], error: PupilError, mode: MapMode, target: float, steps: float = math.inf
+        self, units: NDArray[np.bool_], error: PanelError, mode: MapMode, target: float, steps: float = math.inf
     ) -> None:
         dots = error.dots
         self.error, self.mode = error, mode

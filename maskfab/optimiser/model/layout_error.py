@@ -25,6 +25,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Protocol
 
 import numpy as np
 import scipy.fft
@@ -33,13 +34,16 @@ from numpy.typing import NDArray
 
 from maskfab.camera.exposure import REFERENCE_TRANSMISSION
 from maskfab.camera.photo_camera import PhotoCamera
+from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import CellGrid, lay
 from maskfab.errors import JobError
 from maskfab.optimiser.model.expected_psnr import Surrogate
+from maskfab.optimiser.model.scene_statistics import FACTOR
 from maskfab.optimiser.model.taking import PixelNoise
 
 Floats = NDArray[np.float64]
+Transfers = tuple[Transfer, Transfer]
 
 _LOW = 1 / 16
 """Cycles per pixel below which, on both axes, the surrogate's low-passed scenes take over."""
@@ -60,6 +64,38 @@ class Slope:
 
     near: Floats
     field: NDArray[np.float32]
+
+
+class Judged(Protocol):
+    """The loss of one pupil."""
+
+    @property
+    def loss(self) -> float:
+        """Minus the weighted mean over the levels of the expected restored PSNR, dB."""
+
+    def slope(self) -> Slope:
+        """The slopes; to be asked for once."""
+
+
+class PanelError(Protocol):
+    """Judgement of panels of cells, by which maps are designed; :class:`PupilError` says what each part is."""
+
+    @property
+    def lattice(self) -> CellGrid: ...
+    @property
+    def inside(self) -> NDArray[np.bool_]: ...
+    @property
+    def levels(self) -> tuple[float, ...]: ...
+    @property
+    def weights(self) -> tuple[float, ...]: ...
+    @property
+    def dots(self) -> int: ...
+    @property
+    def cells(self) -> int: ...
+    def laid(self, units: NDArray[np.bool_], orientations: NDArray[np.int8] | None = None, seed: int = 0) -> Floats: ...
+    def psnr(self, pupil: Floats) -> tuple[float, ...]: ...
+    def epsilons(self, pupil: Floats) -> tuple[float, ...]: ...
+    def judge(self, pupil: Floats, epsilons: Sequence[float]) -> Judged: ...
 
 
 @dataclass(frozen=True, eq=False)
@@ -229,6 +265,35 @@ class PupilError:
         """
         return _best(self._tabulated(self._lags(pupil)))
 
+    @property
+    def frequencies(self) -> tuple[tuple[Floats, Floats], tuple[Floats, Floats]]:
+        """Cycles per pixel along y and x, first of the upper half of the square, then of the low-passed scenes."""
+        nu = np.arange(-(self.cycle // 2), self.cycle // 2 + 1) / self.cycle
+        low = scipy.fft.fftfreq(len(self.mirror[0])) / FACTOR, scipy.fft.rfftfreq(len(self.mirror[1])) / FACTOR
+        return (nu[self.cycle // 2 :], nu), (np.asarray(low[0]), np.asarray(low[1]))
+
+    def squared_errors(self, seen: Transfers, open_share: float, known: Transfers | None = None) -> Floats:
+        """Mean squared errors of restored photographs by level and ε, [levels, ε]; white is 1.
+
+        Args:
+            seen: H at ``frequencies`` of what photographs are taken through, whatever it is.
+            open_share: of the stop's light that it passes.
+            known: H of what restores them; as ``seen`` if None.
+        """
+        with torch.no_grad():
+            transfer, low = (torch.from_numpy(each) for each in seen)
+            by = None if known is None else (torch.from_numpy(known[0]), torch.from_numpy(known[1]))
+            errors = self._errors(_precise(transfer), low, self.strengths, by)
+        found = [
+            (self.noise.variance(level, open_share) * errors.noise_gain + errors.bias + errors.leak).numpy()
+            for level in self.levels
+        ]
+        return np.stack(found)
+
+    def decibels(self, level: float, error: float) -> float:
+        """The PSNR that a mean squared error stands for at a level of light."""
+        return -10 * math.log10(error) + self.noise.added_db(level)
+
     def table(self, pupil: NDArray[np.bool_] | Floats) -> NDArray[np.float32]:
         """Autocorrelation of a pupil in dots, at the lags (y, x) of the upper half plane within reach, in light without
         a phase."""
@@ -288,7 +353,6 @@ class PupilError:
         """H on the upper half of the square of frequencies, at the low ones, and the light in dots."""
         reach, near_reach, cycle = self.reach, self.along[0].shape[1] // 2, self.cycle
         light = table[0, reach].real.to(torch.float64)
-        precise = torch.complex128 if table.is_complex() else torch.float64
         seen = self._stretched(table) * self.pixel
         lines = seen.reshape(len(seen), -1, cycle).sum(dim=1) * self.pixel[len(self.pixel) // 2 :, None]
         half = cycle // 2 + 1
@@ -296,10 +360,10 @@ class PupilError:
         for start in range(cycle, len(lines), cycle):
             # Rows from below 0 are rows above it, mirrored.
             folded = folded + lines[start : start + half] + lines[start - half + 1 : start + 1].flip(0, 1).conj()
-        folded = folded.to(precise) / light
-        upper = table[: near_reach + 1, reach - near_reach : reach + near_reach + 1].to(precise)
+        folded = _precise(folded) / light
+        upper = _precise(table[: near_reach + 1, reach - near_reach : reach + near_reach + 1])
         near = torch.cat([upper[1:].flip(0, 1).conj(), upper]) / light
-        up, across = (matrix.to(precise) for matrix in self.along)
+        up, across = (matrix.to(near.dtype) for matrix in self.along)
         return folded, up @ near @ across.T, light
 
     def _stretched(self, table: torch.Tensor) -> torch.Tensor:
@@ -323,25 +387,39 @@ class PupilError:
         ]
         return -torch.stack(found).sum()
 
-    def _errors(self, transfer: torch.Tensor, low: torch.Tensor, epsilons: Sequence[float]) -> _Errors:
-        """The mean squared errors of filters, whatever the light."""
-        squared = _squared_modulus(transfer)
+    def _errors(
+        self,
+        transfer: torch.Tensor,
+        low: torch.Tensor,
+        epsilons: Sequence[float],
+        known: tuple[torch.Tensor, torch.Tensor] | None = None,
+    ) -> _Errors:
+        """The mean squared errors of filters, whatever the light; those of ``known`` transfers if there are any."""
+        by = None if known is None else _precise(known[0])
+        squared = _squared_modulus(transfer if by is None else by)
         noise, bias = [], []
         for epsilon in epsilons:
             regular = epsilon * self.inverse_prior
             below = 1 / (squared + regular) ** 2
             noise.append((self.share * squared * below).sum())
-            bias.append((self.signal * regular**2 * below).sum())
-        return _Errors(torch.stack(noise), torch.stack(bias), self._leaks(low, epsilons))
+            if by is None:
+                bias.append((self.signal * regular**2 * below).sum())
+            else:
+                missed = 1 - wiener_tensor(by, regular) * transfer
+                bias.append((self.signal * _squared_modulus(missed)).sum())
+        return _Errors(torch.stack(noise), torch.stack(bias), self._leaks(low, epsilons, known and known[1]))
 
     def _decibels(self, level: float, light: torch.Tensor, errors: _Errors) -> torch.Tensor:
         white = self.noise.taking.electrons[level] / REFERENCE_TRANSMISSION * light / float(self.inside.sum())
         error = self.noise.of_white(white) * errors.noise_gain + errors.bias + errors.leak
         return -10 * torch.log10(error) + self.noise.added_db(level)
 
-    def _leaks(self, transfer: torch.Tensor, epsilons: Sequence[float]) -> torch.Tensor:
+    def _leaks(
+        self, transfer: torch.Tensor, epsilons: Sequence[float], known: torch.Tensor | None = None
+    ) -> torch.Tensor:
         """Mean squared errors of the low-passed scenes, whose halo crosses the sensor's edge, by ε."""
         single = transfer.to(torch.complex64 if transfer.is_complex() else torch.float32)
+        by = single if known is None else known
         rows, columns = len(self.mirror[0]), len(self.mirror[1])
         height, width = self.low_truth.shape[-2:]
         top, left = (rows - height) // 2, (columns - width) // 2
@@ -350,7 +428,7 @@ class PupilError:
         seen = torch.fft.rfft2(record.index_select(-2, self.mirror[0]).index_select(-1, self.mirror[1]))
         found = []
         for epsilon in epsilons:
-            filtered = wiener_tensor(single, epsilon * self.low_prior)
+            filtered = wiener_tensor(by, epsilon * self.low_prior)
             restored = torch.fft.irfft2(seen * filtered, s=(rows, columns))
             missed = restored[..., top : top + height, left : left + width] - self.low_truth
             found.append((missed**2).mean().to(torch.float64))
@@ -367,6 +445,10 @@ class PupilError:
 def wiener_tensor(transfer: torch.Tensor, noise_to_signal: torch.Tensor | float) -> torch.Tensor:
     """:func:`maskfab.optics.numbers.wiener.wiener_filter` with a slope, for R above 0."""
     return transfer.conj() / (_squared_modulus(transfer) + noise_to_signal)
+
+
+def _precise(transfer: torch.Tensor) -> torch.Tensor:
+    return transfer.to(torch.complex128 if transfer.is_complex() else torch.float64)
 
 
 def _squared_modulus(transfer: torch.Tensor) -> torch.Tensor:

@@ -42,7 +42,8 @@ from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES
 from maskfab.optimiser.rules.fit_rule import Display, footprints_of, misfit, of_display
 from maskfab.optimiser.rules.footprints import Footprints
-from maskfab.optimiser.search.finish import FIRST_STEPS, MAP_LEAK_SCENES, map_of, map_seed
+from maskfab.optimiser.search.finish import FIRST_STEPS, map_of, map_seed
+from maskfab.optimiser.search.judges import MAP_LEAK_SCENES
 from maskfab.optimiser.search.scan import allowed
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
@@ -250,7 +251,7 @@ class _Sweep:
         return self._judged(opening.name, opening.mask, footprint, max(lines))
 
     def _judged(self, shape: str, unit: Mask, footprint: float, lines: int) -> JudgedOpening:
-        psnr = self.objective.surrogate(unit, periodic=self.objective.periodic, levels=self.objective.levels)
+        psnr = self.objective.by_level(unit)
         return JudgedOpening(shape, unit, self._weighted(psnr), psnr, footprint, lines)
 
     def _weighted(self, psnr: Sequence[float]) -> float:

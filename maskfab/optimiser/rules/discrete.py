@@ -53,6 +53,7 @@ class ExpectedPsnr:
         periodic: whether all cells are laid alike.
         levels: signal-to-noise ratios in dB.
         weights: of the levels; equal if empty.
+        distances: surrogates in whose place the mean over them counts; none for the one alone.
 
     Raises:
         JobError: MF105 if weights and levels differ in number; MF104 if weights are negative or all 0.
@@ -62,6 +63,7 @@ class ExpectedPsnr:
     periodic: bool = False
     levels: tuple[float, ...] = LEVELS
     weights: tuple[float, ...] = ()
+    distances: tuple[Surrogate, ...] = ()
 
     def __post_init__(self) -> None:
         weights = self.weights or (1.0,) * len(self.levels)
@@ -82,8 +84,14 @@ class ExpectedPsnr:
         object.__setattr__(self, "weights", weights)
 
     def __call__(self, unit: Mask) -> float:
-        found = self.surrogate(unit, periodic=self.periodic, levels=self.levels)
-        return float(np.dot(found, self.weights) / sum(self.weights))
+        return float(np.dot(self.by_level(unit), self.weights) / sum(self.weights))
+
+    def by_level(self, unit: Mask) -> tuple[float, ...]:
+        """Expected restored PSNR in dB at each level."""
+        if not self.distances:
+            return self.surrogate(unit, periodic=self.periodic, levels=self.levels)
+        each = [known(unit, periodic=self.periodic, levels=self.levels) for known in self.distances]
+        return tuple(np.mean(each, axis=0).tolist())
 
 
 @dataclass(frozen=True, eq=False)

@@ -16,10 +16,11 @@ from maskfab.display.feasibility import DisplayRules, Feasibility, feasibility
 from maskfab.display.wires.wiring import most_lines, wiring
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Panel, Tiling
+from maskfab.optimiser.model.designed_panel import designed_panel
 from maskfab.optimiser.rules.footprints import Footprints
 from maskfab.optimiser.rules.lines_beside import most_beside
 from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
-from maskfab.plate.maps import CellMap, panel_shape, placed
+from maskfab.plate.maps import CellMap
 from maskfab.plate.tiling import orientations
 from maskfab.units import NM_PER_UM
 
@@ -69,12 +70,9 @@ class Display:
 
     def die(self, unit: Mask, dot_nm: int, given: CellMap | None, outer: Mask | None = None) -> Panel:
         """The panel of a die, its map in the middle; every cell beyond it draws one of both openings."""
-        held = 1 if outer is None else 2
-        if given is None:
-            drawn = orientations(self.tiling, self.across, self.across, self.seed, openings=held)
-            return self.panel(unit, dot_nm, drawn, outer)
-        rows, columns = panel_shape(given, self.across, self.across)
-        return self.panel(unit, dot_nm, placed(given, rows, columns, self.seed, openings=held, where="design"), outer)
+        return designed_panel(
+            unit, dot_nm, tiling=self.tiling, seed=self.seed, across=self.across, given=given, outer=outer
+        )
 
     def on(self, panel: Panel) -> Feasibility | None:
         """Answer of the check to a panel; None for a sheet that has no pixels."""

@@ -13,7 +13,7 @@ from maskfab.optimiser.maps.cluster import Groups, clustered, most_dots
 from maskfab.optimiser.maps.density import Graded, graded
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode
 from maskfab.optimiser.model.expected_psnr import Surrogate
-from maskfab.optimiser.model.layout_error import PupilError
+from maskfab.optimiser.model.layout_error import PanelError, PupilError
 from maskfab.optimiser.result import Facts, by_level
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.die_fit import DieFit
@@ -24,9 +24,6 @@ from maskfab.progress import Progress
 _KICKS = 3
 _DESCENT_S, FIRST_STEPS = 5.0, 16
 """A descent takes about so long; budgets of less give it so many fields, which bring most of the gain."""
-MAP_LEAK_SCENES = 8
-"""Scenes whose leak a map is designed on: on fewer it fits the very edges of those, and gains a tenth of a decibel less
-on any others."""
 _LONGEST = 20
 BOUNDS_S = 5.0
 """Bounds take about so long; a design whose whole budget is less goes without them."""
@@ -42,7 +39,7 @@ class Mapped:
         outer: the sparser one of two, bool [dots, dots].
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
         head_room: by level, dB that no layout of as many dots and as much light can gain over the map; None without a
-            map, for a panel of two, and where the budget is shorter than bounds take.
+            map, for a panel of two, over several distances, and where the budget is shorter than bounds take.
         notes: what a user should know, as sentences.
         cut: the budget cut it short.
         fit: of the display on a die, for a panel of two that must hold one.
@@ -64,7 +61,7 @@ def mapped(
     unit: Mask,
     rules: Constraints,
     estimate: Surrogate,
-    error: PupilError | None,
+    error: PanelError | None,
     facts: Facts,
     find: Callable[[int], Iterable[Mask]],
     clock: Clock,
@@ -118,7 +115,8 @@ def mapped(
         progress=progress,
     )
     room = None
-    if not clock.shorter_than(BOUNDS_S):
+    # What bounds a panel in focus bounds no mean over distances.
+    if isinstance(error, PupilError) and not clock.shorter_than(BOUNDS_S):
         pupil = laid(both.unit, both.designed, error)
         room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
         facts = {**facts, **by_level("head_room", room, error.levels)}
@@ -132,7 +130,7 @@ def map_seed(section: SearchSection) -> int:
 
 
 def _of_two(
-    section: SearchSection, made: Graded, error: PupilError, facts: Facts, denser: str, notes: tuple[str, ...]
+    section: SearchSection, made: Graded, error: PanelError, facts: Facts, denser: str, notes: tuple[str, ...]
 ) -> Mapped:
     """Two openings at equal light, and what the display pays for them."""
     price = made.price
@@ -157,7 +155,7 @@ def _of_two(
     return Mapped(dense, cells, made.designed, sparse, known_psnr, notes=said, cut=bool(notes), fit=made.fit)
 
 
-def map_of(section: SearchSection, error: PupilError, designed: DesignedMap, facts: Facts) -> CellMap:
+def map_of(section: SearchSection, error: PanelError, designed: DesignedMap, facts: Facts) -> CellMap:
     """A designed map under its name, with its provenance added to that of its opening."""
     light = round(designed.clear_dots / designed.start_clear_dots - 1, 5) + 0.0
     known: Facts = {

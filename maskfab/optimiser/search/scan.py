@@ -102,6 +102,15 @@ def _symmetric(units: NDArray[np.bool_], symmetry: Symmetry) -> NDArray[np.bool_
     return np.asarray(~np.any(np.stack(list(uneven)), axis=0))
 
 
+def first_shape(section: SearchSection) -> Mask:
+    """The first shape that the section's families have, whatever its rules.
+
+    Raises:
+        OpeningError: MF204 for a count that the family cannot have.
+    """
+    return next(FAMILIES[section.families[0]](section.dots, section.clear_dots)).unit
+
+
 def scanned(
     section: SearchSection,
     rules: Constraints,

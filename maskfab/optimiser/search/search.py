@@ -25,9 +25,9 @@ from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.maps.cluster import Groups
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
-from maskfab.optimiser.model.expected_psnr import surrogate_behind
-from maskfab.optimiser.model.layout_error import PupilError, pupil_error
+from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.model.robustness import EXACT, Robustness, Spread, robustness
+from maskfab.optimiser.model.scene_conditions import SceneConditions
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import (
     Designed,
@@ -43,12 +43,14 @@ from maskfab.optimiser.result import (
 )
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.die_fit import DieFit, fitting_die
-from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal
+from maskfab.optimiser.rules.discrete import Mask, Ranked, anneal
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.auc_search import best_for_auc
-from maskfab.optimiser.search.finish import BOUNDS_S, MAP_LEAK_SCENES, Mapped, map_seed, mapped
+from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, map_seed, mapped
+from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
+from maskfab.optimiser.search.over_scene import over_scene
 from maskfab.optimiser.search.scan import Best, allowed, annealed, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.plate.maps import shifted
@@ -70,6 +72,7 @@ def search(
     taking: Taking = F1_TAKING,
     display: Display | None = None,
     spread: Spread = EXACT,
+    seen: SceneConditions | None = None,
     budget_s: float | None = None,
     checkpoint: Path | None = None,
 ) -> Designed:
@@ -84,6 +87,7 @@ def search(
         taking: of the photographs that openings are compared by.
         display: that the opening must hold; None for any or none.
         spread: over which the panel is appraised.
+        seen: conditions of the scene; None where nothing of it must be modelled.
         budget_s: seconds for the search; what every result needs is done beyond them: one descent of a map, and
             bounds, where these do not take longer than the budget.
         checkpoint: file to go on from, and to keep.
@@ -103,26 +107,22 @@ def search(
         require_places(rules)
     rules.require_possible()
     progress("photographs", 0, 1)
-    estimate = surrogate_behind(scenes, room, taking=taking)
+    judges = Judges(section, scenes, room, taking, seen)
+    expected = judges.expected
     progress("photographs", 1, 1)
-    periodic = section.tiling is Tiling.PERIODIC
-    expected = ExpectedPsnr(estimate, periodic, taking.levels, section.weights or ())
-    made_for = camera_facts(camera, taking)
+    made_for = camera_facts(camera, taking, seen)
     kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
     if section.objective == "auc":
         found = _by_auc(section, rules, room, clock, progress)
     else:
         found = scanned(section, rules, expected, clock, kept, progress)
         found = annealed(found, section, rules, expected, clock, kept, progress)
-    error = None
-    if section.map is not None:
-        wide = surrogate_behind(scenes, room, taking=taking, leak_scenes=MAP_LEAK_SCENES)
-        error = pupil_error(wide, weights=section.weights)
-    if error is not None and section.map is not None and section.objective != "auc" and not _of_two_openings(section):
+    panels = judges if section.map is None else replace(judges, leak_scenes=MAP_LEAK_SCENES)
+    if section.map is not None and section.objective != "auc" and not _of_two_openings(section):
         found = shortlisted(
             found,
             section.shortlist,
-            error,
+            panels.panel,
             rules,
             clock,
             progress,
@@ -140,31 +140,30 @@ def search(
         section,
         found.best.unit,
         rules,
-        estimate,
-        error,
+        judges.estimate,
+        None if section.map is None else panels.panel,
         origin(section, command, made_for),
         of_count,
         clock,
         progress,
-        groups=_groups(section, scenes, rules.dot_nm, camera, taking),
+        groups=_groups(panels, rules.dot_nm),
     )
     fit = _required_fit(display, laid, rules, progress)
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
-    if psnr is None and clock.shorter_than(BOUNDS_S):
-        psnr = estimate(laid.unit, periodic=periodic)
-        known = by_level("expected_psnr", psnr, taking.levels)
+    known: Facts = {}
+    short = clock.shorter_than(BOUNDS_S)
+    if psnr is None and short:
         notes += (f"Bounds are proved in {BOUNDS_S:g} s, and the budget is less: no headroom is told.",)
     elif psnr is None:
         progress("bounds", 0, 1)
-        psnr, known, head_room, gap = appraised(estimate, laid.unit, periodic=periodic)
+        psnr, known, head_room, gap = appraised(judges.estimate, laid.unit, periodic=expected.periodic)
         progress("bounds", 1, 1)
-    else:
-        known = by_level("expected_psnr", psnr, taking.levels)
-    robust = None
-    if not clock.shorter_than(BOUNDS_S):
-        robust = _appraised(section, laid, error or pupil_error(estimate, weights=section.weights), spread)
-    facts |= {**known, "evaluated": found.evaluated}
+    if psnr is None or (expected.distances and laid.psnr is None):
+        psnr = expected.by_level(laid.unit)
+    robust = None if short else _appraised(section, laid, panels.in_focus, spread)
+    scene = None if seen is None or short else over_scene(section, laid, rules.dot_nm, panels, seen)
+    facts |= {**known, **by_level("expected_psnr", psnr, taking.levels), "evaluated": found.evaluated}
     facts |= {} if priced is None else of_prices(priced)
     return Designed(
         Opening(section.name, laid.unit, rules.dot_nm, facts),
@@ -180,10 +179,11 @@ def search(
         None if laid.outer is None else Opening(f"{section.name[:_LONGEST]}_outer", laid.outer, rules.dot_nm, facts),
         (*_few_cells(room, section), *notes),
         found.cut or laid.cut,
-        camera=made_for_line(camera, taking),
+        camera=made_for_line(camera, taking, seen),
         levels=taking.levels,
         robust=robust,
         fit=fit,
+        scene=scene,
     )
 
 
@@ -205,17 +205,15 @@ def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: 
     )
 
 
-def _groups(
-    section: SearchSection, scenes: Sequence[Photograph], dot_nm: int, camera: PhotoCamera, taking: Taking
-) -> Groups | None:
-    """Judgement of groups of pixels; None where they share no light."""
+def _groups(panels: Judges, dot_nm: int) -> Groups | None:
+    """Judgement of groups of pixels by the judges of single ones; None where they share no light."""
+    section = panels.section
     if section.cluster is None:
         return None
-    room = lattice(section.cluster * section.dots, dot_nm, camera=camera)
+    room = lattice(section.cluster * section.dots, dot_nm, camera=panels.room.camera)
     require_size(room)
-    estimate = surrogate_behind(scenes, room, taking=taking, leak_scenes=MAP_LEAK_SCENES)
-    value = ExpectedPsnr(estimate, False, taking.levels, section.weights or ())
-    return Groups(value, pupil_error(estimate, weights=section.weights))
+    groups = replace(panels, room=room)
+    return Groups(groups.expected, groups.panel)
 
 
 def _of_two_openings(section: SearchSection) -> bool:

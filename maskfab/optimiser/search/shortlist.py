@@ -16,7 +16,7 @@ import numpy as np
 
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.orientation_map import MapMode, design_map
-from maskfab.optimiser.model.layout_error import PupilError
+from maskfab.optimiser.model.layout_error import PanelError
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Ranked
 from maskfab.optimiser.rules.families import Candidate, kind
@@ -27,7 +27,7 @@ from maskfab.progress import Progress
 def shortlisted(
     found: Best,
     most: int,
-    error: PupilError,
+    error: PanelError,
     rules: Constraints,
     clock: Clock,
     progress: Progress,
