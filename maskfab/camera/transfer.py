@@ -96,7 +96,11 @@ class CellGrid:
                 one dot to the next.
         """
         middles = (np.arange(self.side, dtype=np.float64) - (self.side - 1) / 2) * self.dot_um
-        return turned(waves, middles, middles, self.stop)
+        try:
+            return turned(waves, middles, middles, self.stop)
+        except JobError as refusal:
+            cure = "Use smaller dots, or ask for less depth or aberration" if refusal.code == "MF115" else refusal.cure
+            raise JobError(refusal.code, refusal.what, where=refusal.where, cure=cure) from None
 
     def per_cycle(self, wavelength_nm: float) -> float:
         """Lag in dots that belongs to one cycle per pixel."""

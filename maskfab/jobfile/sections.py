@@ -462,7 +462,8 @@ class LightSection(Section):
 class SceneSection(Section):
     """[scene]: what the camera looks at and how accurate the PSF must be; the defaults ask for nothing extra.
 
-    A file is a path relative to the job file, or a key of [curves].
+    A ``design`` that searches is for the mean over what its accuracy asks to be modelled of depth, focus, field, gap
+    and aberrations; it does not use the other keys. A file is a path relative to the job file, or a key of [curves].
     """
 
     accuracy: Accuracy = 1e-3

@@ -7,10 +7,6 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from maskfab.measurement.scene_result import distance
-from maskfab.optics.wavefront.panel_gap import AXIS
 from maskfab.units import UM_PER_MM
 
 if TYPE_CHECKING:
@@ -141,14 +137,17 @@ def _robust_lines(found: Designed, robust: Robustness) -> list[str]:
 
 
 def _scene_lines(found: Designed, scene: SceneDesign) -> list[str]:
+    from maskfab.measurement.scene_result import distance
+    from maskfab.optics.wavefront.panel_gap import AXIS
+
     seen, panel = scene.seen, scene.panel
     told = [f"this panel over the scene (modelled: {', '.join(seen.modelled)}): {_levels(found, panel.mean)}, mean"]
     for each, psnr in zip(panel.conditions, panel.psnr, strict=True):
         x, y = each.image_um
-        place = "on the axis" if each.image_um == AXIS else f"{x:g} um right and {y:g} um up of the axis"
+        place = "on the axis" if each.image_um == AXIS else f"{x:.0f} um right and {y:.0f} um down from the axis"
         told.append(f"  at {distance(each.object_um)}, {place} ({each.weight:.1%}): {_levels(found, psnr)}")
     if scene.random is not None:
-        gains = np.subtract(panel.mean, scene.random.mean).tolist()
+        gains = [ours - random for ours, random in zip(panel.mean, scene.random.mean, strict=True)]
         told.append(f"gain of the designed map over a random one, over the scene: {_levels(found, gains, '+')}")
     return told
 

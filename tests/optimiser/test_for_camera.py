@@ -178,7 +178,6 @@ def test_a_job_is_compared_by_its_own_sensor_or_light_unless_it_names_f1():
         ({"sensor": {"mosaic": "rggb", "read_noise": 2.0}}, ["mosaic of [sensor]"], ["read_noise", "exposure"]),
         ({"sensor": {"full_well": 12000.0}}, ["full_well of [sensor]"], ["mosaic"]),
         ({"exposure": {"snr": [30], "brackets": [1, 4]}}, ["brackets of [exposure]"], ["[sensor]"]),
-        ({"sensor": {"read_noise": 2.0}, "scene": {"gap": "1 mm"}}, ["[scene]"], ["[sensor]"]),
         ({"sensor": {"read_noise": 2.0}, "design": {"protocol": "f1"}}, ["[sensor]", "protocol F1"], ["[exposure]"]),
     ],
 )

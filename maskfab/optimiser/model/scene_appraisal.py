@@ -55,12 +55,12 @@ def appraise_over(panel: Panel, seen: SceneConditions, errors: Sequence[PupilErr
         die = die_transfer("the design", panel, seen.camera, seen.scene, seen.plan, object_um=distance)
         lines, samples = die.resolution.lines[_MIDDLE], die.resolution.samples
         open_share = die.view.passed_um2(lines.gap.centroid_nm, samples) / seen.camera.stop.area_um2
-        axis = _transfers(die, error)
+        axis = transfers(die, error)
         by_place = np.stack(
             [
                 error.squared_errors(axis, open_share)
                 if place == AXIS
-                else error.squared_errors(_transfers(die.at(place), error), open_share, known=axis)
+                else error.squared_errors(transfers(die.at(place), error), open_share, known=axis)
                 for place in places
             ]
         )
@@ -73,7 +73,7 @@ def appraise_over(panel: Panel, seen: SceneConditions, errors: Sequence[PupilErr
     return SceneAppraisal(tuple(seen), tuple(psnr), tuple(np.mean(means, axis=0).tolist()))
 
 
-def _transfers(die: DieTransfer, error: PupilError) -> Transfers:
+def transfers(die: DieTransfer, error: PupilError) -> Transfers:
     """H of the middle line at the frequencies that an error is summed over."""
     lines, samples = die.resolution.lines[_MIDDLE], die.resolution.samples
     square, low = (die.view.transfer(lines, samples, y, x) for y, x in error.frequencies)

@@ -82,12 +82,12 @@ class SceneConditions:
         panel = designed_panel(shape, dot_nm, tiling=Tiling.RANDOM, seed=0, across=across)
         made = cls(camera, scene, plan(panel, camera, scene, accuracy))
         for distance in made.distances_um if made.needed else ():
-            die = die_transfer("the design", panel, camera, scene, made.plan, object_um=distance)
-            for place, _ in made.places:
-                die.at(place)
             waves = made.waves(distance, room.camera.middle_nm)
             if waves is not None:
                 made.behind(room).turned(waves)
+            die = die_transfer("the design", panel, camera, scene, made.plan, object_um=distance)
+            for place, _ in made.places:
+                die.at(place)
         return made
 
     @property
