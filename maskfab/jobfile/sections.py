@@ -324,7 +324,7 @@ class SearchSection(DesignSection):
     joint: int = Field(default=0, ge=0, le=100)
     """Rounds that alternate between opening and map."""
     fit: bool = False
-    """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``; at last on a whole die."""
+    """The display of the job's [emitters] and [wires] must fit, by the checks of ``maskfab check``, on a die too."""
     density: float | None = Field(default=None, gt=0, lt=1, allow_inf_nan=False)
     """Share of clear dots in the central half of the stop; the rest has fewer, so that total light is the same."""
     cluster: Literal[2] | None = None

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import ast
 import inspect
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -187,11 +189,93 @@ def test_what_cannot_be_said_of_a_subject_is_refused_and_not_ignored(tmp_path, n
 
 @pytest.mark.parametrize(
     ("stated", "named"),
-    [({"dots": 7}, "dots"), ({"method": "search"}, "method"), ({"camera": F1}, "camera"), ({"anneal": 5}, "anneal")],
+    [
+        ({"dots": 7}, "dots"),
+        ({"method": "search"}, "method"),
+        ({"camera": F1}, "camera"),
+        ({"anneal": 5}, "anneal"),
+        ({"emitters": {}, "wires": {}, "sections": {}}, "emitters, wires, sections"),
+    ],
 )
 def test_a_design_of_a_job_takes_nothing_that_the_job_says(tmp_path, stated, named):
     with pytest.raises(JobError, match=rf"MF105 {named} cannot be stated beside a job"):
         mf.design(write_job(tmp_path), **stated)
+
+
+DESIGN = {"dots": 11, "pitch": "88 um", "clear_dots": 25, "families": ["bars"], "shortlist": 1, "fit": True}
+SHOWN = {"required": 0.1, "gap_to_opening": 4, "colour_gap": "8 um", "min_width": 8, "circuit": "800 um^2"}
+WIRED = {"lines": 5, "line": 3.0}
+ASKED = """
+[design]
+name = "found"
+dots = 11
+pitch = "88 um"
+clear_dots = 25
+families = ["bars"]
+map = "equal_light"
+shortlist = 1
+fit = true
+
+[camera]
+focal = "10 mm"
+stop = { diameter = "0.512 mm" }
+wavelengths = ["610 nm", "530 nm", "470 nm"]
+pixel = "2 um"
+
+[emitters]
+required = 0.1
+gap_to_opening = "4 um"
+colour_gap = "8 um"
+min_width = "8 um"
+circuit = "800 um^2"
+
+[wires]
+line = "3 um"
+lines = 5
+"""
+
+
+def test_a_display_is_stated_in_a_call_as_in_a_job(tmp_path, monkeypatch):
+    monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
+    monkeypatch.setattr("maskfab.optimiser.search.finish._KICKS", 0)
+    # Without bounds, which take half of the time.
+    monkeypatch.setattr("maskfab.optimiser.clock.Clock.shorter_than", lambda *_: True)
+    (tmp_path / "job.toml").write_text(ASKED)
+    camera = mf.Camera("10 mm", stop="0.512 mm", pixel="2 um", wavelengths=[610, 530, 470])
+    told = mf.design(tmp_path / "job.toml")
+    called = mf.design(**DESIGN, emitters=SHOWN, wires=WIRED, camera=camera)
+    assert np.array_equal(called.opening.mask, told.opening.mask)
+    assert np.array_equal(called.map.cells, told.map.cells)
+    assert called.fit is not None
+    assert replace(called.fit, seconds=0) == replace(told.fit, seconds=0)
+    assert (called.fit.across, called.psnr) == (12, told.psnr)
+    # The call in the provenance states the display too, and could be made again.
+    said = ast.parse(str(called.found.opening.provenance["command"]), mode="eval").body
+    assert isinstance(said, ast.Call)
+    again = {each.arg: each.value for each in said.keywords}
+    assert ast.literal_eval(again["wires"]) == {"lines": 5, "line": "3 um"}
+    assert ast.literal_eval(again["emitters"])["gap_to_opening"] == "4 um"
+    assert ast.literal_eval(again["fit"]) is True
+
+
+@pytest.mark.parametrize(
+    ("code", "where", "stated"),
+    [
+        ("MF105", "design.fit", {}),
+        ("MF105", "wires", {"wires": WIRED}),
+        ("MF102", "emitters.gap", {"emitters": {**SHOWN, "gap": 4}}),
+        ("MF103", "emitters.min_width", {"emitters": {**SHOWN, "min_width": "8"}}),
+        ("MF105", "emitters", {"emitters": [8]}),
+        ("MF123", "100 um wide", {"emitters": SHOWN, "wires": {"line": 100}}),
+        ("MF123", "emitters", {"emitters": {**SHOWN, "required": 0.3}}),
+        ("MF102", "sections", {"emitters": SHOWN, "sections": {"limits": {}}}),
+        ("MF102", "sections", {"emitters": SHOWN, "sections": {"wires": WIRED}}),
+        ("MF127", "process.spread.bias", {"emitters": SHOWN, "sections": {"process": {"spread": {"bias": "9 um"}}}}),
+    ],
+)
+def test_a_display_that_cannot_be_is_refused_in_a_call_as_in_a_job(code, where, stated):
+    with pytest.raises(JobError, match=rf"{code}.*{where}"):
+        mf.design(**DESIGN, **stated)
 
 
 @pytest.mark.slow

@@ -7,15 +7,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
+from pydantic import BaseModel
+
 from maskfab.api.camera import F1, Camera
-from maskfab.api.lengths import Length, length_text
+from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, write_text
-from maskfab.jobfile import read, validate
+from maskfab.jobfile import EmittersSection, WiresSection, read, validate
 from maskfab.opening import openings
 from maskfab.optimiser.design import design as design_spec
 from maskfab.optimiser.result import Designed
+from maskfab.optimiser.rules.die_fit import DieFit
 from maskfab.plate import maps
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent
@@ -24,6 +27,9 @@ from maskfab.units import parse_time_s
 
 if TYPE_CHECKING:
     from maskfab.report.plots.sheet import Drawing
+
+_FURTHER = ("light", "plate", "process", "sensor", "exposure", "scene")
+"""Sections of a job that a design uses beside those that are arguments."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -86,6 +92,11 @@ class Design:
             write_text(paths[part], text, replace=force)
         return [paths[part] for part in texts]
 
+    @property
+    def fit(self) -> DieFit | None:
+        """The die on which the display was found to fit; None where none had to."""
+        return self.found.fit
+
     def plot(self) -> Drawing:
         """The opening."""
         return self.opening.plot()
@@ -120,6 +131,9 @@ def design(
     tiling: str | None = None,
     map: Literal["equal_light", "edge_packing", "none"] | None = None,
     rules: Mapping[str, Any] | None = None,
+    emitters: Mapping[str, Any] | None = None,
+    wires: Mapping[str, Any] | None = None,
+    sections: Mapping[str, Any] | None = None,
     images: str | Path | None = None,
     budget: str | None = None,
     checkpoint: str | Path | None = None,
@@ -140,6 +154,11 @@ def design(
         map: which orientations of the pixels before the stop are designed too; "equal_light" by default where a search
             is for a random tiling, where alone there can be one.
         rules: hard constraints, as design.rules of a job file has them.
+        emitters: of the display, as [emitters] of a job file states them, lengths as here; with ``fit=True`` the
+            display must fit round the opening, by the checks of :func:`maskfab.check`.
+        wires: of the display likewise, as [wires].
+        sections: further sections as a job file has them, of those that a design uses: light, plate (for its
+            ``die_size``), process (for its ``spread``), sensor, exposure and scene.
         images: folder of photographs to design for; synthetic scenes if None.
         budget: ``"60 s"``: take the best that was found by then.
         checkpoint: file that saves the state, from which it goes on if it exists.
@@ -147,8 +166,8 @@ def design(
         keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
 
     Raises:
-        JobError: as for a job file with such a [design]; MF105 for what is stated beside a job; MF123 for rules that
-            contradict each other.
+        JobError: as for a job file with such a [design]; MF102 for a section that a design does not use; MF105 for what
+            is stated beside a job; MF123 for rules that contradict each other, and for a display that does not fit.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
     """
     limit_s = None if budget is None else parse_time_s(budget, where="budget")
@@ -165,7 +184,8 @@ def design(
     }
     given = {key: value for key, value in stated.items() if value is not None}
     if job is not None:
-        _refuse_beside_job([*given, *(() if camera is None else ("camera",))])
+        others = {"camera": camera, "emitters": emitters, "wires": wires, "sections": sections}
+        _refuse_beside_job([*given, *(key for key, value in others.items() if value is not None)])
         spec, where = read(Path(job)), str(job)
         command = f"maskfab design {Path(job).as_posix()}"
         command += "" if images is None else f" --images {Path(images).as_posix()}"
@@ -173,8 +193,11 @@ def design(
         where = "design()"
         lens = (camera or F1).section.model_dump(mode="json", exclude_none=True)
         section = _with_defaults(given)
-        spec = validate({"camera": lens, "design": section}, where=where)
-        command = _call(section, camera=None if camera is None else lens, images=images)
+        display = _display(emitters, wires)
+        more = _further(sections or {})
+        spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
+        stated = {**section, **display, **({"sections": more} if more else {})}
+        command = _call(stated, camera=None if camera is None else lens, images=images)
     found = design_spec(
         spec,
         command,
@@ -193,8 +216,39 @@ def _refuse_beside_job(given: Sequence[str]) -> None:
             "MF105",
             f"{', '.join(given)} cannot be stated beside a job, which says what is designed",
             where=given[0],
-            cure="State it in the job's [design] or [camera], or leave the job out",
+            cure="State it in the job, or leave the job out",
         )
+
+
+def _display(emitters: Mapping[str, Any] | None, wires: Mapping[str, Any] | None) -> dict[str, Any]:
+    """[emitters] and [wires] as a job file has them, of those that are stated."""
+    stated: dict[str, tuple[Mapping[str, Any] | None, type[BaseModel]]] = {
+        "emitters": (emitters, EmittersSection),
+        "wires": (wires, WiresSection),
+    }
+    # What is no mapping is left to the job file's own checks.
+    return {
+        key: lengths_as_text(held, kind) if isinstance(held, Mapping) else held
+        for key, (held, kind) in stated.items()
+        if held is not None
+    }
+
+
+def _further(sections: Mapping[str, Any]) -> dict[str, Any]:
+    """Sections that are not stated otherwise.
+
+    Raises:
+        JobError: MF102 for those that no design uses.
+    """
+    for key in sections:
+        if key not in _FURTHER:
+            raise JobError(
+                "MF102",
+                f"a design has no use for a section {key!r}",
+                where="design(): sections",
+                cure=f"Use {', '.join(_FURTHER)}; emitters, wires and camera are arguments of their own",
+            )
+    return dict(sections)
 
 
 def _with_defaults(given: Mapping[str, Any]) -> dict[str, Any]:
