@@ -222,6 +222,8 @@ def test_a_design_over_a_depth_lists_its_conditions_and_their_mean(tmp_path):
     told = document["scene"]
     assert told["modelled"] == ["defocus over the depth"]
     assert [each["object_um"] for each in told["conditions"]] == [2e6, None]
+    near, sharp = (each["psnr_db"]["32"] for each in told["conditions"])
+    assert near < sharp
     for level, mean in told["mean_psnr_db"].items():
         assert mean == pytest.approx(np.mean([each["psnr_db"][level] for each in told["conditions"]]))
         assert mean > told["random_mean_psnr_db"][level]
@@ -233,6 +235,13 @@ def test_a_design_over_a_depth_lists_its_conditions_and_their_mean(tmp_path):
     assert "Of the scene, shift through the gap is left out" in notes
     lines = designed_lines(found, found.notes)
     assert any(line.startswith("  at 2 m, on the axis (50.0%): ") for line in lines)
+
+
+@pytest.mark.usefixtures("few")
+def test_a_short_budget_says_that_conditions_are_not_told_apart():
+    found = design(job({"depth": ["2 m", "inf"], "accuracy": 0.05}), "again", where="job", budget_s=1)
+    assert found.scene is None
+    assert any("conditions are told apart" in each for each in found.notes)
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ for every distance, each photograph restored by its own blur.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 from maskfab.camera.photographs import Photograph
@@ -85,4 +85,6 @@ class Judges:
         if self.seen is None or not self.seen.turns_light:
             return ()
         there, line = self.seen.behind(self.room), self.room.camera.middle_nm
-        return tuple(surrogate_of(self._known, there, self.seen.waves(each, line)) for each in self.seen.distances_um)
+        waves = (self.seen.waves(each, line) for each in self.seen.distances_um)
+        # Code values and light lie apart by what they do in focus, so that distances compare as their errors do.
+        return tuple(replace(surrogate_of(self._known, there, each), noise=self.estimate.noise) for each in waves)

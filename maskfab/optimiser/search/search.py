@@ -163,6 +163,8 @@ def search(
         psnr = expected.by_level(laid.unit)
     robust = None if short else _appraised(section, laid, panels.in_focus, spread)
     scene = None if seen is None or short else over_scene(section, laid, rules.dot_nm, panels, seen)
+    if seen is not None and short:
+        notes += (f"The scene counts in the search; with a budget of {BOUNDS_S:g} s its conditions are told apart.",)
     facts |= {**known, **by_level("expected_psnr", psnr, taking.levels), "evaluated": found.evaluated}
     facts |= {} if priced is None else of_prices(priced)
     return Designed(
