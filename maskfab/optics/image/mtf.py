@@ -80,17 +80,17 @@ def frequency_at(mtf: Mtf, level: float) -> tuple[float, float] | None:
         None if it stays above to the end.
     """
     mean = mtf.falls
-    found = _first_below(mean.frequency_cy_per_mm, mean.modulation, level)
+    found = first_below(mean.frequency_cy_per_mm, mean.modulation, level)
     if found is None:
         return None
     least, most = (
-        _first_below(mean.frequency_cy_per_mm, mean.modulation + sign * mean.error, level) for sign in (-1, 1)
+        first_below(mean.frequency_cy_per_mm, mean.modulation + sign * mean.error, level) for sign in (-1, 1)
     )
     last = float(mtf.frequency_cy_per_mm[-1])
     return found, max(found - (found if least is None else least), (last if most is None else most) - found)
 
 
-def _first_below(frequency: Floats, values: Floats, level: float) -> float | None:
+def first_below(frequency: Floats, values: Floats, level: float) -> float | None:
     """Where samples joined by straight lines first fall below a level."""
     below = np.flatnonzero(values < level)
     if not below.size:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType
 
@@ -33,8 +33,16 @@ def read_curves(path: Path) -> Mapping[str, Curve]:
     return parse_curves(curves_text(path, str(path)), str(path))
 
 
-def curves_text(path: Path, where: str) -> str:
+_COLUMNS = "wavelength_nm, then one column per curve"
+
+
+def curves_text(path: Path, where: str, columns: str = _COLUMNS) -> str:
     """The text of a file of curves, its lines ended by ``\\n``; nothing of it is judged yet.
+
+    Args:
+        path: the file.
+        where: the key or option that names it, for errors.
+        columns: that it should have, for errors.
 
     Raises:
         SourceError: MF308 if the suffix is not ``.csv``, MF301 missing, MF302 empty, MF304 not text.
@@ -56,7 +64,7 @@ def curves_text(path: Path, where: str) -> str:
             "MF302",
             f"{path} holds no text",
             where=where,
-            cure="Write a header and rows: wavelength_nm, then one column per curve",
+            cure=f"Write a header and rows: {columns}",
         )
     try:
         text = data.decode("utf-8-sig")
@@ -82,7 +90,7 @@ def parse_curves(text: str, where: str) -> Mapping[str, Curve]:
         JobError: MF112 for a wavelength outside 200 to 2000 nm; MF104 for a value that is negative or not finite, or a
             column of zeros.
     """
-    header, numbers = _table(text, where)
+    header, numbers = numeric_table(text, where, ("wavelength_nm",))
     wavelengths = numbers[:, 0]
     check_wavelengths(wavelengths, where)
     if (np.diff(wavelengths) <= 0).any():
@@ -151,14 +159,24 @@ def black_body(temperature_k: float, low_nm: float = 300.0, high_nm: float = 110
     return Curve(wavelengths, energy / energy.max(), f"black body {temperature_k:g} K")
 
 
-def _table(text: str, where: str) -> tuple[list[str], Floats]:
-    """Names of the columns and the numbers below them, [rows, columns]."""
+def numeric_table(text: str, where: str, first: Sequence[str]) -> tuple[list[str], Floats]:
+    """Names of the columns of comma-separated values, and the numbers below them, [rows >= 2, columns >= 2].
+
+    Args:
+        text: the table; lines that begin with ``#`` and empty lines are skipped.
+        where: the file or key it came from, for errors.
+        first: names that the first column may have.
+
+    Raises:
+        SourceError: MF302 if there is no table, MF303 for a header, row or number that is damaged.
+    """
     kept = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     if not kept:
         raise SourceError("MF302", "there is no table", where=where, cure="Add a header and rows")
     header = _cells(kept[0][1])
-    if len(header) < 2 or header[0] != "wavelength_nm" or len(set(header)) < len(header) or "" in header:
-        raise _damaged(where, kept[0][0], f"the header {kept[0][1]!r} is not wavelength_nm and different names")
+    if len(header) < 2 or header[0] not in first or len(set(header)) < len(header) or "" in header:
+        what = f"the header {kept[0][1]!r} is not {' or '.join(first)} and different names"
+        raise _damaged(where, kept[0][0], what)
     if len(kept) < 3:
         raise _damaged(where, kept[-1][0], "there are fewer than two rows of numbers")
     return header, np.array([_numbers(where, number, line, header) for number, line in kept[1:]])
