@@ -908,6 +908,32 @@ _ENTRIES = (
         _DIFFERS,
     ),
     Entry("sliver_area", "", "um^2", "Sliver area", "Area that differs in slivers no wider than the tolerance."),
+    # An edge that a camera photographed through a die
+    Entry("edge_angle", "θ", "deg", "Angle of the edge", "Of a slanted edge from the nearer axis of the sensor."),
+    Entry(
+        "edge_mtf50",
+        "ν50",
+        "cy/mm",
+        "MTF50 measured",
+        "Frequency at which the MTF measured across an edge first falls below one half, pixel included.",
+        "Focus again, and compare edges in several places of the picture.",
+    ),
+    Entry(
+        "edge_mtf_difference",
+        "ΔM",
+        "1",
+        "MTF measured and designed",
+        "Largest difference up to half a cycle per pixel between the MTF measured across an edge and the design's.",
+        "Check focus, the die and the side of the plate; then the light, and the widths on the plate.",
+    ),
+    Entry(
+        "edge_mtf_parting",
+        "ν",
+        "cy/mm",
+        "MTF as designed up to",
+        "First frequency at which the measured MTF differs from the design's by more than its band explains.",
+        "As for the largest difference.",
+    ),
     Entry(
         "mtf_difference",
         "ΔM",
