@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Literal
 
 from klayout import db
@@ -33,7 +34,6 @@ def text_polygons(
     Raises:
         JobError: MF110 if the font lacks a character.
     """
-    generator = db.TextGenerator.default_generator()
     step_nm = max(1, round(height_nm / _STEPS_PER_HEIGHT))
     lacking = sorted({c for c in text if not (c == " " or " " < c <= "~")})
     if lacking:
@@ -42,11 +42,17 @@ def text_polygons(
             f"the plate's font has no {', '.join(map(repr, lacking))} for the text {text!r}",
             cure="Use ASCII letters, digits and punctuation",
         )
-    drawn = simple_pieces(generator.text(text, _STEP_UM, 1.0))
-    letters = [[(point.x, point.y) for point in piece.each_point_hull()] for piece in drawn]
+    letters = _letters(text)
     width = max((x for letter in letters for x, _ in letter), default=0) * step_nm
     x0 = anchor_nm[0] - (width // 2 if align == "centre" else 0)
     return tuple(tuple((x0 + x * step_nm, anchor_nm[1] + y * step_nm) for x, y in letter) for letter in letters)
+
+
+@lru_cache(4096)
+def _letters(text: str) -> tuple[Polygon, ...]:
+    """One line of text in steps of the font, from x = 0; marks, and plates one like the other, repeat most lines."""
+    drawn = simple_pieces(db.TextGenerator.default_generator().text(text, _STEP_UM, 1.0))
+    return tuple(tuple((point.x, point.y) for point in piece.each_point_hull()) for piece in drawn)
 
 
 def fitted_text(text: str, height_nm: int, anchor_nm: Point, room_nm: int) -> tuple[Polygon, ...]:
