@@ -165,7 +165,8 @@ def test_bad_requests_are_refused(job: Path, capsys: pytest.CaptureFixture[str])
 
 
 def test_a_budget_is_told(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    job.write_text(JOB.replace("clear_dots = 12", 'clear_dots = 12\nfamilies = ["bars", "discs"]', 1))
+    shapes = JOB.replace("clear_dots = 12", 'clear_dots = 12\nfamilies = ["bars", "discs"]', 1)
+    job.write_text(shapes.replace("lines = [0, 1]", "lines = [0]"))
     out = job.parent / "out"
     assert run_command_line(["pareto", str(job), "--out", str(out), "--budget", "0.001 s"]) == 0
     said = capsys.readouterr()

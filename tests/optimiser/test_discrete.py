@@ -104,7 +104,8 @@ def test_constraints_hold_at_every_step(held):
         seen.append(held.allows(unit))
         return tightness(unit)
 
-    first = scan(discs(held.dots, 24, symmetry=held["symmetry"], free=held.free), leftness, held).best.unit
+    shapes = discs(held.dots, 24, symmetry=held["symmetry"], free=held.free)
+    first = scan(shapes, leftness, held, evaluations=1).best.unit
     found = anneal(first, watched, held, evaluations=60, seed=1, temperature=(1.0, 0.1))
     assert all(seen)
     assert len(seen) == 61
