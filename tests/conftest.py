@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import gc
+import multiprocessing
 import os
 from collections.abc import Iterator
 from pathlib import Path
+from types import SimpleNamespace
 
 import copies
 import numpy as np
 import pytest
 from hypothesis import settings
-from once import BOUNDS, DESIGN, FIGURES, compared_once, dimmed, leaves, once, small_scenes, statistics
+from once import BOUNDS, DESIGN, compared_once, dimmed, figures_in_words, leaves, once, small_scenes, statistics
 from small_job import finished, write_job
 
 from maskfab.camera import scenes
@@ -24,13 +27,23 @@ from maskfab.optimiser.bounds import bounds
 from maskfab.optimiser.model.scene_statistics import SceneStatistics
 from maskfab.readers import layout_file
 from maskfab.readers.gdstk_process import content
-from maskfab.readers.sandbox import child_process
+from maskfab.readers.sandbox import bounded, child_process
 
 # The same examples in every run: a red test is the fault of a change. HYPOTHESIS_PROFILE=explore looks for new ones.
 settings.register_profile("fixed", max_examples=30, derandomize=True, deadline=None)
 settings.register_profile("full", max_examples=100, derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
+
+
+def pytest_collection_finish() -> None:
+    """What libraries hold stays to the end: each look of the garbage collector at all of it takes half a second."""
+    gc.collect()
+    gc.freeze()
+
+
+def pytest_unconfigure() -> None:
+    gc.unfreeze()
 
 
 @pytest.fixture(scope="session")
@@ -99,9 +112,9 @@ def readers_in_copies() -> Iterator[None]:
 
 
 @pytest.fixture
-def drawn_once() -> Iterator[None]:
+def drawn_in_words() -> Iterator[None]:
     """For tests that are about something else than figures."""
-    with once(*FIGURES):
+    with figures_in_words():
         yield
 
 
@@ -153,8 +166,15 @@ def bound_closely(bound_loosely, monkeypatch) -> Iterator[None]:
 
 @pytest.fixture
 def read_here(monkeypatch) -> None:
-    """For tests of whole files that are about something else than the process that reads them."""
+    """For tests of whole files that are about something else than the process that reads them, and its limits."""
     monkeypatch.setattr(layout_file, "read_apart", lambda path, _, function, **__: content(function, str(path)))
+    monkeypatch.setattr(bounded, "multiprocessing", SimpleNamespace(get_all_start_methods=list))
+
+
+@pytest.fixture
+def within_limits(read_here, monkeypatch) -> None:
+    """For a test among those that is about the limits."""
+    monkeypatch.setattr(bounded, "multiprocessing", multiprocessing)
 
 
 @pytest.fixture(scope="session")

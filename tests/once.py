@@ -1,7 +1,7 @@
 """What is dear and follows from its arguments alone, done once of equal ones, for tests that are about something else.
 
 Drawing figures takes more than half of a small run and of a package, and the bounds of an opening most of a short
-design. Where one argument differs in anything, the work is done.
+design. Where one argument differs in anything, the work is done; of figures, all but setting them as ink.
 """
 
 from __future__ import annotations
@@ -10,10 +10,12 @@ import copyreg
 import hashlib
 import io
 import pickle
+import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from functools import cache, partial
+from html import escape
 from importlib import import_module
 from pathlib import Path
 from types import MappingProxyType
@@ -21,6 +23,8 @@ from typing import Any
 
 import pytest
 from klayout import db
+from matplotlib.figure import Figure
+from PIL import Image
 
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.scenes import dead_leaves, indoors, lit
@@ -69,6 +73,37 @@ def statistics(
     if key not in _scenes:
         _scenes[key] = photographs, _statistics(photographs, leak_scenes=leak_scenes, taking=taking)
     return _scenes[key][1]
+
+
+@contextmanager
+def figures_in_words() -> Iterator[None]:
+    """Within this, figures are drawn once of equal arguments, and their files hold words in place of a picture.
+
+    A PNG has the letters as grey pixels. Two files differ if a text, a curve, an image or the number of outlines does:
+    what a figure looks like is for the tests of the report.
+    """
+    with once(*FIGURES), pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Figure, "savefig", _write_words)
+        yield
+
+
+def _write_words(figure: Figure, target: Any, *, format: str, **_: object) -> None:
+    words = []
+    for axes in figure.axes:
+        shown = [*axes.texts, axes.title, axes.xaxis.label, axes.yaxis.label]
+        words += [text.get_text() for text in shown if text.get_text()]
+        words += [f"{zlib.crc32(line.get_xydata().tobytes()):08x}" for line in axes.lines]
+        words += [type(drawn).__name__ for drawn in (*axes.patches, *axes.collections)]
+        words += [f"{zlib.crc32(image.get_array().tobytes()):08x}" for image in axes.images]
+    text = "\n".join(words)
+    if format == "svg":
+        drawing = f'<svg xmlns="http://www.w3.org/2000/svg"><text>{escape(text)}</text></svg>'
+        target.write(drawing if isinstance(target, io.StringIO) else drawing.encode())
+    elif format == "pdf":
+        target.write(f"%PDF-1.7\n{text}\n%%EOF\n".encode())
+    else:
+        pixels = text.encode() or bytes(1)
+        Image.frombytes("L", (len(pixels), 1), pixels).save(target, format=format)
 
 
 _KNOWN: dict[tuple[str, bytes], Any] = {}

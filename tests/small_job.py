@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db
-from once import FIGURES, once
+from once import figures_in_words
 
 from maskfab.cli import run_command_line
 
@@ -81,9 +81,9 @@ def write_job(folder: Path, *edits: tuple[str, str], opening: str = OPENING) -> 
 
 
 def finished(folder: Path, *edits: tuple[str, str]) -> Path:
-    """The output directory of the job, run by the command line; figures are drawn once of equal things."""
+    """The output directory of the job, run by the command line; figures are in words."""
     out = folder / "out"
-    with once(*FIGURES):
+    with figures_in_words():
         assert run_command_line(["run", str(write_job(folder, *edits)), "--out", str(out), "--quiet"]) == 0
     return out
 

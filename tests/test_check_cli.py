@@ -15,7 +15,7 @@ from maskfab.display import place
 from maskfab.display.emitters.placement import Verdict
 from maskfab.report.documents.check_data import check_schema
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
+pytestmark = pytest.mark.usefixtures("drawn_in_words")
 
 COLUMN = 'name = "column"\npitch = "56 um"\ndots = 7\ngrid = """\n' + "......#\n" * 7 + '"""\n'
 """One clear column: six columns of seven dots are left for emitters."""

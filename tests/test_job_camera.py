@@ -20,7 +20,7 @@ from maskfab.opening import openings
 from maskfab.plate import maps
 from maskfab.report.documents.design_data import camera_notes
 
-pytestmark = pytest.mark.usefixtures("bound_loosely", "drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("bound_loosely", "drawn_in_words", "read_here")
 
 ROOT = Path(__file__).parents[1]
 PHONE = 'focal = "5.56 mm"\nstop = { shape = "circle", diameter = "1 mm" }\npixel = "5 um"\n'

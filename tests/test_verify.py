@@ -22,7 +22,7 @@ from maskfab.report.documents.report_data import SCHEMA_VERSION
 from maskfab.report.plots.sheet import bitmap
 from maskfab.verification import _reported
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "verified_once")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "verified_once")
 
 
 @pytest.fixture

@@ -10,7 +10,7 @@ from small_job import command, finished
 
 import maskfab
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here", "verified_once")
 
 
 @pytest.fixture

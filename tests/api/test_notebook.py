@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 from klayout import db
-from once import FIGURES, once
+from once import figures_in_words
 from small_job import write_job
 
 import maskfab as mf
@@ -56,7 +56,7 @@ def typed(tmp_path_factory) -> dict[str, Any]:
         return SimpleNamespace(opening=found)
 
     names: dict[str, Any] = {"asked": asked}
-    with pytest.MonkeyPatch.context() as patch, once(*FIGURES):
+    with pytest.MonkeyPatch.context() as patch, figures_in_words():
         patch.chdir(tmp_path_factory.mktemp("notebook"))
         patch.setattr(mf, "design", designed)
         exec(lines, names)

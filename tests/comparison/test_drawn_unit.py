@@ -13,7 +13,7 @@ from maskfab.errors import JobError
 from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.model import CLEAR
 
-pytestmark = pytest.mark.usefixtures("read_here")
+pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 
 MICROMETRES, MILLIMETRES, INCHES = 13, 4, 1
 

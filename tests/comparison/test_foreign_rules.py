@@ -287,6 +287,7 @@ def test_round_outlines_do_not_take_edges_squared(job, plate, tmp_path):
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
+@pytest.mark.usefixtures("within_limits")
 def test_few_bytes_that_mean_work_without_end_are_refused_in_time(capsys, tmp_path, monkeypatch):
     monkeypatch.setattr(bounded, "SECONDS", 1)
     path = overlapping(tmp_path / "few.oas")

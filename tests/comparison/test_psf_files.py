@@ -23,7 +23,7 @@ from maskfab.pipeline import draw_files, measure_dies, psfs_as_files
 from maskfab.progress import silent
 from maskfab.provenance import sha256_of_file
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 ASKED = ("[plate]", '[export]\nformats = ["gdsii", "exr"]\n\n[plate]')
 LINES = ('["530 nm"]', '["530 nm", "610 nm"]')

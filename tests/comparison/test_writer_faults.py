@@ -133,7 +133,7 @@ def test_a_layout_that_is_mirrored_as_a_whole_fails(whole, tmp_path, monkeypatch
         assert f"{name}: " in found[None]
 
 
-@pytest.mark.usefixtures("drawn_once", "read_here")
+@pytest.mark.usefixtures("drawn_in_words", "read_here")
 def test_a_run_and_its_verification_fail_with_a_fiducial_moved_by_five_micrometres(capsys, tmp_path, monkeypatch):
     job, out = write_job(tmp_path, GDSII), tmp_path / "out"
     with monkeypatch.context() as patch:

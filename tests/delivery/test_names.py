@@ -12,7 +12,7 @@ from sweeps import in_turns, sweep
 from maskfab.delivery.archive import safe_stem
 from maskfab.jobfile import check_name
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 FORMATS = '[export]\nformats = ["gdsii", "dxf_r12", "dxf_r2010", "oasis", "gerber", "svg", "png", "tiff", "glb"]\n'
 ELSEWHERE = [

@@ -16,7 +16,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db
-from once import FIGURES, once
+from once import figures_in_words
 from small_job import command, listing, write_job
 from sweeps import sweep
 
@@ -24,7 +24,7 @@ from maskfab.delivery.pack import PACKED, pack, verify_package
 from maskfab.job import load_job
 from maskfab.mask_shops.profiles import load_shop, shop_names
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 FRAME = """\
 .......
@@ -276,7 +276,7 @@ def whole_gerber(tmp_path_factory) -> tuple[Path, Path]:
 
 def _whole(folder: Path, kind: str) -> tuple[Path, Path]:
     job, path = write_job(folder), folder / "p.zip"
-    with once(*FIGURES):
+    with figures_in_words():
         assert pack(load_job(job), load_shop("ualberta_mla150"), path, (kind,)).path == path
     return job, path
 
@@ -462,7 +462,7 @@ FORGED_PAPERS = {
     "order.txt": (b"digitized data = clear", b"digitized data = dark"),
     "order.html": (b"chrome up", b"chrome down"),
     "plate.svg": (b"blank 27 mm", b"blank 28 mm"),
-    "plate.pdf": (b"/Type /Catalog", b"/Type/Catalog"),
+    "plate.pdf": (b"blank 27 mm", b"blank 28 mm"),
     "certificate.json": (b"true", b"false"),
     "job.json": (b"{", b"{ "),
     "shop.toml": (b"title =", b"title  ="),

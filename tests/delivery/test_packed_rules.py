@@ -11,7 +11,7 @@ import ezdxf
 import pytest
 from ezdxf import bbox
 from klayout import db
-from once import FIGURES, once
+from once import figures_in_words
 from small_job import command, write_job
 from sweeps import sweep
 
@@ -21,7 +21,7 @@ from maskfab.job import load_job
 from maskfab.mask_shops.judge import Finding, check_shop
 from maskfab.mask_shops.profiles import load_shop, parse_shop
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 TEMPLATE = (('blank = "27 mm"\nwritable = "22 mm"', 'template = "5in"'), ('die_pitch = "2 mm"', 'die_pitch = "20 mm"'))
 ROWS = {
@@ -80,7 +80,7 @@ def unpacked(package: Path, suffix: str) -> Path:
 @pytest.fixture(scope="module")
 def gesim(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("gesim") / "p.zip"
-    with once(*FIGURES):
+    with figures_in_words():
         assert pack(load_job(write_job(path.parent, *TEMPLATE)), load_shop("gesim"), path).path == path
     return path
 

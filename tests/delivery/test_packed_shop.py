@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from once import FIGURES, once
+from once import figures_in_words
 from small_job import command, write_job
 
 from maskfab.delivery.pack import pack
@@ -18,7 +18,7 @@ from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import parse_shop
 from maskfab.mask_shops.profiles import load_shop
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 OWN = """\
 title = "A house"
@@ -38,7 +38,7 @@ def packed_by_own(tmp_path_factory) -> tuple[Path, Path]:
     folder = tmp_path_factory.mktemp("own")
     job, path, profile = write_job(folder), folder / "p.zip", folder / "mine.toml"
     profile.write_text(OWN, encoding="utf-8")
-    with once(*FIGURES):
+    with figures_in_words():
         assert pack(load_job(job), load_shop(str(profile)), path).path == path
     profile.unlink()
     return job, path

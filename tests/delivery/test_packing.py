@@ -11,7 +11,7 @@ from dataclasses import replace
 
 import pytest
 from hostile_files import overlapping
-from once import FIGURES, once
+from once import figures_in_words
 from small_job import command, write_job
 
 from maskfab.delivery.archive import safe_stem
@@ -22,7 +22,7 @@ from maskfab.mask_shops.profiles import load_shop
 from maskfab.readers.sandbox import bounded
 from maskfab.readers.sandbox.limits import children_seconds
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 
 def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):
@@ -155,7 +155,7 @@ def packed(tmp_path_factory):
     """A job and its package for a shop."""
     folder = tmp_path_factory.mktemp("packed")
     job, path = write_job(folder), folder / "p.zip"
-    with once(*FIGURES):
+    with figures_in_words():
         assert pack(load_job(job), load_shop("generic-chrome"), path, ("gdsii", "oasis")).path == path
     return job, path
 
@@ -203,6 +203,7 @@ def test_verify_tells_a_changed_package(capsys, packed, tmp_path):
 
 
 @pytest.mark.skipif("fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copy")
+@pytest.mark.usefixtures("within_limits")
 def test_masks_of_a_package_are_compared_within_limits(packed, tmp_path, monkeypatch):
     monkeypatch.setattr(bounded, "SECONDS", 1)
     hostile = overlapping(tmp_path / "few.oas", 2000).read_bytes()

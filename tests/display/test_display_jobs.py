@@ -23,7 +23,7 @@ from maskfab.processes import Alone, Pair
 from maskfab.readers.layout_file import read_layout
 from maskfab.report.plots.display_figures import pictures
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 RULES = {"gap_to_opening": '"0 um"', "colour_gap": '"8 um"', "min_width": '"8 um"', "circuit": '"1 um^2"'}
 

@@ -13,7 +13,7 @@ from small_job import command, write_job
 from maskfab.job import Job, load_job
 from maskfab.optics.scene.scene import Scene
 
-pytestmark = pytest.mark.usefixtures("drawn_once")
+pytestmark = pytest.mark.usefixtures("drawn_in_words")
 
 CAMERA = "# a camera of two colours\nwavelength_nm,long,short\n400,0,1\n550,1,1\n700,1,0\n"
 LAMP = "wavelength_nm,lamp\n380,1\n780,3\n"

@@ -14,7 +14,7 @@ from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import dump_shop, parse_shop, read_shop
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 PROFILE = """\
 title = "A house"

@@ -166,7 +166,7 @@ def test_without_a_shop_nothing_is_judged_and_the_hash_is_that_of_the_defaults(t
     assert "shops" not in bare.spec.dump()
 
 
-@pytest.mark.usefixtures("drawn_once")
+@pytest.mark.usefixtures("drawn_in_words")
 def test_a_run_fails_for_the_format_that_its_house_does_not_take(capsys, tmp_path):
     section = '[export]\nformats = ["gdsii", "dxf_r12"]\nshop = "photomask_portal"\n\n[plate]'
     job = write_job(tmp_path, ("[plate]", section))

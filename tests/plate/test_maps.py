@@ -18,7 +18,7 @@ from maskfab.plate import maps
 from maskfab.plate.maps import CellMap, panel_shape, placed, shifted, shifted_openings
 from maskfab.plate.tiling import orientations
 
-pytestmark = pytest.mark.usefixtures("drawn_once", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 TEXT = 'name = "four"\nmap = """\n0123\n4567\n"""\n'
 EVEN = CellMap("even", np.arange(24).reshape(4, 6) % 8)
