@@ -47,6 +47,12 @@ def scenes() -> tuple[Photograph, ...]:
     return (leaves(1),)
 
 
+@pytest.fixture(scope="module")
+def free(scenes: tuple[Photograph, ...]) -> Pareto:
+    """All bars beside which one line passes, without a least footprint."""
+    return swept(asked(12, lines=[1], points=100), section(), scenes)
+
+
 def section(**changed: object) -> SearchSection:
     return parse_section(SearchSection, {**PLAIN, **changed}, where="test")
 
@@ -212,18 +218,16 @@ def job() -> JobSpec:
     )
 
 
-def test_more_shapes_and_annealing_never_lose(scenes: tuple[Photograph, ...]) -> None:
+def test_more_shapes_and_annealing_never_lose(scenes: tuple[Photograph, ...], free: Pareto) -> None:
     few = {"lines": [1], "points": 100}
-    narrow = swept(asked(12, **few), section(), scenes)
     wide = swept(asked(12, **few), section(families=["bars", "l_shapes"]), scenes)
     walked = swept(asked(12, anneal=30, **few), section(seed=4), scenes)
-    assert covers(wide, narrow)
-    assert covers(walked, narrow)
-    assert walked.curves[0].evaluated > narrow.curves[0].evaluated
+    assert covers(wide, free)
+    assert covers(walked, free)
+    assert walked.curves[0].evaluated > free.curves[0].evaluated
 
 
-def test_a_least_footprint_cuts_the_curve_where_it_is(scenes: tuple[Photograph, ...]) -> None:
-    free = swept(asked(12, lines=[1], points=100), section(), scenes)
+def test_a_least_footprint_cuts_the_curve_where_it_is(scenes: tuple[Photograph, ...], free: Pareto) -> None:
     least = free.curves[0].front[-1].judged.footprint
     ruled = sweep(asked(12, lines=[1]), section(), scenes, SHOWN.asking(required=least, lines=1))
     assert [each.value for each in ruled.curves[0].front] == [free.curves[0].front[-1].value]
