@@ -11,8 +11,10 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 import tifffile
+from capture_frames import BLACK, GAIN, READ_NOISE, WHITE, frame, point_light
 
 from maskfab.capture import reading
+from maskfab.capture.merge import merged
 from maskfab.capture.reading import read_frame, read_frames
 from maskfab.errors import SourceError
 
@@ -67,17 +69,32 @@ def exr(path, values, compression="zip", kind="float"):
 @pytest.mark.parametrize("time", [Fraction(1, 3), Fraction(1, 8000)])
 def test_a_dng_gives_back_all_that_was_written(tmp_path, time):
     write_dng(tmp_path / "a.dng", COUNTS, time=time, black=(64, 65, 66, 67), white=4000, mosaic="grbg", iso=320)
-    frame = read_frame(tmp_path / "a.dng")
-    assert np.array_equal(frame.counts, COUNTS)
-    assert frame.exposure_s == float(time)
-    assert frame.black == (64, 65, 66, 67)
-    assert (frame.white, frame.pattern) == (4000, (("G", "R"), ("B", "G")))
-    assert frame.balance == (2, 1, 1.5)
-    assert (frame.camera, frame.sensitivity) == ("Lab Cam", 320)
-    assert len(frame.sha256) == 64
-    assert frame.colour_matrix.shape == (3, 3)
+    read = read_frame(tmp_path / "a.dng")
+    assert np.array_equal(read.counts, COUNTS)
+    assert read.exposure_s == float(time)
+    assert read.black == (64, 65, 66, 67)
+    assert (read.white, read.pattern) == (4000, (("G", "R"), ("B", "G")))
+    assert read.balance == (2, 1, 1.5)
+    assert (read.camera, read.sensitivity) == ("Lab Cam", 320)
+    assert len(read.sha256) == 64
+    assert read.colour_matrix.shape == (3, 3)
     # White stays white: LibRaw's matrix is of balanced colours.
-    assert frame.colour_matrix.sum(axis=1) == pytest.approx([1, 1, 1], abs=1e-5)
+    assert read.colour_matrix.sum(axis=1) == pytest.approx([1, 1, 1], abs=1e-5)
+
+
+@raw_only
+def test_dng_files_merge_as_the_frames_that_were_drawn(tmp_path):
+    draw = np.random.default_rng(1)
+    drawn = [frame(point_light(48), time, draw) for time in (1e-3, 1.6e-2)]
+    paths = [tmp_path / f"{place}.dng" for place in range(2)]
+    for path, each in zip(paths, drawn, strict=True):
+        write_dng(path, each.counts, time=Fraction(str(each.exposure_s)), black=int(BLACK), white=int(WHITE))
+    sensor = {"electrons_per_count": GAIN, "read_noise_e": READ_NOISE}
+    read, known = merged(read_frames(paths), **sensor), merged(drawn, **sensor)
+    for one, other in zip(read.planes, known.planes, strict=True):
+        assert np.array_equal(one.electrons_per_s, other.electrons_per_s)
+        assert np.array_equal(one.sigma, other.sigma)
+    assert [each.name for each in read.used] == ["0.dng", "1.dng"]
 
 
 @raw_only
@@ -126,11 +143,11 @@ def test_pictures_of_16_bits_and_floats_are_read_as_counts(tmp_path):
 
 def test_a_mosaic_in_grey_is_one_if_it_is_stated(tmp_path):
     path = tiff(tmp_path / "a.tif")
-    frame = read_frame(path, mosaic="gbrg", black=64)
-    assert (frame.pattern, frame.black) == ((("G", "B"), ("R", "G")), (64,) * 4)
-    blue = frame.lattices[1]
+    read = read_frame(path, mosaic="gbrg", black=64)
+    assert (read.pattern, read.black) == ((("G", "B"), ("R", "G")), (64,) * 4)
+    blue = read.lattices[1]
     assert (blue.colour, blue.first, blue.step) == ("B", (0, 1), 2)
-    assert np.array_equal(blue.of(frame.counts), COUNTS[::2, 1::2])
+    assert np.array_equal(blue.of(read.counts), COUNTS[::2, 1::2])
     assert "rggb" in refusal("MF331", path, mosaic="rgbw").cure
 
 
