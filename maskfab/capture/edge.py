@@ -9,7 +9,7 @@ wave across the edge.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,7 +26,8 @@ from maskfab.capture.edge_regions import (
     filled,
 )
 from maskfab.capture.edge_window import settled_px
-from maskfab.capture.oversampled import normal_sums
+from maskfab.capture.even_light import light_slope, noise_about
+from maskfab.capture.oversampled import NormalSums, normal_sums
 from maskfab.errors import SourceError
 from maskfab.model import frozen
 from maskfab.units import UM_PER_MM
@@ -138,7 +139,7 @@ def edge_mtf(
     """The MTF across one edge of a picture.
 
     Args:
-        values: linear light, float64 [rows, columns], row 0 the top, of any unit and offset.
+        values: linear light, float64 [rows, columns], row 0 the top, of any unit; black is 0.
         valid: which of them count.
         found: the edge, as :func:`maskfab.capture.edge_regions.found_edges` has it.
         pixel_um: side of a sensor pixel.
@@ -170,10 +171,15 @@ def edge_mtf(
     for _ in range(_REFINEMENTS):
         line = fitted_line(seen.numbers, seen.matched(line, half), order)
     distance = seen.distance_px(line)
-    _refuse_gaps(distance[seen.valid & (abs(distance) < half)], line, seen.numbers, where)
-    sums = normal_sums(distance, seen.values, seen.valid, half, STEP_PX)
-    (spread,) = sums.spreads(np.ones((1, seen.numbers.size)))
-    half = settled_px(sums, spread, seen.values, distance, seen.valid)
+    used = seen.valid & (abs(distance) < half)
+    _refuse_gaps(distance[used], line, seen.numbers, where)
+    sums, spread = seen.spread(distance, half)
+    uneven = light_slope(sums, spread, distance, seen.values, used)
+    if uneven:
+        seen = replace(seen, values=seen.values / (1 + uneven * np.clip(distance, -half, half)))
+        sums, spread = seen.spread(distance, half)
+    noise = noise_about(sums, spread, distance, seen.values, used)
+    half = settled_px(sums, spread, noise, int(np.count_nonzero(used)))
     mtf, low, high = mtf_with_band(sums, spread, FREQUENCIES, half, seed)
     slope = float(np.mean(line.slopes(seen.numbers)))
     angle = math.degrees(math.atan(slope))
@@ -214,11 +220,15 @@ class _Lines:
         upright = np.cos(np.arctan(line.slopes(self.numbers)))[:, None]
         return np.asarray(self.step * (self.samples - line.places(self.numbers)[:, None]) * upright)
 
+    def spread(self, distance_px: Floats, half_px: float) -> tuple[NormalSums, Floats]:
+        """Sums of the lines, and the edge spread that all of them share."""
+        sums = normal_sums(distance_px, self.values, self.valid, half_px, STEP_PX)
+        return sums, sums.spreads(np.ones((1, self.numbers.size)))[0]
+
     def matched(self, line: EdgeLine, half_px: float) -> Floats:
         """The places at which lines fit the common edge spread best: one step of Gauss and Newton."""
         distance = self.distance_px(line)
-        sums = normal_sums(distance, self.values, self.valid, half_px, STEP_PX)
-        (spread,) = sums.spreads(np.ones((1, self.numbers.size)))
+        sums, spread = self.spread(distance, half_px)
         used = self.valid & (abs(distance) < min(_MATCHED_PX, half_px))
         slope = np.interp(distance, sums.knots_px[:-1] + STEP_PX / 2, np.diff(spread) / STEP_PX) * used
         rest = (self.values - np.interp(distance, sums.knots_px, spread)) * used

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from maskfab.capture.oversampled import NormalSums
 
 Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FLAT = 0.6
 """Share of the window that is 1; cosines fall to 0 on either side of it."""
@@ -26,24 +25,22 @@ def window(distance_px: Floats, half_px: float) -> Floats:
     return np.asarray(np.cos(np.pi / 2 * np.clip(beyond, 0, 1)) ** 2)
 
 
-def settled_px(sums: NormalSums, spread: Floats, values: Floats, distance: Floats, valid: Mask) -> float:
+def settled_px(sums: NormalSums, spread: Floats, noise: float, samples: int) -> float:
     """Reach of a window beyond which the edge spread no longer changes, with a margin; all that there is if it does.
 
     Args:
         sums: of all lines.
         spread: the edge spread at its knots.
-        values, distance, valid: of the samples, [lines, samples]; they give the noise.
+        noise: one standard deviation of a sample.
+        samples: their number.
     """
     half, step = float(sums.knots_px[-1]), sums.step_px
     block = round(_BLOCK_PX / step)
     mean = np.convolve(spread, np.full(block, 1 / block), "same")
     ends = max(block, round(_ENDS * spread.size))
     low, high = float(np.mean(spread[:ends])), float(np.mean(spread[-ends:]))
-    used = valid & (abs(distance) < half)
-    rest = values[used] - np.interp(distance[used], sums.knots_px, spread)
-    noise = 1.4826 * float(np.median(abs(rest))) / math.sqrt(max(rest.size / (2 * half) * _BLOCK_PX, 1.0))
-    limit = _SETTLED * abs(high - low) + _SIGMAS * noise
-    off = abs(mean - np.where(sums.knots_px < 0, low, high)) > limit
+    of_block = noise / math.sqrt(max(samples / (2 * half) * _BLOCK_PX, 1.0))
+    off = abs(mean - np.where(sums.knots_px < 0, low, high)) > _SETTLED * abs(high - low) + _SIGMAS * of_block
     # A mean over a block that reaches beyond the ends is none.
     off[:block] = off[-block:] = False
     farthest = float(abs(sums.knots_px[off]).max(initial=0.0))

@@ -103,7 +103,7 @@ def measured_edges(
     """Find the slanted edges of a picture and measure their presampled MTFs.
 
     Args:
-        values: linear light, float64 [rows, columns], row 0 the top, of any unit and offset; of a mosaic the samples of
+        values: linear light, float64 [rows, columns], row 0 the top, of any unit, black 0; of a mosaic the samples of
             one colour.
         pixel_um: side of a sensor pixel.
         valid: which of them count; all that are finite if None.

@@ -118,6 +118,19 @@ def test_one_colour_of_a_mosaic_gives_the_mtf_of_whole_pixels():
     assert abs(only(np.where(green, light, np.nan)).mtf - truth)[SENSOR].max() < 1e-3
 
 
+def test_light_that_grows_across_the_edge_is_taken_out_and_spread_light_is_not():
+    light, truth = rendered(300, 120, 5.0, blurred_edge(0.7)), true_mtf(FREQUENCIES, 5.0, gaussian(0.7))
+    growth = 1 + 6e-4 * (np.arange(120) - 60)
+    edge = only(noisy(light, 4) * growth)
+    assert edge.half_px < 12
+    assert abs(edge.mtf - truth)[SENSOR].max() < 0.01
+    assert abs(edge.mtf - truth)[FREQUENCIES < 0.1].max() < 0.003
+    # A third of the light spread widely tilts both fields alike.
+    wide = 0.7 * light + 0.3 * rendered(300, 120, 5.0, blurred_edge(20.0))
+    assert only(wide).half_px > 40
+    assert only(wide * growth).mtf == pytest.approx(only(wide).mtf, abs=3e-3)
+
+
 def test_faulty_pixels_and_dust_do_not_move_the_edge():
     light = rendered(200, 64, 5.0, blurred_edge(0.7))
     truth, clean = true_mtf(FREQUENCIES, 5.0, gaussian(0.7)), noisy(light, 2)
