@@ -1,0 +1,230 @@
+"""The picture of a point light that a camera takes through a die, and how it changes with all that is not known of it.
+
+A lens without errors makes one picture of all colours, in frequencies; its errors, told as a path, change that smoothly
+with the wavelength, so that three lines of it stand for all others between them.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.capture.die_field import DieField
+from maskfab.capture.resampling import MARGIN, OVERSAMPLING, pixel_means, turned
+from maskfab.model import Camera, Panel, orient
+from maskfab.optics.image.spectrum import Spectrum
+from maskfab.optics.pupil.aperture import Aperture, panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.units import UM_PER_NM
+
+Floats = NDArray[np.float64]
+
+GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
+BIAS = "bias_um"
+_SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
+"""Steps by which the picture is moved, turned and stretched for its slopes."""
+_SPARE_PX = 4
+"""Pixels by which a light may be found off the middle of the window, and the window stretched."""
+
+
+@dataclass(frozen=True)
+class Setting:
+    """How a die stands before a camera, and how it was written.
+
+    Attributes:
+        x_um, y_um: place of the light on the sensor, y upwards.
+        turn_rad: of the die, counter-clockwise as it is seen on the sensor.
+        scale: by how much the picture is larger than that of the stated pitch, pixel, focal length and wavelength,
+            less 1.
+        bias_um: by which clear features are wider than drawn.
+        terms: the lens's errors, pairs of Noll's number and waves at the camera's first line.
+    """
+
+    x_um: float = 0.0
+    y_um: float = 0.0
+    turn_rad: float = 0.0
+    scale: float = 0.0
+    bias_um: float = 0.0
+    terms: tuple[tuple[int, float], ...] = ()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all that is not known, in the order of :attr:`values`."""
+        return (*GEOMETRY, BIAS, *(f"z{term}" for term, _ in self.terms))
+
+    @property
+    def values(self) -> Floats:
+        return np.array([self.x_um, self.y_um, self.turn_rad, self.scale, self.bias_um, *(w for _, w in self.terms)])
+
+    def at(self, values: Floats) -> Setting:
+        """This setting with other values."""
+        known = dict(zip((*GEOMETRY, BIAS), map(float, values), strict=False))
+        terms = zip((term for term, _ in self.terms), map(float, values[len(known) :]), strict=True)
+        return Setting(**known, terms=tuple(terms))
+
+
+@dataclass(frozen=True, eq=False)
+class Pixels:
+    """Pixels of one colour of a sensor, on a grid of their own.
+
+    Attributes:
+        colour: of their filter.
+        x_um, y_um: their middles, y upwards; [columns] and [rows], each in the order of the picture.
+    """
+
+    colour: str
+    x_um: Floats
+    y_um: Floats
+
+
+@dataclass(frozen=True, eq=False)
+class DieImage:
+    """A die, one way round, before a camera.
+
+    Attributes:
+        camera: its lens and its pixel.
+        light: what each colour of pixels sees of a point light.
+        pixels: for which pictures are made.
+    """
+
+    camera: Camera
+    light: Mapping[str, Spectrum]
+    pixels: tuple[Pixels, ...]
+    _field: DieField
+    _step: float
+
+    @classmethod
+    def of(
+        cls, panel: Panel, way_round: int, camera: Camera, light: Mapping[str, Spectrum], pixels: Sequence[Pixels]
+    ) -> DieImage:
+        """The image of a die.
+
+        Args:
+            panel: of the die, its middle on the axis.
+            way_round: element of D4 that takes the die as drawn to how it stands, as of :func:`maskfab.model.orient`.
+            camera: its lens and its pixel.
+            light: what each colour of pixels sees of a point light.
+            pixels: for which pictures are made.
+        """
+        openings = panel_aperture(panel, camera.stop.diameter_um / 2)
+        x, y = (openings.x, openings.y) if way_round % 2 == 0 else (openings.y, openings.x)
+        held = Aperture(x, y, orient(openings.transmission, way_round), orient(openings.variance, way_round))
+        step = 1 / (2 * camera.stop.diameter_um * OVERSAMPLING)
+        shortest = min(float(lines.wavelengths_nm.min()) for lines in light.values()) * UM_PER_NM
+        half = max(abs(axis).max() for each in pixels for axis in (each.x_um, each.y_um)) + _SPARE_PX * camera.pixel_um
+        count = math.ceil(half / (shortest * camera.focal_um) / step) + MARGIN
+        field = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
+        return cls(camera, dict(light), tuple(pixels), field, step)
+
+    def pictures(self, setting: Setting) -> list[Floats]:
+        """Share of the light that every pixel takes, [rows, columns] for each grid of pixels."""
+        (pictures,) = self._taken(setting, [self._intensities(setting)])
+        return pictures
+
+    def slopes(self, setting: Setting) -> tuple[list[Floats], list[list[Floats]]]:
+        """Pictures, and how they change with everything that a setting names, in its order."""
+        here = self._fields(setting)
+        flat = [self._intensity(field) for field in here]
+        seen = [turned(each, setting.turn_rad) for each in flat]
+        ahead, behind = ([turned(each, setting.turn_rad + sign * _TURN) for each in flat] for sign in (1, -1))
+        changes = [[(a - b) / (2 * _TURN) for a, b in zip(ahead, behind, strict=True)]]
+        changes.append(
+            self._changed(setting, here, [self._field.by_bias(t, setting.bias_um) for t in self._terms(setting)])
+        )
+        for term, _ in setting.terms:
+            by_term = [
+                self._waves(line) * self._field.by_term(term, terms)
+                for line, terms in zip(self._nodes(setting), self._terms(setting), strict=True)
+            ]
+            changes.append(self._changed(setting, here, by_term))
+        made = self._taken(setting, [seen, *changes])
+        moved = [self._moved(setting, seen, key, step) for key, step in self._steps.items()]
+        turn, bias, *terms = made[1:]
+        across, up, scale = moved
+        return made[0], [across, up, turn, scale, bias, *terms]
+
+    @cached_property
+    def _steps(self) -> dict[str, float]:
+        step = _SHIFT_PX * self.camera.pixel_um
+        return {"x_um": step, "y_um": step, "scale": _SCALE}
+
+    @cached_property
+    def _three(self) -> Floats:
+        """Lines between which the lens's errors are told for all others, by their inverse wavelengths."""
+        every = np.concatenate([lines.wavelengths_nm for lines in self.light.values()])
+        ends = 1 / np.array([every.max(), every.min()])
+        if ends[1] - ends[0] < 1e-9 * ends[0]:
+            return every[:1]
+        return 1 / np.array([ends[0], ends.mean(), ends[1]])
+
+    def _nodes(self, setting: Setting) -> Floats:
+        return self._three if setting.terms else self._three[:1]
+
+    def _waves(self, wavelength_nm: float) -> float:
+        """Waves at a line for each at the camera's first."""
+        return self.camera.wavelengths_nm[0] / wavelength_nm
+
+    def _terms(self, setting: Setting) -> list[tuple[tuple[int, float], ...]]:
+        return [
+            tuple((term, value * self._waves(float(line))) for term, value in setting.terms)
+            for line in self._nodes(setting)
+        ]
+
+    def _fields(self, setting: Setting) -> list[NDArray[np.complex128]]:
+        return [self._field.field(terms, setting.bias_um) for terms in self._terms(setting)]
+
+    def _intensities(self, setting: Setting) -> list[Floats]:
+        return [turned(self._intensity(field), setting.turn_rad) for field in self._fields(setting)]
+
+    def _intensity(self, field: NDArray[np.complex128]) -> Floats:
+        return np.asarray((field.real**2 + field.imag**2) / self._field.energy_um2)
+
+    def _changed(
+        self, setting: Setting, here: Sequence[NDArray[np.complex128]], by: Sequence[NDArray[np.complex128]]
+    ) -> list[Floats]:
+        """Change of the intensity at each line with that of the field."""
+        flat = (2 * (a.real * b.real + a.imag * b.imag) / self._field.energy_um2 for a, b in zip(here, by, strict=True))
+        return [turned(each, setting.turn_rad) for each in flat]
+
+    def _moved(self, setting: Setting, seen: list[Floats], key: str, step: float) -> list[Floats]:
+        ahead, behind = (
+            self._taken(replace(setting, **{key: getattr(setting, key) + sign * step}), [seen])[0] for sign in (1, -1)
+        )
+        return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
+
+    def _taken(self, setting: Setting, given: Sequence[list[Floats]]) -> list[list[Floats]]:
+        """Pixels of several intensities, each told at the nodes; [given][grid of pixels]."""
+        nodes = self._nodes(setting)
+        found = [[np.zeros((each.y_um.size, each.x_um.size)) for each in self.pixels] for _ in given]
+        samples = given[0][0].shape[0]
+        for colour, lines in self.light.items():
+            mine = [k for k, each in enumerate(self.pixels) if each.colour == colour]
+            for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
+                at_line = [_between(nodes, intensities, float(line)) for intensities in given]
+                stretch = (1 + setting.scale) / (line * UM_PER_NM * self.camera.focal_um)
+                width = self.camera.pixel_um * stretch / self._step
+                for k in mine:
+                    each = self.pixels[k]
+                    across = pixel_means(samples, (each.x_um - setting.x_um) * stretch / self._step, width)
+                    up = pixel_means(samples, (each.y_um - setting.y_um) * stretch / self._step, width)
+                    factor = weight * (self.camera.pixel_um * stretch) ** 2
+                    for total, intensity in zip(found, at_line, strict=True):
+                        total[k] += factor * (up @ intensity @ across.T)
+        return found
+
+
+def _between(nodes: Floats, values: Sequence[Floats], wavelength_nm: float) -> Floats:
+    """A polynomial in the inverse wavelength through values at its nodes."""
+    if len(values) == 1:
+        return values[0]
+    place, at = 1 / nodes, 1 / wavelength_nm
+    shares = [
+        math.prod((at - place[j]) / (place[k] - place[j]) for j in range(place.size) if j != k)
+        for k in range(place.size)
+    ]
+    return np.asarray(sum(share * each for share, each in zip(shares, values, strict=True)))

@@ -1,0 +1,208 @@
+"""How a die stands and was written, from what a camera took of a point light behind it: estimates and their errors.
+
+Weighted least squares by Gauss-Newton steps, damped where one would not better the fit. The light of each colour and
+what lies beneath it are solved for beside all else. Errors are those of Fisher's information, inflated by the root of
+chi² per pixel where the model falls short of the noise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from maskfab.capture.die_field import DEFOCUS
+from maskfab.capture.die_image import DieImage, Setting
+from maskfab.capture.taken import Taken, colours_of
+from maskfab.progress import Progress, silent
+
+Floats = NDArray[np.float64]
+
+_MOST_STEPS = 15
+_SETTLED = 0.02
+"""Share of its standard error by which no value moves any more in a fit that is done."""
+_CURVED = 5.0
+"""Standard errors by which a value must move for slopes to be made anew: within them they are straight."""
+_FIRST_DAMPING, _HARDER, _EASIER, _LEAST_DAMPING, _HOPELESS = 1e-3, 10.0, 0.1, 1e-6, 1e6
+FIRST_TERMS = (DEFOCUS,)
+_MORE_TERMS = (5, 6, 7, 8, 9, 10, 11)
+"""Astigmatism, coma, trefoil and spherical aberration, tried where defocus alone falls short of the noise."""
+_SHORT_OF_NOISE = 4.0
+"""Standard deviations of chi² beyond which more terms are tried."""
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """A die's setting as a camera saw it.
+
+    Attributes:
+        setting: the estimate.
+        covariance: of its values, float64 [n, n], for the noise alone.
+        light: of every colour, in the unit of the signal: what a sensor without ends would take.
+        beneath: signal of every colour that is there without the light.
+        chi2: sum of squared residuals, each over its standard deviation.
+        freedom: pixels less all that was solved for.
+        residuals: of every grid of pixels, in standard deviations, 0 where a pixel does not count.
+        predicted: of every grid, in the unit of the signal.
+        steps: that were taken.
+    """
+
+    setting: Setting
+    covariance: Floats
+    light: dict[str, float]
+    beneath: dict[str, float]
+    chi2: float
+    freedom: int
+    residuals: tuple[Floats, ...]
+    predicted: tuple[Floats, ...]
+    steps: int
+
+    @property
+    def inflation(self) -> float:
+        """Factor on the noise's standard errors: the root of chi² per degree of freedom, where that is above 1."""
+        return math.sqrt(max(1.0, self.chi2 / self.freedom))
+
+    @property
+    def errors(self) -> dict[str, float]:
+        """Standard error of every value, inflated."""
+        found = self.inflation * np.sqrt(np.diag(self.covariance))
+        return dict(zip(self.setting.names, found.tolist(), strict=True))
+
+    @property
+    def criterion(self) -> float:
+        """Schwarz's information criterion, lower is better, for noise as large as the residuals say."""
+        pixels = self.freedom + self.setting.values.size + 2 * len(self.light)
+        return self.chi2 / self.inflation**2 + self.setting.values.size * math.log(pixels)
+
+
+def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Progress = silent) -> Fit:
+    """The best setting that is downhill from a start; its terms are the start's.
+
+    Args:
+        image: of the die, one way round; its pixels are those of ``taken``.
+        taken: what the camera took.
+        start: with every term that is to be found, 0 where nothing is known.
+        progress: told after every step.
+    """
+    pictures, slopes = image.slopes(start)
+    here, damping, fresh = judged(taken, pictures, start), _FIRST_DAMPING, True
+    for step in range(1, _MOST_STEPS + 1):
+        progress("fit", step, _MOST_STEPS)
+        now = _solved(taken, pictures, slopes, start)
+        moved = np.inf
+        while damping < _HOPELESS:
+            change = _step(now, damping)
+            tried = start.at(start.values + change)
+            seen = image.pictures(tried)
+            there = judged(taken, seen, tried)
+            if there.chi2 <= here.chi2:
+                moved = float(np.max(abs(change) / np.sqrt(np.diag(now.covariance))))
+                start, here, pictures, damping = tried, there, seen, max(_LEAST_DAMPING, damping * _EASIER)
+                break
+            damping *= _HARDER
+        noise = math.sqrt(max(1.0, here.chi2 / here.freedom))
+        if moved < _SETTLED * noise or (fresh and damping >= _HOPELESS):
+            break
+        fresh = moved > _CURVED * noise or damping >= _HOPELESS
+        if fresh:
+            pictures, slopes = image.slopes(start)
+            damping = min(damping, _FIRST_DAMPING)
+    progress("fit", _MOST_STEPS, _MOST_STEPS)
+    return replace(here, covariance=_solved(taken, pictures, slopes, start).covariance, steps=step)
+
+
+def with_terms(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress = silent) -> Fit:
+    """The fit with more of the lens's errors, where those bring the residuals closer to the noise than their number
+    allows for by chance."""
+    if found.chi2 - found.freedom < _SHORT_OF_NOISE * math.sqrt(2 * found.freedom):
+        return found
+    known = {term for term, _ in found.setting.terms}
+    terms = (*found.setting.terms, *((term, 0.0) for term in _MORE_TERMS if term not in known))
+    more = fitted(image, taken, replace(found.setting, terms=terms), progress)
+    # Both by the noise that the larger model leaves: its own residuals say what noise there is.
+    noise = max(1.0, more.chi2 / more.freedom)
+    gain = (found.chi2 - more.chi2) / noise
+    price = (len(terms) - len(known)) * math.log(found.freedom)
+    return more if gain > price else found
+
+
+@dataclass(frozen=True, eq=False)
+class _Normal:
+    """The equations of a step: information about the setting once light and background are solved for."""
+
+    gradient: Floats
+    information: Floats
+
+    @property
+    def covariance(self) -> Floats:
+        return np.asarray(np.linalg.pinv(self.information, hermitian=True), dtype=np.float64)
+
+
+def _step(now: _Normal, damping: float) -> Floats:
+    diagonal = np.diag(np.diag(now.information))
+    return np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
+
+
+def _solved(
+    taken: Sequence[Taken], pictures: Sequence[Floats], slopes: Sequence[Sequence[Floats]], at: Setting
+) -> _Normal:
+    size = at.values.size
+    gradient, information = np.zeros(size), np.zeros((size, size))
+    for colour in colours_of(taken):
+        mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
+        weigh = _Weighed.of([taken[k] for k in mine])
+        picture = weigh([pictures[k] for k in mine])
+        base = np.stack([picture, weigh.ones], axis=1)
+        solution = np.linalg.lstsq(base, weigh.signal, rcond=None)[0]
+        light = float(solution[0])
+        rest = weigh.signal - base @ solution
+        columns = np.stack([light * weigh([slope[k] for k in mine]) for slope in slopes], axis=1)
+        columns -= base @ np.linalg.lstsq(base, columns, rcond=None)[0]
+        gradient += columns.T @ rest
+        information += columns.T @ columns
+    return _Normal(gradient, information)
+
+
+def judged(taken: Sequence[Taken], pictures: Sequence[Floats], at: Setting) -> Fit:
+    """Chi² of pictures, light and background solved for; nothing is told of the setting's errors."""
+    light, beneath, residuals, predicted = {}, {}, [np.zeros(0)] * len(taken), [np.zeros(0)] * len(taken)
+    chi2, count = 0.0, 0
+    for colour in colours_of(taken):
+        mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
+        weigh = _Weighed.of([taken[k] for k in mine])
+        base = np.stack([weigh([pictures[k] for k in mine]), weigh.ones], axis=1)
+        found = np.linalg.lstsq(base, weigh.signal, rcond=None)[0]
+        light[colour], beneath[colour] = map(float, found)
+        chi2 += float(np.sum((weigh.signal - base @ found) ** 2))
+        count += weigh.signal.size - 2
+        for k in mine:
+            predicted[k] = found[0] * pictures[k] + found[1]
+            residuals[k] = np.where(taken[k].valid, (taken[k].light - predicted[k]) / taken[k].sigma, 0.0)
+    size = at.values.size
+    return Fit(at, np.zeros((size, size)), light, beneath, chi2, count - size, tuple(residuals), tuple(predicted), 0)
+
+
+@dataclass(frozen=True, eq=False)
+class _Weighed:
+    """The pixels of a colour that count, each over its standard deviation."""
+
+    valid: tuple[NDArray[np.bool_], ...]
+    inverse: Floats
+    signal: Floats
+
+    @classmethod
+    def of(cls, taken: Sequence[Taken]) -> _Weighed:
+        valid = tuple(each.valid for each in taken)
+        inverse = 1 / np.concatenate([each.sigma[each.valid] for each in taken])
+        return cls(valid, inverse, inverse * np.concatenate([each.light[each.valid] for each in taken]))
+
+    @property
+    def ones(self) -> Floats:
+        return self.inverse
+
+    def __call__(self, pictures: Sequence[Floats]) -> Floats:
+        values = [picture[kept] for picture, kept in zip(pictures, self.valid, strict=True)]
+        return np.asarray(self.inverse * np.concatenate(values))

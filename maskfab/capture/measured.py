@@ -1,0 +1,201 @@
+"""A die as a camera saw it beside the die as designed: which it is, how it stands, how it was written."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from maskfab.capture.die_image import DieImage
+from maskfab.capture.fit import Fit, fitted, judged, with_terms
+from maskfab.capture.identify import Hypothesis, Identified, identified
+from maskfab.capture.merge import Merged
+from maskfab.capture.mtf_band import MtfBand, mtf_bands
+from maskfab.capture.taken import Taken, brightest, taken_of
+from maskfab.errors import JobError, SourceError
+from maskfab.model import Camera, Panel, Quantity
+from maskfab.optics.image.spectrum import Band, Spectrum, line_spectrum
+from maskfab.optics.wavefront.aberration import NOLL
+from maskfab.progress import Progress, silent
+from maskfab.units import UM_PER_NM
+
+_NORMAL_95 = 1.959964
+_SPECKLES_PER_PANEL = 3.0
+_UNLIKE = 3.0
+"""Root of chi² per pixel from which a fit is held to be none: the light, the camera or the die is another."""
+_TURNS = {0: "as drawn", 1: "turned by 90 degrees", 4: "mirrored", 5: "mirrored and turned by 90 degrees"}
+
+
+@dataclass(frozen=True, eq=False)
+class Measured:
+    """A capture and what it tells of the plate.
+
+    Attributes:
+        merged: the exposures.
+        taken: their pixels about the light, with the noise that the fit expects.
+        identified: the die.
+        fit: of it, with as many of the lens's errors as the residuals ask for.
+        bands: MTF of every grid of pixels.
+        quantities: the numbers.
+        verdict: sentences, the most important first.
+        mirrored: whether the plate stands the other way round than the job says.
+    """
+
+    merged: Merged
+    taken: tuple[Taken, ...]
+    identified: Identified
+    fit: Fit
+    bands: tuple[MtfBand, ...]
+    quantities: tuple[Quantity, ...]
+    verdict: tuple[str, ...]
+    mirrored: bool
+
+
+def measured(
+    merged: Merged,
+    panels: Mapping[str, Panel],
+    camera: Camera,
+    light: Mapping[str, Spectrum],
+    *,
+    seen_mirrored: bool = False,
+    promised_bias_um: float = 0.0,
+    seed: int = 0,
+    progress: Progress = silent,
+) -> Measured:
+    """Measure a die from exposures of a point light behind it.
+
+    Args:
+        merged: exposures, cropped about the light.
+        panels: of the dies that it may be, by name.
+        camera: its lens and its pixel.
+        light: what each colour of pixels sees of the light.
+        seen_mirrored: whether the job's plate stands with its chrome away from the lens, which then sees it mirrored.
+        promised_bias_um: by which clear features are wider than drawn, as the job states it.
+        seed: of the noise that bands are drawn with.
+        progress: told where the work stands.
+
+    Raises:
+        SourceError: MF338 if nothing in the picture is like any of the dies.
+    """
+    taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
+    found = identified(panels, camera, light, taken, progress)
+    best = found.best
+    image = DieImage.of(panels[best.die], best.way_round, camera, light, [each.pixels for each in taken])
+    setting = found.fit.setting
+    expected = judged(taken, image.pictures(setting), setting).predicted
+    # Noise of the light that is expected: that of what was measured favours what came out dark.
+    expecting = tuple(each.expecting(light) for each, light in zip(taken, expected, strict=True))
+    fit = with_terms(image, expecting, fitted(image, expecting, setting, progress), progress)
+    if fit.inflation > _UNLIKE and not found.certain:
+        raise SourceError(
+            "MF338",
+            f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
+            f"{fit.inflation:.1f} standard deviations",
+            cure="Check the camera and the light of the job, and that this is a point light behind its plate",
+        )
+    mirrored = (found.best.way_round >= 4) != seen_mirrored
+    bands = mtf_bands(expecting, fit, seed)
+    numbers = _quantities(found.best, fit)
+    verdict = _verdict(found, fit, bands, mirrored, promised_bias_um)
+    return Measured(merged, expecting, found, fit, bands, numbers, verdict, mirrored)
+
+
+def light_of(
+    colours: tuple[str, ...], camera: Camera, bands: tuple[Band, ...], half_um: float, line_nm: float | None = None
+) -> dict[str, Spectrum]:
+    """Light that each colour of pixels sees.
+
+    Args:
+        colours: of the pixels, ``R G B`` or ``-``.
+        camera: whose lines are red, green and blue where there are no bands.
+        bands: of the job's scene, red, green and blue, or the one of a sensor without colours.
+        half_um: half the side of the window, for which as many lines stand for a band as its speckles ask for.
+        line_nm: of a light of one line, whatever the pixel; None to take the job's.
+
+    Raises:
+        JobError: MF105 where the job does not say what these pixels see.
+    """
+    if line_nm is not None:
+        return {colour: line_spectrum([line_nm], name=f"{line_nm:g} nm") for colour in colours}
+    known: list[Spectrum]
+    if bands:
+        known = [_lines(band, camera, half_um) for band in bands]
+    else:
+        known = [line_spectrum([line], name=f"{line:g} nm") for line in camera.wavelengths_nm]
+    wanted = ("-",) if colours == ("-",) else ("R", "G", "B")
+    if len(known) != len(wanted):
+        raise JobError(
+            "MF105",
+            f"the job has light of {len(known)} colours, and the sensor has {len(wanted)}",
+            where="camera.wavelengths",
+            cure="State the line of the light, such as --line '530 nm', or the scene's spectrum",
+        )
+    return {colour: lines for colour, lines in zip(wanted, known, strict=True) if colour in colours}
+
+
+def _lines(band: Band, camera: Camera, half_um: float) -> Spectrum:
+    low, high = band.range_nm
+    middle_um = (low + high) / 2 * UM_PER_NM
+    speckle_um = middle_um * camera.focal_um / camera.stop.diameter_um
+    moved = half_um * (high - low) * UM_PER_NM / middle_um / speckle_um
+    return band.quadrature(max(1, math.ceil(moved / _SPECKLES_PER_PANEL)))
+
+
+def _quantities(best: Hypothesis, fit: Fit) -> tuple[Quantity, ...]:
+    half = {name: _NORMAL_95 * error for name, error in fit.errors.items()}
+    method = "weighted least squares on the pixels, 95 % by Fisher's information"
+    method += " x root of chi² per pixel" if fit.inflation > 1 else ""
+    setting, die = fit.setting, best.die
+    bias = Quantity("captured_cd_bias", setting.bias_um, method, half["bias_um"], die=die)
+    turn = Quantity("captured_turn", math.degrees(setting.turn_rad), method, math.degrees(half["turn_rad"]), die=die)
+    scale = Quantity("captured_scale", setting.scale, method, half["scale"], die=die)
+    found = [bias, turn, scale]
+    names = {number: name.replace("_", " ") for name, number in NOLL.items()}
+    for term, waves in setting.terms:
+        told = f"{term}, {names.get(term, 'Zernike')}"
+        found.append(Quantity("captured_term", waves, method, half[f"z{term}"], die=die, detail=told))
+    found.append(
+        Quantity(
+            "captured_misfit", fit.chi2 / fit.freedom, "squared residuals over variance, mean over pixels", die=die
+        )
+    )
+    return (*found,)
+
+
+def _verdict(
+    found: Identified, fit: Fit, bands: tuple[MtfBand, ...], mirrored: bool, promised_bias_um: float
+) -> tuple[str, ...]:
+    best, way = found.best, found.best.way_round
+    said = []
+    stands = _TURNS[way]
+    if found.certain:
+        over = ": turn the plate over" if mirrored else ""
+        said.append(f"This is die {best.die}, {stands}{over}.")
+    else:
+        others = " or ".join(f"{each.die}, {_TURNS[each.way_round]}" for each in (best, *found.rivals[:3]))
+        said.append(f"Cannot tell which die this is: {others}.")
+    said.append(
+        "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"
+        "symmetric, and out of focus that of the other side."
+    )
+    bias, half = fit.setting.bias_um, _NORMAL_95 * fit.errors["bias_um"]
+    off = abs(bias - promised_bias_um) > half
+    told = f"CD {bias:+.3f} ± {half:.3f} um"
+    said.append(
+        f"{told}, where the job states {promised_bias_um:+.3f} um: "
+        + (f"off by {bias - promised_bias_um:+.3f} um." if off else "no difference is seen.")
+    )
+    for band in bands:
+        colour = "" if band.colour == "-" else f" of {band.colour} pixels"
+        limit = band.frequencies[-1] if band.parted_per_mm is None else band.parted_per_mm
+        said.append(f"MTF{colour} as designed up to {limit:.0f} cycles per mm.")
+    if fit.inflation**2 > 1 + 4 * math.sqrt(2 / fit.freedom):
+        said.append(
+            f"The model leaves residuals of {fit.inflation:.2f} standard deviations of the noise: something is not in "
+            "it, such as another light, dust or a light that is wider than a pixel. Errors are enlarged by as much."
+        )
+    said.append(
+        "Scale is that of pitch x pixel / (wavelength x focal length): one die tells "
+        f"{fit.setting.scale:+.2e}, and not which of them is off."
+    )
+    return tuple(said)
