@@ -1,7 +1,8 @@
 """Light that drifts from one exposure to the next, from the pixels that both of them see.
 
 The ratio of two exposures is that of sums over their common pixels, weighted by the light beside each: weights that
-knew a pixel's own noise would favour what came out bright.
+knew a pixel's own noise would favour what came out bright. Pixels are left out near full by the sum of both exposures:
+given the sum of two Poisson numbers their ratio is what it is without, given one of them it is not.
 """
 
 from __future__ import annotations
@@ -21,6 +22,8 @@ Floats = NDArray[np.float64]
 
 _PROVEN = 3.0
 """Standard errors from 1 beyond which a drift is taken out; less is noise, and would be put in."""
+_CLEAR = 0.9
+"""Of full, up to which a pixel is used."""
 _TOLD = 0.25
 _MOST = 2.0
 
@@ -33,11 +36,13 @@ class Exposed:
         electrons: [frames, rows, columns], the level of the dark taken off.
         usable: of the same shape, what is not full.
         dark: [frames] variance without light, in electrons squared.
+        full: [frames] electrons of a full pixel; infinite where white is not known.
     """
 
     electrons: Floats
     usable: NDArray[np.bool_]
     dark: Floats
+    full: Floats
 
 
 @dataclass(frozen=True)
@@ -89,7 +94,9 @@ def _ratio(colours: Sequence[Exposed], times_s: Sequence[float], longer: int, sh
     sums, variances = np.zeros(2), np.zeros(2)
     times = times_s[longer], times_s[shorter]
     for colour in colours:
-        common = colour.usable[longer] & colour.usable[shorter]
+        both = colour.electrons[longer] + colour.electrons[shorter]
+        clear = both < _CLEAR * colour.full[longer] * (1 + times[1] / times[0])
+        common = colour.usable[longer] & colour.usable[shorter] & clear
         rate = np.maximum(mean_beside(colour.electrons[longer] / times[0], common), 0.0)
         weights = np.where(common, rate / (rate + colour.dark[shorter] / times[1]), 0.0)
         for place, frame in enumerate((longer, shorter)):

@@ -253,7 +253,11 @@ def _exposed(
     if dark is not None:
         usable &= ~dark.hot
     shot = np.maximum(levels, 0.0) * electrons_per_count
-    return Exposed(electrons, usable, dark_e2 + shot)
+    full = [
+        electrons_per_count * (frame.white - frame.black[place] - level)
+        for frame, level in zip(frames, levels, strict=True)
+    ]
+    return Exposed(electrons, usable, dark_e2 + shot, np.array(full))
 
 
 def _merged(

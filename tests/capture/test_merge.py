@@ -99,6 +99,19 @@ def test_drifted_light_is_told_and_taken_out():
     assert max(each.drift.error for each in used) < 0.01
 
 
+def test_no_drift_is_told_where_light_lies_about_a_full_pixel():
+    """Of pixels about white those below it read low by choice, which must not be taken for drift."""
+    full = (WHITE - BLACK) * GAIN
+    off = []
+    for seed in range(20):
+        draw = np.random.default_rng(seed)
+        # Few are full, or their neighbours would leave none.
+        light = np.where(draw.random((128, 128)) < 0.05, draw.uniform(0.97, 1.03, (128, 128)), 0.01) * full / 0.1
+        first = merged(stack(draw, light=light, times=(0.02, 0.1)), **SENSOR).used[0].drift
+        off.append((first.factor - 1) / first.error)
+    assert abs(np.mean(off)) < 3.5 / np.sqrt(20)
+
+
 def test_full_pixels_and_their_neighbours_are_left_out_whatever_their_colour():
     found = merged(stack(np.random.default_rng(2))[2:], **SENSOR)
     top = LIGHT * TIMES[2] > 1.05 * (WHITE - BLACK) * GAIN
