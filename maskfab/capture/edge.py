@@ -42,7 +42,6 @@ FREQUENCIES.flags.writeable = False
 STEP_PX = 0.25
 """Distance between knots of the edge spread; fourfold oversampling, as the standard has it."""
 
-_REFINEMENTS = 2
 _MATCHED_PX = 8.0
 _CLIPPED_SHARE = 1e-3
 _FEWEST_VALID = 0.2
@@ -168,8 +167,7 @@ def edge_mtf(
     half = STEP_PX * math.floor(grid.step * reach * math.cos(math.atan(abs(found.slope))) / STEP_PX)
     if half < NARROWEST_PX / 2:
         raise _too_small(f"{half:g} px to either side of the edge are in every line", f"{NARROWEST_PX / 2:g} px", where)
-    for _ in range(_REFINEMENTS):
-        line = fitted_line(seen.numbers, seen.matched(line, half), order)
+    line = fitted_line(seen.numbers, seen.matched(line, half), order)
     distance = seen.distance_px(line)
     used = seen.valid & (abs(distance) < half)
     _refuse_gaps(distance[used], line, seen.numbers, where)
