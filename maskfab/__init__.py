@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.displays import render as render
     from maskfab.api.verbs.explaining import explain as explain
     from maskfab.api.verbs.learning import learn as learn
+    from maskfab.api.verbs.measuring import measure as measure
     from maskfab.api.verbs.photographs import simulate as simulate
     from maskfab.api.verbs.planning import plan as plan
     from maskfab.api.verbs.plates import run as run
@@ -65,6 +66,7 @@ _WHERE = {
     "design": "maskfab.api.verbs.designing",
     "explain": "maskfab.api.verbs.explaining",
     "learn": "maskfab.api.verbs.learning",
+    "measure": "maskfab.api.verbs.measuring",
     "load_job": "maskfab.job",
     "package": "maskfab.api.verbs.shops",
     "pareto": "maskfab.api.verbs.sweeping",
@@ -100,6 +102,7 @@ __all__ = [
     "explain",
     "learn",
     "load_job",
+    "measure",
     "package",
     "pareto",
     "plan",

@@ -94,6 +94,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF336": "Captures that are to be merged do not show the same light.",
         "MF337": "A crop does not lie in the capture.",
         "MF338": "Captures of a point light show a second one.",
+        "MF339": "A captured light is like none of the dies that it may have come through.",
         "MF340": "No straight edge between two even fields was found in a picture.",
         "MF341": "An edge stands at an angle at which pixels meet it in too few places.",
         "MF342": "Too little of an edge is in the picture.",

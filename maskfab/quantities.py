@@ -237,7 +237,7 @@ _ENTRIES = (
         "Misfit of the capture",
         "Mean over pixels of the squared difference between what was captured and the fitted die, in variances of the "
         "noise; 1 where nothing but noise is left.",
-        "Look for another light, dust or a light that is wider than a pixel, and state the light's spectrum in the job.",
+        "Look for another light, dust or a light wider than a pixel; state the spectrum of the light in the job.",
     ),
     Entry(
         "psf_energy_in_window",

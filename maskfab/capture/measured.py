@@ -141,6 +141,11 @@ def _lines(band: Band, camera: Camera, half_um: float) -> Spectrum:
     return band.quadrature(max(1, math.ceil(moved / _SPECKLES_PER_PANEL)))
 
 
+def stands(each: Hypothesis) -> str:
+    """How a die stands, in words."""
+    return _TURNS[each.way_round]
+
+
 def _quantities(best: Hypothesis, fit: Fit) -> tuple[Quantity, ...]:
     half = {name: _NORMAL_95 * error for name, error in fit.errors.items()}
     method = "weighted least squares on the pixels, 95 % by Fisher's information"
@@ -165,14 +170,13 @@ def _quantities(best: Hypothesis, fit: Fit) -> tuple[Quantity, ...]:
 def _verdict(
     found: Identified, fit: Fit, bands: tuple[MtfBand, ...], mirrored: bool, promised_bias_um: float
 ) -> tuple[str, ...]:
-    best, way = found.best, found.best.way_round
+    best = found.best
     said = []
-    stands = _TURNS[way]
     if found.certain:
         over = ": turn the plate over" if mirrored else ""
-        said.append(f"This is die {best.die}, {stands}{over}.")
+        said.append(f"This is die {best.die}, {stands(best)}{over}.")
     else:
-        others = " or ".join(f"{each.die}, {_TURNS[each.way_round]}" for each in (best, *found.rivals[:3]))
+        others = " or ".join(f"{each.die}, {stands(each)}" for each in (best, *found.rivals[:3]))
         said.append(f"Cannot tell which die this is: {others}.")
     said.append(
         "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"

@@ -9,9 +9,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.capture.die_image import Pixels
+from maskfab.capture.frames import Frame
 from maskfab.capture.merge import Merged, Plane
+from maskfab.errors import SourceError
 
 Floats = NDArray[np.float64]
+
+_NEAR = 3
+_STANDS_OUT, _LEAST_COUNTS = 12.0, 0.5
+_SIGMA_PER_MAD = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,9 +93,6 @@ def brightest(planes: Sequence[Plane]) -> tuple[float, float]:
     return best[1]
 
 
-_NEAR = 3
-
-
 def _around(light: Floats, row: int, column: int) -> Floats:
     return light[max(0, row - _NEAR) : row + _NEAR + 1, max(0, column - _NEAR) : column + _NEAR + 1]
 
@@ -97,3 +100,44 @@ def _around(light: Floats, row: int, column: int) -> Floats:
 def colours_of(taken: Sequence[Taken]) -> tuple[str, ...]:
     """Colours of the pixels, each once, sorted."""
     return tuple(sorted({each.pixels.colour for each in taken}))
+
+
+def middle_of_light(frames: Sequence[Frame], side: int) -> tuple[int, int]:
+    """Row and column about which a square of ``side`` pixels with the light in it lies in the frames.
+
+    The light is the brightest place of the shortest exposure in which it stands out of the noise; the square is moved
+    by up to a quarter of itself where the frame ends.
+
+    Raises:
+        SourceError: MF334 if there is no light that stands out, MF337 if it lies too near the frame's edge.
+    """
+    for frame in sorted(frames, key=lambda each: each.exposure_s or 0.0):
+        counts = frame.counts.mean(axis=0) if frame.counts.ndim == 3 else frame.counts
+        # Of every four neighbours, so that all colours of a mosaic are in each mean.
+        even = counts[: counts.shape[0] // 2 * 2, : counts.shape[1] // 2 * 2].astype(np.float64)
+        means = even.reshape(even.shape[0] // 2, 2, -1, 2).mean(axis=(1, 3))
+        middle = float(np.median(means))
+        noise = _SIGMA_PER_MAD * float(np.median(abs(means - middle)))
+        if means.max() - middle < _STANDS_OUT * max(noise, _LEAST_COUNTS):
+            continue
+        row, column = (2 * int(k) for k in np.unravel_index(int(means.argmax()), means.shape))
+        return _fitting(row, frame.shape[0], side, frame), _fitting(column, frame.shape[1], side, frame)
+    raise SourceError(
+        "MF334",
+        f"nothing stands out of the noise in {len(frames)} frames by {_STANDS_OUT:g} standard deviations",
+        where=frames[0].name,
+        cure="Expose longer, or put a point light before the plate",
+    )
+
+
+def _fitting(at: int, length: int, side: int, frame: Frame) -> int:
+    held = min(max(at, side // 2), length - (side - side // 2))
+    if abs(held - at) > side // 4:
+        raise SourceError(
+            "MF337",
+            f"the light lies {min(at, length - at)} pixels from the edge of the picture, and a window of {side} pixels "
+            f"needs {side // 4}",
+            where=frame.name,
+            cure="Put the light nearer the middle of the picture, or ask for a smaller window",
+        )
+    return held

@@ -21,6 +21,7 @@ from maskfab.cli.verbs.check import check
 from maskfab.cli.verbs.design import design
 from maskfab.cli.verbs.explain import explain
 from maskfab.cli.verbs.learn import learn
+from maskfab.cli.verbs.measure import measure
 from maskfab.cli.verbs.package import package
 from maskfab.cli.verbs.pareto import pareto
 from maskfab.cli.verbs.plan import plan
@@ -51,6 +52,11 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "Examples: maskfab analyse layouts/openings/toled.toml --tiling random --seed 1 | "
         "maskfab analyse plate.gds --cell TOLED_P150 --json | maskfab analyse photo.png --pitch '168 um' | "
         "maskfab analyse layouts/openings/toled.toml --stop '1 mm' --depth '0.3 m, inf' --accuracy draft",
+    ),
+    (
+        measure,
+        "Examples: maskfab measure 1ms.dng 4ms.dng 16ms.dng --job layouts/upc12.toml --gain 1.3 --read-noise 4.9 "
+        "-o build/measured | maskfab measure led.tif --job job.toml --line '530 nm' --pair a.tif --pair b.tif",
     ),
     (verify, "Example: maskfab verify build/upc12"),
     (

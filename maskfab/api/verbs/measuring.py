@@ -1,0 +1,194 @@
+"""Dies as a camera sees them: from exposures of a point light to which die it is, how it stands and how it was made."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.api.lengths import Wavelength, wavelength_text
+from maskfab.capture.frames import Frame
+from maskfab.capture.gain import photon_transfer
+from maskfab.capture.measured import Measured, light_of, measured
+from maskfab.capture.merge import merged
+from maskfab.capture.reading import read_frames
+from maskfab.capture.taken import middle_of_light
+from maskfab.errors import JobError
+from maskfab.files.staging import check_target
+from maskfab.job import Job
+from maskfab.model import Quantity
+from maskfab.progress import Progress, silent
+from maskfab.report.capture_files import capture_document, write_capture
+from maskfab.report.quantity_table import Quantities
+from maskfab.threads import one_thread
+from maskfab.units import parse_time_s, parse_wavelength_nm
+
+if TYPE_CHECKING:
+    from maskfab.report.plots.sheet import Drawing
+
+_LEAST_WINDOW, _MOST_WINDOW = 32, 400
+_UNUSED = ("gap", "depth", "field", "aberrations", "distortion", "saturation")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Measurement:
+    """A capture and what it tells of the plate.
+
+    Attributes:
+        found: everything.
+        digest: of the job.
+        notes: what a user should know, as sentences.
+    """
+
+    found: Measured
+    digest: str
+    notes: tuple[str, ...] = ()
+
+    @property
+    def numbers(self) -> Quantities:
+        """Every reported number."""
+        return Quantities(self.found.quantities)
+
+    def __getitem__(self, key: str) -> Quantity:
+        return self.numbers[key]
+
+    def to_dict(self) -> dict[str, Any]:
+        """What measure.json says."""
+        return capture_document(self.found, self.digest, self.notes)
+
+    def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
+        """Write page, numbers and the merged capture into a directory.
+
+        Raises:
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        return write_capture(check_target(Path(out), force=force), self.found, self.to_dict(), self.notes)
+
+    def plot(self) -> Drawing:
+        """Captured, expected, and their difference."""
+        from maskfab.report.plots.capture_figures import captured_drawing
+
+        return captured_drawing(self.found)
+
+    def __str__(self) -> str:
+        return "\n".join([*self.found.verdict, str(self.numbers), *(f"note: {note}" for note in self.notes)])
+
+    def _repr_svg_(self) -> str:
+        return self.plot().svg()
+
+
+@one_thread
+def measure(
+    captures: str | Path | Sequence[str | Path],
+    job: AnyJob,
+    *,
+    die: str | Sequence[str] | None = None,
+    times: Sequence[str] | None = None,
+    gain: float | None = None,
+    read_noise: float | None = None,
+    pair: Sequence[str | Path] = (),
+    dark: Sequence[str | Path] = (),
+    flat: Sequence[str | Path] = (),
+    window: int = 150,
+    line: Wavelength | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+    progress: Progress = silent,
+) -> Measurement:
+    """Tell which die a camera saw, how it stands and how it was written, from exposures of a point light.
+
+    Args:
+        captures: one frame or a stack of exposures: RAW, linear TIFF or PNG of 16 bits, EXR.
+        job: of the plate, with the camera.
+        die: those that it may be; by default all of the job.
+        times: of the exposures, such as ``"4 ms"``, in the order of the files; by default as the files state them.
+        gain: electrons for each count; by default told from ``pair``.
+        read_noise: of a pixel, electrons; by default told from ``pair``.
+        pair: two or more equal frames with light, from which gain and read noise are told.
+        dark: frames without light.
+        flat: frames of even light.
+        window: pixels along a side of what is looked at.
+        line: wavelength of the light, if it is one line; by default the light is that of the job's camera and scene.
+        black, white: levels in counts; by default as the files state them.
+        mosaic: ``rggb bggr grbg gbrg`` of grey pictures that hold one.
+        progress: told where the work stands.
+
+    Raises:
+        SourceError: for frames that cannot be read or merged, MF338 for light that is like no die of the job.
+        JobError: MF105 for a die that the job does not have, or a gain that nothing states; else as for the job.
+    """
+    known = job_of(job)
+    if not _LEAST_WINDOW <= window <= _MOST_WINDOW:
+        raise JobError(
+            "MF104",
+            f"a window of {window} pixels is not from {_LEAST_WINDOW} to {_MOST_WINDOW}",
+            where="window",
+            cure="Use 150, or up to 400 for wide pictures",
+        )
+    panels = known.panels()
+    wanted = dies_of(die, panels)
+    stated = None if times is None else [parse_time_s(each, where="times") for each in times]
+    line_nm = None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
+    if not pair and (gain is None or read_noise is None):
+        raise JobError(
+            "MF105",
+            "nothing states the sensor's gain and read noise",
+            where="gain",
+            cure="Give gain and read_noise in electrons, or a pair of equal frames that they are told from",
+        )
+
+    def read(paths: Sequence[str | Path], times_s: Sequence[float] | None = None) -> tuple[Frame, ...]:
+        files = [Path(each) for each in paths]
+        return read_frames(files, times_s=times_s, black=black, white=white, mosaic=mosaic) if files else ()
+
+    given = [captures] if isinstance(captures, str | Path) else captures
+    progress("captures", 0, 1)
+    frames, darks, flats = read(given, stated), read(dark), read(flat)
+    told = None if not pair else photon_transfer(read(pair), darks if len(darks) > 1 else ())
+    side = min(window, *frames[0].shape) // 2 * 2
+    middle = middle_of_light(frames, side)
+    merging = merged(
+        [each.cropped(middle, side) for each in frames],
+        electrons_per_count=gain if gain is not None or told is None else told.electrons_per_count,  # type: ignore[arg-type]
+        read_noise_e=read_noise if read_noise is not None or told is None else told.read_noise_e,  # type: ignore[arg-type]
+        dark=[each.cropped(middle, side) for each in darks],
+        flat=[each.cropped(middle, side) for each in flats],
+    )
+    progress("captures", 1, 1)
+    colours = tuple(sorted({plane.colour for plane in merging.planes}))
+    bands = () if known.scene is None else known.scene.bands
+    light = light_of(colours, known.camera, bands, side / 2 * known.camera.pixel_um, line_nm)
+    process = None if known.spec.process is None else known.spec.process.process()
+    found = measured(
+        merging,
+        {name: panels[name] for name in wanted},
+        known.camera,
+        light,
+        seen_mirrored=known.blank.glass is not None and bool(known.blank.glass.gap_um),
+        promised_bias_um=0.0 if process is None else process.cd_bias_um,
+        progress=progress,
+    )
+    return Measurement(found, known.digest, _notes(known, line_nm))
+
+
+def _notes(job: Job, line_nm: float | None) -> tuple[str, ...]:
+    """Sentences on what was assumed, and on what of the job was not used."""
+    section = job.spec.scene
+    if line_nm is not None:
+        light = f"one line of {line_nm:g} nm"
+    elif job.scene is not None and job.scene.bands:
+        light = f"bands of [scene] {', '.join(band.name for band in job.scene.bands)}"
+    else:
+        light = f"lines of {', '.join(f'{each:g} nm' for each in job.camera.wavelengths_nm)}, one for each colour"
+    notes = [f"Assumed: the job's camera, a light that is a point, and {light}."]
+    if section is not None:
+        fields = type(section).model_fields
+        idle = [key for key in _UNUSED if key in fields and getattr(section, key) != fields[key].default]
+        if idle:
+            notes.append(
+                f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms."
+            )
+    return tuple(notes)

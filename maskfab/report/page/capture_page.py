@@ -1,0 +1,49 @@
+"""The page of a measured die: the verdict, the pictures side by side, the numbers and what was captured."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Any
+
+from jinja2 import Environment, StrictUndefined, Template
+from markupsafe import Markup
+
+from maskfab.capture.measured import Measured
+from maskfab.quantities import registered
+from maskfab.report.page.html import style
+from maskfab.report.plots.capture_figures import capture_mtf_drawing, captured_drawing
+from maskfab.report.plots.number_text import rounded
+from maskfab.resources import template
+
+
+def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> str:
+    """The page, with nothing from outside it; equal captures give equal pages.
+
+    Args:
+        found: what was measured.
+        document: what measure.json says of it.
+        notes: what a reader should know, as sentences.
+    """
+    return _template().render(
+        style=style(),
+        version=document["maskfab_version"],
+        digest=document["job_hash"],
+        verdict=found.verdict,
+        captured=Markup(captured_drawing(found).img()),
+        mtf=Markup(capture_mtf_drawing(found).img()),
+        rows=[(each, registered(each.name)) for each in found.quantities],
+        rivals=document["hypotheses"],
+        frames=document["frames"],
+        doubts=document["pixels_left_out"],
+        notes=notes,
+    )
+
+
+@cache
+def _template() -> Template:
+    environment = Environment(
+        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+    )
+    environment.filters.update(number=rounded)
+    return environment.from_string(template("measure.html.j2"))

@@ -1,0 +1,69 @@
+"""Pictures of a point light through a die by another way than the fit's: polygons as they are written, turned, at many
+lines, or a phase on exact dots."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.capture.frames import Frame
+from maskfab.geometry.stop import edges_in_stop
+from maskfab.geometry.writer_model import Reading, written_region
+from maskfab.measurement.optics import polygon_psf, stop_boundary
+from maskfab.model import Camera, Panel, Process, Psf
+from maskfab.optics.image.psf import odd_samples, pixel_margin, pixel_psf, point_step_um
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.optics.wavefront.aberration import Wavefront
+from maskfab.optics.wavefront.phase_field import phased, phased_psf, window_frequency
+
+Floats = NDArray[np.float64]
+READ_NOISE, GAIN, BLACK, WHITE = 4.87, 1.3, 512.0, 65535.0
+
+
+def polygon_picture(panel: Panel, camera: Camera, lines: dict[float, float], *, bias_um: float, turn_rad: float) -> Floats:
+    """Share of the light in every pixel, row 0 the top, of polygons that grew by a bias and are turned."""
+    openings = panel_aperture(panel, camera.stop.diameter_um / 2)
+    x, y = (np.rint(1000 * axis.edges_um()).astype(int) for axis in (openings.x, openings.y))
+    drawn = db.Region()
+    for row, column in np.argwhere(openings.transmission > 0.5):
+        drawn.insert(db.Box(int(x[column]), int(y[row]), int(x[column + 1]), int(y[row + 1])))
+    # The stop stays where it is: what it cuts is turned with the die, which a round one does not show.
+    written = written_region(drawn, Process(0.0, bias_um), Reading.OPEN)
+    edges, area = edges_in_stop(written, camera.stop, (0.0, 0.0))
+    turn = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
+    edges = (edges.reshape(-1, 2, 2) @ turn).reshape(-1, 4)
+    margin = pixel_margin(camera)
+    outline = stop_boundary(edges, area, camera, margin)
+    count = odd_samples(camera.window_um, point_step_um(camera)) + 2 * margin
+    total = 0.0
+    for line, weight in lines.items():
+        like = Psf(np.zeros((count, count)), point_step_um(camera), line, "point")
+        total = total + weight * pixel_psf(polygon_psf(outline, camera, like), camera).values
+    return total[::-1] * camera.pixel_um**2
+
+
+def phased_picture(panel: Panel, camera: Camera, terms: tuple[tuple[int, float], ...]) -> Floats:
+    """The same at the camera's only line behind a lens with errors."""
+    (line,) = camera.wavelengths_nm
+    pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
+    path = Wavefront(terms, line).waves(camera.stop, line)
+    margin = pixel_margin(camera)
+    wide = replace(camera, window_um=camera.window_um + 4 * margin * point_step_um(camera))
+    points = phased_psf(phased(pupil, path, window_frequency(wide, line)), camera, line, margin=margin)
+    return pixel_psf(points, camera).values[::-1] * camera.pixel_um**2
+
+
+def exposed(picture: Floats, times: tuple[float, ...], peak: float, seed: int) -> list[Frame]:
+    """A stack of exposures whose first has so many electrons at its peak in time 1."""
+    random = np.random.default_rng(seed)
+    light = peak / picture.max() * picture + 1.0
+    frames = []
+    for time in times:
+        electrons = random.poisson(light * time) + random.normal(0, READ_NOISE, picture.shape)
+        counts = np.clip(np.rint(electrons / GAIN + BLACK), 0, WHITE).astype(np.float32)
+        frames.append(Frame(f"{time:g}.tif", counts, (BLACK,), WHITE, None, 1e-3 * time))
+    return frames
