@@ -222,16 +222,11 @@ def display_of(spec: JobSpec, where: str) -> Display | None:
     section = section_of(spec, where)
     if not isinstance(section, SearchSection) or not section.fit:
         return None
-    display = stated_display(spec, section, where, key="design.fit")
-    if spec.plate is not None:
-        return display
-    pitch_um = section.dots * dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch") / NM_PER_UM
-    usual = int(_DIE_STOPS * spec.camera.camera().stop.diameter_um / pitch_um)
-    return replace(display, across=max(display.across, min(usual, _MOST_ACROSS)))
+    return stated_display(spec, section, where, key="design.fit")
 
 
 def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: str) -> Display:
-    """The display of a job, whether or not its [design] must fit it.
+    """The display of a job, whether or not its [design] must fit it, on a die of its plate or a usual one.
 
     Args:
         spec, section: the job and its [design].
@@ -250,13 +245,16 @@ def stated_display(spec: JobSpec, section: SearchSection, where: str, *, key: st
         )
     dot_nm = dot_of_pitch(section.pitch, section.dots, where=f"{where}: design.pitch")
     camera = PhotoCamera.of(spec.camera.camera(), where=where)
-    across = before = lattice(section.dots, dot_nm, camera=camera, where=f"{where}: design.dots").cells
-    if spec.plate is not None:
+    before = lattice(section.dots, dot_nm, camera=camera, where=f"{where}: design.dots").cells
+    if spec.plate is None:
+        side_um = _DIE_STOPS * spec.camera.camera().stop.diameter_um
+        across = min(int(side_um * NM_PER_UM / (section.dots * dot_nm)), _MOST_ACROSS)
+    else:
         side_nm = to_nm(spec.plate.die_size, where=f"{where}: plate.die_size", name="die_size")
-        across = max(across, side_nm // (section.dots * dot_nm))
+        across = side_nm // (section.dots * dot_nm)
     rules = DisplayRules.of(spec.emitters, spec.light, spec.wires, where=where)
     seed = section.seed if section.tiling_seed is None else section.tiling_seed
-    return Display.of(rules, section.tiling, seed, before, across)
+    return Display.of(rules, section.tiling, seed, before, max(before, across))
 
 
 def spread_of(spec: JobSpec, where: str) -> Spread:

@@ -20,7 +20,7 @@ from maskfab.jobfile import JobSpec, ParetoSection, SearchSection, parse_section
 from maskfab.jobfile.toml import loads
 from maskfab.model import Opening, Tiling
 from maskfab.opening.openings import opening_text, parse_opening
-from maskfab.optimiser.design import display_of
+from maskfab.optimiser.design import display_of, stated_display
 from maskfab.optimiser.model.expected_psnr import surrogate_behind
 from maskfab.optimiser.model.taking import F1_TAKING
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
@@ -145,7 +145,8 @@ def test_every_design_fits_its_display_and_its_job_asks_for_it(scenes: tuple[Pho
     spec = job()
     of = spec.design
     assert isinstance(of, SearchSection)
-    found = sweep(asked(9, 12, lines=LINES, points=1), of, scenes, SHOWN)
+    stated = stated_display(spec, of, "job", key="pareto")
+    found = sweep(asked(9, 12, lines=LINES, points=1), of, scenes, stated)
     made = designs(found, spec, "maskfab pareto x.toml --out y")
     assert len(made) == len(found.points) > 0
     for each in made:
@@ -168,7 +169,8 @@ def test_a_denser_middle_shares_the_light_of_its_curve_and_fits(scenes: tuple[Ph
     spec = job()
     of = spec.design
     assert isinstance(of, SearchSection)
-    found = sweep(asked(12, lines=[1], points=1, density=[0.25, 0.9]), of, scenes, SHOWN)
+    stated = stated_display(spec, of, "job", key="pareto")
+    found = sweep(asked(12, lines=[1], points=1, density=[0.25, 0.9]), of, scenes, stated)
     (curve,) = found.curves
     (denser,) = curve.denser
     assert denser.density == 0.25
