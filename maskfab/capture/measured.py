@@ -75,7 +75,7 @@ def measured(
         progress: told where the work stands.
 
     Raises:
-        SourceError: MF338 if nothing in the picture is like any of the dies.
+        SourceError: MF339 if nothing in the picture is like any of the dies.
     """
     taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
     found = identified(panels, camera, light, taken, progress)
@@ -88,7 +88,7 @@ def measured(
     fit = with_terms(image, expecting, fitted(image, expecting, setting, progress), progress)
     if fit.inflation > _UNLIKE and not found.certain:
         raise SourceError(
-            "MF338",
+            "MF339",
             f"the light is like none of the dies {', '.join(panels)}: the best of them leaves residuals of "
             f"{fit.inflation:.1f} standard deviations",
             cure="Check the camera and the light of the job, and that this is a point light behind its plate",

@@ -16,8 +16,6 @@ from maskfab.errors import SourceError
 Floats = NDArray[np.float64]
 
 _NEAR = 3
-_STANDS_OUT, _LEAST_COUNTS = 12.0, 0.5
-_SIGMA_PER_MAD = 1.4826
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,42 +100,22 @@ def colours_of(taken: Sequence[Taken]) -> tuple[str, ...]:
     return tuple(sorted({each.pixels.colour for each in taken}))
 
 
-def middle_of_light(frames: Sequence[Frame], side: int) -> tuple[int, int]:
-    """Row and column about which a square of ``side`` pixels with the light in it lies in the frames.
+def window_middle(place: tuple[int, int], frame: Frame, side: int) -> tuple[int, int]:
+    """Row and column about which a square of ``side`` pixels lies in a frame, a place near its middle.
 
-    The light is the brightest place of the shortest exposure in which it stands out of the noise; the square is moved
-    by up to a quarter of itself where the frame ends.
+    Where the frame ends the square is moved, by up to a quarter of itself.
 
     Raises:
-        SourceError: MF334 if there is no light that stands out, MF337 if it lies too near the frame's edge.
+        SourceError: MF337 if the place is nearer to the frame's edge than that allows.
     """
-    for frame in sorted(frames, key=lambda each: each.exposure_s or 0.0):
-        counts = frame.counts.mean(axis=0) if frame.counts.ndim == 3 else frame.counts
-        # Of every four neighbours, so that all colours of a mosaic are in each mean.
-        even = counts[: counts.shape[0] // 2 * 2, : counts.shape[1] // 2 * 2].astype(np.float64)
-        means = even.reshape(even.shape[0] // 2, 2, -1, 2).mean(axis=(1, 3))
-        middle = float(np.median(means))
-        noise = _SIGMA_PER_MAD * float(np.median(abs(means - middle)))
-        if means.max() - middle < _STANDS_OUT * max(noise, _LEAST_COUNTS):
-            continue
-        row, column = (2 * int(k) for k in np.unravel_index(int(means.argmax()), means.shape))
-        return _fitting(row, frame.shape[0], side, frame), _fitting(column, frame.shape[1], side, frame)
-    raise SourceError(
-        "MF334",
-        f"nothing stands out of the noise in {len(frames)} frames by {_STANDS_OUT:g} standard deviations",
-        where=frames[0].name,
-        cure="Expose longer, or put a point light before the plate",
-    )
-
-
-def _fitting(at: int, length: int, side: int, frame: Frame) -> int:
-    held = min(max(at, side // 2), length - (side - side // 2))
-    if abs(held - at) > side // 4:
+    row, column = (min(max(at, side // 2), length - side // 2) for at, length in zip(place, frame.shape, strict=True))
+    if max(abs(row - place[0]), abs(column - place[1])) > side // 4:
+        nearest = min(min(at, length - at) for at, length in zip(place, frame.shape, strict=True))
         raise SourceError(
             "MF337",
-            f"the light lies {min(at, length - at)} pixels from the edge of the picture, and a window of {side} pixels "
-            f"needs {side // 4}",
+            f"the light lies {nearest} pixels from the edge of {frame.name}, and a window of {side} pixels needs "
+            f"{side // 4}",
             where=frame.name,
             cure="Put the light nearer the middle of the picture, or ask for a smaller window",
         )
-    return held
+    return row, column

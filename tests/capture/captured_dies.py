@@ -24,7 +24,9 @@ Floats = NDArray[np.float64]
 READ_NOISE, GAIN, BLACK, WHITE = 4.87, 1.3, 512.0, 65535.0
 
 
-def polygon_picture(panel: Panel, camera: Camera, lines: dict[float, float], *, bias_um: float, turn_rad: float) -> Floats:
+def polygon_picture(
+    panel: Panel, camera: Camera, lines: dict[float, float], *, bias_um: float, turn_rad: float
+) -> Floats:
     """Share of the light in every pixel, row 0 the top, of polygons that grew by a bias and are turned."""
     openings = panel_aperture(panel, camera.stop.diameter_um / 2)
     x, y = (np.rint(1000 * axis.edges_um()).astype(int) for axis in (openings.x, openings.y))

@@ -11,10 +11,11 @@ from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Wavelength, wavelength_text
 from maskfab.capture.frames import Frame
 from maskfab.capture.gain import photon_transfer
+from maskfab.capture.light import light_place
 from maskfab.capture.measured import Measured, light_of, measured
 from maskfab.capture.merge import merged
 from maskfab.capture.reading import read_frames
-from maskfab.capture.taken import middle_of_light
+from maskfab.capture.taken import window_middle
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
@@ -117,7 +118,7 @@ def measure(
         progress: told where the work stands.
 
     Raises:
-        SourceError: for frames that cannot be read or merged, MF338 for light that is like no die of the job.
+        SourceError: for frames that cannot be read or merged, MF339 for light that is like no die of the job.
         JobError: MF105 for a die that the job does not have, or a gain that nothing states; else as for the job.
     """
     known = job_of(job)
@@ -149,7 +150,7 @@ def measure(
     frames, darks, flats = read(given, stated), read(dark), read(flat)
     told = None if not pair else photon_transfer(read(pair), darks if len(darks) > 1 else ())
     side = min(window, *frames[0].shape) // 2 * 2
-    middle = middle_of_light(frames, side)
+    middle = window_middle(light_place(frames, side), frames[0], side)
     merging = merged(
         [each.cropped(middle, side) for each in frames],
         electrons_per_count=gain if gain is not None or told is None else told.electrons_per_count,  # type: ignore[arg-type]
