@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -24,6 +24,8 @@ from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 
+_SPECKLES_APART = 0.8
+"""Speckles at the window's edge by which lines that stand for all of a band may move its slopes."""
 GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
 BIAS = "bias_um"
 _SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
@@ -34,7 +36,7 @@ _SPARE_PX = 4
 
 @dataclass(frozen=True)
 class Setting:
-    """How a die stands before a camera, and how it was written.
+    """A die's stand before a camera, and what its writer did to it.
 
     Attributes:
         x_um, y_um: place of the light on the sensor, y upwards.
@@ -97,6 +99,8 @@ class DieImage:
     pixels: tuple[Pixels, ...]
     _field: DieField
     _step: float
+    _few: Mapping[str, Spectrum]
+    _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
 
     @classmethod
     def of(
@@ -118,18 +122,19 @@ class DieImage:
         shortest = min(float(lines.wavelengths_nm.min()) for lines in light.values()) * UM_PER_NM
         half = max(abs(axis).max() for each in pixels for axis in (each.x_um, each.y_um)) + _SPARE_PX * camera.pixel_um
         count = math.ceil(half / (shortest * camera.focal_um) / step) + MARGIN
-        field = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
-        return cls(camera, dict(light), tuple(pixels), field, step)
+        die = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
+        few = {colour: gathered(lines, camera, half) for colour, lines in light.items()}
+        return cls(camera, dict(light), tuple(pixels), die, step, few)
 
     def pictures(self, setting: Setting) -> list[Floats]:
         """Share of the light that every pixel takes, [rows, columns] for each grid of pixels."""
-        (pictures,) = self._taken(setting, [self._intensities(setting)])
+        (pictures,) = self._taken(setting, [self._intensities(setting)], self.light)
         return pictures
 
-    def slopes(self, setting: Setting) -> tuple[list[Floats], list[list[Floats]]]:
-        """Pictures, and how they change with everything that a setting names, in its order."""
+    def slopes(self, setting: Setting) -> list[list[Floats]]:
+        """Changes of pictures with everything that a setting names, in its order; of as few lines as show them."""
         here = self._fields(setting)
-        flat = [self._intensity(field) for field in here]
+        flat = [self._intensity(each) for each in here]
         seen = [turned(each, setting.turn_rad) for each in flat]
         ahead, behind = ([turned(each, setting.turn_rad + sign * _TURN) for each in flat] for sign in (1, -1))
         changes = [[(a - b) / (2 * _TURN) for a, b in zip(ahead, behind, strict=True)]]
@@ -142,11 +147,9 @@ class DieImage:
                 for line, terms in zip(self._nodes(setting), self._terms(setting), strict=True)
             ]
             changes.append(self._changed(setting, here, by_term))
-        made = self._taken(setting, [seen, *changes])
-        moved = [self._moved(setting, seen, key, step) for key, step in self._steps.items()]
-        turn, bias, *terms = made[1:]
-        across, up, scale = moved
-        return made[0], [across, up, turn, scale, bias, *terms]
+        turn, bias, *terms = self._taken(setting, changes, self._few)
+        across, up, scale = (self._moved(setting, seen, key, step) for key, step in self._steps.items())
+        return [across, up, turn, scale, bias, *terms]
 
     @cached_property
     def _steps(self) -> dict[str, float]:
@@ -179,7 +182,12 @@ class DieImage:
         return [self._field.field(terms, setting.bias_um) for terms in self._terms(setting)]
 
     def _intensities(self, setting: Setting) -> list[Floats]:
-        return [turned(self._intensity(field), setting.turn_rad) for field in self._fields(setting)]
+        # A picture that is only moved or stretched is of the same light.
+        key = setting.turn_rad, setting.bias_um, setting.terms
+        if key not in self._last:
+            self._last.clear()
+            self._last[key] = [turned(self._intensity(each), setting.turn_rad) for each in self._fields(setting)]
+        return self._last[key]
 
     def _intensity(self, field: NDArray[np.complex128]) -> Floats:
         return np.asarray((field.real**2 + field.imag**2) / self._field.energy_um2)
@@ -193,16 +201,19 @@ class DieImage:
 
     def _moved(self, setting: Setting, seen: list[Floats], key: str, step: float) -> list[Floats]:
         ahead, behind = (
-            self._taken(replace(setting, **{key: getattr(setting, key) + sign * step}), [seen])[0] for sign in (1, -1)
+            self._taken(replace(setting, **{key: getattr(setting, key) + sign * step}), [seen], self._few)[0]
+            for sign in (1, -1)
         )
         return [(a - b) / (2 * step) for a, b in zip(ahead, behind, strict=True)]
 
-    def _taken(self, setting: Setting, given: Sequence[list[Floats]]) -> list[list[Floats]]:
+    def _taken(
+        self, setting: Setting, given: Sequence[list[Floats]], light: Mapping[str, Spectrum]
+    ) -> list[list[Floats]]:
         """Pixels of several intensities, each told at the nodes; [given][grid of pixels]."""
         nodes = self._nodes(setting)
         found = [[np.zeros((each.y_um.size, each.x_um.size)) for each in self.pixels] for _ in given]
         samples = given[0][0].shape[0]
-        for colour, lines in self.light.items():
+        for colour, lines in light.items():
             mine = [k for k, each in enumerate(self.pixels) if each.colour == colour]
             for line, weight in zip(lines.wavelengths_nm, lines.weights, strict=True):
                 at_line = [_between(nodes, intensities, float(line)) for intensities in given]
@@ -216,6 +227,26 @@ class DieImage:
                     for total, intensity in zip(found, at_line, strict=True):
                         total[k] += factor * (up @ intensity @ across.T)
         return found
+
+
+def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:
+    """Lines of a spectrum brought together where they part a picture by less than a speckle within a reach.
+
+    Args:
+        lines: of the light.
+        camera: behind whose stop a speckle is as wide as wavelength x focal length / diameter.
+        reach_um: distance from the middle of the picture.
+    """
+    order = np.argsort(lines.wavelengths_nm)
+    wavelengths, weights = lines.wavelengths_nm[order], lines.weights[order]
+    apart_nm = _SPECKLES_APART * float(wavelengths.min()) ** 2 * UM_PER_NM * camera.focal_um
+    apart_nm /= camera.stop.diameter_um * reach_um
+    group = np.floor((wavelengths - wavelengths[0]) / apart_nm).astype(np.intp)
+    starts = np.flatnonzero(np.diff(group, prepend=-1))
+    total = np.add.reduceat(weights, starts)
+    kept = total > 0
+    middle = np.add.reduceat(weights * wavelengths, starts)[kept] / total[kept]
+    return Spectrum(middle, total[kept] / total[kept].sum(), lines.name)
 
 
 def _between(nodes: Floats, values: Sequence[Floats], wavelength_nm: float) -> Floats:

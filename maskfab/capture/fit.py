@@ -1,4 +1,4 @@
-"""How a die stands and was written, from what a camera took of a point light behind it: estimates and their errors.
+"""A die's stand and what its writer did to it, from a picture of a point light behind it: estimates and their errors.
 
 Weighted least squares by Gauss-Newton steps, damped where one would not better the fit. The light of each colour and
 what lies beneath it are solved for beside all else. Errors are those of Fisher's information, inflated by the root of
@@ -87,7 +87,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
         start: with every term that is to be found, 0 where nothing is known.
         progress: told after every step.
     """
-    pictures, slopes = image.slopes(start)
+    pictures, slopes = image.pictures(start), image.slopes(start)
     here, damping, fresh = judged(taken, pictures, start), _FIRST_DAMPING, True
     for step in range(1, _MOST_STEPS + 1):
         progress("fit", step, _MOST_STEPS)
@@ -108,7 +108,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
             break
         fresh = moved > _CURVED * noise or damping >= _HOPELESS
         if fresh:
-            pictures, slopes = image.slopes(start)
+            slopes = image.slopes(start)
             damping = min(damping, _FIRST_DAMPING)
     progress("fit", _MOST_STEPS, _MOST_STEPS)
     return replace(here, covariance=_solved(taken, pictures, slopes, start).covariance, steps=step)

@@ -14,7 +14,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
-from maskfab.capture.die_image import DieImage, Setting
+from maskfab.capture.die_image import DieImage, Setting, gathered
 from maskfab.capture.fit import FIRST_TERMS, Fit, fitted, judged
 from maskfab.capture.taken import Taken, colours_of
 from maskfab.model import Camera, Panel
@@ -94,6 +94,7 @@ def identified(
     taken = _of_one_colour(taken)
     middle = [each.within(_REACH_UM) for each in taken]
     mine = {colour: light[colour] for colour in colours_of(taken)}
+    few = {colour: gathered(lines, camera, _REACH_UM) for colour, lines in mine.items()}
     found: list[tuple[float, Hypothesis, Setting]] = []
     noise = math.inf
     for done, (name, panel) in enumerate(panels.items(), start=1):
@@ -101,7 +102,7 @@ def identified(
         for way in WAYS_ROUND:
             if way % 2 and not square:
                 continue
-            image = DieImage.of(panel, way, camera, mine, [each.pixels for each in middle])
+            image = DieImage.of(panel, way, camera, few, [each.pixels for each in middle])
             setting, chi2, freedom = _placed(image, middle)
             noise = min(noise, chi2 / freedom)
             found.append((chi2, Hypothesis(name, way), setting))

@@ -142,7 +142,7 @@ def _lines(band: Band, camera: Camera, half_um: float) -> Spectrum:
 
 
 def stands(each: Hypothesis) -> str:
-    """How a die stands, in words."""
+    """The stand of a die, in words."""
     return _TURNS[each.way_round]
 
 
