@@ -14,7 +14,7 @@ from maskfab.errors import InternalError
 from maskfab.model import COLOURS, Quantity
 from maskfab.quantities import FAMILIES, QUANTITIES, Entry, registered
 
-UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "deg", "dB", "mA/cm2"}
+UNITS = {"", "1", "nm", "um", "um^2", "m", "cy/mm", "cy/pixel", "px", "1/deg", "deg", "dB", "mA/cm2", "waves"}
 UNITS |= {"edges", "names", "places", "{detail}", "polygons over {detail} vertices"}
 
 

@@ -1,4 +1,4 @@
-"""What a camera took, as a fit takes it: pixels in micrometres about the light, and their noise."""
+"""Captured light, as a fit takes it: pixels in micrometres about the light, and their noise."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ _NEAR = 3
 
 @dataclass(frozen=True, eq=False)
 class Taken:
-    """What the pixels of one grid took, with its noise.
+    """Signal of the pixels of one grid, with its noise.
 
     Attributes:
         pixels: which.
@@ -37,7 +37,7 @@ class Taken:
     plane: Plane | None = None
 
     def expecting(self, light: Floats) -> Taken:
-        """The same with the noise of a model's light: that of what was measured favours what came out dark."""
+        """This signal with the noise of a model's light: that of what was measured favours what came out dark."""
         if self.plane is None:
             return self
         sigma = np.where(self.valid, np.sqrt(self.plane.variance(light)), np.inf)

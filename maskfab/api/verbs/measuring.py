@@ -56,7 +56,7 @@ class Measurement:
         return self.numbers[key]
 
     def to_dict(self) -> dict[str, Any]:
-        """What measure.json says."""
+        """Everything that measure.json says."""
         return capture_document(self.found, self.digest, self.notes)
 
     def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
