@@ -23,6 +23,7 @@ _NORMAL_95 = 1.959964
 _SPECKLES_PER_PANEL = 3.0
 _UNLIKE = 3.0
 """Root of chi² per pixel from which a fit is held to be none: the light, the camera or the die is another."""
+_NAMES = {number: name.replace("_", " ") for name, number in NOLL.items()}
 _TURNS = {0: "as drawn", 1: "turned by 90 degrees", 4: "mirrored", 5: "mirrored and turned by 90 degrees"}
 
 
@@ -155,9 +156,8 @@ def _quantities(best: Hypothesis, fit: Fit) -> tuple[Quantity, ...]:
     turn = Quantity("captured_turn", math.degrees(setting.turn_rad), method, math.degrees(half["turn_rad"]), die=die)
     scale = Quantity("captured_scale", setting.scale, method, half["scale"], die=die)
     found = [bias, turn, scale]
-    names = {number: name.replace("_", " ") for name, number in NOLL.items()}
     for term, waves in setting.terms:
-        told = f"{term}, {names.get(term, 'Zernike')}"
+        told = f"{term}, {_NAMES.get(term, 'Zernike')}"
         found.append(Quantity("captured_term", waves, method, half[f"z{term}"], die=die, detail=told))
     found.append(
         Quantity(
@@ -189,10 +189,7 @@ def _verdict(
         f"{told}, where the job states {promised_bias_um:+.3f} um: "
         + (f"off by {bias - promised_bias_um:+.3f} um." if off else "no difference is seen.")
     )
-    for band in bands:
-        colour = "" if band.colour == "-" else f" of {band.colour} pixels"
-        limit = band.frequencies[-1] if band.parted_per_mm is None else band.parted_per_mm
-        said.append(f"MTF{colour} as designed up to {limit:.0f} cycles per mm.")
+    said += [_told_mtf(bands), _told_lens(fit)]
     if fit.inflation**2 > 1 + 4 * math.sqrt(2 / fit.freedom):
         said.append(
             f"The model leaves residuals of {fit.inflation:.2f} standard deviations of the noise: something is not in "
@@ -203,3 +200,26 @@ def _verdict(
         f"{fit.setting.scale:+.2e}, and not which of them is off."
     )
     return tuple(said)
+
+
+def _told_mtf(bands: tuple[MtfBand, ...]) -> str:
+    """Frequencies up to which the captured MTF is that of the fitted die, of the colour that parts first."""
+    parted = {band.colour: band.parted_per_mm for band in bands if band.parted_per_mm is not None}
+    if not parted:
+        most = min(float(band.frequencies[-1]) for band in bands)
+        return f"MTF as designed up to {most:.0f} cycles per mm, the most that the pixels of a colour tell."
+    colour, first = min(parted.items(), key=lambda each: each[1])
+    seen = "" if colour == "-" else f", where {colour} pixels part from it first"
+    return f"MTF as designed up to {first:.0f} cycles per mm{seen}."
+
+
+def _told_lens(fit: Fit) -> str:
+    """Errors of the lens that are above their own error bars."""
+    half = {term: _NORMAL_95 * fit.errors[f"z{term}"] for term, _ in fit.setting.terms}
+    seen = [
+        f"{_NAMES.get(term, f'Zernike {term}')} {waves:+.4f} ± {half[term]:.4f}"
+        for term, waves in fit.setting.terms
+        if abs(waves) > half[term]
+    ]
+    sought = f"of {len(half)} Zernike terms" if len(half) > 1 else "of defocus"
+    return f"Lens, in waves, {sought}: {', '.join(seen) if seen else 'none above its error'}."
