@@ -48,7 +48,7 @@ class _Waves:
 
 @dataclass(frozen=True, eq=False)
 class _Rim:
-    """Parts that the mean over cut dots leaves out of their field: sums of products of an order along y and one along x.
+    """Parts that the mean over cut dots leaves out of their field: sums of products of an order along y and along x.
 
     Attributes:
         x, y: middles of the dots, [k].
