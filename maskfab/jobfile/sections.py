@@ -404,6 +404,8 @@ class ParetoSection(Section):
     ] = ()
     """Shares of the dots that are clear in the middle of the stop, as density of [design]: a design for each, at the
     light of each curve."""
+    most_dots: Annotated[tuple[Annotated[int, Field(ge=2, le=1_000_000)], ...], Field(max_length=16, strict=False)] = ()
+    """Clear dots of the denser pixels of groups of 2 x 2, as most_dots of [design]: a design for each, likewise."""
 
 
 class EmittersSection(Section):

@@ -336,13 +336,22 @@ def require_room(section: SearchSection, required: float, *, where: str) -> None
         key, stated, dense = "density", section.density, section.density
     else:
         return
-    closed, needed = 1 - dense, 3 * required
+    require_closed(1 - dense, required, f"{key} = {stated:g}", where=f"{where}.{key}")
+
+
+def require_closed(closed: float, required: float, stated: str, *, where: str) -> None:
+    """Refuse pixels whose closed share is less than three emitters need.
+
+    Raises:
+        JobError: MF123.
+    """
+    needed = 3 * required
     if needed > closed + 1e-9:
         raise JobError(
             "MF123",
-            f"{key} = {stated:g} leaves {closed:.1%} of the pixel closed, and three emitters of "
-            f"{required:.1%} are {needed - closed:.1%} of the pixel more",
-            where=f"{where}.{key}",
+            f"{stated} leaves {closed:.1%} of the pixel closed, and three emitters of {required:.1%} are "
+            f"{needed - closed:.1%} of the pixel more",
+            where=where,
             cure=f"Leave {min(1.0, needed):.1%} of the pixel closed, or ask for smaller emitters",
         )
 

@@ -36,7 +36,7 @@ def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Seque
             "name": each.name,
             **_numbers(point.judged, found.levels),
             "shape": point.shape,
-            "density": point.middle,
+            "density": point.densest,
             "footprint": point.footprint,
             "lines": point.lines,
             "mapped": point.mapped is not None,
@@ -93,7 +93,7 @@ def table(found: Pareto, designs: Designs) -> str:
     best = set(map(id, found.best))
     for each in designs:
         point, judged = each.point, each.point.judged
-        numbers = [judged.open_ratio, point.middle, judged.value, point.value, *point.psnr, point.footprint]
+        numbers = [judged.open_ratio, point.densest, judged.value, point.value, *point.psnr, point.footprint]
         told = [*(f"{number:.6f}" for number in numbers), point.lines, f"{point.grain:.6f}", int(id(point) in best)]
         rows.writerow(["design", each.name, point.shape, judged.clear_dots, *told])
     for other in found.compared:

@@ -25,7 +25,7 @@ from maskfab.optimiser.model.expected_psnr import surrogate_behind
 from maskfab.optimiser.model.taking import F1_TAKING
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
 from maskfab.optimiser.pareto.front import JudgedOpening, Pareto, spread
-from maskfab.optimiser.pareto.sweep import lines_of, require_densities, rules_of, sweep
+from maskfab.optimiser.pareto.sweep import lines_of, require_uneven, rules_of, sweep
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr
 from maskfab.optimiser.rules.families import bars
@@ -165,19 +165,21 @@ def test_every_design_fits_its_display_and_its_job_asks_for_it(scenes: tuple[Pho
         assert each.map is not None
 
 
-def test_a_denser_middle_shares_the_light_of_its_curve_and_fits(scenes: tuple[Photograph, ...]) -> None:
+def test_uneven_light_is_that_of_its_curve_and_fits(scenes: tuple[Photograph, ...]) -> None:
     spec = job()
     of = spec.design
     assert isinstance(of, SearchSection)
     stated = stated_display(spec, of, "job", key="pareto")
-    found = sweep(asked(12, lines=[1], points=1, density=[0.25, 0.9]), of, scenes, stated)
+    found = sweep(asked(12, lines=[1], points=1, density=[0.25, 0.9], most_dots=[16]), of, scenes, stated)
     (curve,) = found.curves
-    (denser,) = curve.denser
-    assert denser.density == 0.25
-    assert denser.middle == 16 / DOTS**2 > denser.units[1].mean()
+    denser, grouped = curve.denser
+    assert denser.uneven == (("density", 0.25),)
+    assert denser.densest == 16 / DOTS**2 > denser.units[1].mean()
     assert denser.value > curve.front[0].value
     assert denser.footprint < curve.front[0].footprint
     assert [each for each in curve.misfits if each.startswith("density 0.9, 1 lines: MF1")]
+    assert grouped.uneven == (("cluster", 2), ("most_dots", 16))
+    assert sorted(int(unit.sum()) for unit in grouped.units) == [8, 16]
     made = next(each for each in designs(found, spec, "x") if each.point is denser)
     assert made.outer is not None
     again = validate(loads(made.job), where="job")
@@ -195,7 +197,7 @@ def test_a_denser_middle_shares_the_light_of_its_curve_and_fits(scenes: tuple[Ph
 def test_densities_that_cannot_be_are_refused(density: float, changed: dict[str, object], code: str) -> None:
     of = section(**{"map": "equal_light", **changed})
     with pytest.raises(MaskfabError, match=code):
-        require_densities(asked(12, density=[density]), of, SHOWN.asking(required=0.05, lines=1))
+        require_uneven(asked(12, density=[density]), of, SHOWN.asking(required=0.05, lines=1))
 
 
 def job() -> JobSpec:

@@ -17,7 +17,7 @@ from maskfab.opening.openings import load_opening, opening_text
 from maskfab.optimiser.design import notes_of, require_weights, scenes_of, stated_display, taking_of
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
 from maskfab.optimiser.pareto.front import FrontPoint, JudgedOpening, Pareto
-from maskfab.optimiser.pareto.sweep import lines_of, require_densities, rules_of, sweep
+from maskfab.optimiser.pareto.sweep import lines_of, require_uneven, rules_of, sweep
 from maskfab.progress import Progress, silent
 from maskfab.report import pareto_files
 from maskfab.threads import one_thread
@@ -123,7 +123,7 @@ def pareto(
         )
     display = stated_display(spec, section, str(path), key="pareto")
     lines_of(spec.pareto, display, where=f"{path}: pareto.lines")
-    require_densities(spec.pareto, section, display, where=f"{path}: pareto")
+    require_uneven(spec.pareto, section, display, where=f"{path}: pareto")
     rules = rules_of(section, display, compared)
     lattice(section.dots, rules.dot_nm, camera=camera, where=f"{path}: design.dots")
     scenes = scenes_of(None if images is None else Path(images), section)

@@ -18,7 +18,7 @@ from maskfab.plate.maps import CellMap
 _SECTIONS = ("design", "camera", "sensor", "exposure", "emitters", "wires", "light")
 _DIGITS = 1e4
 _OF_ONE_OPENING = {"positions": 1, "joint": 0, "shortlist": 1}
-"""Keys of [design] that a denser middle has no use for, as if they were not stated."""
+"""Keys of [design] that two openings have no use for, as if they were not stated."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,8 +28,8 @@ class FrontDesign:
     Attributes:
         name: the job's, the clear dots and its place in the curve.
         point: its numbers.
-        opening: with its provenance; of a denser middle, the one in the middle.
-        outer: the one beyond it; None for one opening.
+        opening: with its provenance; of two, the denser one.
+        outer: the sparser one; None for one opening.
         map: of its cells, if it has one.
         job: text of a job whose [design] asks for this light, these emitters and lines.
     """
@@ -85,8 +85,8 @@ def _job(spec: JobSpec, section: SearchSection, each: FrontPoint, name: str) -> 
     if section.map is not None:
         asked["map_output"] = f"{name}_designed_map.toml"
     assert spec.emitters is not None
-    if each.density is not None:
-        asked |= {"density": each.density, **_OF_ONE_OPENING}
+    if each.uneven:
+        asked |= {**dict(each.uneven), **_OF_ONE_OPENING}
     footprint = math.floor(_DIGITS * spec.emitters.keep * each.footprint) / _DIGITS
     emitters = spec.emitters.model_copy(update={"required": max(footprint, spec.emitters.required)})
     wires = None

@@ -53,10 +53,10 @@ class FrontPoint:
     """A design that fits: an opening, or two, on a panel, with emitters and wires.
 
     Attributes:
-        judged: the opening; of a denser middle, the one on whose panel it passes as much light.
+        judged: the opening; of two, the one on whose panel it passes as much light.
         shape: of what is laid, in words.
         units: bool [1 or 2, dots, dots], what is laid, the denser one first.
-        density: share of the dots that was asked for in the middle of the stop; None for one opening.
+        uneven: keys of [design] that ask for light shared unevenly, with their values; none for one opening.
         footprint: share of the pixel that each colour covers, mean over the emitters' ratio, alike in all cells.
         lines: most opaque lines, of the numbers that were asked about, that cross every pixel each way.
         mapped: expected restored PSNR in dB by level on its panel, whose map had one descent; None without a map.
@@ -68,7 +68,7 @@ class FrontPoint:
     judged: JudgedOpening
     shape: str
     units: Mask
-    density: float | None
+    uneven: tuple[tuple[str, float], ...]
     footprint: float
     lines: int
     mapped: tuple[float, ...] | None
@@ -82,8 +82,8 @@ class FrontPoint:
         return self.judged.psnr if self.mapped is None else self.mapped
 
     @property
-    def middle(self) -> float:
-        """Clear share of a cell in the middle of the stop; of one opening, its open ratio."""
+    def densest(self) -> float:
+        """Clear share of the densest cells; of one opening, its open ratio."""
         return float(self.units[0].mean())
 
     def betters(self, other: FrontPoint) -> bool:
@@ -99,7 +99,7 @@ class FrontCurve:
     Attributes:
         clear_dots: in a cell.
         front: of one opening, PSNR falling; none that was judged betters one of them in PSNR, footprint and lines.
-        denser: at the same light, with a denser middle, density rising.
+        denser: at the same light, of denser cells and sparser ones.
         evaluated: shapes whose PSNR was computed.
         measured: those whose footprint and lines were measured too.
         left_out: openings that none betters either, between those of ``front``; a curve holds only so many.

@@ -5,7 +5,7 @@ footprint and the lines that pass it are measured, and only where a bound leaves
 the pixel above all that were measured before. So each curve is exact, to that step, among all shapes judged;
 footprints are those of rectangles and straight cuts, which crooked emitters may exceed. What is on a curve is then
 laid on the panel of a die, with its map, and held against the display by the check itself. Beside the best of a curve
-stand designs of its light with more of it in the middle of the stop.
+stand designs of its light with more of it in the middle of the stop, or in two pixels of every group of four.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import os
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
@@ -27,13 +27,13 @@ from maskfab.errors import InputError, JobError
 from maskfab.eye.grain import predicted_rms
 from maskfab.eye.viewing import TELEPHONE_UM, Viewing
 from maskfab.jobfile import ParetoSection, SearchSection
-from maskfab.model import Opening, Tiling
+from maskfab.model import Opening
 from maskfab.optimiser.clock import Clock
-from maskfab.optimiser.design import require_room
+from maskfab.optimiser.design import require_closed
+from maskfab.optimiser.maps.cluster import SIDE, Groups, clustered
 from maskfab.optimiser.maps.density import graded
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
-from maskfab.optimiser.model.expected_psnr import surrogate_behind
-from maskfab.optimiser.model.layout_error import PupilError, pupil_error
+from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.pareto.front import ROUNDING, FrontCurve, FrontPoint, JudgedOpening, Mask, Pareto, spread
 from maskfab.optimiser.result import constraints_of
@@ -42,11 +42,14 @@ from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES
 from maskfab.optimiser.rules.fit_rule import Display, footprints_of, misfit, of_display
 from maskfab.optimiser.rules.footprints import Footprints
-from maskfab.optimiser.search.finish import FIRST_STEPS, map_of, map_seed
-from maskfab.optimiser.search.judges import MAP_LEAK_SCENES
+from maskfab.optimiser.search.finish import FIRST_STEPS, groups_of, map_of, map_seed
+from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
 from maskfab.optimiser.search.scan import allowed
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
+
+Uneven = tuple[tuple[str, float], ...]
+"""Keys of [design] that share light unevenly, the one that tells how much last."""
 
 _BATCH = 64
 _STEP = 0.0025
@@ -97,33 +100,38 @@ def lines_of(pareto: ParetoSection, display: Display, *, where: str = "pareto.li
     return tuple(sorted(set(pareto.lines)))
 
 
-def require_densities(
-    pareto: ParetoSection, section: SearchSection, display: Display, *, where: str = "pareto"
-) -> None:
-    """Refuse denser middles that no design of a sweep can have.
+def _uneven(pareto: ParetoSection) -> list[Uneven]:
+    """Ways to share light unevenly that a sweep tries, as keys of [design]."""
+    found: list[Uneven] = [(("density", share),) for share in sorted(set(pareto.density))]
+    return found + [(("cluster", SIDE), ("most_dots", most)) for most in sorted(set(pareto.most_dots))]
+
+
+def require_uneven(pareto: ParetoSection, section: SearchSection, display: Display, *, where: str = "pareto") -> None:
+    """Refuse denser pixels that no design of a sweep can have.
 
     Raises:
-        JobError: MF105 without a map; MF104 for a share that is no more than that of any curve; MF123 where emitters
-            need more than the denser pixels leave closed.
+        JobError: MF105 without a map; MF104 for no more dots than those of any curve; MF123 where emitters need more
+            than the denser pixels leave closed.
     """
-    for share in pareto.density:
+    least = min(pareto.clear_dots)
+    for uneven in _uneven(pareto):
+        key, value = uneven[-1]
         if section.map is None:
             raise JobError(
                 "MF105",
-                "density needs a map",
-                where=f"{where}.density",
+                f"{key} needs a map",
+                where=f"{where}.{key}",
                 cure='Add map = "equal_light" to [design]',
             )
-        least = min(pareto.clear_dots) / section.dots**2
-        if share <= least:
+        if value <= (least / section.dots**2 if key == "density" else least):
             raise JobError(
                 "MF104",
-                f"density = {share:g} is not above the {least:.3g} of any curve",
-                where=f"{where}.density",
-                cure="Choose larger shares of clear dots for the middle",
+                f"{key} = {value:g} is not above the {least} clear dots of any curve",
+                where=f"{where}.{key}",
+                cure="Ask for more in the denser pixels",
             )
-        asked = section.model_copy(update={"density": share})
-        require_room(asked, display.rules.emitters.required, where=where)
+        room = 1 - (value if key == "density" else value / section.dots**2)
+        require_closed(room, display.rules.emitters.required, f"{key} = {value:g}", where=f"{where}.{key}")
 
 
 def sweep(
@@ -158,19 +166,15 @@ def sweep(
             MF204, if no size has any design.
     """
     rules, lines = rules_of(section, display, compared), lines_of(pareto, display)
-    periodic = section.tiling is Tiling.PERIODIC
     room = lattice(section.dots, rules.dot_nm, camera=camera)
     progress("photographs", 0, 1)
-    estimate = surrogate_behind(scenes, room, taking=taking)
-    error = None
-    if section.map is not None:
-        wide = surrogate_behind(scenes, room, taking=taking, leak_scenes=MAP_LEAK_SCENES)
-        error = pupil_error(wide, weights=section.weights)
+    objective = Judges(section, scenes, room, taking).expected
+    panels = Judges(section, scenes, room, taking, leak_scenes=MAP_LEAK_SCENES)
+    error = None if section.map is None else panels.in_focus
     progress("photographs", 1, 1)
-    objective = ExpectedPsnr(estimate, periodic, taking.levels, section.weights or ())
     footprints = footprints_of(rules, display.rules.emitters)
     many = workers or os.cpu_count() or 1
-    work = _Sweep(pareto, section, objective, error, footprints, rules, display, lines, many, progress)
+    work = _Sweep(pareto, section, objective, panels, error, footprints, rules, display, lines, many, progress)
     counts = sorted(set(pareto.clear_dots))
     clock = Clock(budget_s)
     curves: list[FrontCurve] = []
@@ -194,6 +198,7 @@ class _Sweep:
     pareto: ParetoSection
     section: SearchSection
     objective: ExpectedPsnr
+    panels: Judges
     error: PupilError | None
     footprints: Footprints
     rules: Constraints
@@ -239,11 +244,11 @@ class _Sweep:
                 where="pareto.clear_dots",
                 cure="Ask for less of the display, or for another tiling_seed",
             )
-        shares = () if clock.over else tuple(sorted(set(self.pareto.density)))
-        denser, unlike = self._denser(kept[0], rules, shares, clock)
+        uneven = () if clock.over else tuple(_uneven(self.pareto))
+        denser, unlike = self._denser(kept[0], rules, uneven, clock)
         left_out = len(kept) - len(chosen)
-        whole = complete and len(shares) == len(set(self.pareto.density))
-        return FrontCurve(count, points, denser, evaluated, measured, left_out, (*misfits, *unlike), whole)
+        complete = complete and len(uneven) == len(_uneven(self.pareto))
+        return FrontCurve(count, points, denser, evaluated, measured, left_out, (*misfits, *unlike), complete)
 
     def given(self, opening: Opening) -> JudgedOpening:
         footprint = self.footprints(opening.mask)
@@ -361,7 +366,7 @@ class _Sweep:
         psnr = None if designed is None else designed.psnr
         value = each.value if psnr is None else self._weighted(psnr)
         shape, units = each.shape, each.unit[None]
-        return self._shown(FrontPoint(each, shape, units, None, each.footprint, each.lines, psnr, value, cells, 0.0))
+        return self._shown(FrontPoint(each, shape, units, (), each.footprint, each.lines, psnr, value, cells, 0.0))
 
     def _shown(self, point: FrontPoint) -> FrontPoint | str:
         """The design with its grain on a die, or why it does not fit that.
@@ -379,15 +384,15 @@ class _Sweep:
         return replace(point, grain=predicted_rms(wander_px, Viewing(pitch_um, TELEPHONE_UM)))
 
     def _denser(
-        self, uniform: JudgedOpening, rules: Constraints, shares: Sequence[float], clock: Clock
+        self, uniform: JudgedOpening, rules: Constraints, asked: Sequence[Uneven], clock: Clock
     ) -> tuple[tuple[FrontPoint, ...], tuple[str, ...]]:
-        """Designs of an opening's light with a denser middle, each for the most lines that pass; why others fail."""
+        """Designs of an opening's light shared unevenly, each for the most lines that pass; why others fail."""
         points: list[FrontPoint] = []
         misfits: list[str] = []
-        for share in shares:
+        for uneven in asked:
             made: FrontPoint | str = ""
             for lines in reversed(self.lines):
-                made = self._of_two(uniform, rules, share, lines, clock)
+                made = self._of_two(uniform, rules, uneven, lines, clock)
                 if isinstance(made, FrontPoint):
                     break
             if isinstance(made, FrontPoint):
@@ -397,7 +402,7 @@ class _Sweep:
         return tuple(points), tuple(misfits)
 
     def _of_two(
-        self, uniform: JudgedOpening, rules: Constraints, share: float, lines: int, clock: Clock
+        self, uniform: JudgedOpening, rules: Constraints, uneven: Uneven, lines: int, clock: Clock
     ) -> FrontPoint | str:
         held = self._holding(rules, 0.0, lines)
 
@@ -406,23 +411,31 @@ class _Sweep:
             return allowed(section, replace(held, clear_dots=count), self.objective, clock, self._told(count))
 
         assert self.error is not None
+        seed, told = map_seed(self.section), self._told(uniform.clear_dots)
+        (key, value), *_ = reversed(uneven)
         try:
-            made = graded(
-                uniform.unit,
-                self.error,
-                share,
-                find,
-                constraints=held,
-                seed=map_seed(self.section),
-                progress=self._told(uniform.clear_dots),
-            )
+            if key == "density":
+                made = graded(uniform.unit, self.error, value, find, constraints=held, seed=seed, progress=told)
+                words = "{} dots in the middle, {} beyond"
+            else:
+                groups = self._grouped
+                made = clustered(
+                    uniform.unit, self.error, int(value), find, groups, constraints=held, seed=seed, progress=told
+                )
+                words = "{} and {} dots, in groups of 2 x 2"
         except InputError as refusal:
-            return f"density {share:g}, {lines} lines: {refusal.code} {refusal.what}"
-        dense, sparse = (int(unit.sum()) for unit in made.units)
-        shape = f"{dense} dots in the middle, {sparse} beyond"
+            return f"{key} {value:g}, {lines} lines: {refusal.code} {refusal.what}"
+        shape = words.format(*(int(unit.sum()) for unit in made.units))
         cells, psnr = map_of(self.section, self.error, made.designed, {}), made.designed.psnr
-        value, covered = self._weighted(psnr), made.price.share
-        return self._shown(FrontPoint(uniform, shape, made.units, share, covered, lines, psnr, value, cells, 0.0))
+        worth, covered = self._weighted(psnr), made.price.share
+        return self._shown(FrontPoint(uniform, shape, made.units, uneven, covered, lines, psnr, worth, cells, 0.0))
+
+    @cached_property
+    def _grouped(self) -> Groups:
+        panels = replace(self.panels, section=self.section.model_copy(update={"cluster": SIDE}))
+        found = groups_of(panels, self.rules.dot_nm)
+        assert found is not None
+        return found
 
     def _told(self, count: int) -> Progress:
         return lambda stage, done, total: self.progress(f"{count} clear dots: {stage}", done, total)

@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
+from maskfab.camera.transfer import lattice
 from maskfab.jobfile import SearchSection
 from maskfab.optimiser.bounds.map_bound import map_gap
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import joint, laid
 from maskfab.optimiser.maps.cluster import Groups, clustered, most_dots
 from maskfab.optimiser.maps.density import Graded, graded
-from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode
+from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, require_size
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.layout_error import PanelError, PupilError
 from maskfab.optimiser.result import Facts, by_level
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.die_fit import DieFit
 from maskfab.optimiser.rules.discrete import Mask
+from maskfab.optimiser.search.judges import Judges
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress
 
@@ -165,3 +167,14 @@ def map_of(section: SearchSection, error: PanelError, designed: DesignedMap, fac
         "light": light,
     }
     return CellMap(f"{section.name[:_LONGEST]}_map", designed.orientations, known, designed.shifts)
+
+
+def groups_of(panels: Judges, dot_nm: int) -> Groups | None:
+    """Judgement of groups of pixels by the judges of single ones; None where they share no light."""
+    section = panels.section
+    if section.cluster is None:
+        return None
+    room = lattice(section.cluster * section.dots, dot_nm, camera=panels.room.camera)
+    require_size(room)
+    groups = replace(panels, room=room)
+    return Groups(groups.expected, groups.panel)

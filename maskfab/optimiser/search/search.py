@@ -23,7 +23,6 @@ from maskfab.model import Opening, Tiling
 from maskfab.optimiser.bounds.auc_bound import rings
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
-from maskfab.optimiser.maps.cluster import Groups
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.model.robustness import EXACT, Robustness, Spread, robustness
@@ -48,7 +47,7 @@ from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.auc_search import best_for_auc
-from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, map_seed, mapped
+from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, groups_of, map_seed, mapped
 from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
 from maskfab.optimiser.search.over_scene import over_scene
 from maskfab.optimiser.search.scan import Best, allowed, annealed, scanned
@@ -146,7 +145,7 @@ def search(
         of_count,
         clock,
         progress,
-        groups=_groups(panels, rules.dot_nm),
+        groups=groups_of(panels, rules.dot_nm),
     )
     fit = _required_fit(display, laid, rules, progress)
     priced = prices(found.looked, expected, rules) if found.looked else None
@@ -205,17 +204,6 @@ def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: 
         periodic=section.tiling is Tiling.PERIODIC,
         mapped=laid.designed is not None,
     )
-
-
-def _groups(panels: Judges, dot_nm: int) -> Groups | None:
-    """Judgement of groups of pixels by the judges of single ones; None where they share no light."""
-    section = panels.section
-    if section.cluster is None:
-        return None
-    room = lattice(section.cluster * section.dots, dot_nm, camera=panels.room.camera)
-    require_size(room)
-    groups = replace(panels, room=room)
-    return Groups(groups.expected, groups.panel)
 
 
 def _of_two_openings(section: SearchSection) -> bool:

@@ -121,7 +121,7 @@ def _denser(axes: Axes, serving: list[FrontPoint], colour: object, mark: str) ->
         axes.plot(
             x, y, mark, markerfacecolor="white", markeredgecolor=colour, markeredgewidth=1.4, markersize=7, zorder=3
         )
-        axes.annotate(f"{each.middle:.0%}", (x, y), (6, -3), textcoords="offset points", fontsize=6.5, color=INK)
+        axes.annotate(f"{each.densest:.0%}", (x, y), (6, -3), textcoords="offset points", fontsize=6.5, color=INK)
 
 
 def _curve(axes: Axes, serving: list[FrontPoint], left: float, colour: object, mark: str, label: str) -> None:
