@@ -15,6 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,7 @@ from maskfab.optics.wavefront.aberration import zernike
 
 Floats = NDArray[np.float64]
 Complexes = NDArray[np.complex128]
+_Terms = tuple[tuple[int, float], ...]
 
 DEFOCUS = 4
 _RIM_DEGREE = 2
@@ -134,46 +136,85 @@ class DieField:
             pupil.energy_um2, frequencies, dots, rim, upright, level, corners, x, y, edges_x, edges_y, radius, waves
         )
 
-    def field(self, terms: Sequence[tuple[int, float]], bias_um: float) -> Complexes:
-        """The field behind a lens, [2 n - 1, 2 n - 1], of pairs of Noll's number and waves."""
-        total = self._of_dots(self._phasor(self._x, self._y, terms))
-        total += self._rim.field(self._phasor_at(self._rim.x, self._rim.y, terms))
-        if bias_um:
-            total = total + bias_um / 2 * self._of_edges(terms) + bias_um**2 / 4 * self._of_corners(terms)
-        return total
+    def behind(self, terms: Sequence[tuple[int, float]]) -> LensField:
+        """The field behind a lens of pairs of Noll's number and waves."""
+        return LensField(self, tuple(terms))
 
-    def by_bias(self, terms: Sequence[tuple[int, float]], bias_um: float) -> Complexes:
-        """Change of the field with the width of clear features, per micrometre."""
-        return self._of_edges(terms) / 2 + bias_um / 2 * self._of_corners(terms)
-
-    def by_term(self, term: int, terms: Sequence[tuple[int, float]]) -> Complexes:
-        """Change of the field with one of the lens's errors, per wave; that of edges' own is left out."""
-        slope = zernike(term, self._x / self._radius_um, self._y[:, None] / self._radius_um)
-        return self._of_dots(2j * np.pi * slope * self._phasor(self._x, self._y, terms))
-
-    def _phasor(self, x: Floats, y: Floats, terms: Sequence[tuple[int, float]]) -> Complexes | Floats:
+    def _phasor(self, x: Floats, y: Floats, terms: _Terms) -> Complexes | Floats:
         return self._phasor_at(x, y[:, None], terms)
 
-    def _phasor_at(self, x: Floats, y: Floats, terms: Sequence[tuple[int, float]]) -> Complexes | Floats:
+    def _phasor_at(self, x: Floats, y: Floats, terms: _Terms) -> Complexes | Floats:
         if not any(waves for _, waves in terms):
             return np.ones(np.broadcast(x, y).shape)
         across, up = x / self._radius_um, y / self._radius_um
         path = sum(waves * zernike(term, across, up) for term, waves in terms if waves)
         return np.asarray(np.exp(2j * np.pi * path))
 
-    def _of_dots(self, phasor: Complexes | Floats) -> Complexes:
+    def of_dots(self, terms: _Terms) -> Complexes:
+        """Of clear features as they are drawn, [2 n - 1, 2 n - 1]."""
+        found = self._sum(self._phasor(self._x, self._y, terms))
+        found += self._rim.field(self._phasor_at(self._rim.x, self._rim.y, terms))
+        return found
+
+    def of_slope(self, term: int, terms: _Terms) -> Complexes:
+        """Change of what dots make with one of the lens's errors, per wave; that of cut dots' rest is left out."""
+        slope = zernike(term, self._x / self._radius_um, self._y[:, None] / self._radius_um)
+        return self._sum(2j * np.pi * slope * self._phasor(self._x, self._y, terms))
+
+    def _sum(self, phasor: Complexes | Floats) -> Complexes:
         along_x, along_y, _, _ = self._waves
         return _transform(self._dots * phasor, along_x, along_y)
 
-    def _of_edges(self, terms: Sequence[tuple[int, float]]) -> Complexes:
+    def of_edges(self, terms: _Terms) -> Complexes:
+        """Of lines along the edges between clear and closed, [2 n - 1, 2 n - 1]."""
         along_x, along_y, lines_x, lines_y = self._waves
         upright = self._upright * self._phasor(self._edges_x, self._y, terms)
         level = self._level * self._phasor(self._x, self._edges_y, terms)
         return _transform(upright, lines_x, along_y) + _transform(level, along_x, lines_y)
 
-    def _of_corners(self, terms: Sequence[tuple[int, float]]) -> Complexes:
+    def of_corners(self, terms: _Terms) -> Complexes:
+        """Of points at the corners, [2 n - 1, 2 n - 1]."""
         _, _, lines_x, lines_y = self._waves
         return _transform(self._corners * self._phasor(self._edges_x, self._edges_y, terms), lines_x, lines_y)
+
+
+@dataclass(frozen=True, eq=False)
+class LensField:
+    """The field of a die behind one lens, whatever the bias: its parts are made once.
+
+    Attributes:
+        die: behind its stop.
+        terms: the lens's errors, pairs of Noll's number and waves.
+    """
+
+    die: DieField
+    terms: _Terms
+
+    @cached_property
+    def _dots(self) -> Complexes:
+        return self.die.of_dots(self.terms)
+
+    @cached_property
+    def _edges(self) -> Complexes:
+        return self.die.of_edges(self.terms)
+
+    @cached_property
+    def _corners(self) -> Complexes:
+        return self.die.of_corners(self.terms)
+
+    def field(self, bias_um: float) -> Complexes:
+        """[2 n - 1, 2 n - 1] for clear features so much wider than drawn."""
+        if not bias_um:
+            return self._dots
+        return self._dots + bias_um / 2 * self._edges + bias_um**2 / 4 * self._corners
+
+    def by_bias(self, bias_um: float) -> Complexes:
+        """Change of the field with the width of clear features, per micrometre."""
+        return self._edges / 2 + bias_um / 2 * self._corners
+
+    def by_term(self, term: int) -> Complexes:
+        """Change of the field with one of the lens's errors, per wave; that of edges' own is left out."""
+        return self.die.of_slope(term, self.terms)
 
 
 def _transform(values: Complexes | Floats, along_x: _Waves, along_y: _Waves) -> Complexes:

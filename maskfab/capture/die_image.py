@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.capture.die_field import DieField
+from maskfab.capture.die_field import DieField, LensField
 from maskfab.capture.resampling import MARGIN, OVERSAMPLING, pixel_means, turned
 from maskfab.model import Camera, Panel, orient
 from maskfab.optics.image.spectrum import Spectrum
@@ -100,6 +100,7 @@ class DieImage:
     _field: DieField
     _step: float
     _few: Mapping[str, Spectrum]
+    _lens: dict[tuple[tuple[int, float], ...], list[LensField]] = field(default_factory=dict, repr=False)
     _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -133,18 +134,17 @@ class DieImage:
 
     def slopes(self, setting: Setting) -> list[list[Floats]]:
         """Changes of pictures with everything that a setting names, in its order; of as few lines as show them."""
-        here = self._fields(setting)
+        behind = self._behind(setting)
+        here = [each.field(setting.bias_um) for each in behind]
         flat = [self._intensity(each) for each in here]
         seen = [turned(each, setting.turn_rad) for each in flat]
-        ahead, behind = ([turned(each, setting.turn_rad + sign * _TURN) for each in flat] for sign in (1, -1))
-        changes = [[(a - b) / (2 * _TURN) for a, b in zip(ahead, behind, strict=True)]]
-        changes.append(
-            self._changed(setting, here, [self._field.by_bias(t, setting.bias_um) for t in self._terms(setting)])
-        )
+        left, right = ([turned(each, setting.turn_rad + sign * _TURN) for each in flat] for sign in (1, -1))
+        changes = [[(a - b) / (2 * _TURN) for a, b in zip(left, right, strict=True)]]
+        changes.append(self._changed(setting, here, [each.by_bias(setting.bias_um) for each in behind]))
         for term, _ in setting.terms:
             by_term = [
-                self._waves(line) * self._field.by_term(term, terms)
-                for line, terms in zip(self._nodes(setting), self._terms(setting), strict=True)
+                self._waves(float(line)) * each.by_term(term)
+                for line, each in zip(self._nodes(setting), behind, strict=True)
             ]
             changes.append(self._changed(setting, here, by_term))
         turn, bias, *terms = self._taken(setting, changes, self._few)
@@ -172,21 +172,24 @@ class DieImage:
         """Waves at a line for each at the camera's first."""
         return self.camera.wavelengths_nm[0] / wavelength_nm
 
-    def _terms(self, setting: Setting) -> list[tuple[tuple[int, float], ...]]:
-        return [
-            tuple((term, value * self._waves(float(line))) for term, value in setting.terms)
-            for line in self._nodes(setting)
-        ]
-
-    def _fields(self, setting: Setting) -> list[NDArray[np.complex128]]:
-        return [self._field.field(terms, setting.bias_um) for terms in self._terms(setting)]
+    def _behind(self, setting: Setting) -> list[LensField]:
+        # A picture of another bias is seen through the same lens.
+        if setting.terms not in self._lens:
+            self._lens.clear()
+            self._lens[setting.terms] = [
+                self._field.behind([(term, value * self._waves(float(line))) for term, value in setting.terms])
+                for line in self._nodes(setting)
+            ]
+        return self._lens[setting.terms]
 
     def _intensities(self, setting: Setting) -> list[Floats]:
         # A picture that is only moved or stretched is of the same light.
         key = setting.turn_rad, setting.bias_um, setting.terms
         if key not in self._last:
             self._last.clear()
-            self._last[key] = [turned(self._intensity(each), setting.turn_rad) for each in self._fields(setting)]
+            self._last[key] = [
+                turned(self._intensity(each.field(setting.bias_um)), setting.turn_rad) for each in self._behind(setting)
+            ]
         return self._last[key]
 
     def _intensity(self, field: NDArray[np.complex128]) -> Floats:

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,11 +22,13 @@ from maskfab.progress import Progress, silent
 
 Floats = NDArray[np.float64]
 
-_MOST_STEPS = 15
+_MOST_STEPS = 30
 _SETTLED = 0.02
 """Share of its standard error by which no value moves any more in a fit that is done."""
 _CURVED = 5.0
 """Standard errors by which a value must move for slopes to be made anew: within them they are straight."""
+_NEAR = 0.5
+"""Standard errors from where slopes were made within which a fit may end: beyond, they lead a little beside it."""
 _FIRST_DAMPING, _HARDER, _EASIER, _LEAST_DAMPING, _HOPELESS = 1e-3, 10.0, 0.1, 1e-6, 1e6
 FIRST_TERMS = (DEFOCUS,)
 _MORE_TERMS = (5, 6, 7, 8, 9, 10, 11)
@@ -47,7 +50,7 @@ class Fit:
         freedom: pixels less all that was solved for.
         residuals: of every grid of pixels, in standard deviations, 0 where a pixel does not count.
         predicted: of every grid, in the unit of the signal.
-        steps: that were taken.
+        steps: that were tried.
     """
 
     setting: Setting
@@ -87,29 +90,32 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
         start: with every term that is to be found, 0 where nothing is known.
         progress: told after every step.
     """
-    pictures, slopes = image.pictures(start), image.slopes(start)
-    here, damping, fresh = judged(taken, pictures, start), _FIRST_DAMPING, True
+    pictures = image.pictures(start)
+    here, damping, since, slopes = judged(taken, pictures, start), _FIRST_DAMPING, math.inf, []
     for step in range(1, _MOST_STEPS + 1):
         progress("fit", step, _MOST_STEPS)
-        now = _solved(taken, pictures, slopes, start)
-        moved = np.inf
-        while damping < _HOPELESS:
-            change = _step(now, damping)
-            tried = start.at(start.values + change)
-            seen = image.pictures(tried)
-            there = judged(taken, seen, tried)
-            if there.chi2 <= here.chi2:
-                moved = float(np.max(abs(change) / np.sqrt(np.diag(now.covariance))))
-                start, here, pictures, damping = tried, there, seen, max(_LEAST_DAMPING, damping * _EASIER)
-                break
-            damping *= _HARDER
         noise = math.sqrt(max(1.0, here.chi2 / here.freedom))
-        if moved < _SETTLED * noise or (fresh and damping >= _HOPELESS):
+        if since > _CURVED * noise:
+            slopes, since, damping = image.slopes(start), 0.0, min(damping, _FIRST_DAMPING)
+        now = _solved(taken, pictures, slopes, start)
+        if now.away(now.covariance @ now.gradient) < _SETTLED * noise:
+            if since <= _NEAR * noise:
+                break
+            since = math.inf
+            continue
+        change = _step(now, damping)
+        tried = start.at(start.values + change)
+        seen = image.pictures(tried)
+        there = judged(taken, seen, tried)
+        if there.chi2 <= here.chi2:
+            start, here, pictures, damping = tried, there, seen, max(_LEAST_DAMPING, damping * _EASIER)
+            since += now.away(change)
+        elif since > 0:
+            since = math.inf
+        elif damping < _HOPELESS:
+            damping *= _HARDER
+        else:
             break
-        fresh = moved > _CURVED * noise or damping >= _HOPELESS
-        if fresh:
-            slopes = image.slopes(start)
-            damping = min(damping, _FIRST_DAMPING)
     progress("fit", _MOST_STEPS, _MOST_STEPS)
     return replace(here, covariance=_solved(taken, pictures, slopes, start).covariance, steps=step)
 
@@ -136,9 +142,13 @@ class _Normal:
     gradient: Floats
     information: Floats
 
-    @property
+    @cached_property
     def covariance(self) -> Floats:
         return np.asarray(np.linalg.pinv(self.information, hermitian=True), dtype=np.float64)
+
+    def away(self, change: Floats) -> float:
+        """The largest change of a value, in its standard errors."""
+        return float(np.max(abs(change) / np.sqrt(np.diag(self.covariance))))
 
 
 def _step(now: _Normal, damping: float) -> Floats:
