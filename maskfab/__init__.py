@@ -33,6 +33,8 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.explaining import explain as explain
     from maskfab.api.verbs.learning import learn as learn
     from maskfab.api.verbs.measuring import measure as measure
+    from maskfab.api.verbs.measuring_edges import measure_edge as measure_edge
+    from maskfab.api.verbs.measuring_edges import measure_mtf as measure_mtf
     from maskfab.api.verbs.photographs import simulate as simulate
     from maskfab.api.verbs.planning import plan as plan
     from maskfab.api.verbs.plates import run as run
@@ -66,8 +68,10 @@ _WHERE = {
     "design": "maskfab.api.verbs.designing",
     "explain": "maskfab.api.verbs.explaining",
     "learn": "maskfab.api.verbs.learning",
-    "measure": "maskfab.api.verbs.measuring",
     "load_job": "maskfab.job",
+    "measure": "maskfab.api.verbs.measuring",
+    "measure_edge": "maskfab.api.verbs.measuring_edges",
+    "measure_mtf": "maskfab.api.verbs.measuring_edges",
     "package": "maskfab.api.verbs.shops",
     "pareto": "maskfab.api.verbs.sweeping",
     "plan": "maskfab.api.verbs.planning",
@@ -103,6 +107,8 @@ __all__ = [
     "learn",
     "load_job",
     "measure",
+    "measure_edge",
+    "measure_mtf",
     "package",
     "pareto",
     "plan",

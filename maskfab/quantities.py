@@ -957,6 +957,21 @@ _ENTRIES = (
         "Focus again, and compare edges in several places of the picture.",
     ),
     Entry(
+        "edge_mtf50_per_pixel",
+        "ν50",
+        "cy/pixel",
+        "MTF50 measured, per pixel",
+        "MTF50 measured in cycles per pixel of the sensor, which holds for any pixel.",
+        "As for MTF50 measured.",
+    ),
+    Entry(
+        "edge_mtf",
+        "M({detail})",
+        "1",
+        "MTF measured",
+        "Contrast that optics and pixel leave of a wave across the edge, at one frequency.",
+    ),
+    Entry(
         "edge_mtf_difference",
         "ΔM",
         "1",

@@ -38,6 +38,7 @@ class DesignedMtf:
     Attributes:
         light: the band's name, or the line.
         wavelength_nm: the line; None of a band.
+        pixel_um: side of the camera's pixel.
         frequency_cy_per_px: float64 [n].
         mtf: float64 [n].
         seen: float64 [n], through the window of the measurement, 1 at 0: what a perfect measurement shows; ``mtf``
@@ -48,6 +49,7 @@ class DesignedMtf:
 
     light: str
     wavelength_nm: float | None
+    pixel_um: float
     frequency_cy_per_px: Floats
     mtf: Floats
     seen: Floats
@@ -96,6 +98,7 @@ def designed_mtf(
     return DesignedMtf(
         light.name if isinstance(light, Band) else f"{light:g} nm",
         None if isinstance(light, Band) else light,
+        camera.pixel_um,
         frequency,
         abs(mtf),
         abs(mtf if half_px is None else _seen(table, camera, spectrum, direction, frequency, half_px, ends)),

@@ -60,7 +60,7 @@ class EdgeMtf:
         lines: number of lines across the edge.
         order: of the polynomial that the edge follows.
         half_px: reach of the window to either side of the edge.
-        pixel_um: side of a sensor pixel.
+        pixel_um: side of a sensor pixel; None where it is not known.
         frequency_cy_per_px: float64 [n], 0 first.
         mtf: float64 [n], noise's share subtracted.
         low, high: float64 [n], ends of the pointwise 95 % band.
@@ -74,7 +74,7 @@ class EdgeMtf:
     lines: int
     order: int
     half_px: float
-    pixel_um: float
+    pixel_um: float | None
     frequency_cy_per_px: Floats
     mtf: Floats
     low: Floats
@@ -86,8 +86,14 @@ class EdgeMtf:
             object.__setattr__(self, name, frozen(getattr(self, name)))
 
     @property
-    def frequency_cy_per_mm(self) -> Floats:
-        return np.asarray(self.frequency_cy_per_px * (UM_PER_MM / self.pixel_um))
+    def frequency_cy_per_mm(self) -> Floats | None:
+        """Float64 [n], of a pixel whose side is known."""
+        return None if self.pixel_um is None else np.asarray(self.frequency_cy_per_px * (UM_PER_MM / self.pixel_um))
+
+    @property
+    def title(self) -> str:
+        """Which edge it is, in words."""
+        return f"{self.direction}, edge {self.angle_deg:+.2f}°, {self.lines} lines".replace("-", "−")
 
 
 @dataclass(frozen=True)
@@ -128,7 +134,7 @@ def edge_mtf(
     values: Floats,
     valid: Mask,
     found: FoundEdge,
-    pixel_um: float,
+    pixel_um: float | None,
     *,
     grid: Grid = WHOLE,
     order: Order | None = None,
@@ -141,7 +147,7 @@ def edge_mtf(
         values: linear light, float64 [rows, columns], row 0 the top, of any unit; black is 0.
         valid: which of them count.
         found: the edge, as :func:`maskfab.capture.edge_regions.found_edges` has it.
-        pixel_um: side of a sensor pixel.
+        pixel_um: side of a sensor pixel, or None.
         grid: where the samples lie on the sensor.
         order: of the polynomial that the edge follows; None lets the centroids decide.
         clipped_at: values from it on are clipped.

@@ -153,11 +153,18 @@ def filled(values: Floats, valid: Mask) -> Floats:
 
 def noise_of(values: Floats, valid: Mask) -> float:
     """One standard deviation of independent noise, from differences that even light and slopes do not have."""
-    corners = (np.s_[:-1, :-1], np.s_[:-1, 1:], np.s_[1:, :-1], np.s_[1:, 1:])
-    known = np.logical_and.reduce([valid[corner] for corner in corners])
-    first, second, third, fourth = (values[corner] for corner in corners)
-    twist = (first - second - third + fourth)[known]
-    return float(1.4826 * np.median(abs(twist)) / 2) if twist.size else 0.0
+    for step in (1, 2):  # of the green pixels of a mosaic no four are neighbours
+        corners = [(rows, columns) for rows in _ends(step) for columns in _ends(step)]
+        known = np.logical_and.reduce([valid[corner] for corner in corners])
+        first, second, third, fourth = (values[corner] for corner in corners)
+        twist = (first - second - third + fourth)[known]
+        if twist.size:
+            return float(1.4826 * np.median(abs(twist)) / 2)
+    return 0.0
+
+
+def _ends(step: int) -> tuple[slice, slice]:
+    return slice(None, -step), slice(step, None)
 
 
 def _of_sign(direction: Direction, chosen: Mask, over: Floats, along: Floats) -> Iterator[tuple[float, FoundEdge]]:

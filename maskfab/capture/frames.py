@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from types import MappingProxyType
 from typing import Literal, TypeAlias
 
 import numpy as np
@@ -15,6 +16,11 @@ Colour: TypeAlias = Literal["R", "G", "B", "-"]
 """``-`` for a sensor without colours."""
 Pattern: TypeAlias = tuple[tuple[Colour, Colour], tuple[Colour, Colour]]
 Counts: TypeAlias = NDArray[np.float32]
+
+PIXELS_OF: Mapping[str, str] = MappingProxyType(
+    {"R": "red pixels", "G": "green pixels", "B": "blue pixels", "-": "all pixels"}
+)
+"""Pixels of a colour, in words."""
 
 PLANE_COLOURS: tuple[Colour, Colour, Colour] = ("R", "G", "B")
 

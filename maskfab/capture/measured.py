@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from maskfab.capture.designed_edge import Light
 from maskfab.capture.die_image import DieImage
 from maskfab.capture.fit import Fit, fitted, judged, with_terms
 from maskfab.capture.identify import Hypothesis, Identified, identified
@@ -104,25 +105,41 @@ def measured(
 def light_of(
     colours: tuple[str, ...], camera: Camera, bands: tuple[Band, ...], half_um: float, line_nm: float | None = None
 ) -> dict[str, Spectrum]:
-    """Light that each colour of pixels sees.
+    """Light that each colour of pixels sees, as lines.
+
+    Args:
+        colours: as :func:`seen_light`, which takes the others too but for
+        half_um: half the side of the window, for which as many lines stand for a band as its speckles ask for.
+
+    Raises:
+        JobError: as :func:`seen_light`.
+    """
+    seen = seen_light(colours, camera, bands, line_nm)
+    return {
+        colour: _lines(light, camera, half_um)
+        if isinstance(light, Band)
+        else line_spectrum([light], name=f"{light:g} nm")
+        for colour, light in seen.items()
+    }
+
+
+def seen_light(
+    colours: tuple[str, ...], camera: Camera, bands: tuple[Band, ...], line_nm: float | None = None
+) -> dict[str, Light]:
+    """Light that each colour of pixels sees, a band or a line.
 
     Args:
         colours: of the pixels, ``R G B`` or ``-``.
         camera: whose lines are red, green and blue where there are no bands.
         bands: of the job's scene, red, green and blue, or the one of a sensor without colours.
-        half_um: half the side of the window, for which as many lines stand for a band as its speckles ask for.
         line_nm: of a light of one line, whatever the pixel; None to take the job's.
 
     Raises:
         JobError: MF105 where the job does not say what these pixels see.
     """
     if line_nm is not None:
-        return {colour: line_spectrum([line_nm], name=f"{line_nm:g} nm") for colour in colours}
-    known: list[Spectrum]
-    if bands:
-        known = [_lines(band, camera, half_um) for band in bands]
-    else:
-        known = [line_spectrum([line], name=f"{line:g} nm") for line in camera.wavelengths_nm]
+        return dict.fromkeys(colours, line_nm)
+    known: tuple[Light, ...] = bands or camera.wavelengths_nm
     wanted = ("-",) if colours == ("-",) else ("R", "G", "B")
     if len(known) != len(wanted):
         raise JobError(
@@ -131,7 +148,7 @@ def light_of(
             where="camera.wavelengths",
             cure="State the line of the light, such as --line '530 nm', or the scene's spectrum",
         )
-    return {colour: lines for colour, lines in zip(wanted, known, strict=True) if colour in colours}
+    return {colour: light for colour, light in zip(wanted, known, strict=True) if colour in colours}
 
 
 def _lines(band: Band, camera: Camera, half_um: float) -> Spectrum:

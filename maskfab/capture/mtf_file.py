@@ -33,6 +33,7 @@ class MtfCurve:
         frequency_cy_per_px: float64 [n >= 2], ascending.
         mtf: float64 [n].
         low, high: float64 [n], ends of its band; None if the file has none.
+        normal_deg: direction of its waves, from the picture's x axis (right) towards its y axis (up).
     """
 
     name: str
@@ -41,6 +42,7 @@ class MtfCurve:
     mtf: Floats
     low: Floats | None
     high: Floats | None
+    normal_deg: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("frequency_cy_per_px", "mtf", "low", "high"):
@@ -51,13 +53,19 @@ class MtfCurve:
     def frequency_cy_per_mm(self) -> Floats:
         return np.asarray(self.frequency_cy_per_px * (UM_PER_MM / self.pixel_um))
 
+    @property
+    def title(self) -> str:
+        """Which curve it is, in words."""
+        return f"{self.name}, waves at {self.normal_deg:g}°".replace("-", "−")
 
-def read_mtf(path: Path, pixel_um: float) -> MtfCurve:
+
+def read_mtf(path: Path, pixel_um: float, normal_deg: float = 0.0) -> MtfCurve:
     """A curve from a table whose header is ``cycles/pixel`` or ``cycles/mm``, ``mtf``, and perhaps ``low``, ``high``.
 
     Args:
         path: a .csv; lines that begin with ``#`` are skipped.
         pixel_um: side of the sensor's pixel.
+        normal_deg: direction of its waves, from right towards up.
 
     Raises:
         SourceError: MF308 for another suffix, MF301 missing, MF302 empty, MF304 not text; MF303 for a header, row or
@@ -90,6 +98,6 @@ def read_mtf(path: Path, pixel_um: float) -> MtfCurve:
         raise JobError(
             "MF104", "the band does not hold the curve", where=where, cure="Give low <= mtf <= high in every row"
         )
-    band = (values[:, 1], values[:, 2]) if values.shape[1] > 1 else (None, None)
+    low, high = (values[:, 1], values[:, 2]) if values.shape[1] > 1 else (None, None)
     per_px = frequency if header[0] == PER_PIXEL else frequency * (pixel_um / UM_PER_MM)
-    return MtfCurve(path.name, pixel_um, per_px, values[:, 0], *band)
+    return MtfCurve(path.name, pixel_um, per_px, values[:, 0], low, high, normal_deg)

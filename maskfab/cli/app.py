@@ -56,7 +56,9 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
     (
         measure,
         "Examples: maskfab measure 1ms.dng 4ms.dng 16ms.dng --job layouts/upc12.toml --gain 1.3 --read-noise 4.9 "
-        "-o build/measured | maskfab measure led.tif --job job.toml --line '530 nm' --pair a.tif --pair b.tif",
+        "-o build/measured | maskfab measure led.tif --job job.toml --line '530 nm' --pair a.tif --pair b.tif | "
+        "maskfab measure --edge chart.dng --job layouts/upc12.toml --die TOLED_P150 -o build/edge | "
+        "maskfab measure --mtf curve.csv --job job.toml --die TOLED_P150 --angle 90",
     ),
     (verify, "Example: maskfab verify build/upc12"),
     (

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__, provenance
+from maskfab import __version__
 from maskfab.capture.files import write_merged
 from maskfab.capture.identify import CERTAIN
 from maskfab.capture.measured import Measured, stands
-from maskfab.files.finished import RESULT_MARK
-from maskfab.files.staging import Place, staged
+from maskfab.files.staging import Place
+from maskfab.report.measured_files import SCHEMA_VERSION, write_measured
 from maskfab.report.page.capture_page import capture_page
 from maskfab.report.quantity_table import Quantities
 
-SCHEMA_VERSION = 1
-DOCUMENT, PAGE, LIGHT, SIGMA = "measure.json", "measure.html", "captured.exr", "captured_sigma.exr"
+LIGHT, SIGMA = "captured.exr", "captured_sigma.exr"
 _SHOWN = 12
 
 
@@ -83,18 +81,8 @@ def write_capture(place: Place, found: Measured, document: Mapping[str, Any], no
     Raises:
         OutputError: MF401 or MF404 as :func:`maskfab.files.staging.staged`.
     """
-    with staged(place) as folder:
-        (folder / PAGE).write_text(capture_page(found, document, notes), encoding="utf-8")
-        (folder / DOCUMENT).write_text(_json(document), encoding="utf-8")
+
+    def write_light(folder: Path) -> None:
         write_merged(found.merged, folder / LIGHT, folder / SIGMA)
-        files = [
-            {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
-            for path in sorted(folder.iterdir())
-        ]
-        mark = {"maskfab_version": __version__, "job_hash": document["job_hash"], "files": files}
-        (folder / RESULT_MARK).write_text(_json(mark), encoding="utf-8")
-    return sorted(place.asked.iterdir())
 
-
-def _json(told: Mapping[str, Any]) -> str:
-    return json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    return write_measured(place, document, capture_page(found, document, notes), write_light)

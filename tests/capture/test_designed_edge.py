@@ -14,7 +14,7 @@ from maskfab.capture.edge import FREQUENCIES
 from maskfab.capture.edge_window import FLAT
 from maskfab.capture.measured_edges import EdgeDesign, differences, measured_edges, mtf50
 from maskfab.capture.mtf_file import MtfCurve
-from maskfab.model import ORIENTATIONS, Die, orient
+from maskfab.model import ORIENTATIONS, orient
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.image.psf import point_psf
@@ -33,11 +33,6 @@ LINE_NM = 530.0
 def psf():
     # Points half a pixel apart: a sum of points repeats its spectrum at 2 cycles per pixel.
     return point_psf(pupil(PANEL, CAMERA.stop), replace(CAMERA, pixel_um=1.0), LINE_NM)
-
-
-@pytest.fixture(scope="module")
-def die() -> Die:
-    return Die("NOISE", "noise", PANEL, (0, 0), 1_440_000)
 
 
 @pytest.mark.parametrize("normal_deg", [5.0, -38.0, 97.0])
@@ -85,34 +80,37 @@ def test_a_band_of_light_is_the_mean_over_its_lines():
 
 
 @pytest.fixture(scope="module")
-def measured(psf, die):
+def measured(psf):
     light = rendered(400, 200, 5.0, second_integral(psf, CAMERA.pixel_um, 5.0))
-    return measured_edges(noisy(light, 1), CAMERA.pixel_um, design=EdgeDesign(die, CAMERA, (LINE_NM,)))
+    return measured_edges(noisy(light, 1), CAMERA.pixel_um, design=EdgeDesign("NOISE", PANEL, CAMERA, (LINE_NM,)))
 
 
-def test_a_right_die_does_not_part_from_its_design_and_a_wrong_one_does(measured, die):
+def test_a_right_die_does_not_part_from_its_design_and_a_wrong_one_does(measured):
     (edge,) = measured.edges
     numbers = {each.name: each for each in edge.quantities}
     assert numbers["edge_mtf_parting"].value is None
     assert numbers["edge_mtf_difference"].value < 2 * numbers["edge_mtf_difference"].uncertainty
     assert numbers["edge_angle"].value == pytest.approx(-5.0, abs=0.01)
     assert numbers["edge_mtf50"].uncertainty < 5
-    other = replace(die, panel=panel(noise(4, 0.4, 9), dot_nm=60_000, cells=6))
-    (wrong,) = EdgeDesign(other, CAMERA, (LINE_NM,)).along(FREQUENCIES, edge.edge.normal_deg, edge.edge.half_px)
+    other = panel(noise(4, 0.4, 9), dot_nm=60_000, cells=6)
+    (wrong,) = EdgeDesign("NOISE", other, CAMERA, (LINE_NM,)).along(
+        FREQUENCIES, edge.edge.normal_deg, edge.edge.half_px
+    )
     difference, parting = differences(edge.edge, wrong)
     assert difference.value > 3 * difference.uncertainty
     assert 0 < parting.value < 250
 
 
-def test_a_curve_from_elsewhere_is_held_against_the_design(die):
-    (designed,) = EdgeDesign(die, CAMERA, (LINE_NM,)).along(FREQUENCIES, 0.0, None)
+def test_a_curve_from_elsewhere_is_held_against_the_design():
+    (designed,) = EdgeDesign("NOISE", PANEL, CAMERA, (LINE_NM,)).along(FREQUENCIES, 0.0, None)
     curve = MtfCurve("curve.csv", CAMERA.pixel_um, FREQUENCIES, designed.mtf + 0.02, None, None)
     (difference,) = differences(curve, designed)
     assert difference.value == pytest.approx(0.02)
     assert difference.uncertainty is None
-    half = mtf50(MtfCurve("line.csv", 2.0, FREQUENCIES, 1 - FREQUENCIES, None, None))
+    half, per_pixel = mtf50(MtfCurve("line.csv", 2.0, FREQUENCIES, 1 - FREQUENCIES, None, None))
     assert half.value == pytest.approx(250.0)
-    assert mtf50(MtfCurve("flat.csv", 2.0, FREQUENCIES, np.ones(129), None, None)).value is None
+    assert per_pixel.value == pytest.approx(0.5)
+    assert mtf50(MtfCurve("flat.csv", 2.0, FREQUENCIES, np.ones(129), None, None))[0].value is None
 
 
 def test_the_document_and_the_figure_show_every_curve(measured):

@@ -168,7 +168,7 @@ def measure(
         {name: panels[name] for name in wanted},
         known.camera,
         light,
-        seen_mirrored=known.blank.glass is not None and bool(known.blank.glass.gap_um),
+        seen_mirrored=seen_mirrored(known),
         promised_bias_um=0.0 if process is None else process.cd_bias_um,
         progress=progress,
     )
@@ -177,19 +177,31 @@ def measure(
 
 def _notes(job: Job, line_nm: float | None) -> tuple[str, ...]:
     """Sentences on what was assumed, and on what of the job was not used."""
-    section = job.spec.scene
-    if line_nm is not None:
-        light = f"one line of {line_nm:g} nm"
-    elif job.scene is not None and job.scene.bands:
-        light = f"bands of [scene] {', '.join(band.name for band in job.scene.bands)}"
-    else:
-        light = f"lines of {', '.join(f'{each:g} nm' for each in job.camera.wavelengths_nm)}, one for each colour"
-    notes = [f"Assumed: the job's camera, a light that is a point, and {light}."]
-    if section is not None:
-        fields = type(section).model_fields
-        idle = [key for key in _UNUSED if key in fields and getattr(section, key) != fields[key].default]
-        if idle:
-            notes.append(
-                f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms."
-            )
+    notes = [f"Assumed: the job's camera, a light that is a point, and {light_words(job, line_nm)}."]
+    idle = idle_keys(job)
+    if idle:
+        notes.append(f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms.")
     return tuple(notes)
+
+
+def seen_mirrored(job: Job) -> bool:
+    """Whether the job's plate stands with its chrome away from the lens, which then sees its dies mirrored."""
+    return job.blank.glass is not None and job.blank.glass.chrome == "away"
+
+
+def light_words(job: Job, line_nm: float | None) -> str:
+    """The light that is assumed, in words: one line, or that of the job."""
+    if line_nm is not None:
+        return f"one line of {line_nm:g} nm"
+    if job.scene is not None and job.scene.bands:
+        return f"bands of [scene] {', '.join(band.name for band in job.scene.bands)}"
+    return f"lines of {', '.join(f'{each:g} nm' for each in job.camera.wavelengths_nm)}, one for each colour"
+
+
+def idle_keys(job: Job) -> tuple[str, ...]:
+    """Keys of the job's scene that are stated, and that nothing measured takes."""
+    section = job.spec.scene
+    if section is None:
+        return ()
+    fields = type(section).model_fields
+    return tuple(key for key in _UNUSED if key in fields and getattr(section, key) != fields[key].default)

@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from functools import cache
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
 
 from maskfab.capture.measured import Measured
 from maskfab.quantities import registered
 from maskfab.report.page.html import style
+from maskfab.report.page.measured_template import measured_template
 from maskfab.report.plots.capture_figures import capture_mtf_drawing, captured_drawing
-from maskfab.report.plots.number_text import rounded
-from maskfab.resources import template
 
 
 def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> str:
@@ -25,7 +22,7 @@ def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[s
         document: what measure.json says of it.
         notes: what a reader should know, as sentences.
     """
-    return _template().render(
+    return measured_template("measure.html.j2").render(
         style=style(),
         version=document["maskfab_version"],
         digest=document["job_hash"],
@@ -38,12 +35,3 @@ def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[s
         doubts=document["pixels_left_out"],
         notes=notes,
     )
-
-
-@cache
-def _template() -> Template:
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    environment.filters.update(number=rounded)
-    return environment.from_string(template("measure.html.j2"))

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from maskfab.capture.frames import PIXELS_OF
 from maskfab.capture.measured import Measured
 from maskfab.capture.mtf_band import MtfBand
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, place, styled
@@ -19,7 +20,6 @@ _SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.55, 0.3, 0.25, 0.45, 0.7
 _DECADES = 5
 _MOST_SIGMA = 4.0
 _COLOURS = {"R": "#D55E00", "G": "#009E73", "B": "#0072B2", "-": INK}
-_NAMES = {"R": "red pixels", "G": "green pixels", "B": "blue pixels", "-": "all pixels"}
 
 
 @styled
@@ -46,7 +46,7 @@ def captured_drawing(found: Measured) -> Drawing:
                 axes, ("captured", "expected of the fitted die")[column] if row == 0 else "", column, row, len(chosen)
             )
             if column == 0:
-                axes.set_ylabel(f"{_NAMES[taken.pixels.colour]}, y (µm)")
+                axes.set_ylabel(f"{PIXELS_OF[taken.pixels.colour]}, y (µm)")
         axes = _axes(figure, 2, bottom)
         residual = np.where(taken.valid, found.fit.residuals[k], np.nan)
         drawn = axes.imshow(
@@ -81,7 +81,7 @@ def capture_mtf_drawing(found: Measured) -> Drawing:
 
 
 def _curves(axes: Axes, band: MtfBand) -> None:
-    colour, name = _COLOURS[band.colour], _NAMES[band.colour]
+    colour, name = _COLOURS[band.colour], PIXELS_OF[band.colour]
     for row, (style, kind) in enumerate((("-", "mean"), (":", "minimum"))):
         axes.fill_between(band.frequencies, band.low[row], band.high[row], color=colour, alpha=0.22, linewidth=0)
         label = f"{name}, {kind} over directions"

@@ -1,0 +1,257 @@
+"""MTFs as a camera saw them: across the slanted edges of a picture, or of a curve that was measured elsewhere."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
+from maskfab.api.verbs.measuring import idle_keys, light_words, seen_mirrored
+from maskfab.capture.designed_edge import Light
+from maskfab.capture.edge_regions import NARROWEST_PX, Region
+from maskfab.capture.edge_verdict import edge_verdict
+from maskfab.capture.frame_edges import frame_edges
+from maskfab.capture.measured import seen_light
+from maskfab.capture.measured_edges import EdgeDesign, MeasuredEdges, compared_curve
+from maskfab.capture.mtf_file import read_mtf
+from maskfab.capture.reading import read_frame
+from maskfab.errors import JobError
+from maskfab.files.staging import check_target
+from maskfab.job import Job
+from maskfab.model import Panel
+from maskfab.provenance import sha256_of_file
+from maskfab.report.documents.edge_data import edge_document
+from maskfab.report.measured_files import write_measured
+from maskfab.report.page.edge_page import edge_page
+from maskfab.report.quantity_table import Quantities
+from maskfab.threads import one_thread
+from maskfab.units import parse_length_um, parse_wavelength_nm
+
+if TYPE_CHECKING:
+    from maskfab.report.plots.sheet import Drawing
+
+_MIRRORED = 4
+"""Orientation of a die that is looked at from its other side, as :func:`maskfab.model.orient` counts."""
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class EdgeMeasurement:
+    """MTFs across the edges of a picture, or one that was measured elsewhere, beside the design's.
+
+    Attributes:
+        found: everything.
+        name: of the file.
+        sha256: of the file.
+        digest: of the job; None without one.
+        notes: what a user should know, as sentences.
+    """
+
+    found: MeasuredEdges
+    name: str
+    sha256: str
+    digest: str | None
+    notes: tuple[str, ...] = ()
+
+    @property
+    def edges(self) -> tuple[Quantities, ...]:
+        """The numbers of every edge."""
+        return tuple(Quantities(each.quantities) for each in self.found.edges)
+
+    @property
+    def verdict(self) -> tuple[str, ...]:
+        """Sentences, two for each edge that is held against a design."""
+        return edge_verdict(self.found)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything that measure.json says."""
+        return edge_document(self.found, self.name, self.sha256, self.digest, self.notes)
+
+    def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
+        """Write page and numbers into a directory.
+
+        Raises:
+            OutputError: MF401 or MF402 for a place that cannot be written.
+        """
+        place, document = check_target(Path(out), force=force), self.to_dict()
+        return write_measured(place, document, edge_page(self.found, document))
+
+    def plot(self) -> Drawing:
+        """Every MTF with its band, and the designed ones."""
+        from maskfab.report.plots.edge_figure import edges_drawing
+
+        return edges_drawing(self.found)
+
+    def __str__(self) -> str:
+        tables = [f"{each.title}\n{Quantities(each.quantities)}" for each in self.found.edges]
+        left_out = [f"not measured: {each}" for each in self.found.left_out]
+        return "\n".join([*self.verdict, *tables, *left_out, *(f"note: {note}" for note in self.notes)])
+
+    def _repr_svg_(self) -> str:
+        return self.plot().svg()
+
+
+@one_thread
+def measure_edge(
+    picture: str | Path,
+    job: AnyJob | None = None,
+    *,
+    die: str | None = None,
+    pixel: Length | None = None,
+    region: str | Sequence[int] | None = None,
+    window: int | None = None,
+    line: Wavelength | None = None,
+    black: float | None = None,
+    white: float | None = None,
+    mosaic: str | None = None,
+) -> EdgeMeasurement:
+    """Measure the presampled MTF across the slanted edges of a picture, and hold it against a die's.
+
+    Args:
+        picture: RAW, linear TIFF or PNG of 16 bits, EXR; every colour is measured by its own pixels.
+        job: of the plate, with the camera.
+        die: of the job, that was before the camera; without one nothing is held against a design.
+        pixel: side of the sensor's pixel, where there is no job; without either, frequencies are per pixel alone.
+        region: first row, first column, end row and end column of a box to look in, ends not in it; text with commas,
+            or numbers.
+        window: pixels across an edge that are looked at; by default as far as its blur reaches.
+        line: wavelength of the light, if it is one line; by default the light is that of the job's camera and scene.
+        black, white: levels in counts; by default as the file states them.
+        mosaic: ``rggb bggr grbg gbrg`` of a grey picture that holds one.
+
+    Raises:
+        SourceError: for a picture that cannot be read; MF340 without an edge, MF341 to MF343 for edges that cannot be
+            measured.
+        JobError: MF105 for a die that the job does not have, or an argument that others leave without use.
+    """
+    box = _region(region)
+    if window is not None and window < 2 * NARROWEST_PX:
+        raise JobError(
+            "MF104",
+            f"a window of {window} pixels is below {2 * NARROWEST_PX:g}",
+            where="window",
+            cure="State no window, or one of 50 or more",
+        )
+    if job is None:
+        for name, value in (("die", die), ("line", line)):
+            if value is not None:
+                raise _without(name, "there is no job that it refers to", "Give the job too")
+    elif pixel is not None:
+        raise _without("pixel", "the job states its camera's pixel", "Leave the pixel out, or the job")
+    elif die is None and line is not None:
+        raise _without("line", "nothing is held against a design without a die", "Give the die too")
+    pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
+    line_nm = _line_nm(line)
+    known = None if job is None else job_of(job)
+    panels = {} if known is None or die is None else known.panels()
+    if die is not None:
+        dies_of(die, panels)
+    frame = read_frame(Path(picture), black=black, white=white, mosaic=mosaic)
+    colours = tuple(dict.fromkeys(each.colour for each in frame.lattices))
+    designs = None
+    if known is not None:
+        pixel_um = known.camera.pixel_um
+        if die is not None:
+            bands = () if known.scene is None else known.scene.bands
+            light = seen_light(colours, known.camera, bands, line_nm)
+            designs = {colour: _design(known, panels, die, (light[colour],)) for colour in colours}
+    reach = math.inf if window is None else window / 2
+    found = frame_edges(frame, pixel_um, region=box, window_px=reach, designs=designs)
+    notes = ["Assumed: counts above black are linear in the light, and both fields beside the edge are evenly lit."]
+    if frame.black == (0.0,) * len(frame.black) and black is None:
+        notes.append("The file states no black level: it was taken to be 0, which matters where light is uneven.")
+    if known is None and pixel is None:
+        notes.append("The pixel is not known, so frequencies are told per pixel alone.")
+    if known is not None:
+        notes += _design_notes(known, die, line_nm)
+    return EdgeMeasurement(found, frame.name, frame.sha256, None if known is None else known.digest, tuple(notes))
+
+
+@one_thread
+def measure_mtf(
+    curve: str | Path, job: AnyJob, *, die: str, angle: float = 0.0, line: Wavelength | None = None
+) -> EdgeMeasurement:
+    """Hold an MTF that was measured elsewhere against a die's.
+
+    Args:
+        curve: table (.csv) of ``cycles/pixel`` or ``cycles/mm``, ``mtf``, and perhaps ``low`` and ``high``.
+        job: of the plate, with the camera.
+        die: of the job, that was before the camera.
+        angle: direction of the curve's waves in the picture, degrees from right towards up: 0 horizontal, 90 vertical.
+        line: wavelength of the light; by default every colour of the job's light is held beside.
+
+    Raises:
+        SourceError: MF301 to MF308 for a table that cannot be read.
+        JobError: MF104 for values that no MTF has, or an angle beyond 180 degrees; MF105 for a die that the job does
+            not have.
+    """
+    if not abs(angle) <= 180:
+        raise JobError(
+            "MF104", f"an angle of {angle:g} deg is not -180 to 180 deg", where="angle", cure="Use 0 or 90, say"
+        )
+    line_nm = _line_nm(line)
+    known = job_of(job)
+    panels = known.panels()
+    dies_of(die, panels)
+    path = Path(curve)
+    read = read_mtf(path, known.camera.pixel_um, float(angle))
+    bands = () if known.scene is None else known.scene.bands
+    lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else bands or known.camera.wavelengths_nm
+    found = compared_curve(read, _design(known, panels, die, lights))
+    notes = [
+        "Nothing tells the window of the curve: the design is shown without one.",
+        *_design_notes(known, die, line_nm),
+    ]
+    return EdgeMeasurement(found, read.name, sha256_of_file(path), known.digest, tuple(notes))
+
+
+def _design(job: Job, panels: Mapping[str, Panel], die: str, lights: tuple[Light, ...]) -> EdgeDesign:
+    (name,) = dies_of(die, panels)
+    return EdgeDesign(name, panels[name], job.camera, lights, _MIRRORED if seen_mirrored(job) else 0)
+
+
+def _design_notes(job: Job, die: str | None, line_nm: float | None) -> list[str]:
+    """Sentences on what the design was assumed to stand in, and on what of the job was not used."""
+    if die is None:
+        return ["No die was named: of the job its camera's pixel alone was used."]
+    stands = "mirrored, as its chrome is away from the lens" if seen_mirrored(job) else "as drawn"
+    notes = [f"Assumed: the job's camera in focus, the die {stands} and not turned, and {light_words(job, line_nm)}."]
+    idle = [f"[scene] {key}" for key in idle_keys(job)] + ["[process]"] * (job.spec.process is not None)
+    if idle:
+        notes.append(f"Not in the design's MTF: {', '.join(idle)}.")
+    return notes
+
+
+def _line_nm(line: Wavelength | None) -> float | None:
+    return None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
+
+
+def _region(stated: str | Sequence[int] | None) -> Region | None:
+    if stated is None:
+        return None
+    parts = re.split(r"\s*,\s*", stated.strip()) if isinstance(stated, str) else list(stated)
+    try:
+        top, left, bottom, right = (int(each) for each in parts)
+    except (TypeError, ValueError) as error:
+        raise JobError(
+            "MF105",
+            f"{stated!r} is no region of four whole numbers",
+            where="region",
+            cure="Write first row, first column, end row, end column: 100,200,500,300",
+        ) from error
+    if not (0 <= top < bottom and 0 <= left < right):
+        raise JobError(
+            "MF104",
+            f"the region from row {top} to {bottom} and column {left} to {right} holds no pixel",
+            where="region",
+            cure="Write first row, first column, end row, end column: 100,200,500,300",
+        )
+    return Region(top, bottom, left, right)
+
+
+def _without(name: str, why: str, cure: str) -> JobError:
+    return JobError("MF105", f"{name} has no use: {why}", where=name, cure=cure)
