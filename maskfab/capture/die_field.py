@@ -101,9 +101,6 @@ class DieField:
     frequencies: Floats
     _dots: Floats
     _rim: _Rim
-    _upright: Floats
-    _level: Floats
-    _corners: Floats
     _x: Floats
     _y: Floats
     _edges_x: Floats
@@ -117,13 +114,6 @@ class DieField:
         dots = np.array(pupil.mean_transmission)
         edges_x, edges_y = pupil.x.edges_um(), pupil.y.edges_um()
         x, y = (edges_x[1:] + edges_x[:-1]) / 2, (edges_y[1:] + edges_y[:-1]) / 2
-        clear = (dots > 0).astype(np.float64)
-        # Of an edge that the stop cuts, as much as of the dot that it bounds.
-        upright = abs(np.diff(dots, axis=1, prepend=0, append=0)) * (np.diff(clear, axis=1, prepend=0, append=0) != 0)
-        level = abs(np.diff(dots, axis=0, prepend=0, append=0)) * (np.diff(clear, axis=0, prepend=0, append=0) != 0)
-        around = np.pad(clear, 1)
-        count = around[1:, 1:] + around[:-1, 1:] + around[1:, :-1] + around[:-1, :-1]
-        corners = np.select([count == 1, count == 3], [1.0, -1.0])
         wide_x, wide_y = pupil.x.dot_um, pupil.y.dot_um
         waves = (
             _Waves.of(x, frequencies, wide_x),
@@ -132,9 +122,19 @@ class DieField:
             _Waves.of(edges_y, frequencies, 0.0),
         )
         rim, radius = _Rim.of(pupil, x, y, frequencies), stop.diameter_um / 2
-        return cls(
-            pupil.energy_um2, frequencies, dots, rim, upright, level, corners, x, y, edges_x, edges_y, radius, waves
-        )
+        return cls(pupil.energy_um2, frequencies, dots, rim, x, y, edges_x, edges_y, radius, waves)
+
+    @cached_property
+    def _outline(self) -> tuple[Floats, Floats, Floats]:
+        """Weights of upright edges, level ones, and corners."""
+        dots = self._dots
+        clear = (dots > 0).astype(np.float64)
+        # Of an edge that the stop cuts, as much as of the dot that it bounds.
+        upright = abs(np.diff(dots, axis=1, prepend=0, append=0)) * (np.diff(clear, axis=1, prepend=0, append=0) != 0)
+        level = abs(np.diff(dots, axis=0, prepend=0, append=0)) * (np.diff(clear, axis=0, prepend=0, append=0) != 0)
+        around = np.pad(clear, 1)
+        count = around[1:, 1:] + around[:-1, 1:] + around[1:, :-1] + around[:-1, :-1]
+        return upright, level, np.select([count == 1, count == 3], [1.0, -1.0])
 
     def behind(self, terms: Sequence[tuple[int, float]]) -> LensField:
         """The field behind a lens of pairs of Noll's number and waves."""
@@ -168,14 +168,16 @@ class DieField:
     def of_edges(self, terms: _Terms) -> Complexes:
         """Of lines along the edges between clear and closed, [2 n - 1, 2 n - 1]."""
         along_x, along_y, lines_x, lines_y = self._waves
-        upright = self._upright * self._phasor(self._edges_x, self._y, terms)
-        level = self._level * self._phasor(self._x, self._edges_y, terms)
-        return _transform(upright, lines_x, along_y) + _transform(level, along_x, lines_y)
+        upright, level, _ = self._outline
+        found = _transform(upright * self._phasor(self._edges_x, self._y, terms), lines_x, along_y)
+        found += _transform(level * self._phasor(self._x, self._edges_y, terms), along_x, lines_y)
+        return found
 
     def of_corners(self, terms: _Terms) -> Complexes:
         """Of points at the corners, [2 n - 1, 2 n - 1]."""
         _, _, lines_x, lines_y = self._waves
-        return _transform(self._corners * self._phasor(self._edges_x, self._edges_y, terms), lines_x, lines_y)
+        _, _, corners = self._outline
+        return _transform(corners * self._phasor(self._edges_x, self._edges_y, terms), lines_x, lines_y)
 
 
 @dataclass(frozen=True, eq=False)

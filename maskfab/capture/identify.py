@@ -158,7 +158,7 @@ def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, f
         # The root evens out the noise, so that the peak does not drown what tells dies apart.
         seen = np.sqrt(np.clip(np.where(each.valid, each.light, 0.0), 0, None))
         known = np.sqrt(np.clip(picture, 0, None))
-        correlation = scipy.signal.fftconvolve(seen - seen.mean(), (known - known.mean())[::-1, ::-1])
+        correlation = _correlated(seen - seen.mean(), known - known.mean())
         y, x = np.unravel_index(int(correlation.argmax()), correlation.shape)
         step_x = float(each.pixels.x_um[1] - each.pixels.x_um[0])
         step_y = float(each.pixels.y_um[1] - each.pixels.y_um[0])
@@ -167,6 +167,14 @@ def _shift(taken: Sequence[Taken], pictures: Sequence[Floats]) -> tuple[float, f
         totals.append((float(correlation.max()), across, up))
     weights = np.array([weight for weight, _, _ in totals])
     return tuple(float(weights @ np.array([each[k] for each in totals]) / weights.sum()) for k in (1, 2))  # type: ignore[return-value]
+
+
+def _correlated(seen: Floats, known: Floats) -> Floats:
+    """Full cross-correlation, no move at [rows - 1, columns - 1]."""
+    rows, columns = (2 * length - 1 for length in seen.shape)
+    size = tuple(scipy.fft.next_fast_len(length, real=True) for length in (rows, columns))
+    product = scipy.fft.rfft2(seen, size) * scipy.fft.rfft2(known[::-1, ::-1], size)
+    return np.asarray(scipy.fft.irfft2(product, size)[:rows, :columns])
 
 
 def _summit(values: Floats) -> float:
