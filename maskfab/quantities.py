@@ -231,6 +231,14 @@ _ENTRIES = (
         "Coefficient of a Zernike term in Noll's order that the captured picture asks for, at the camera's first line.",
     ),
     Entry(
+        "captured_outside",
+        "1 - E({detail})",
+        "1",
+        "Light beyond the window",
+        "Share of the light of a colour that lands outside the captured window, of the fitted die: haze that is in no "
+        "number of the capture.",
+    ),
+    Entry(
         "captured_misfit",
         "χ²/n",
         "1",

@@ -97,7 +97,7 @@ def measured(
         )
     mirrored = (found.best.way_round >= 4) != seen_mirrored
     bands = mtf_bands(expecting, fit, seed)
-    numbers = _quantities(found.best, fit)
+    numbers = _quantities(best, fit, _outside(merged, fit))
     verdict = _verdict(found, fit, bands, mirrored, promised_bias_um)
     return Measured(merged, expecting, found, fit, bands, numbers, verdict, mirrored)
 
@@ -164,7 +164,17 @@ def stands(each: Hypothesis) -> str:
     return _TURNS[each.way_round]
 
 
-def _quantities(best: Hypothesis, fit: Fit) -> tuple[Quantity, ...]:
+def _outside(merged: Merged, fit: Fit) -> dict[str, float]:
+    """Share of every colour's light beyond the window, as if all of its pixels were of that colour."""
+    found: dict[str, float] = {}
+    for colour, light in fit.light.items():
+        mine = [k for k, plane in enumerate(merged.planes) if plane.colour == colour]
+        seen = sum(float((fit.predicted[k] - fit.beneath[colour]).sum()) / light for k in mine)
+        found[colour] = 1 - seen * merged.planes[mine[0]].step ** 2 / len(mine)
+    return found
+
+
+def _quantities(best: Hypothesis, fit: Fit, outside: Mapping[str, float]) -> tuple[Quantity, ...]:
     half = {name: _NORMAL_95 * error for name, error in fit.errors.items()}
     method = "weighted least squares on the pixels, 95 % by Fisher's information"
     method += " x root of chi² per pixel" if fit.inflation > 1 else ""
