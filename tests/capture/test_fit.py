@@ -154,7 +154,7 @@ def test_a_turn_by_180_degrees_changes_a_picture_as_the_sign_of_defocus_does():
 def test_light_that_is_no_die_of_the_job_is_refused():
     across = np.arange(33) - 16
     spot = np.exp(-(across**2 + across[:, None] ** 2) / 30.0)
-    merging, _ = seen(spot / spot.sum(), (1.0,))
+    merging, _ = seen(spot / spot.sum(), STACK[:2])
     with pytest.raises(SourceError, match="MF339") as caught:
         measured(merging, {"ONE": DIE}, camera(diameter_um=400.0), LIGHT)
     assert caught.value.cure
