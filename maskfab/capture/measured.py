@@ -186,6 +186,8 @@ def _quantities(best: Hypothesis, fit: Fit, outside: Mapping[str, float]) -> tup
     for term, waves in setting.terms:
         told = f"{term}, {_NAMES.get(term, 'Zernike')}"
         found.append(Quantity("captured_term", waves, method, half[f"z{term}"], die=die, detail=told))
+    told = "1 less the sum of the fitted die's picture over the pixels of a colour"
+    found += [Quantity("captured_outside", each, told, die=die, detail=colour) for colour, each in outside.items()]
     found.append(
         Quantity(
             "captured_misfit", fit.chi2 / fit.freedom, "squared residuals over variance, mean over pixels", die=die
