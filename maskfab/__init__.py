@@ -39,6 +39,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.planning import plan as plan
     from maskfab.api.verbs.plates import run as run
     from maskfab.api.verbs.plates import verify as verify
+    from maskfab.api.verbs.restoring import restore as restore
     from maskfab.api.verbs.shapes import shape as shape
     from maskfab.api.verbs.shapes import shapes as shapes
     from maskfab.api.verbs.shops import package as package
@@ -78,6 +79,7 @@ _WHERE = {
     "read_map": "maskfab.plate.maps",
     "read_opening": "maskfab.api.opening",
     "render": "maskfab.api.verbs.displays",
+    "restore": "maskfab.api.verbs.restoring",
     "run": "maskfab.api.verbs.plates",
     "shape": "maskfab.api.verbs.shapes",
     "shapes": "maskfab.api.verbs.shapes",
@@ -115,6 +117,7 @@ __all__ = [
     "read_map",
     "read_opening",
     "render",
+    "restore",
     "run",
     "shape",
     "shapes",

@@ -43,8 +43,20 @@ def sampled(light: Singles) -> Singles:
     return seen
 
 
-def interpolated(seen: Singles) -> Singles:
-    """All three colours of every pixel, [3, rows, columns]; what was recorded stays as it is."""
+def interpolated(seen: Singles, red: tuple[int, int] = (0, 0)) -> Singles:
+    """All three colours of every pixel, [3, rows, columns]; what was recorded stays as it is.
+
+    Args:
+        seen: [rows, columns] what every pixel recorded; even sides where red is not in the top left pixel.
+        red: row and column, 0 or 1, of the uppermost left red pixel; blue is diagonal to it.
+    """
+    # Turned over, an even side's last pixel has the colour that its second one had.
+    turned = tuple(axis for axis in (0, 1) if red[axis])
+    found = _of_red_first(np.flip(seen, turned))
+    return np.flip(found, tuple(axis + 1 for axis in turned))
+
+
+def _of_red_first(seen: Singles) -> Singles:
     # Mirroring without doubling the edge keeps every colour on its own places.
     green, along, across = (
         ndimage.correlate(seen, each.astype(np.float32), mode="mirror") for each in (_GREEN, _ALONG, _ACROSS)

@@ -26,6 +26,7 @@ from maskfab.cli.verbs.package import package
 from maskfab.cli.verbs.pareto import pareto
 from maskfab.cli.verbs.plan import plan
 from maskfab.cli.verbs.render import render
+from maskfab.cli.verbs.restore import restore
 from maskfab.cli.verbs.run import run
 from maskfab.cli.verbs.shape import shape
 from maskfab.cli.verbs.shops import shops
@@ -87,6 +88,12 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         simulate,
         "Examples: maskfab simulate layouts/upc12.toml --die TOLED_P150 --die PINV_R150 | "
         "maskfab simulate job.toml --images photographs --reference TOLED_P150 --json",
+    ),
+    (
+        restore,
+        "Examples: maskfab restore photo.dng --job job.toml --die TOLED_R150 --out restored | "
+        "maskfab restore *.dng --psf light.exr --gain 1.7 --read-noise 4.9 --bin --out restored | "
+        "maskfab restore photo.jpg --psf red.exr --psf green.exr --psf blue.exr --restore wiener --out restored",
     ),
     (
         learn,

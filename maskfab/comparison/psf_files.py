@@ -2,21 +2,19 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-import OpenImageIO as oiio  # noqa: N813
 from numpy.typing import NDArray
 
-from maskfab.errors import SourceError
 from maskfab.export.images.exr import PREFIX, Facts
 from maskfab.export.images.psf_exr import PsfFile
 from maskfab.model import Quantity
-from maskfab.readers.image_errors import said_by
+from maskfab.readers.exr_facts import damaged, read_channels
 
+_CURE = "Run the job again to rewrite it"
 _OF_ITSELF, _OF_PEAK = 1e-6, 1e-9
 """Float32 rounds to 6e-8 of a value; another machine's sums differ by some 1e-12 of the peak."""
 
@@ -58,26 +56,10 @@ def read_psf_file(path: Path) -> tuple[NDArray[np.float64], dict[str, Any]]:
     Raises:
         SourceError: MF301 if there is no such file, MF303 if it cannot be read or has not one float32 channel.
     """
-    if not os.path.isfile(path):
-        raise SourceError(
-            "MF301", f"there is no file {path.name}", where=str(path), cure="Run the job again to rewrite it"
-        )
-    image = oiio.ImageInput.open(str(path))
-    if image is None:
-        raise _damaged(path, said_by(oiio))
-    spec = image.spec()
-    pixels = image.read_image("float") if (spec.nchannels, str(spec.format)) == (1, "float") else None
-    problem = said_by(image) or said_by(oiio)
-    image.close()
-    if pixels is None or problem:
-        raise _damaged(path, problem or f"{spec.nchannels} channels of {spec.format} are not one of float")
-    try:
-        entries = {entry.name: entry.value for entry in spec.extra_attribs}
-    except UnicodeDecodeError as error:
-        raise _damaged(path, "an entry of its header is no text") from error
-    facts = {name.removeprefix(PREFIX): value for name, value in entries.items() if name.startswith(PREFIX)}
-    samples = np.asarray(pixels, dtype=np.float64).reshape(spec.height, spec.width)
-    return samples[::-1], facts
+    found = read_channels(path, PREFIX, _CURE)
+    if len(found.names) != 1 or found.stored != "float":
+        raise damaged(path, f"{len(found.names)} channels of {found.stored} are not one of float", _CURE)
+    return found.values[0, ::-1], found.facts
 
 
 def _differing(expected: Facts, found: dict[str, Any]) -> Iterator[str]:
@@ -89,13 +71,3 @@ def _differing(expected: Facts, found: dict[str, Any]) -> Iterator[str]:
             same = one == other
         if not same:
             yield f"{name} is {other!r}, not {one!r}"
-
-
-def _damaged(path: Path, why: str) -> SourceError:
-    said = why.strip().splitlines()
-    return SourceError(
-        "MF303",
-        f"{path.name} cannot be read: {said[0] if said else 'damaged'}",
-        where=str(path),
-        cure="Run the job again to rewrite it",
-    )

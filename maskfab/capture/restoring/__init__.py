@@ -1,0 +1,1 @@
+"""Photographs that were really taken: brought to linear light, restored, and developed."""
