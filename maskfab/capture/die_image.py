@@ -100,7 +100,7 @@ class DieImage:
     _field: DieField
     _step: float
     _few: Mapping[str, Spectrum]
-    _lens: dict[tuple[tuple[int, float], ...], list[LensField]] = field(default_factory=dict, repr=False)
+    _lens: dict[tuple[int, tuple[tuple[int, float], ...]], list[LensField]] = field(default_factory=dict, repr=False)
     _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
 
     @classmethod
@@ -173,14 +173,16 @@ class DieImage:
         return self.camera.wavelengths_nm[0] / wavelength_nm
 
     def _behind(self, setting: Setting) -> list[LensField]:
-        # A picture of another bias is seen through the same lens.
-        if setting.terms not in self._lens:
+        # A picture of another bias, or of a term that is still 0, is seen through the same lens.
+        nodes = self._nodes(setting)
+        key = nodes.size, tuple(each for each in setting.terms if each[1])
+        if key not in self._lens:
             self._lens.clear()
-            self._lens[setting.terms] = [
-                self._field.behind([(term, value * self._waves(float(line))) for term, value in setting.terms])
-                for line in self._nodes(setting)
+            self._lens[key] = [
+                self._field.behind([(term, value * self._waves(float(line))) for term, value in key[1]])
+                for line in nodes
             ]
-        return self._lens[setting.terms]
+        return self._lens[key]
 
     def _intensities(self, setting: Setting) -> list[Floats]:
         # A picture that is only moved or stretched is of the same light.

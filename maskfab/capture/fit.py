@@ -31,10 +31,12 @@ _NEAR = 0.5
 """Standard errors from where slopes were made within which a fit may end: beyond, they lead a little beside it."""
 _FIRST_DAMPING, _HARDER, _EASIER, _LEAST_DAMPING, _HOPELESS = 1e-3, 10.0, 0.1, 1e-6, 1e6
 FIRST_TERMS = (DEFOCUS,)
-_MORE_TERMS = (5, 6, 7, 8, 9, 10, 11)
-"""Astigmatism, coma, trefoil and spherical aberration, tried where defocus alone falls short of the noise."""
-_SHORT_OF_NOISE = 4.0
-"""Standard deviations of chi² beyond which more terms are tried."""
+_MORE_TERMS = tuple(range(5, 22))
+"""Noll's numbers of what may be wrong with a lens beside defocus, to the fifth order along the radius."""
+_PRICE = 2 * math.log(len(_MORE_TERMS))
+"""Gain in chi² that a term must bring: the risk inflation criterion (D. P. Foster and E. I. George, Ann. Stat. 22,
+1947, 1994), which allows for the best of so many candidates looking good by chance."""
+_ROUNDS = 2
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,12 +75,6 @@ class Fit:
         """Standard error of every value, inflated."""
         found = self.inflation * np.sqrt(np.diag(self.covariance))
         return dict(zip(self.setting.names, found.tolist(), strict=True))
-
-    @property
-    def criterion(self) -> float:
-        """Schwarz's information criterion, lower is better, for noise as large as the residuals say."""
-        pixels = self.freedom + self.setting.values.size + 2 * len(self.light)
-        return self.chi2 / self.inflation**2 + self.setting.values.size * math.log(pixels)
 
 
 def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Progress = silent) -> Fit:
@@ -121,18 +117,56 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
 
 
 def with_terms(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress = silent) -> Fit:
-    """The fit with more of the lens's errors, where those bring the residuals closer to the noise than their number
-    allows for by chance."""
-    if found.chi2 - found.freedom < _SHORT_OF_NOISE * math.sqrt(2 * found.freedom):
+    """The fit with more of the lens's errors, each of which brings the residuals nearer to the noise than chance would.
+
+    Which they are is told from slopes at the fit that is given, and once more where those led.
+    """
+    for _ in range(_ROUNDS):
+        wanted = _demanded(image, taken, found)
+        if not wanted:
+            break
+        terms = (*found.setting.terms, *((term, 0.0) for term in wanted))
+        found = fitted(image, taken, replace(found.setting, terms=terms), progress)
+    return _without_needless(image, taken, found, progress)
+
+
+def _without_needless(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress) -> Fit:
+    """The fit without terms that, once all are found, do not bring their price: far away slopes ask for many."""
+    price = _PRICE * max(1.0, found.chi2 / found.freedom)
+    worth = {f"z{term}" for term in FIRST_TERMS}
+    worth |= {
+        name
+        for name, value, variance in zip(
+            found.setting.names, found.setting.values, np.diag(found.covariance), strict=True
+        )
+        if value**2 > price * variance
+    }
+    kept = tuple(each for each in found.setting.terms if f"z{each[0]}" in worth)
+    dropped = len(found.setting.terms) - len(kept)
+    if not dropped:
         return found
+    fewer = fitted(image, taken, replace(found.setting, terms=kept), progress)
+    return fewer if fewer.chi2 - found.chi2 < price * dropped else found
+
+
+def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
+    """Terms that a fit lacks, the one that brings most first."""
     known = {term for term, _ in found.setting.terms}
-    terms = (*found.setting.terms, *((term, 0.0) for term in _MORE_TERMS if term not in known))
-    more = fitted(image, taken, replace(found.setting, terms=terms), progress)
-    # Both by the noise that the larger model leaves: its own residuals say what noise there is.
-    noise = max(1.0, more.chi2 / more.freedom)
-    gain = (found.chi2 - more.chi2) / noise
-    price = (len(terms) - len(known)) * math.log(found.freedom)
-    return more if gain > price else found
+    asked = [term for term in _MORE_TERMS if term not in known]
+    at = replace(found.setting, terms=(*found.setting.terms, *((term, 0.0) for term in asked)))
+    now = _solved(taken, image.pictures(at), image.slopes(at), at)
+    old = found.setting.values.size
+    held, left = list(range(old)), list(range(old, old + len(asked)))
+    noise = max(1.0, (found.chi2 - now.gain([*held, *left])) / found.freedom)
+    chosen: list[int] = []
+    while left:
+        gains = [now.gain([*held, each]) for each in left]
+        best = int(np.argmax(gains))
+        if gains[best] - now.gain(held) < _PRICE * noise:
+            break
+        held.append(left.pop(best))
+        chosen.append(asked[held[-1] - old])
+    return chosen
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +179,12 @@ class _Normal:
     @cached_property
     def covariance(self) -> Floats:
         return np.asarray(np.linalg.pinv(self.information, hermitian=True), dtype=np.float64)
+
+    def gain(self, values: Sequence[int]) -> float:
+        """By how much chi² falls if only these values are moved."""
+        part = np.ix_(values, values)
+        gradient = self.gradient[np.asarray(values)]
+        return float(gradient @ np.linalg.pinv(self.information[part], hermitian=True) @ gradient)
 
     def away(self, change: Floats) -> float:
         """The largest change of a value, in its standard errors."""

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from maskfab.capture.designed_edge import Light
-from maskfab.capture.die_image import DieImage
+from maskfab.capture.die_image import DieImage, Setting
 from maskfab.capture.fit import Fit, fitted, judged, with_terms
 from maskfab.capture.identify import Hypothesis, Identified, identified
 from maskfab.capture.merge import Merged
@@ -25,6 +25,8 @@ _SPECKLES_PER_PANEL = 3.0
 _UNLIKE = 3.0
 """Root of chi² per pixel from which a fit is held to be none: the light, the camera or the die is another."""
 _NAMES = {number: name.replace("_", " ") for name, number in NOLL.items()}
+_STRETCHED = 0.1
+"""Change of scale from which camera or light are others than the job's."""
 _TURNS = {0: "as drawn", 1: "turned by 90 degrees", 4: "mirrored", 5: "mirrored and turned by 90 degrees"}
 
 
@@ -82,6 +84,7 @@ def measured(
     taken = taken_of(merged, camera.pixel_um, brightest(merged.planes))
     found = identified(panels, camera, light, taken, progress)
     best = found.best
+    _check_like(found.fit.setting, best.die, panels[best.die])
     image = DieImage.of(panels[best.die], best.way_round, camera, light, [each.pixels for each in taken])
     setting = found.fit.setting
     expected = judged(taken, image.pictures(setting), setting).predicted
@@ -100,6 +103,18 @@ def measured(
     numbers = _quantities(best, fit, _outside(merged, fit))
     verdict = _verdict(found, fit, bands, mirrored, promised_bias_um)
     return Measured(merged, expecting, found, fit, bands, numbers, verdict, mirrored)
+
+
+def _check_like(setting: Setting, die: str, panel: Panel) -> None:
+    """Refuse a fit that had to bend the die beyond what a writer or a camera does."""
+    dot_um = panel.dot_nm * UM_PER_NM
+    if abs(setting.bias_um) >= dot_um or abs(setting.scale) >= _STRETCHED:
+        raise SourceError(
+            "MF339",
+            f"the light is like none of the dies: the nearest, {die}, would have features {setting.bias_um:+.1f} um "
+            f"wider than drawn, its dots being {dot_um:g} um, and a picture {setting.scale:+.0%} larger",
+            cure="Check the camera and the light of the job, and that this is a point light behind its plate",
+        )
 
 
 def light_of(

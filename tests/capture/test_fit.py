@@ -127,7 +127,8 @@ def test_more_of_the_lens_is_told_where_defocus_leaves_residuals():
     assert short.chi2 / short.freedom > 1.5
     assert full.chi2 / full.freedom < 1.1
     values = dict(zip(full.setting.names, full.setting.values, strict=True))
-    for name, value in {"z7": 0.04, "z11": -0.03, "z5": 0.0, "bias_um": 0.0}.items():
+    assert len(values) <= 5 + 4, "terms that the lens does not have"
+    for name, value in {"z4": 0.05, "z7": 0.04, "z11": -0.03, "bias_um": 0.0}.items():
         assert abs(values[name] - value) < 4 * full.errors[name], name
 
 
@@ -154,8 +155,8 @@ def test_a_turn_by_180_degrees_changes_a_picture_as_the_sign_of_defocus_does():
 def test_light_that_is_no_die_of_the_job_is_refused():
     across = np.arange(33) - 16
     spot = np.exp(-(across**2 + across[:, None] ** 2) / 30.0)
-    merging, _ = seen(spot / spot.sum(), STACK[:2])
-    with pytest.raises(SourceError, match="MF339") as caught:
+    merging, _ = seen(spot / spot.sum(), (1.0,))
+    with pytest.raises(SourceError, match="MF339") as caught:  # by what is left over, or by how the die had to be bent
         measured(merging, {"ONE": DIE}, camera(diameter_um=400.0), LIGHT)
     assert caught.value.cure
 
