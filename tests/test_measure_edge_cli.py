@@ -56,7 +56,7 @@ def test_each_colour_of_a_mosaic_is_measured_by_its_own_pixels(capsys, mosaic, t
     assert {each.name for each in out.iterdir()} == {"measure.html", "measure.json", "manifest.json"}
     again = command(capsys, "measure", "--edge", mosaic, *LEVELS, "-o", out, "--force")
     assert again.code == 0, again
-    assert "cycles per pixel." in again.stdout
+    assert "cy/pixel." in again.stdout
     assert "cy/mm" not in again.stdout
     assert "The pixel is not known" in again.stdout
 
@@ -73,7 +73,7 @@ def test_a_picture_is_held_against_the_die_that_is_named(mosaic, tmp_path):
     np.testing.assert_allclose(edge.designed[0].mtf, own.mtf)
     # The picture was blurred by a Gaussian, and not by a die of small openings.
     assert found.edges[1]["edge_mtf_parting"].value > 0
-    assert "The design of PLAIN in 530 nm parts from it at" in found.verdict[3]
+    assert "It parts from the design of PLAIN in 530 nm at" in found.verdict[3]
     region = edge.edge.region
     assert 20 <= region.top < region.bottom <= 240
     assert found.plot().svg().count("designed, 530 nm") == 1
@@ -105,8 +105,8 @@ def test_a_curve_from_elsewhere_is_that_of_its_die_along_its_own_direction(capsy
     answer = command(
         capsys, "measure", "--mtf", curve, "--job", job, "--die", "TURNED", "--angle", 90, "-o", tmp_path / "o"
     )
-    assert "agrees with it up to half a cycle per pixel" in answer.stdout
-    assert "Curve.csv, waves at 90°" in (tmp_path / "o" / "measure.html").read_text()
+    assert "It agrees with the design of TURNED in 530 nm up to half a cycle per pixel" in answer.stdout
+    assert "Waves at 90° of curve.csv" in (tmp_path / "o" / "measure.html").read_text()
 
 
 REFUSED = {

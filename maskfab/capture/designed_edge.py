@@ -103,9 +103,13 @@ def designed_mtf(
         abs(mtf),
         abs(mtf if half_px is None else _seen(table, camera, spectrum, direction, frequency, half_px, ends)),
         error,
-        f"autocorrelation of the designed pupil in focus at {spectrum.wavelengths_nm.size} wavelengths, times the "
-        "pixel's transfer",
+        f"autocorrelation of the designed pupil in focus at {_count(spectrum.wavelengths_nm.size)}, times the pixel's "
+        "transfer",
     )
+
+
+def _count(lines: int) -> str:
+    return "1 wavelength" if lines == 1 else f"{lines} wavelengths"
 
 
 def normal_in_die(normal_deg: float, orientation: int) -> float:

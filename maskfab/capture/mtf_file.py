@@ -56,7 +56,7 @@ class MtfCurve:
     @property
     def title(self) -> str:
         """Which curve it is, in words."""
-        return f"{self.name}, waves at {self.normal_deg:g}°".replace("-", "−")
+        return f"waves at {self.normal_deg:g}° of".replace("-", "−") + f" {self.name}"
 
 
 def read_mtf(path: Path, pixel_um: float, normal_deg: float = 0.0) -> MtfCurve:

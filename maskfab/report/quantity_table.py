@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
-    "quantity": lambda q: q.name,
+    "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail else q.name,
     "die": lambda q: q.die or "",
     "line": lambda q: "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm",
     "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q.value)}",

@@ -195,7 +195,8 @@ def light_words(job: Job, line_nm: float | None) -> str:
         return f"one line of {line_nm:g} nm"
     if job.scene is not None and job.scene.bands:
         return f"bands of [scene] {', '.join(band.name for band in job.scene.bands)}"
-    return f"lines of {', '.join(f'{each:g} nm' for each in job.camera.wavelengths_nm)}, one for each colour"
+    lines = [f"{each:g} nm" for each in job.camera.wavelengths_nm]
+    return f"one line of {lines[0]}" if len(lines) == 1 else f"lines of {', '.join(lines)}, one for each colour"
 
 
 def idle_keys(job: Job) -> tuple[str, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from markupsafe import Markup
 
 from maskfab.capture.measured_edges import MeasuredEdges
+from maskfab.capture.mtf_file import MtfCurve
 from maskfab.quantities import registered
 from maskfab.report.documents.schema_terms import Document
 from maskfab.report.page.html import style
@@ -24,6 +25,7 @@ def edge_page(found: MeasuredEdges, document: Document) -> str:
         document=document,
         drawing=Markup(edges_drawing(found).img()),
         alone=len(found.edges) == 1,
+        elsewhere=any(isinstance(each.edge, MtfCurve) for each in found.edges),
         banded=all(each.edge.low is not None for each in found.edges),
         edges=[(each, [(row, registered(row.name)) for row in each.quantities]) for each in found.edges],
     )
