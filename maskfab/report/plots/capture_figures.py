@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from maskfab.capture.frames import PIXELS_OF
 from maskfab.capture.measured import Measured
 from maskfab.capture.mtf_band import MtfBand
+from maskfab.report.plots.number_text import short
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, place, styled
 
 Floats = NDArray[np.float64]
 
-_SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.55, 0.3, 0.25, 0.45, 0.7
+_SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.45, 0.7
 _DECADES = 5
 _MOST_SIGMA = 4.0
 _COLOURS = {"R": "#D55E00", "G": "#009E73", "B": "#0072B2", "-": INK}
@@ -62,8 +63,8 @@ def captured_drawing(found: Measured) -> Drawing:
 @styled
 def capture_mtf_drawing(found: Measured) -> Drawing:
     """MTF of what was captured over the band that noise allows the fitted die, for each grid of pixels."""
-    figure = Figure(figsize=(7.2, 3.4), dpi=120)
-    axes = place(figure, (0.6, 0.5, 4.6, 2.6))
+    figure = Figure(figsize=(9.0, 3.6), dpi=120)
+    axes = place(figure, (0.75, 0.5, 5.6, 2.9))
     seen: set[str] = set()
     for band in found.bands:
         if band.colour in seen:
@@ -73,6 +74,8 @@ def capture_mtf_drawing(found: Measured) -> Drawing:
     axes.set_xlabel("frequency on the sensor (cycles per mm)")
     axes.set_ylabel("modulation, window and noise included")
     axes.set_yscale("log")
+    # Powers in the formulas' notation would show as their source, for no text is a formula here.
+    axes.yaxis.set_major_formatter(lambda value, _: short(value))
     axes.grid(color=QUIET, alpha=0.25, linewidth=0.5)
     axes.legend(loc="upper left", bbox_to_anchor=(1.02, 1.0), fontsize=7)
     for side in ("top", "right"):
