@@ -123,7 +123,7 @@ def light_of(
     """Light that each colour of pixels sees, as lines.
 
     Args:
-        colours: as :func:`seen_light`, which takes the others too but for
+        colours, camera, bands, line_nm: as :func:`seen_light`.
         half_um: half the side of the window, for which as many lines stand for a band as its speckles ask for.
 
     Raises:
