@@ -8,6 +8,7 @@ from dng_files import write_dng
 from small_job import command
 
 import maskfab as mf
+from maskfab.camera.die_transfer import die_transfer
 from maskfab.camera.mosaic import interpolated, sampled
 from maskfab.camera.record import Noise, Record
 from maskfab.camera.restorers.wiener import Wiener
@@ -20,6 +21,8 @@ from maskfab.capture.restoring.photo import Photo, Stated, read_photo
 from maskfab.errors import MaskfabError
 from maskfab.export.images.exr import write_channels
 from maskfab.export.images.light_image import write_png
+from maskfab.export.images.psf_exr import camera_header, psf_facts, write_psf
+from maskfab.model import Psf
 
 PATTERNS = {"rggb": (0, 0), "grbg": (0, 1), "gbrg": (1, 0), "bggr": (1, 1)}
 
@@ -174,6 +177,7 @@ def test_an_srgb_picture_is_taken_for_one_and_files_are_written(capsys, tmp_path
         ("MF353", {"count": 2}),
         ("MF334", {"light": 1.0}),
         ("MF104", {"stops": 99.0}),
+        ("MF104", {"epsilon": -1.0}),
         ("MF121", {"side": 64}),
     ],
 )
@@ -190,3 +194,26 @@ def test_what_cannot_be_restored_is_refused_by_code(tmp_path, code, stated):
     chosen = {"psf": psf} if stated else {}
     with pytest.raises(MaskfabError, match=code):
         mf.restore(tmp_path / "photo.exr", white=1.0, **chosen, **given)
+
+
+def test_written_psfs_of_a_die_are_its_blur(tmp_path):
+    bar = mf.Opening.bar(dots=21, size=(15, 7), pitch="168 um")
+    panel = mf.Panel.tile(bar, "random", seed=1, size="1.4 mm")
+    lens = {"stop": "1 mm", "pixel": "2 um", "wavelengths": ["610 nm", "530 nm", "470 nm"], "window": "400 um"}
+    camera = mf.Camera("10 mm", **lens)
+    files, inside = [], []
+    for line in camera.model.wavelengths_nm:
+        found = camera.psf(panel, line)
+        psf = Psf(found.values, found.step_um, line, "point")
+        files.append(tmp_path / f"{line:g}.exr")
+        inside.append(psf.energy_in_window)
+        write_psf(psf, files[-1], {**psf_facts(psf), **camera_header(camera.model)}, "test")
+    blur = read_psf(files[::-1])
+    die = die_transfer("BAR", panel, camera.model)
+    assert blur.pixel_um == 2
+    # The light outside the window can change H by no more than its sum, and does by far less at most frequencies;
+    # dots that the stop's rim cuts, which the die's transfer takes as their mean, change it by less than a hundredth.
+    held = np.array(inside)[:, None, None]
+    missed = abs(blur.on((256, 256)) * held - die.on((256, 256)))
+    assert (missed < 1.01 - held).all()
+    assert missed.mean() < 0.004

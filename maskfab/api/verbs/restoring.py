@@ -145,6 +145,7 @@ def restore(
     camera: Camera | None = None,
     psf: str | Path | Sequence[str | Path] | None = None,
     restore: str | Sequence[str] = AUTO,
+    epsilon: float | None = None,
     bin: bool = False,
     pixel: Length | None = None,
     black: float | None = None,
@@ -164,6 +165,7 @@ def restore(
         camera: of a plate; by default its own.
         psf: in place of job and die: an EXR of a point light's capture, or one or three that ``maskfab run`` wrote.
         restore: one or several restorers, or ``"auto"`` for the one of all that each record speaks for.
+        epsilon: strength of the restorer's prior; what each record speaks for if None.
         bin: restore means over 2 x 2 pixels.
         pixel: side of the photographs' pixels, to be held against that of the PSF's file.
         black: counts of no light; what the file states if None.
@@ -183,6 +185,10 @@ def restore(
             :func:`maskfab.capture.restoring.photo.read_photo`.
     """
     require_stops(stops)
+    if epsilon is not None and not 0 < epsilon < np.inf:
+        raise JobError(
+            "MF104", f"a strength of {epsilon:g} is not above 0", where="epsilon", cure="Give a number such as 0.03"
+        )
     paths = [Path(photos)] if isinstance(photos, str | Path) else [Path(each) for each in photos]
     _require_names(paths)
     names = (restore,) if isinstance(restore, str) else tuple(restore)
@@ -202,13 +208,22 @@ def restore(
         progress("photographs", done, len(paths))
         photo = read_photo(path, stated, cells=cells)
         _require_fit(blur, photo)
-        found.append(_restored(photo, blur, restorers, chosen=AUTO in names, bin=bin and not cells, stops=stops))
+        found.append(
+            _restored(photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not cells, stops=stops)
+        )
     progress("photographs", len(paths), len(paths))
     return Restoration(tuple(found), about)
 
 
 def _restored(
-    photo: Photo, blur: Blur, restorers: Sequence[Restorer], *, chosen: bool, bin: bool, stops: float
+    photo: Photo,
+    blur: Blur,
+    restorers: Sequence[Restorer],
+    *,
+    chosen: bool,
+    epsilon: float | None,
+    bin: bool,
+    stops: float,
 ) -> RestoredPhoto:
     record, seen, told = photo.record, blur, photo.told
     clipped = float(record.clipped.mean())
@@ -224,7 +239,7 @@ def _restored(
                 cure="Restore it by wiener, or add --bin for a quarter of the pixels",
             )
         restorers, told = (Wiener(),), (*told, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
-    won = restored(record, seen, restorers)
+    won = restored(record, seen, restorers, epsilon)
     noise = record.noise
     read = float(record.noise.variance(np.zeros(1, dtype=np.float32))[0]) ** 0.5 * noise.electrons
     picture = developed(photo, won.picture, stops)

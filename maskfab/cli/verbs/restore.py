@@ -33,6 +33,9 @@ def restore(
             help="wiener, dct+wiener, gradient, dct+gradient, tv (repeatable: the best of them); default: auto, all."
         ),
     ] = None,
+    epsilon: Annotated[
+        float | None, typer.Option(help="Strength of the restorer's prior; default: what each record speaks for.")
+    ] = None,
     bin: Annotated[bool, typer.Option("--bin", help="Restore means over 2 x 2 pixels.")] = False,
     pixel: Annotated[
         str | None, typer.Option(help="Side of their pixels, held against the PSF's or the job's.")
@@ -58,6 +61,7 @@ def restore(
             die=die,
             psf=psf or None,
             restore=restore or "auto",
+            epsilon=epsilon,
             bin=bin,
             pixel=pixel,
             black=black,
