@@ -19,6 +19,8 @@ _SPOT = 9
 _SEEN = 8.0
 _MAD = 1.4826
 _SECOND = 0.05
+_PAIRED = 5
+"""Pixels within which an order lies where its pair says: their place is that of the light to a pixel or two."""
 
 
 def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
@@ -30,7 +32,7 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
 
     Raises:
         SourceError: as :func:`check_stack`; MF334 without a spot above noise, MF338 if another spot outside the crop
-            has a twentieth of its light or more.
+            has a twentieth of its light or more, and none lies as far on the other side.
     """
     check_stack(frames)
     ordered = sorted(frames, key=lambda frame: frame.exposure_s or 0.0)
@@ -44,11 +46,11 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
             where=frames[0].name,
             cure="Expose longer, or point the camera at the light",
         )
-    outside = seen.copy()
+    outside = _unpaired(shortest, row, column)
     outside[max(0, row - side // 2) : row + side // 2, max(0, column - side // 2) : column + side // 2] = -np.inf
     other = np.unravel_index(int(outside.argmax()), seen.shape)
-    share = float(shortest[other] / shortest[row, column])
-    if outside[other] > _level(seen) and shortest[other] > _level(shortest) and share > _SECOND:
+    share = float(outside[other] / shortest[row, column])
+    if seen[other] > _level(seen) and shortest[other] > _level(shortest) and share > _SECOND:
         raise SourceError(
             "MF338",
             f"a second light at row {other[0]}, column {other[1]} has {share:.2g} of the light at row {row}, column "
@@ -57,6 +59,18 @@ def light_place(frames: Sequence[Frame], side: int) -> tuple[int, int]:
             cure="Cover the other light, or crop so many pixels that all of it is held",
         )
     return row, column
+
+
+def _unpaired(spots: Singles, row: int, column: int) -> Singles:
+    """Spots less what lies as far on the other side of a place: orders of diffraction come in pairs, lamps do not.
+
+    Where the other side is beyond the frame nothing can be said, and nothing is left.
+    """
+    rows, columns = spots.shape
+    there = np.ix_(2 * row - np.arange(rows), 2 * column - np.arange(columns))
+    held = [(index >= 0) & (index < length) for index, length in zip(there, spots.shape, strict=True)]
+    paired = ndimage.maximum_filter(spots, _PAIRED)[there[0].clip(0, rows - 1), there[1].clip(0, columns - 1)]
+    return np.asarray(np.where(held[0] & held[1], spots - paired, -np.inf), dtype=np.float32)
 
 
 def _spots(frame: Frame) -> Singles:

@@ -33,11 +33,17 @@ def test_the_spot_is_found_although_pixels_are_hot(row, column, count):
 
 
 def test_no_light_and_a_second_light_are_refused():
-    light = room(80, 100)
-    faint = light + 0.02 * np.roll(light, 180, axis=1)
-    assert light_place(frames(faint), 96) == pytest.approx((78, 100), abs=6)
-    for code, given in (("MF338", light + 0.2 * np.roll(light, 180, axis=1)), ("MF334", np.full((300, 400), 60.0))):
+    light = room(80, 200)
+    faint = light + 0.02 * np.roll(light, 120, axis=1)
+    assert light_place(frames(faint), 96) == pytest.approx((78, 200), abs=6)
+    for code, given in (("MF338", light + 0.2 * np.roll(light, 120, axis=1)), ("MF334", np.full((300, 400), 60.0))):
         with pytest.raises(SourceError, match=code) as caught:
             light_place(frames(given), 96)
         assert caught.value.cure
-    assert light_place(frames(light + 0.2 * np.roll(light, 180, axis=1)), 390) is not None
+    assert light_place(frames(light + 0.2 * np.roll(light, 120, axis=1)), 390) is not None
+
+
+def test_orders_of_diffraction_are_no_second_light():
+    light = room(150, 200)
+    orders = light + 0.3 * (np.roll(light, 120, axis=1) + np.roll(light, -120, axis=1))
+    assert light_place(frames(orders), 96) == pytest.approx((148, 200), abs=6)

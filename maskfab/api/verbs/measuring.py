@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Wavelength, wavelength_text
 from maskfab.capture.frames import Frame
-from maskfab.capture.gain import photon_transfer
+from maskfab.capture.gain import Gain, photon_transfer
 from maskfab.capture.light import light_place
 from maskfab.capture.measured import Measured, light_of, measured
 from maskfab.capture.merge import merged
@@ -172,12 +172,18 @@ def measure(
         promised_bias_um=0.0 if process is None else process.cd_bias_um,
         progress=progress,
     )
-    return Measurement(found, known.digest, _notes(known, line_nm))
+    return Measurement(found, known.digest, _notes(known, line_nm, told))
 
 
-def _notes(job: Job, line_nm: float | None) -> tuple[str, ...]:
-    """Sentences on what was assumed, and on what of the job was not used."""
+def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...]:
+    """Sentences on what was assumed, what was told from a pair, and what of the job was not used."""
     notes = [f"Assumed: the job's camera, a light that is a point, and {light_words(job, line_nm)}."]
+    if gain is not None:
+        notes.append(
+            f"Told from the pair by photon transfer: {gain.electrons_per_count:.3f} ± {gain.error:.3f} electrons for "
+            f"each count, read noise {gain.read_noise_e:.2f} ± {gain.read_noise_error_e:.2f} electrons (one standard "
+            "error); what is stated counts instead."
+        )
     idle = idle_keys(job)
     if idle:
         notes.append(f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms.")
