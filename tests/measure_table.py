@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
-from capture.captured_dies import GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
+from capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
 from numpy.typing import NDArray
 
 from maskfab.capture.die_image import DieImage, Setting
@@ -153,6 +153,24 @@ def spread(times: tuple[float, ...], draws: int) -> Iterator[tuple[Fit, Setting]
         yield fit_of(PANELS["FITS_M150"], exposed(picture, times, PEAK_E, draw), truth, light), truth
 
 
+def disturbed(kind: str, draws: int) -> Iterator[tuple[Fit, Setting]]:
+    """Five frames whose light drifts, or with another lamp of a fiftieth, or with dust: told by chi², or made good."""
+    truth = replace(STARTED, bias_um=0.1, turn_rad=0.001)
+    picture = polygon_picture(PANELS["FITS_M150"], CAMERA, {530.0: 1.0}, bias_um=0.1, turn_rad=0.001)
+    drift = (1.0, 1.03, 0.97, 1.02, 0.99) if kind == "drift" else (1.0,) * 5
+    if kind == "lamp":
+        picture = picture + 0.02 * np.roll(picture, (25, -31), (0, 1))
+    if kind == "dust":
+        picture[60:64, 80:84] *= 0.6
+    for draw in range(draws):
+        frames = exposed(picture, STACK, PEAK_E, draw)
+        moved = [
+            replace(each, counts=((each.counts - BLACK) * factor + BLACK).astype(np.float32))
+            for each, factor in zip(frames, drift, strict=True)
+        ]
+        yield fit_of(PANELS["FITS_M150"], moved, truth), truth
+
+
 def stood(picture: Floats, way: int) -> Floats:
     """A picture of a die as drawn, as one that stands otherwise makes it; 180 degrees change nothing in focus."""
     turned = np.rot90(picture) if way % 2 else picture
@@ -193,6 +211,8 @@ def main(draws: int) -> None:
         print(f"die and way round, {name}: {told(times, draws)}", flush=True)
         print(row(f".02 waves of Z5 to Z11, {name}", untold(times, draws, tuple(range(5, 12)))), flush=True)
         print(row(f".02 waves of Z12 to Z15, {name}", untold(times, draws, tuple(range(12, 16)))), flush=True)
+    for kind in ("drift", "lamp", "dust"):
+        print(row(f"{kind}, stack of five", disturbed(kind, draws)), flush=True)
     print(row("31 lines, stack of five", spread(STACK, draws)), flush=True)
 
 
