@@ -102,13 +102,13 @@ class Restoration:
             "photos": [each.to_dict() for each in self.photos],
         }
 
-    def save(self, out: str | Path) -> list[Path]:
+    def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
         """Write ``NAME.png`` (8-bit sRGB) and ``NAME.exr`` (linear sRGB, half) of each, and ``restore.json``.
 
         Raises:
             OutputError: MF401, MF402 if the directory cannot be written or is not empty.
         """
-        place = check_target(Path(out), force=False)
+        place = check_target(Path(out), force=force)
         with staged(place) as folder:
             for each in self.photos:
                 light = each.picture[:, ::-1].astype(np.float64)

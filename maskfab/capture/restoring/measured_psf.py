@@ -10,7 +10,7 @@ Notes:
     All colours share one centre, so that where they lie apart in the capture the restored picture puts them together.
     Light outside the file is not known: H lacks the halo there, and says that the light is nearer.
     A mosaic's capture tells the spread of each colour at its own pixels, which is that of cells of 2 x 2 pixels and no
-    finer: interpolated, it lost 10 to 13 dB of a restored scene. So such a PSF restores cells.
+    finer: interpolated, it lost 10 to 16 dB of a restored scene. So such a PSF restores cells.
 """
 
 from __future__ import annotations

@@ -46,6 +46,7 @@ def restore(
     gain: Annotated[float | None, typer.Option(help="Electrons per count; default: noise by the photograph.")] = None,
     read_noise: Annotated[float | None, typer.Option(help="In electrons, with --gain.")] = None,
     stops: Annotated[float, typer.Option(help="Brighten the pictures by so many stops.")] = 0.0,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier result.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
@@ -53,7 +54,7 @@ def restore(
     from maskfab.api.verbs.restoring import restore as restore_photos
     from maskfab.files.staging import check_target
 
-    check_target(out, force=False)
+    check_target(out, force=force)
     with named_as_options(context), watched(quiet) as progress:
         found = restore_photos(
             photos,
@@ -72,7 +73,7 @@ def restore(
             stops=stops,
             progress=progress,
         )
-    paths = found.save(out)
+    paths = found.save(out, force=force)
     if as_json:
         print_json({**found.to_dict(), "files": [str(path) for path in paths]})
         return
