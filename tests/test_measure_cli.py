@@ -61,7 +61,7 @@ def test_python_measures_as_the_command_does(captured):
     assert found["captured_cd_bias"].uncertainty is not None
     assert found["captured_misfit"].value == pytest.approx(1, abs=0.2)
     assert 0 < found["captured_outside"].value < 1
-    assert "one line" not in found.notes[0]
+    assert "530 nm" in found.notes[0]
     assert str(found).startswith("This is die TURNED")
 
 

@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
+from maskfab import __version__
 from maskfab.files.exchange import move
 from maskfab.provenance import sha256_of_file
 
@@ -18,6 +19,22 @@ RESULT_MARK = "manifest.json"
 TIMES = "timing.json"
 """The file beside it that tells how long the work took, which no two runs have alike and no manifest knows."""
 _Trace = tuple[int, int, int]
+
+
+def write_mark(folder: Path, job_hash: str | None) -> None:
+    """Write the manifest of all files in a folder, by which an earlier result is known as one.
+
+    Args:
+        folder: with every file in it.
+        job_hash: of the job that made them; None without one.
+    """
+    files = [
+        {"path": path.name, "bytes": path.stat().st_size, "sha256": sha256_of_file(path)}
+        for path in sorted(folder.iterdir())
+    ]
+    mark = {"maskfab_version": __version__, "job_hash": job_hash, "files": files}
+    text = json.dumps(mark, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+    (folder / RESULT_MARK).write_text(text, encoding="utf-8")
 
 
 @dataclass(frozen=True)

@@ -7,8 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__, provenance
-from maskfab.files.finished import RESULT_MARK
+from maskfab.files.finished import write_mark
 from maskfab.files.staging import Place, staged
 
 SCHEMA_VERSION = 1
@@ -34,12 +33,7 @@ def write_measured(
         (folder / DOCUMENT).write_text(_json(document), encoding="utf-8")
         if more is not None:
             more(folder)
-        files = [
-            {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
-            for path in sorted(folder.iterdir())
-        ]
-        mark = {"maskfab_version": __version__, "job_hash": document["job_hash"], "files": files}
-        (folder / RESULT_MARK).write_text(_json(mark), encoding="utf-8")
+        write_mark(folder, document["job_hash"])
     return sorted(place.asked.iterdir())
 
 

@@ -9,8 +9,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__, provenance
-from maskfab.files.finished import RESULT_MARK
+from maskfab import __version__
+from maskfab.files.finished import write_mark
 from maskfab.files.staging import Place, staged
 from maskfab.opening.openings import opening_text
 from maskfab.optimiser.pareto.designs import FrontDesign
@@ -124,14 +124,7 @@ def write_pareto(place: Place, found: Pareto, document: Mapping[str, Any], desig
         (folder / FIGURE).write_bytes(pareto_png(found))
         _text(folder / PAGE, pareto_page(found, designs, document))
         _text(folder / DOCUMENT, _json(document))
-        files = [
-            {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
-            for path in sorted(folder.iterdir())
-        ]
-        _text(
-            folder / RESULT_MARK,
-            _json({"maskfab_version": __version__, "job_hash": document["job_hash"], "files": files}),
-        )
+        write_mark(folder, document["job_hash"])
     return sorted(place.asked.iterdir())
 
 

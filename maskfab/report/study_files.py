@@ -8,8 +8,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__, provenance
-from maskfab.files.finished import RESULT_MARK
+from maskfab import __version__
+from maskfab.files.finished import write_mark
 from maskfab.files.staging import Place, staged
 from maskfab.measurement.claims import Claim, Finding, Take
 from maskfab.measurement.study import Study
@@ -77,12 +77,7 @@ def write_study(place: Place, study: Study) -> list[Path]:
             drawing.save(folder / f"{name}.svg")
         (folder / PAGE).write_text(study_page(study), encoding="utf-8")
         (folder / DOCUMENT).write_text(_json(study_document(study)), encoding="utf-8")
-        files = [
-            {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
-            for path in sorted(folder.iterdir())
-        ]
-        mark = {"maskfab_version": __version__, "job_hash": study.plan.job.digest, "files": files}
-        (folder / RESULT_MARK).write_text(_json(mark), encoding="utf-8")
+        write_mark(folder, study.plan.job.digest)
     return sorted(place.asked.iterdir())
 
 

@@ -161,7 +161,7 @@ def test_an_srgb_picture_is_taken_for_one_and_files_are_written(capsys, tmp_path
     asked = ("restore", tmp_path / "photo.png", "--psf", psf, "--restore", "wiener", "--out", out, "--json")
     document = command(capsys, *asked).document
     assert "code values of sRGB" in document["photos"][0]["told"][0]
-    assert sorted(path.name for path in out.iterdir()) == ["photo.exr", "photo.png", "restore.json"]
+    assert sorted(path.name for path in out.iterdir()) == ["manifest.json", "photo.exr", "photo.png", "restore.json"]
     assert mf.restore(tmp_path / "photo.png", psf=psf, restore="wiener").photos[0].picture.shape == (3, 128, 128)
 
 

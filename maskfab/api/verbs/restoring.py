@@ -27,6 +27,7 @@ from maskfab.capture.restoring.photo import Photo, Stated, read_photo
 from maskfab.errors import JobError, SourceError
 from maskfab.export.images.exr import Fact
 from maskfab.export.images.light_image import write_exr, write_png
+from maskfab.files.finished import write_mark
 from maskfab.files.staging import check_target, staged
 from maskfab.measurement.conditions import Conditions
 from maskfab.progress import Progress, silent
@@ -121,6 +122,7 @@ class Restoration:
                 write_exr(light, folder / f"{each.name}.exr", {**facts, "blur": "; ".join(self.blur)})
             document = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
             (folder / DOCUMENT).write_text(document + "\n", encoding="utf-8")
+            write_mark(folder, None)
             names = sorted(each.name for each in folder.iterdir())
         return [Path(out) / name for name in names]
 
