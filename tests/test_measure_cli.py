@@ -12,6 +12,7 @@ from capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, polygon_pict
 from small_job import command, write_job
 
 import maskfab
+from maskfab.capture.restoring.measured_psf import read_psf
 from maskfab.job import load_job
 
 TIMES = (1.0, 8.0, 64.0)
@@ -48,6 +49,11 @@ def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, tmp_pat
     page = (out / "measure.html").read_text()
     assert told["verdict"][0] in page
     assert "<script" not in page
+    blur = read_psf([out / "fitted_psf.exr"])
+    assert blur.pixel_um == 2
+    assert blur.kernels[1].sum() == pytest.approx(1)
+    assert np.unravel_index(blur.kernels[1].argmax(), blur.kernels[1].shape) == blur.centre == (300, 300)
+    assert "die TURNED as fitted to a capture" in blur.told[0]
     listed = {each["path"] for each in json.loads((out / "manifest.json").read_text())["files"]}
     assert listed | {"manifest.json"} == {path.name for path in out.iterdir()}
 

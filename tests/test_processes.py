@@ -8,7 +8,6 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from threading import Lock
-from types import MappingProxyType
 from typing import Any
 
 import pytest
@@ -19,7 +18,7 @@ from maskfab import pipeline
 from maskfab.camera.transfer import lattice
 from maskfab.errors import InternalError, JobError
 from maskfab.job import load_job
-from maskfab.processes import Alone, Pair, Task
+from maskfab.processes import Alone, Pair, Task, read_only
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -66,7 +65,7 @@ def test_results_keep_the_order_of_calls_whichever_takes_longest(pair, slow):
 
 def test_a_result_can_be_asked_for_again_and_is_not_made_again(pair):
     for crew in (pair, Alone()):
-        task = crew.submit(MappingProxyType, given({"number": 1}))
+        task = crew.submit(read_only, given({"number": 1}))
         assert task.result() is task.result()
 
 

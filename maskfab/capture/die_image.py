@@ -89,11 +89,15 @@ class DieImage:
     """A die, one way round, before a camera.
 
     Attributes:
+        panel: of the die.
+        way_round: element of D4 that takes it to how it stands.
         camera: its lens and its pixel.
         light: what each colour of pixels sees of a point light.
         pixels: for which pictures are made.
     """
 
+    panel: Panel
+    way_round: int
     camera: Camera
     light: Mapping[str, Spectrum]
     pixels: tuple[Pixels, ...]
@@ -125,7 +129,11 @@ class DieImage:
         count = math.ceil(half / (shortest * camera.focal_um) / step) + MARGIN
         die = DieField.of(cut(held, camera.stop), camera.stop, step * np.arange(count + 1))
         few = {colour: gathered(lines, camera, half) for colour, lines in light.items()}
-        return cls(camera, dict(light), tuple(pixels), die, step, few)
+        return cls(panel, way_round, camera, dict(light), tuple(pixels), die, step, few)
+
+    def on(self, pixels: Sequence[Pixels]) -> DieImage:
+        """The image of the same die on other pixels."""
+        return DieImage.of(self.panel, self.way_round, self.camera, self.light, pixels)
 
     def pictures(self, setting: Setting) -> list[Floats]:
         """Share of the light that every pixel takes, [rows, columns] for each grid of pixels."""

@@ -38,6 +38,7 @@ class Measured:
         merged: the exposures.
         taken: their pixels about the light, with the noise that the fit expects.
         identified: the die.
+        image: of it.
         fit: of it, with as many of the lens's errors as the residuals ask for.
         bands: MTF of every grid of pixels.
         quantities: the numbers.
@@ -48,6 +49,7 @@ class Measured:
     merged: Merged
     taken: tuple[Taken, ...]
     identified: Identified
+    image: DieImage
     fit: Fit
     bands: tuple[MtfBand, ...]
     quantities: tuple[Quantity, ...]
@@ -102,7 +104,7 @@ def measured(
     bands = mtf_bands(expecting, fit, seed)
     numbers = _quantities(best, fit, _outside(merged, fit))
     verdict = _verdict(found, fit, bands, mirrored, promised_bias_um)
-    return Measured(merged, expecting, found, fit, bands, numbers, verdict, mirrored)
+    return Measured(merged, expecting, found, image, fit, bands, numbers, verdict, mirrored)
 
 
 def _check_like(setting: Setting, die: str, panel: Panel) -> None:

@@ -8,6 +8,7 @@ from typing import Any
 
 from maskfab import __version__
 from maskfab.capture.files import write_merged
+from maskfab.capture.fitted_psf import write_fitted_psf
 from maskfab.capture.identify import CERTAIN
 from maskfab.capture.measured import Measured, stands
 from maskfab.files.staging import Place
@@ -15,7 +16,7 @@ from maskfab.report.measured_files import SCHEMA_VERSION, write_measured
 from maskfab.report.page.capture_page import capture_page
 from maskfab.report.quantity_table import Quantities
 
-LIGHT, SIGMA = "captured.exr", "captured_sigma.exr"
+LIGHT, SIGMA, FITTED = "captured.exr", "captured_sigma.exr", "fitted_psf.exr"
 _SHOWN = 12
 
 
@@ -84,5 +85,6 @@ def write_capture(place: Place, found: Measured, document: Mapping[str, Any], no
 
     def write_light(folder: Path) -> None:
         write_merged(found.merged, folder / LIGHT, folder / SIGMA)
+        write_fitted_psf(found, folder / FITTED)
 
     return write_measured(place, document, capture_page(found, document, notes), write_light)

@@ -13,7 +13,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 _COLUMNS: Mapping[str, Callable[[Quantity], str]] = {
-    "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail else q.name,
+    # A detail of the unit is told by the unit.
+    "quantity": lambda q: f"{q.name} ({q.detail})" if q.detail and q.detail in q.symbol else q.name,
     "die": lambda q: q.die or "",
     "line": lambda q: "" if q.wavelength_nm is None else f"{q.wavelength_nm:g} nm",
     "value": lambda q: f"{'≤ ' if q.at_most else ''}{_value(q.value)}",

@@ -25,6 +25,7 @@ import scipy.fft
 from numpy.typing import NDArray
 
 from maskfab.camera.restorers.restorer import Transfer
+from maskfab.capture.fitted_psf import HOLDS
 from maskfab.capture.restoring.binned import of_cells
 from maskfab.errors import SourceError
 from maskfab.export.images.exr import PREFIX
@@ -101,6 +102,8 @@ def read_psf(paths: Sequence[Path]) -> MeasuredBlur:
         _check(found, path)
     if all(found.facts.get("kind") == "point" for found in files):
         return _of_design(files, paths)
+    if len(files) == 1 and files[0].facts.get("holds") == HOLDS:
+        return _of_fit(files[0], paths[0])
     if len(files) > 1:
         raise SourceError(
             "MF353",
@@ -175,6 +178,19 @@ def _pixels(found: Channels, path: Path) -> Psf:
     camera = Camera(float(facts["focal_um"]), Stop("circle", float(facts["stop_um"])), (line,), pixel, window)
     # Beyond the window there is darkness, for the filter of the pixels at its edge.
     return pixel_psf(Psf(np.pad(values, _FILTER_REACH), pixel / round(stride), line, "point"), camera)
+
+
+def _of_fit(found: Channels, path: Path) -> MeasuredBlur:
+    """Of the die that was fitted to a capture: the light is in the middle pixel, and nothing lies beneath it."""
+    order = [found.names.index(name) for name in "RGB"] if len(found.names) == _COLOURS else [0]
+    kernels = found.values[order]
+    outside = 1 - kernels.sum(axis=(1, 2))
+    rows, columns = kernels.shape[1:]
+    told = [
+        f"PSF of die {found.facts['die']} as fitted to a capture, {columns} x {rows} pixels; "
+        f"{100 * max(float(outside.max()), 0):.2g} % of the light falls outside, and is not undone"
+    ]
+    return _made(kernels, ((rows - 1) / 2, (columns - 1) / 2), told, float(found.facts["sensor_pixel_um"]))
 
 
 def _of_capture(found: Channels, path: Path) -> MeasuredBlur:
