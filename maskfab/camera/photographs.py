@@ -208,17 +208,26 @@ def folder(path: str | Path, white: float | None = None, *, whole: bool = False)
 
 def _of_file(file: Path, white: float | None, *, whole: bool) -> Photograph:
     picture = read_picture(file)
-    values = picture.values
-    if values.shape[2] in (2, 4):
-        if values[:, :, -1].min() < 1:
-            raise JobError(
-                "MF121",
-                "the picture is transparent in places, and what lies behind it is not known",
-                where=str(file),
-                cure="Save it without transparency",
-            )
-        values = values[:, :, :-1]
+    values = opaque(picture.values, file)
     return scene(file.stem, values, coded=picture.coded, white=white, whole=whole)
+
+
+def opaque(values: Singles, file: Path) -> Singles:
+    """The colours of a picture [rows, columns, channels], without its opacity.
+
+    Raises:
+        JobError: MF121 for one that is transparent anywhere.
+    """
+    if values.shape[2] not in (2, 4):
+        return values
+    if values[:, :, -1].min() < 1:
+        raise JobError(
+            "MF121",
+            "the picture is transparent in places, and what lies behind it is not known",
+            where=str(file),
+            cure="Save it without transparency",
+        )
+    return values[:, :, :-1]
 
 
 def _listed(suffixes: Iterable[str]) -> str:

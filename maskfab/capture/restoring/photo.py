@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.mosaic import interpolated
+from maskfab.camera.photographs import opaque
 from maskfab.camera.record import Noise, Record
 from maskfab.capture.frames import Frame
 from maskfab.capture.reading import read_frame
@@ -204,16 +205,7 @@ def _of_picture(path: Path, stated: Stated, why: str) -> Photo:
 
 
 def _light(picture: Picture, path: Path) -> Singles:
-    values = picture.values
-    if values.shape[2] in (2, 4):
-        if values[:, :, -1].min() < 1:
-            raise JobError(
-                "MF121",
-                "the picture is transparent in places, and what lies behind it is not known",
-                where=str(path),
-                cure="Save it without transparency",
-            )
-        values = values[:, :, :-1]
+    values = opaque(picture.values, path)
     if values.shape[2] != 3:
         raise _no_colours(path, "Give a photograph in red, green and blue")
     planes = np.ascontiguousarray(values.transpose(2, 0, 1))
