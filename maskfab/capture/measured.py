@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+
+import numpy as np
 
 from maskfab.capture.designed_edge import Light
-from maskfab.capture.die_image import DieImage, Setting
+from maskfab.capture.die_image import DieImage, Pixels, Setting
 from maskfab.capture.fit import Fit, fitted, judged, with_terms
 from maskfab.capture.identify import Hypothesis, Identified, identified
 from maskfab.capture.merge import Merged
@@ -102,7 +104,7 @@ def measured(
         )
     mirrored = (found.best.way_round >= 4) != seen_mirrored
     bands = mtf_bands(expecting, fit, seed)
-    numbers = _quantities(best, fit, _outside(merged, fit))
+    numbers = _quantities(best, fit, _outside(merged, image, fit.setting))
     verdict = _verdict(found, fit, bands, mirrored, promised_bias_um)
     return Measured(merged, expecting, found, image, fit, bands, numbers, verdict, mirrored)
 
@@ -181,14 +183,15 @@ def stands(each: Hypothesis) -> str:
     return _TURNS[each.way_round]
 
 
-def _outside(merged: Merged, fit: Fit) -> dict[str, float]:
-    """Share of every colour's light beyond the window, as if all of its pixels were of that colour."""
-    found: dict[str, float] = {}
-    for colour, light in fit.light.items():
-        mine = [k for k, plane in enumerate(merged.planes) if plane.colour == colour]
-        seen = sum(float((fit.predicted[k] - fit.beneath[colour]).sum()) / light for k in mine)
-        found[colour] = 1 - seen * merged.planes[mine[0]].step ** 2 / len(mine)
-    return found
+def _outside(merged: Merged, image: DieImage, setting: Setting) -> dict[str, float]:
+    """Share of every colour's light beyond the window, as if all of its pixels were of that colour: the pixels of one
+    alone hit or miss a peak that is as narrow as a pixel."""
+    rows, columns = merged.shape
+    pixel_um = image.camera.pixel_um
+    x, y = (pixel_um * (np.arange(count, dtype=np.float64) - (count - 1) / 2) for count in (columns, rows))
+    whole = image.on([Pixels(colour, np.asarray(x), np.asarray(-y)) for colour in image.light])
+    pictures = whole.pictures(replace(setting, x_um=0.0, y_um=0.0))
+    return {each.colour: 1 - float(picture.sum()) for each, picture in zip(whole.pixels, pictures, strict=True)}
 
 
 def _quantities(best: Hypothesis, fit: Fit, outside: Mapping[str, float]) -> tuple[Quantity, ...]:
@@ -203,7 +206,7 @@ def _quantities(best: Hypothesis, fit: Fit, outside: Mapping[str, float]) -> tup
     for term, waves in setting.terms:
         told = f"{term}, {_NAMES.get(term, 'Zernike')}"
         found.append(Quantity("captured_term", waves, method, half[f"z{term}"], die=die, detail=told))
-    told = "1 less the sum of the fitted die's picture over the pixels of a colour"
+    told = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
     found += [Quantity("captured_outside", each, told, die=die, detail=colour) for colour, each in outside.items()]
     found.append(
         Quantity(
