@@ -71,6 +71,16 @@ def test_python_measures_as_the_command_does(captured):
     assert str(found).startswith("This is die TURNED")
 
 
+def test_what_of_the_plate_is_not_fitted_is_named(captured, tmp_path):
+    edit = ("[plate]", '[process]\ncorner_radius = "0.5 um"\n\n[plate]\noptical_density = 3')
+    times = [f"{time:g} ms" for time in TIMES]
+    found = maskfab.measure(
+        captured[1], write_job(tmp_path, edit), times=times, gain=GAIN, read_noise=READ_NOISE, black=BLACK, window=64,
+        die=["TURNED"],
+    )  # fmt: skip
+    assert "corner_radius of [process], optical_density of [plate]" in found.notes[-1]
+
+
 @pytest.mark.parametrize(
     ("more", "code"),
     [

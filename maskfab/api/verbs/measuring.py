@@ -187,6 +187,12 @@ def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...
     idle = idle_keys(job)
     if idle:
         notes.append(f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms.")
+    process, plate = job.spec.process, job.spec.plate
+    unfitted = ["corner_radius of [process]"] if process is not None and process.process().corner_radius_um else []
+    unfitted += ["[process.spread]"] if process is not None and process.spread is not None else []
+    unfitted += ["optical_density of [plate]"] if plate is not None and plate.optical_density is not None else []
+    if unfitted:
+        notes.append(f"Not used of the job: {', '.join(unfitted)}; the die is fitted with sharp corners and no leak.")
     return tuple(notes)
 
 
