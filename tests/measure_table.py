@@ -17,7 +17,8 @@ from capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, phased_pictu
 from numpy.typing import NDArray
 
 from maskfab.capture.die_image import DieImage, Setting
-from maskfab.capture.fit import FIRST_TERMS, Fit, fitted, with_terms
+from maskfab.capture.fit import FIRST_TERMS, Fit, expecting, fitted, with_terms
+from maskfab.capture.frame_scatter import with_frames
 from maskfab.capture.frames import Frame
 from maskfab.capture.identify import Hypothesis, Identified, identified
 from maskfab.capture.merge import merged
@@ -54,8 +55,8 @@ def fit_of(panel: Panel, frames: Sequence[Frame], start: Setting, light: dict[st
     image = DieImage.of(panel, 0, CAMERA, light or LIGHT, [each.pixels for each in taken])
     start = replace(start, x_um=start.x_um - origin[0], y_um=start.y_um - origin[1])
     found = fitted(image, taken, start)
-    taken = tuple(each.expecting(light) for each, light in zip(taken, found.predicted, strict=True))
-    found = with_terms(image, taken, fitted(image, taken, found.setting))
+    taken = expecting(image, taken, found.setting)
+    found = with_frames(image, taken, with_terms(image, taken, fitted(image, taken, found.setting)))
     at = found.setting
     return replace(found, setting=replace(at, x_um=at.x_um + origin[0], y_um=at.y_um + origin[1]))
 

@@ -2,7 +2,7 @@
 
 Weighted least squares by Gauss-Newton steps, damped where one would not better the fit. The light of each colour and
 what lies beneath it are solved for beside all else. Errors are those of Fisher's information, inflated by the root of
-chi² per pixel where the model falls short of the noise.
+chi² per pixel where the model falls short of the noise; what exposures show among themselves is added to a fit later.
 """
 
 from __future__ import annotations
@@ -29,6 +29,9 @@ _CURVED = 5.0
 """Standard errors by which a value must move for slopes to be made anew: within them they are straight."""
 _NEAR = 0.5
 """Standard errors from where slopes were made within which a fit may end: beyond, they lead a little beside it."""
+_WORTH = 0.5
+"""Gain in chi² below which no smaller step is tried where one failed: a symmetric die in focus has no slope with
+defocus, and steps along it fail for ever."""
 _FIRST_DAMPING, _HARDER, _EASIER, _LEAST_DAMPING, _HOPELESS = 1e-3, 10.0, 0.1, 1e-6, 1e6
 FIRST_TERMS = (DEFOCUS,)
 _MORE_TERMS = tuple(range(5, 22))
@@ -37,6 +40,10 @@ _PRICE = 2 * math.log(len(_MORE_TERMS))
 """Gain in chi² that a term must bring: the risk inflation criterion (D. P. Foster and E. I. George, Ann. Stat. 22,
 1947, 1994), which allows for the best of so many candidates looking good by chance."""
 _ROUNDS = 2
+_NOISE_ROUNDS = 3
+"""Noise of measured light makes lights too dim, and the noise that is expected of them too small."""
+_COUNTS = 0.02
+"""Share of the noise's variance from which scatter between exposures is worth telling."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,6 +60,7 @@ class Fit:
         residuals: of every grid of pixels, in standard deviations, 0 where a pixel does not count.
         predicted: of every grid, in the unit of the signal.
         steps: that were tried.
+        between: [n, n] what the scatter from exposure to exposure adds to the covariance; None where it is not known.
     """
 
     setting: Setting
@@ -64,6 +72,7 @@ class Fit:
     residuals: tuple[Floats, ...]
     predicted: tuple[Floats, ...]
     steps: int
+    between: Floats | None = None
 
     @property
     def inflation(self) -> float:
@@ -72,9 +81,16 @@ class Fit:
 
     @property
     def errors(self) -> dict[str, float]:
-        """Standard error of every value, inflated."""
-        found = self.inflation * np.sqrt(np.diag(self.covariance))
+        """Standard error of every value: of inflated noise, and of what differs from exposure to exposure."""
+        variance = self.inflation**2 * np.diag(self.covariance)
+        found = np.sqrt(variance if self.between is None else variance + np.diag(self.between))
         return dict(zip(self.setting.names, found.tolist(), strict=True))
+
+    def scatters(self, name: str) -> bool:
+        """Whether exposures tell a value so differently that its error is larger by a hundredth or more."""
+        at = self.setting.names.index(name)
+        noise = self.inflation**2 * self.covariance[at, at]
+        return self.between is not None and bool(self.between[at, at] > _COUNTS * noise)
 
 
 def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Progress = silent) -> Fit:
@@ -108,7 +124,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
             since += now.away(change)
         elif since > 0:
             since = math.inf
-        elif damping < _HOPELESS:
+        elif damping < _HOPELESS and now.gain(range(start.values.size)) > _WORTH * noise**2:
             damping *= _HARDER
         else:
             break
@@ -233,6 +249,15 @@ def judged(taken: Sequence[Taken], pictures: Sequence[Floats], at: Setting) -> F
             residuals[k] = np.where(taken[k].valid, (taken[k].light - predicted[k]) / taken[k].sigma, 0.0)
     size = at.values.size
     return Fit(at, np.zeros((size, size)), light, beneath, chi2, count - size, tuple(residuals), tuple(predicted), 0)
+
+
+def expecting(image: DieImage, taken: Sequence[Taken], at: Setting) -> tuple[Taken, ...]:
+    """Pixels with the noise of the light that a setting lets expect, in place of that of what was measured."""
+    pictures = image.pictures(at)
+    for _ in range(_NOISE_ROUNDS):
+        expected = judged(taken, pictures, at).predicted
+        taken = [each.expecting(light) for each, light in zip(taken, expected, strict=True)]
+    return tuple(taken)
 
 
 @dataclass(frozen=True, eq=False)

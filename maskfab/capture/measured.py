@@ -10,7 +10,8 @@ import numpy as np
 
 from maskfab.capture.designed_edge import Light
 from maskfab.capture.die_image import DieImage, Pixels, Setting
-from maskfab.capture.fit import Fit, fitted, judged, with_terms
+from maskfab.capture.fit import Fit, expecting, fitted, with_terms
+from maskfab.capture.frame_scatter import with_frames
 from maskfab.capture.identify import Hypothesis, Identified, identified
 from maskfab.capture.merge import Merged
 from maskfab.capture.mtf_band import MtfBand, mtf_bands
@@ -91,10 +92,10 @@ def measured(
     _check_like(found.fit.setting, best.die, panels[best.die])
     image = DieImage.of(panels[best.die], best.way_round, camera, light, [each.pixels for each in taken])
     setting = found.fit.setting
-    expected = judged(taken, image.pictures(setting), setting).predicted
     # Noise of the light that is expected: that of what was measured favours what came out dark.
-    expecting = tuple(each.expecting(light) for each, light in zip(taken, expected, strict=True))
-    fit = with_terms(image, expecting, fitted(image, expecting, setting, progress), progress)
+    taken = expecting(image, taken, setting)
+    fit = with_terms(image, taken, fitted(image, taken, setting, progress), progress)
+    fit = with_frames(image, taken, fit)
     if fit.inflation > _UNLIKE and not found.certain:
         raise SourceError(
             "MF339",
@@ -103,10 +104,10 @@ def measured(
             cure="Check the camera and the light of the job, and that this is a point light behind its plate",
         )
     mirrored = (found.best.way_round >= 4) != seen_mirrored
-    bands = mtf_bands(expecting, fit, seed)
+    bands = mtf_bands(taken, fit, seed)
     numbers = _quantities(best, fit, _outside(merged, image, fit.setting))
     verdict = _verdict(found, fit, bands, mirrored, promised_bias_um)
-    return Measured(merged, expecting, found, image, fit, bands, numbers, verdict, mirrored)
+    return Measured(merged, taken, found, image, fit, bands, numbers, verdict, mirrored)
 
 
 def _check_like(setting: Setting, die: str, panel: Panel) -> None:
@@ -196,16 +197,17 @@ def _outside(merged: Merged, image: DieImage, setting: Setting) -> dict[str, flo
 
 def _quantities(best: Hypothesis, fit: Fit, outside: Mapping[str, float]) -> tuple[Quantity, ...]:
     half = {name: _NORMAL_95 * error for name, error in fit.errors.items()}
-    method = "weighted least squares on the pixels, 95 % by Fisher's information"
-    method += " x root of chi² per pixel" if fit.inflation > 1 else ""
     setting, die = fit.setting, best.die
-    bias = Quantity("captured_cd_bias", setting.bias_um, method, half["bias_um"], die=die)
-    turn = Quantity("captured_turn", math.degrees(setting.turn_rad), method, math.degrees(half["turn_rad"]), die=die)
-    scale = Quantity("captured_scale", setting.scale, method, half["scale"], die=die)
+    method = {name: _method(fit, name) for name in setting.names}
+    degrees = math.degrees(setting.turn_rad), method["turn_rad"], math.degrees(half["turn_rad"])
+    bias = Quantity("captured_cd_bias", setting.bias_um, method["bias_um"], half["bias_um"], die=die)
+    turn = Quantity("captured_turn", *degrees, die=die)
+    scale = Quantity("captured_scale", setting.scale, method["scale"], half["scale"], die=die)
     found = [bias, turn, scale]
     for term, waves in setting.terms:
         told = f"{term}, {_NAMES.get(term, 'Zernike')}"
-        found.append(Quantity("captured_term", waves, method, half[f"z{term}"], die=die, detail=told))
+        name = f"z{term}"
+        found.append(Quantity("captured_term", waves, method[name], half[name], die=die, detail=told))
     told = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
     found += [Quantity("captured_outside", each, told, die=die, detail=colour) for colour, each in outside.items()]
     found.append(
@@ -214,6 +216,13 @@ def _quantities(best: Hypothesis, fit: Fit, outside: Mapping[str, float]) -> tup
         )
     )
     return (*found,)
+
+
+def _method(fit: Fit, name: str) -> str:
+    """Method by which a value and its error were found."""
+    told = "weighted least squares on the pixels, 95 % by Fisher's information"
+    told += " x root of chi² per pixel" if fit.inflation > 1 else ""
+    return told + (" and the scatter between exposures" if fit.scatters(name) else "")
 
 
 def _verdict(

@@ -44,6 +44,23 @@ _MOST_FULL = 0.9
 
 
 @dataclass(frozen=True, eq=False)
+class Exposure:
+    """One colour of one frame.
+
+    Attributes:
+        electrons: [rows, columns] above the dark.
+        usable: [rows, columns] what is not full, nor hot.
+        scale: its time with drift, 1 where that is not known.
+        dark: variance without light, in electrons squared.
+    """
+
+    electrons: Floats
+    usable: Marks
+    scale: float
+    dark: float
+
+
+@dataclass(frozen=True, eq=False)
 class Plane:
     """Merged light of one colour.
 
@@ -57,7 +74,9 @@ class Plane:
         valid: [rows, columns] whether any exposure tells it and no defect forbids it.
         shot: [rows, columns] variance of each electron a second.
         floor: [rows, columns] variance without light.
-        relative: [rows, columns] standard deviation of the flat field's response, of itself; 0 without one.
+        share: [rows, columns] the pixels' response.
+        relative: [rows, columns] standard deviation of the response, of itself; 0 without a flat field.
+        exposures: of which it was merged, in the order of the frames.
     """
 
     colour: Colour
@@ -68,7 +87,9 @@ class Plane:
     valid: Marks
     shot: Floats
     floor: Floats
+    share: Floats
     relative: Floats
+    exposures: tuple[Exposure, ...]
 
     def variance(self, light: Floats) -> Floats:
         """Variance of what was measured if ``light`` [rows, columns] is the truth, as of a model."""
@@ -282,7 +303,8 @@ def _merged(
     hot = nowhere if dark is None else dark.hot
     valid = seen & ~disagreeing & ~blind & ~hot
     relative = np.broadcast_to(0.0, x.shape) if response is None else response.error
-    plane = Plane(lattice.colour, lattice.first, lattice.step, x, x, valid, shot, floor, relative)
+    exposures = tuple(map(Exposure, y, exposed.usable, map(float, scales), map(float, exposed.dark)))
+    plane = Plane(lattice.colour, lattice.first, lattice.step, x, x, valid, shot, floor, share, relative, exposures)
     sigma = np.where(valid, np.sqrt(plane.variance(x)), np.inf)
     plane = replace(plane, electrons_per_s=np.where(valid, x, 0.0), sigma=sigma)
     _check_one_light(plane, seen, disagreeing, x, name)

@@ -3,6 +3,7 @@ lines, or a phase on exact dots."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -39,7 +40,8 @@ def polygon_picture(
     turn = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
     edges = (edges.reshape(-1, 2, 2) @ turn).reshape(-1, 4)
     margin = pixel_margin(camera)
-    outline = stop_boundary(edges, area, camera, margin)
+    # The shortest line sees the highest frequencies.
+    outline = stop_boundary(edges, area, replace(camera, wavelengths_nm=(min(lines),)), margin)
     count = odd_samples(camera.window_um, point_step_um(camera)) + 2 * margin
     total = 0.0
     for line, weight in lines.items():
@@ -61,10 +63,15 @@ def phased_picture(panel: Panel, camera: Camera, terms: tuple[tuple[int, float],
 
 def exposed(picture: Floats, times: tuple[float, ...], peak: float, seed: int) -> list[Frame]:
     """A stack of exposures whose first has so many electrons at its peak in time 1."""
+    return exposed_each((picture,) * len(times), times, peak, seed)
+
+
+def exposed_each(pictures: Sequence[Floats], times: tuple[float, ...], peak: float, seed: int) -> list[Frame]:
+    """The same of a light that changes from exposure to exposure."""
     random = np.random.default_rng(seed)
-    light = peak / picture.max() * picture + 1.0
     frames = []
-    for time in times:
+    for picture, time in zip(pictures, times, strict=True):
+        light = peak / pictures[0].max() * picture + 1.0
         electrons = random.poisson(light * time) + random.normal(0, READ_NOISE, picture.shape)
         counts = np.clip(np.rint(electrons / GAIN + BLACK), 0, WHITE).astype(np.float32)
         frames.append(Frame(f"{time:g}.tif", counts, (BLACK,), WHITE, None, 1e-3 * time))

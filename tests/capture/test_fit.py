@@ -6,12 +6,13 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from capture.captured_dies import GAIN, READ_NOISE, exposed, phased_picture, polygon_picture
+from capture.captured_dies import GAIN, READ_NOISE, exposed, exposed_each, phased_picture, polygon_picture
 from optics_cases import camera, noise, panel, pupil
 
 from maskfab.capture.die_field import DieField
 from maskfab.capture.die_image import DieImage, Pixels, Setting
 from maskfab.capture.fit import fitted, with_terms
+from maskfab.capture.frame_scatter import with_frames
 from maskfab.capture.identify import WAYS_ROUND, Hypothesis, identified
 from maskfab.capture.measured import measured
 from maskfab.capture.merge import merged
@@ -167,3 +168,46 @@ def test_a_second_lamp_enlarges_the_errors():
     start = replace(Setting(), terms=((4, 0.0),))
     found = with_terms(image_of(DIE, taken), taken, fitted(image_of(DIE, taken), taken, start))
     assert found.inflation > 2
+
+
+def of_frames(picture_of, draws, times=STACK):
+    """Values over errors, of noise and with the scatter between frames: [draws, values] each."""
+    pairs = []
+    for draw in range(draws):
+        pictures = [picture_of(np.random.default_rng((draw, place))) for place in range(len(times))]
+        merging = merged(exposed_each(pictures, times, 1e4, draw), electrons_per_count=GAIN, read_noise_e=READ_NOISE)
+        taken = taken_of(merging, CAMERA.pixel_um, tuple((side - 1) / 2 for side in merging.shape))
+        image = image_of(DIE, taken)
+        found = fitted(image, taken, Setting(terms=((4, 0.0),)))
+        both = found, with_frames(image, taken, found)
+        pairs.append([found.setting.values / list(fit.errors.values()) for fit in both])
+    return np.swapaxes(pairs, 0, 1)
+
+
+def test_a_light_that_moves_between_exposures_enlarges_the_errors_to_hold_it():
+    """Frames off by .05 pixels each: errors of the place grow to what the frames scatter, no others do by much."""
+    per_wave = 2 / (CAMERA.stop.diameter_um / 2) * 0.53 * CAMERA.focal_um
+    tilt = 0.05 * CAMERA.pixel_um / per_wave
+
+    def moved(random):
+        return phased_picture(DIE, CAMERA, ((2, random.normal(0, tilt)), (3, random.normal(0, tilt))))
+
+    noise, whole = of_frames(moved, 4)
+    place = [0, 1]
+    assert np.median(abs(noise[:, place])) > 10
+    assert (abs(whole[:, place]) < 3).all()
+    assert (abs(whole[:, 2:]) < 3.5).all()
+
+
+def test_exposures_of_one_light_leave_the_errors_of_the_noise():
+    picture = phased_picture(DIE, CAMERA, ())
+    noise, whole = of_frames(lambda _: picture, 8)
+    grown = noise / whole
+    assert (grown >= 1 - 1e-12).all()
+    assert np.median(grown) == pytest.approx(1, abs=0.01)
+    assert np.mean(grown > 1.1) < 0.25
+
+
+def test_two_exposures_tell_no_scatter():
+    noise, whole = of_frames(lambda _: phased_picture(DIE, CAMERA, ()), 1, (1.0, 4.0))
+    assert (noise == whole).all()
