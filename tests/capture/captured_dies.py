@@ -29,6 +29,8 @@ def polygon_picture(
     panel: Panel, camera: Camera, lines: dict[float, float], *, bias_um: float, turn_rad: float
 ) -> Floats:
     """Share of the light in every pixel, row 0 the top, of polygons that grew by a bias and are turned."""
+    # The shortest line sees the highest frequencies.
+    camera = replace(camera, wavelengths_nm=(min(lines),))
     openings = panel_aperture(panel, camera.stop.diameter_um / 2)
     x, y = (np.rint(1000 * axis.edges_um()).astype(int) for axis in (openings.x, openings.y))
     drawn = db.Region()
@@ -40,8 +42,7 @@ def polygon_picture(
     turn = np.array([[np.cos(turn_rad), np.sin(turn_rad)], [-np.sin(turn_rad), np.cos(turn_rad)]])
     edges = (edges.reshape(-1, 2, 2) @ turn).reshape(-1, 4)
     margin = pixel_margin(camera)
-    # The shortest line sees the highest frequencies.
-    outline = stop_boundary(edges, area, replace(camera, wavelengths_nm=(min(lines),)), margin)
+    outline = stop_boundary(edges, area, camera, margin)
     count = odd_samples(camera.window_um, point_step_um(camera)) + 2 * margin
     total = 0.0
     for line, weight in lines.items():
