@@ -11,7 +11,7 @@ from maskfab.camera.transfer import CELLS, lay
 from maskfab.errors import JobError
 from maskfab.optimiser.maps.alternate import dot_slopes, joint
 from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE, design_map
-from maskfab.optimiser.model.layout_error import Slope, pupil_error
+from maskfab.optimiser.model.layout_error import Slope
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.plate.maps import shifted
 
@@ -19,12 +19,6 @@ DOTS = 7
 BAR = np.zeros((DOTS, DOTS), dtype=np.bool_)
 BAR[:5, :2] = True
 SHIFTS = ((0, 0), (2, 1), (4, 0))
-
-
-@pytest.fixture(scope="module")
-def one_level(estimate):
-    """Half the work, where it does not matter what is weighed against what."""
-    return pupil_error(estimate, (32,))
 
 
 @pytest.fixture(scope="module")
@@ -84,26 +78,26 @@ def test_no_round_is_the_map_alone(coarse):
     assert np.array_equal(none.designed.orientations, map_alone.orientations)
 
 
-def test_the_constraints_are_kept(one_level):
+def test_the_constraints_are_kept(coarse):
     rules = Constraints(10, dots=DOTS, min_feature_dots=2, kissing="cell")
-    found = joint(BAR, one_level, rules, rounds=1)
+    found = joint(BAR, coarse, rules, rounds=1)
     assert not rules.violations(found.unit)
     still = Constraints(10, dots=DOTS, keep_out=~BAR)
-    assert np.array_equal(joint(BAR, one_level, still, rounds=1).unit, BAR)
+    assert np.array_equal(joint(BAR, coarse, still, rounds=1).unit, BAR)
 
 
-def test_every_place_keeps_the_unit_in_its_cell(one_level):
-    found = joint(BAR, one_level, Constraints(10, dots=DOTS), rounds=1, positions=3)
+def test_every_place_keeps_the_unit_in_its_cell(coarse):
+    found = joint(BAR, coarse, Constraints(10, dots=DOTS), rounds=1, positions=3)
     assert len(found.designed.shifts) == 3
     assert all(shifted(found.unit, shift).sum() == BAR.sum() for shift in found.designed.shifts)
-    pupil = laid(found.unit, found.designed.shifts, found.designed.orientations, one_level)
+    pupil = laid(found.unit, found.designed.shifts, found.designed.orientations, coarse)
     assert pupil.sum() == found.designed.clear_dots
-    assert one_level.psnr(pupil) == found.designed.psnr
+    assert coarse.psnr(pupil) == found.designed.psnr
 
 
-def test_no_place_breaks_the_constraints(one_level):
+def test_no_place_breaks_the_constraints(coarse):
     rules = Constraints(10, dots=DOTS, keep_out=np.arange(DOTS) * np.ones((DOTS, 1)) > 4)
-    found = joint(BAR, one_level, rules, rounds=1, positions=4)
+    found = joint(BAR, coarse, rules, rounds=1, positions=4)
     assert len(found.designed.shifts) > 1
     assert all(rules.allows(shifted(found.unit, shift)) for shift in found.designed.shifts)
 

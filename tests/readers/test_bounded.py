@@ -23,6 +23,7 @@ pytestmark = pytest.mark.skipif(
 
 @pytest.fixture
 def file(tmp_path):
+    """For so few bytes one second is added to what a file may take."""
     path = tmp_path / "small.gds"
     path.write_bytes(b"1234")
     return path
@@ -61,7 +62,7 @@ def test_what_does_not_come_to_an_end_is_ended_and_the_stage_told(file):
         busy(60)
 
     spent = time.perf_counter()
-    error = refusal(file, work, seconds=1)
+    error = refusal(file, work, seconds=0)
     assert (error.code, "'rules'" in error.what) == ("MF322", True)
     assert time.perf_counter() - spent < 30
 
@@ -69,29 +70,29 @@ def test_what_does_not_come_to_an_end_is_ended_and_the_stage_told(file):
 def test_a_library_that_cannot_be_interrupted_is_ended_too(file):
     comb = [db.Region([db.Polygon(db.Box(0, 40 * k, 200_000, 40 * k + 20)) for k in range(5000)])]
     comb.append(comb[0].transformed(db.Trans(1, False, 200_000, 0)))
-    assert refusal(file, lambda _: (comb[0] & comb[1]).count(), seconds=1).code == "MF322"
+    assert refusal(file, lambda _: (comb[0] & comb[1]).count(), seconds=0).code == "MF322"
 
 
 def test_what_is_allowed_for_honest_work_is_there(file):
     def work(_):
         allow(3)
-        busy(1.2)
+        busy(1.1)
         return "done"
 
-    assert bounded(file, work, seconds=1) == "done"
+    assert bounded(file, work, seconds=0) == "done"
 
 
 def test_what_a_reader_takes_is_taken_of_the_same_share(file, tmp_path):
     script = tmp_path / "reader.py"
     script.write_text(
-        "import pickle, sys, time\nwhile time.process_time() < 1.2:\n    pass\npickle.dump('read', sys.stdout.buffer)",
+        "import pickle, sys, time\nwhile time.process_time() < 1.05:\n    pass\npickle.dump('read', sys.stdout.buffer)",
         encoding="utf-8",
     )
 
     def work(tell):
         answer = read_apart(file, script, seconds=60)
         tell("rules", 0, 1)
-        busy(1.5)
+        busy(1.2)
         return answer
 
     error = refusal(file, work, seconds=1)
