@@ -239,6 +239,22 @@ _ENTRIES = (
         "number of the capture.",
     ),
     Entry(
+        "captured_cost",
+        "ΔPSNR({detail})",
+        "dB",
+        "Cost of restoring as drawn",
+        "What photographs through the die as it was measured lose when they are restored by the PSF of the die as "
+        "drawn, and not by the PSF that was fitted.",
+    ),
+    Entry(
+        "captured_loss",
+        "ΔPSNR*({detail})",
+        "dB",
+        "Loss for good",
+        "What photographs through the die as it was measured lose against the die as drawn, although each is restored "
+        "by its own PSF; negative where more light makes up for it.",
+    ),
+    Entry(
         "captured_misfit",
         "χ²/n",
         "1",

@@ -44,6 +44,10 @@ def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, tmp_pat
     assert told["verdict"][0] == "This is die TURNED, mirrored: turn the plate over."
     bias = next(each for each in told["quantities"] if each["name"] == "captured_cd_bias")
     assert abs(bias["value"] - 0.4) < 2 * bias["uncertainty"] < 0.4
+    costs = [each for each in told["quantities"] if each["name"] == "captured_cost"]
+    assert {"ΔPSNR(way round)", "ΔPSNR(all together)"} <= {each["symbol"] for each in costs}
+    assert all(each["uncertainty"] is not None for each in costs)
+    assert "names no mask house" in told["verdict"][2]
     assert [each["name"] for each in told["frames"]] == [path.name for path in frames]
     assert {**json.loads((out / "measure.json").read_text()), "path": str(out)} == told
     page = (out / "measure.html").read_text()
@@ -71,14 +75,18 @@ def test_python_measures_as_the_command_does(captured):
     assert str(found).startswith("This is die TURNED")
 
 
-def test_what_of_the_plate_is_not_fitted_is_named(captured, tmp_path):
-    edit = ("[plate]", '[process]\ncorner_radius = "0.5 um"\n\n[plate]\noptical_density = 3')
+def test_the_house_of_the_job_and_what_is_not_fitted_are_named(captured, tmp_path):
+    stated = '[process]\ncorner_radius = "0.5 um"\n\n[export]\nshop = "topro_chrome"\n\n[plate]\noptical_density = 3'
+    edit = ("[plate]", stated)
     times = [f"{time:g} ms" for time in TIMES]
     found = maskfab.measure(
         captured[1], write_job(tmp_path, edit), times=times, gain=GAIN, read_noise=READ_NOISE, black=BLACK, window=64,
         die=["TURNED"],
     )  # fmt: skip
     assert "corner_radius of [process], optical_density of [plate]" in found.notes[-1]
+    assert found["captured_cd_bias"].limit == 0.1
+    assert found["captured_cd_bias"].passed is False
+    assert "beyond the ±0.1 um" in found.found.verdict[2]
 
 
 @pytest.mark.parametrize(

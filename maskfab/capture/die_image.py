@@ -131,6 +131,11 @@ class DieImage:
         few = {colour: gathered(lines, camera, half) for colour, lines in light.items()}
         return cls(panel, way_round, camera, dict(light), tuple(pixels), die, step, few)
 
+    @property
+    def transmission(self) -> float:
+        """Share of the stop's light that passes the die as drawn."""
+        return self._field.energy_um2 / self.camera.stop.area_um2
+
     def on(self, pixels: Sequence[Pixels]) -> DieImage:
         """The image of the same die on other pixels."""
         return DieImage.of(self.panel, self.way_round, self.camera, self.light, pixels)

@@ -4,14 +4,17 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import __version__
 from maskfab.capture.die_image import Pixels
-from maskfab.capture.measured import Measured
 from maskfab.export.images.exr import Fact, write_channels
+
+if TYPE_CHECKING:
+    from maskfab.capture.measured import Measured
 
 Floats = NDArray[np.float64]
 

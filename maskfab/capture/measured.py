@@ -3,34 +3,36 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maskfab.camera.exposure import F1_SENSOR
+from maskfab.camera.sensor import Sensor
+from maskfab.capture.cost import COST_METHOD, Cost, costs
 from maskfab.capture.designed_edge import Light
-from maskfab.capture.die_image import DieImage, Pixels, Setting
+from maskfab.capture.die_image import BIAS, DieImage, Pixels, Setting
 from maskfab.capture.fit import Fit, expecting, fitted, with_terms
 from maskfab.capture.frame_scatter import with_frames
 from maskfab.capture.identify import Hypothesis, Identified, identified
 from maskfab.capture.merge import Merged
 from maskfab.capture.mtf_band import MtfBand, mtf_bands
+from maskfab.capture.promise import Promise
 from maskfab.capture.taken import Taken, brightest, taken_of
+from maskfab.capture.verdict import NORMAL_95, TERM_NAMES, cause, verdict
 from maskfab.errors import JobError, SourceError
 from maskfab.model import Camera, Panel, Quantity
 from maskfab.optics.image.spectrum import Band, Spectrum, line_spectrum
-from maskfab.optics.wavefront.aberration import NOLL
 from maskfab.progress import Progress, silent
 from maskfab.units import UM_PER_NM
 
-_NORMAL_95 = 1.959964
 _SPECKLES_PER_PANEL = 3.0
 _UNLIKE = 3.0
 """Root of chi² per pixel from which a fit is held to be none: the light, the camera or the die is another."""
-_NAMES = {number: name.replace("_", " ") for name, number in NOLL.items()}
+_NOTHING = Promise()
 _STRETCHED = 0.1
 """Change of scale from which camera or light are others than the job's."""
-_TURNS = {0: "as drawn", 1: "turned by 90 degrees", 4: "mirrored", 5: "mirrored and turned by 90 degrees"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,6 +46,7 @@ class Measured:
         image: of it.
         fit: of it, with as many of the lens's errors as the residuals ask for.
         bands: MTF of every grid of pixels.
+        costs: of what is not as drawn.
         quantities: the numbers.
         verdict: sentences, the most important first.
         mirrored: whether the plate stands the other way round than the job says.
@@ -55,6 +58,7 @@ class Measured:
     image: DieImage
     fit: Fit
     bands: tuple[MtfBand, ...]
+    costs: tuple[Cost, ...]
     quantities: tuple[Quantity, ...]
     verdict: tuple[str, ...]
     mirrored: bool
@@ -67,7 +71,8 @@ def measured(
     light: Mapping[str, Spectrum],
     *,
     seen_mirrored: bool = False,
-    promised_bias_um: float = 0.0,
+    promise: Promise = _NOTHING,
+    sensor: Sensor = F1_SENSOR,
     seed: int = 0,
     progress: Progress = silent,
 ) -> Measured:
@@ -79,7 +84,8 @@ def measured(
         camera: its lens and its pixel.
         light: what each colour of pixels sees of the light.
         seen_mirrored: whether the job's plate stands with its chrome away from the lens, which then sees it mirrored.
-        promised_bias_um: by which clear features are wider than drawn, as the job states it.
+        promise: how wide the job and its mask house say that features are.
+        sensor: that takes the photographs by which disagreements are priced.
         seed: of the noise that bands are drawn with.
         progress: told where the work stands.
 
@@ -105,9 +111,29 @@ def measured(
         )
     mirrored = (found.best.way_round >= 4) != seen_mirrored
     bands = mtf_bands(taken, fit, seed)
-    numbers = _quantities(best, fit, _outside(merged, image, fit.setting))
-    verdict = _verdict(found, fit, bands, mirrored, promised_bias_um)
-    return Measured(merged, taken, found, image, fit, bands, numbers, verdict, mirrored)
+    width_um = panels[best.die].dot_nm * UM_PER_NM
+    drawn = 4 if seen_mirrored else 0
+    prices = costs(image, fit.setting, _seen(fit), drawn if found.certain else best.way_round, sensor)
+    numbers = _quantities(best, fit, _outside(merged, image, fit.setting), promise, width_um)
+    numbers += tuple(_priced(best, prices))
+    said = verdict(found, fit, bands, prices, promise, mirrored=mirrored, width_um=width_um)
+    return Measured(merged, taken, found, image, fit, bands, tuple(prices), numbers, said, mirrored)
+
+
+def _seen(fit: Fit) -> list[str]:
+    """Names of the values that are above their errors."""
+    values = dict(zip(fit.setting.names, fit.setting.values.tolist(), strict=True))
+    return [name for name, error in fit.errors.items() if abs(values[name]) > NORMAL_95 * error]
+
+
+def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
+    for each in prices:
+        detail = cause(each.of)
+        for name, lost, against in (
+            ("captured_cost", each.by_design, "against restoring them by the PSF of that die"),
+            ("captured_loss", each.for_good, "by the PSF of that die, against a die as drawn restored as drawn"),
+        ):
+            yield Quantity(name, lost.mean, f"{COST_METHOD}; {against}", lost.half_width, die=best.die, detail=detail)
 
 
 def _check_like(setting: Setting, die: str, panel: Panel) -> None:
@@ -179,11 +205,6 @@ def _lines(band: Band, camera: Camera, half_um: float) -> Spectrum:
     return band.quadrature(max(1, math.ceil(moved / _SPECKLES_PER_PANEL)))
 
 
-def stands(each: Hypothesis) -> str:
-    """The stand of a die, in words."""
-    return _TURNS[each.way_round]
-
-
 def _outside(merged: Merged, image: DieImage, setting: Setting) -> dict[str, float]:
     """Share of every colour's light beyond the window, as if all of its pixels were of that colour: the pixels of one
     alone hit or miss a peak that is as narrow as a pixel."""
@@ -195,17 +216,27 @@ def _outside(merged: Merged, image: DieImage, setting: Setting) -> dict[str, flo
     return {each.colour: 1 - float(picture.sum()) for each, picture in zip(whole.pixels, pictures, strict=True)}
 
 
-def _quantities(best: Hypothesis, fit: Fit, outside: Mapping[str, float]) -> tuple[Quantity, ...]:
-    half = {name: _NORMAL_95 * error for name, error in fit.errors.items()}
+def _quantities(
+    best: Hypothesis, fit: Fit, outside: Mapping[str, float], promise: Promise, width_um: float
+) -> tuple[Quantity, ...]:
+    half = {name: NORMAL_95 * error for name, error in fit.errors.items()}
     setting, die = fit.setting, best.die
     method = {name: _method(fit, name) for name in setting.names}
+    bias = Quantity(
+        "captured_cd_bias",
+        setting.bias_um,
+        method[BIAS],
+        half[BIAS],
+        limit=promise.tolerance_um(width_um),
+        passed=promise.kept(width_um, setting.bias_um, half[BIAS]),
+        die=die,
+    )
     degrees = math.degrees(setting.turn_rad), method["turn_rad"], math.degrees(half["turn_rad"])
-    bias = Quantity("captured_cd_bias", setting.bias_um, method["bias_um"], half["bias_um"], die=die)
     turn = Quantity("captured_turn", *degrees, die=die)
     scale = Quantity("captured_scale", setting.scale, method["scale"], half["scale"], die=die)
     found = [bias, turn, scale]
     for term, waves in setting.terms:
-        told = f"{term}, {_NAMES.get(term, 'Zernike')}"
+        told = f"{term}, {TERM_NAMES.get(term, 'Zernike')}"
         name = f"z{term}"
         found.append(Quantity("captured_term", waves, method[name], half[name], die=die, detail=told))
     told = "1 less the sum of the fitted die's picture over all pixels of the window, the light in its middle"
@@ -223,61 +254,3 @@ def _method(fit: Fit, name: str) -> str:
     told = "weighted least squares on the pixels, 95 % by Fisher's information"
     told += " x root of chi² per pixel" if fit.inflation > 1 else ""
     return told + (" and the scatter between exposures" if fit.scatters(name) else "")
-
-
-def _verdict(
-    found: Identified, fit: Fit, bands: tuple[MtfBand, ...], mirrored: bool, promised_bias_um: float
-) -> tuple[str, ...]:
-    best = found.best
-    said = []
-    if found.certain:
-        over = ": turn the plate over" if mirrored else ""
-        said.append(f"This is die {best.die}, {stands(best)}{over}.")
-    else:
-        others = " or ".join(f"{each.die}, {stands(each)}" for each in (best, *found.rivals[:3]))
-        said.append(f"Cannot tell which die this is: {others}.")
-    said.append(
-        "Whether it is turned by 180 degrees beyond that cannot be told: the picture of a mask in focus is point-"
-        "symmetric, and out of focus that of the other side."
-    )
-    bias, half = fit.setting.bias_um, _NORMAL_95 * fit.errors["bias_um"]
-    off = abs(bias - promised_bias_um) > half
-    told = f"CD {bias:+.3f} ± {half:.3f} um"
-    said.append(
-        f"{told}, where the job states {promised_bias_um:+.3f} um: "
-        + (f"off by {bias - promised_bias_um:+.3f} um." if off else "no difference is seen.")
-    )
-    said += [_told_mtf(bands), _told_lens(fit)]
-    if fit.inflation**2 > 1 + 4 * math.sqrt(2 / fit.freedom):
-        said.append(
-            f"The model leaves residuals of {fit.inflation:.2f} standard deviations of the noise: something is not in "
-            "it, such as another light, dust or a light that is wider than a pixel. Errors are enlarged by as much."
-        )
-    said.append(
-        "Scale is that of pitch x pixel / (wavelength x focal length): one die tells "
-        f"{fit.setting.scale:+.2e}, and not which of them is off."
-    )
-    return tuple(said)
-
-
-def _told_mtf(bands: tuple[MtfBand, ...]) -> str:
-    """Frequencies up to which the captured MTF is that of the fitted die, of the colour that parts first."""
-    parted = {band.colour: band.parted_per_mm for band in bands if band.parted_per_mm is not None}
-    if not parted:
-        most = min(float(band.frequencies[-1]) for band in bands)
-        return f"MTF as designed up to {most:.0f} cycles per mm, the most that the pixels of a colour tell."
-    colour, first = min(parted.items(), key=lambda each: each[1])
-    seen = "" if colour == "-" else f", where {colour} pixels part from it first"
-    return f"MTF as designed up to {first:.0f} cycles per mm{seen}."
-
-
-def _told_lens(fit: Fit) -> str:
-    """Errors of the lens that are above their own error bars."""
-    half = {term: _NORMAL_95 * fit.errors[f"z{term}"] for term, _ in fit.setting.terms}
-    seen = [
-        f"{_NAMES.get(term, f'Zernike {term}')} {waves:+.4f} ± {half[term]:.4f}"
-        for term, waves in fit.setting.terms
-        if abs(waves) > half[term]
-    ]
-    sought = f"of {len(half)} Zernike terms" if len(half) > 1 else "of defocus"
-    return f"Lens, in waves, {sought}: {', '.join(seen) if seen else 'none above its error'}."

@@ -234,6 +234,15 @@ class ShopTolerance(Section):
     short_um: Positive | None = None
     long_um: Positive | None = None
 
+    def of_width(self, width_um: float) -> float | None:
+        """Largest deviation of a feature's width, a short distance where widths have no rows; None without a promise.
+
+        Args:
+            width_um: as drawn.
+        """
+        rows = sorted(self.cd_um)
+        return next((deviation for most, deviation in rows if width_um <= most), None if rows else self.short_um)
+
 
 class ShopOrder(Section):
     """[order]: what its order form asks for, and in which words.

@@ -10,7 +10,8 @@ from maskfab import __version__
 from maskfab.capture.files import write_merged
 from maskfab.capture.fitted_psf import write_fitted_psf
 from maskfab.capture.identify import CERTAIN
-from maskfab.capture.measured import Measured, stands
+from maskfab.capture.measured import Measured
+from maskfab.capture.verdict import stands
 from maskfab.files.staging import Place
 from maskfab.report.measured_files import SCHEMA_VERSION, write_measured
 from maskfab.report.page.capture_page import capture_page

@@ -9,16 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Wavelength, wavelength_text
+from maskfab.camera.stated_light import stated_sensor
 from maskfab.capture.frames import Frame
 from maskfab.capture.gain import Gain, photon_transfer
 from maskfab.capture.light import light_place
 from maskfab.capture.measured import Measured, light_of, measured
 from maskfab.capture.merge import merged
+from maskfab.capture.promise import Promise
 from maskfab.capture.reading import read_frames
 from maskfab.capture.taken import window_middle
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
+from maskfab.mask_shops.profiles import shop_of
 from maskfab.model import Quantity
 from maskfab.progress import Progress, silent
 from maskfab.report.capture_files import capture_document, write_capture
@@ -120,6 +123,7 @@ def measure(
     Raises:
         SourceError: for frames that cannot be read or merged, MF339 for light that is like no die of the job.
         JobError: MF105 for a die that the job does not have, or a gain that nothing states; else as for the job.
+        OutputError: MF420, MF421 for a mask house of the job that has no profile, or a malformed one.
     """
     known = job_of(job)
     if not _LEAST_WINDOW <= window <= _MOST_WINDOW:
@@ -133,13 +137,11 @@ def measure(
     wanted = dies_of(die, panels)
     stated = None if times is None else [parse_time_s(each, where="times") for each in times]
     line_nm = None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
-    if not pair and (gain is None or read_noise is None):
-        raise JobError(
-            "MF105",
-            "nothing states the sensor's gain and read noise",
-            where="gain",
-            cure="Give gain and read_noise in electrons, or a pair of equal frames that they are told from",
-        )
+    process = None if known.spec.process is None else known.spec.process.process()
+    promise = Promise(0.0 if process is None else process.cd_bias_um, shop_of(known.spec, known.where))
+    sensor = stated_sensor(known.spec.sensor)
+    if not pair:
+        _noise(gain, read_noise, None)
 
     def read(paths: Sequence[str | Path], times_s: Sequence[float] | None = None) -> tuple[Frame, ...]:
         files = [Path(each) for each in paths]
@@ -151,10 +153,11 @@ def measure(
     told = None if not pair else photon_transfer(read(pair), darks if len(darks) > 1 else ())
     side = min(window, *frames[0].shape) // 2 * 2
     middle = window_middle(light_place(frames, side), frames[0], side)
+    electrons_per_count, read_noise_e = _noise(gain, read_noise, told)
     merging = merged(
         [each.cropped(middle, side) for each in frames],
-        electrons_per_count=gain if gain is not None or told is None else told.electrons_per_count,  # type: ignore[arg-type]
-        read_noise_e=read_noise if read_noise is not None or told is None else told.read_noise_e,  # type: ignore[arg-type]
+        electrons_per_count=electrons_per_count,
+        read_noise_e=read_noise_e,
         dark=[each.cropped(middle, side) for each in darks],
         flat=[each.cropped(middle, side) for each in flats],
     )
@@ -162,17 +165,36 @@ def measure(
     colours = tuple(sorted({plane.colour for plane in merging.planes}))
     bands = () if known.scene is None else known.scene.bands
     light = light_of(colours, known.camera, bands, side / 2 * known.camera.pixel_um, line_nm)
-    process = None if known.spec.process is None else known.spec.process.process()
     found = measured(
         merging,
         {name: panels[name] for name in wanted},
         known.camera,
         light,
         seen_mirrored=seen_mirrored(known),
-        promised_bias_um=0.0 if process is None else process.cd_bias_um,
+        promise=promise,
+        sensor=sensor,
         progress=progress,
     )
     return Measurement(found, known.digest, _notes(known, line_nm, told))
+
+
+def _noise(gain: float | None, read_noise: float | None, told: Gain | None) -> tuple[float, float]:
+    """Electrons for each count, and the read noise in electrons: as stated, else as a pair of frames told.
+
+    Raises:
+        JobError: MF105 if neither does.
+    """
+    if told is not None:
+        gain = told.electrons_per_count if gain is None else gain
+        read_noise = told.read_noise_e if read_noise is None else read_noise
+    if gain is None or read_noise is None:
+        raise JobError(
+            "MF105",
+            "nothing states the sensor's gain and read noise",
+            where="gain",
+            cure="Give gain and read_noise in electrons, or a pair of equal frames that they are told from",
+        )
+    return gain, read_noise
 
 
 def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...]:

@@ -7,11 +7,16 @@ from typing import Any
 
 from markupsafe import Markup
 
+from maskfab.capture.cost import COST_METHOD
 from maskfab.capture.measured import Measured
+from maskfab.capture.verdict import cause
 from maskfab.quantities import registered
 from maskfab.report.page.html import style
 from maskfab.report.page.measured_template import measured_template
 from maskfab.report.plots.capture_figures import capture_mtf_drawing, captured_drawing
+
+_PRICES = ("captured_cost", "captured_loss")
+"""Numbers that have a table of their own."""
 
 
 def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[str]) -> str:
@@ -29,7 +34,9 @@ def capture_page(found: Measured, document: Mapping[str, Any], notes: Sequence[s
         verdict=found.verdict,
         captured=Markup(captured_drawing(found).img()),
         mtf=Markup(capture_mtf_drawing(found).img()),
-        rows=[(each, registered(each.name)) for each in found.quantities],
+        rows=[(each, registered(each.name)) for each in found.quantities if each.name not in _PRICES],
+        costs=[(cause(each.of), each) for each in found.costs],
+        cost_method=COST_METHOD,
         rivals=document["hypotheses"],
         frames=document["frames"],
         doubts=document["pixels_left_out"],
