@@ -111,7 +111,7 @@ def require_notes(notes):
 
 
 def test_photographs_are_taken_by_the_jobs_camera_and_by_f1s_where_that_is_asked_for(folder, capsys):
-    images = "--images", folder / "small"
+    images = "--images", folder / "small", "--level", "32"
     by = {name: told(capsys, "simulate", folder / f"{name}.toml", *images) for name in ("phone", "fast")}
     psnr = {name: [score["psnr"] for score in found["scores"]] for name, found in by.items()}
     assert min(abs(np.subtract(psnr["phone"], psnr["fast"]))) > 0.1

@@ -18,6 +18,7 @@ def test_a_sheet_is_written_once_and_replaced_only_if_asked(tmp_path: Path, caps
     scenes.mkdir()
     write_png(leaves(3, 832, 832).values, scenes / "leaves.png", white=1.0)
     arguments = ["simulate", str(JOB), "--die", "OURS", "--images", str(scenes), "--picture", str(sheet), "--quiet"]
+    arguments += ["--level", "32"]
     assert run_command_line(arguments) == 0
     first = sheet.read_bytes()
     assert first.startswith(b"\x89PNG")

@@ -21,6 +21,7 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 from small_job import command, listing, write_job
+from sweeps import sweep
 
 from maskfab.delivery.archive import write_package
 from maskfab.errors import OutputError
@@ -91,12 +92,14 @@ def writers(tmp_path_factory) -> dict[str, Case]:
 @contextmanager
 def room_for(limit: int) -> Iterator[None]:
     """Files of this process end here; it is told by an error, for Python ignores the signal."""
-    before = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before, unwritten = resource.getrlimit(resource.RLIMIT_FSIZE), sys.dont_write_bytecode
+    sys.dont_write_bytecode = True  # of what is imported meanwhile the head alone would be kept, for every later start
     resource.setrlimit(resource.RLIMIT_FSIZE, (limit, before[1]))
     try:
         yield
     finally:
         resource.setrlimit(resource.RLIMIT_FSIZE, before)
+        sys.dont_write_bytecode = unwritten
 
 
 def killed_at(limit: int, work: Callable[[], object]) -> int:
@@ -106,6 +109,7 @@ def killed_at(limit: int, work: Callable[[], object]) -> int:
         child = os.fork()
     if child == 0:
         try:
+            sys.dont_write_bytecode = True
             oiio.attribute("threads", 1)  # its others are not in this process
             signal.alarm(30)
             signal.signal(signal.SIGXFSZ, signal.SIG_DFL)
@@ -206,7 +210,7 @@ def test_a_command_without_room_says_so_and_leaves_nothing(capsys, tmp_path, ver
     assert listing(tmp_path) == before
 
 
-@pytest.mark.parametrize(("verb", "limit"), [("run", 12_000), ("package", 20_000)])
+@pytest.mark.parametrize(("verb", "limit"), sweep([("run", 12_000), ("package", 20_000)], 1))
 def test_a_command_that_is_killed_half_way_leaves_no_result(tmp_path, verb, limit):
     words, result = spoken(verb, tmp_path)
     before = listing(tmp_path)

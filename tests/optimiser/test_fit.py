@@ -28,6 +28,8 @@ from maskfab.plate.maps import CellMap, map_text
 from maskfab.plate.tiling import orientations
 from maskfab.report.design_text import designed_document, designed_lines
 
+pytestmark = pytest.mark.usefixtures("bound_loosely")
+
 JOB = """
 [design]
 name = "small"
@@ -89,7 +91,7 @@ def test_the_rule_is_the_check_itself_and_the_quick_one_is_no_laxer(tmp_path: Pa
     asked = Display.of(DisplayRules.of(spec.emitters, None, spec.wires), Tiling.RANDOM, 0, 5, 5)
     rules = Constraints(25, dots=11, dot_nm=8000, **of_display(asked))
     verdicts = []
-    for bar in list(bars(11, 25))[::23]:
+    for bar in list(bars(11, 25))[::46]:
         found = feasibility(asked.panel(bar.unit, 8000), asked.rules)
         verdicts.append(found.verdict is Verdict.FITS)
         assert (not rules.violations(bar.unit)) == verdicts[-1]

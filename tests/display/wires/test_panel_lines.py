@@ -10,6 +10,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from klayout import db
+from sweeps import examples
 
 from maskfab.display.emitters.measure import whole_panel
 from maskfab.display.wires.gutter import WireRules
@@ -58,7 +59,7 @@ def measured(panel: Panel, laid: PanelLines, rules: WireRules, count: int) -> No
         assert list(along) == sorted(along)
 
 
-@settings(max_examples=20)
+@examples(40)
 @given(st.integers(0, 10**6))
 def test_lines_are_laid_and_keep_every_rule_or_a_chain_proves_that_they_cannot(seed):
     panel = drawn_at_random(seed)
