@@ -59,9 +59,13 @@ def found(scenes: tuple[Photograph, ...], **changed: object) -> Designed:
     return relax(section(**changed), LENS, scenes, "maskfab design x.toml")
 
 
-def judged(wanted: RelaxSection, scenes: tuple[Photograph, ...], estimate: Surrogate, mask: np.ndarray) -> float:
+def judged(
+    wanted: RelaxSection, scenes: tuple[Photograph, ...], estimate: Surrogate, *masks: np.ndarray
+) -> list[float]:
+    """The loss of each at the end of the schedule."""
     plan = schedule(wanted, constraints_of(wanted), LENS, scenes, estimate)
-    return float(plan.objective.at(-1, plan.descent.iterations)(torch.from_numpy(mask.astype(np.float32))))
+    loss = plan.objective.at(-1, plan.descent.iterations)
+    return [float(loss(torch.from_numpy(mask.astype(np.float32)))) for mask in masks]
 
 
 @pytest.mark.parametrize("tiling", sweep([{"tiling": "periodic"}, {"tiling": "random", "tiling_seed": 2}], 1))
@@ -71,18 +75,14 @@ def test_beats_every_random_mask_of_its_count(
     wanted = section(**tiling, iterations=40, anneal=100)
     opening = relax(wanted, LENS, scenes, "maskfab design x.toml").opening
     assert opening.clear_dots == 14
-    reached = judged(wanted, scenes, estimate, opening.mask)
+    (reached,) = judged(wanted, scenes, estimate, opening.mask)
     facts = parse_opening(opening_text(opening)).provenance
     assert facts["loss"] == pytest.approx(reached, abs=1e-6)
     assert facts["command"] == "maskfab design x.toml"
     assert facts.get("tiling_seed") == tiling.get("tiling_seed")
     draw = np.random.default_rng(0)
-    chance = []
-    for _ in range(50):
-        mask = np.zeros(49, dtype=bool)
-        mask[draw.permutation(49)[:14]] = True
-        chance.append(judged(wanted, scenes, estimate, mask.reshape(7, 7)))
-    assert reached < min(chance)
+    chance = [(draw.permutation(49) < 14).reshape(7, 7) for _ in range(50)]
+    assert reached < min(judged(wanted, scenes, estimate, *chance))
 
 
 @pytest.mark.parametrize(
@@ -99,10 +99,10 @@ def test_every_objective_gives_the_same_opening_twice(scenes: tuple[Photograph, 
 
 def test_weights_scale_and_add(scenes: tuple[Photograph, ...], estimate: Surrogate) -> None:
     unit = np.random.default_rng(0).random((7, 7))
-    one, other = (
+    (one,), (other,) = (
         judged(section(objectives={name: 1.0}), scenes, estimate, unit) for name in ("invertibility", "mtf_auc")
     )
-    both = judged(section(objectives={"invertibility": 3.0, "mtf_auc": 0.5, "area": 9.0}), scenes, estimate, unit)
+    (both,) = judged(section(objectives={"invertibility": 3.0, "mtf_auc": 0.5, "area": 9.0}), scenes, estimate, unit)
     assert both == pytest.approx(3 * one + 0.5 * other, rel=1e-5)
 
 
