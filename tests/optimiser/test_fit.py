@@ -99,7 +99,6 @@ def test_the_rule_is_the_check_itself_and_the_quick_one_is_no_laxer(tmp_path: Pa
     assert len(set(verdicts)) == 2
 
 
-@pytest.mark.usefixtures("bound_loosely")
 def test_what_is_designed_for_a_display_fits_in_the_job_that_holds_it(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
     path = job_of(tmp_path, more=DISPLAY)
@@ -322,7 +321,6 @@ def test_a_job_without_a_plate_has_dies_like_those_that_ship_and_one_with_a_plat
     assert (own.across, usual.across) == (7, int(2.1 * 512 / 88))
 
 
-@pytest.mark.usefixtures("bound_loosely")
 def test_a_design_tells_the_die_that_it_fits_and_the_seed_to_state(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
     monkeypatch.setattr("maskfab.optimiser.search.search.fitting_die", lambda *_, **__: fit)
