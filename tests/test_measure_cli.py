@@ -42,6 +42,7 @@ def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, tmp_pat
     assert told["stands"] == "mirrored"
     assert told["turn_the_plate_over"] is True
     assert told["verdict"][0] == "This is die TURNED, mirrored: turn the plate over."
+    assert told["verdict"][-1].endswith("--stands mirrored.")
     bias = next(each for each in told["quantities"] if each["name"] == "captured_cd_bias")
     assert abs(bias["value"] - 0.4) < 2 * bias["uncertainty"] < 0.4
     costs = [each for each in told["quantities"] if each["name"] == "captured_cost"]

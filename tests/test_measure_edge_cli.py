@@ -100,6 +100,10 @@ def test_a_curve_from_elsewhere_is_that_of_its_die_along_its_own_direction(capsy
     right = compared("--die", "TURNED", "--angle", 90)
     assert right["edge_mtf_difference"] < 1e-5
     assert right["edge_mtf_parting"] is None
+    # A die that stands turned shows at 0 degrees what it shows at 90 as drawn; mirrored left to right, nothing changes
+    # along its axes.
+    assert compared("--die", "TURNED", "--stands", "turned")["edge_mtf_difference"] < 1e-5
+    assert compared("--die", "TURNED", "--angle", 90, "--stands", "mirrored")["edge_mtf_difference"] < 1e-5
     for wrong in (("--die", "TURNED"), ("--die", "PLAIN", "--angle", 90)):
         assert compared(*wrong)["edge_mtf_parting"] > 0
     answer = command(
@@ -121,6 +125,12 @@ REFUSED = {
     "die without a job": (("--edge", "b.tif", "--die", "PLAIN"), "MF105", "--die"),
     "line without a job": (("--edge", "b.tif", "--line", "530 nm"), "MF105", "--line"),
     "line without a die": (("--edge", "b.tif", "--job", "{job}", "--line", "530 nm"), "MF105", "--line"),
+    "stand without a die": (("--edge", "b.tif", "--job", "{job}", "--stands", "mirrored"), "MF105", "--stands"),
+    "no such stand": (
+        ("--edge", "b.tif", "--job", "{job}", "--die", "PLAIN", "--stands", "up"),
+        "MF105",
+        "'up' is no stand",
+    ),
     "pixel beside a job": (("--edge", "b.tif", "--job", "{job}", "--pixel", "2 um"), "MF105", "--pixel"),
     "two dies": (("--edge", "b.tif", "--job", "{job}", "--die", "PLAIN", "--die", "TURNED"), "MF105", "2 dies"),
     "no such die": (("--edge", "b.tif", "--job", "{job}", "--die", "OTHER"), "MF105", "'OTHER'"),

@@ -11,17 +11,17 @@ from maskfab.capture.fit import Fit
 from maskfab.capture.identify import Hypothesis, Identified
 from maskfab.capture.mtf_band import MtfBand
 from maskfab.capture.promise import Promise
+from maskfab.capture.stands import STANDS, stand_words
 from maskfab.optics.wavefront.aberration import NOLL
 
 NORMAL_95 = 1.959964
 TERM_NAMES = {number: name.replace("_", " ") for name, number in NOLL.items()}
-_TURNS = {0: "as drawn", 1: "turned by 90 degrees", 4: "mirrored", 5: "mirrored and turned by 90 degrees"}
 _CAUSES = {BIAS: "CD bias", "scale": "scale", "turn_rad": "turn"}
 
 
 def stands(each: Hypothesis) -> str:
     """The stand of a die, in words."""
-    return _TURNS[each.way_round]
+    return stand_words(each.way_round)
 
 
 def verdict(
@@ -67,6 +67,9 @@ def verdict(
         "Scale is that of pitch x pixel / (wavelength x focal length): one die tells "
         f"{fit.setting.scale:+.2e}, and not which of them is off."
     )
+    if found.certain and (mirrored or best.way_round % 2):
+        named = next(name for name, way in STANDS.items() if way == best.way_round)
+        said.append(f"As it stands, photographs and edges are held against it with --stands {named}.")
     return tuple(said)
 
 

@@ -18,11 +18,13 @@ from maskfab.capture.restoring.developed import developed
 from maskfab.capture.restoring.measured_psf import MeasuredBlur, read_psf
 from maskfab.capture.restoring.noise_estimate import estimated_noise
 from maskfab.capture.restoring.photo import Photo, Stated, read_photo
+from maskfab.capture.restoring.standing import StandingBlur
+from maskfab.capture.stands import STANDS
 from maskfab.errors import MaskfabError
 from maskfab.export.images.exr import write_channels
 from maskfab.export.images.light_image import write_png
 from maskfab.export.images.psf_exr import camera_header, psf_facts, write_psf
-from maskfab.model import Psf
+from maskfab.model import Psf, orient
 
 PATTERNS = {"rggb": (0, 0), "grbg": (0, 1), "gbrg": (1, 0), "bggr": (1, 1)}
 
@@ -92,6 +94,14 @@ def test_a_binned_blur_is_that_of_means_over_cells():
     means = binned(Record(large.astype(np.float32), Noise(100, 0))).values
     found = np.fft.irfft2(np.fft.rfft2(light, axes=(1, 2)) * BinnedBlur(fine).on((32, 48)), (32, 48), axes=(1, 2))
     assert found == pytest.approx(means, abs=1e-6)
+
+
+@pytest.mark.parametrize("way", STANDS.values(), ids=STANDS)
+def test_a_die_stands_in_pictures_as_its_drawing_turned(way):
+    drawing = kernel()
+    shown = np.stack([orient(plane, way) for plane in drawing])[:, ::-1]
+    found = StandingBlur(MeasuredBlur(drawing, (4.0, 4.0), ()), way).on((32, 44))
+    assert found == pytest.approx(MeasuredBlur(shown, (4.0, 4.0), ()).on((32, 44)), abs=1e-6)
 
 
 def test_a_kernel_larger_than_a_frame_is_sampled_at_its_frequencies():
@@ -172,6 +182,8 @@ def test_an_srgb_picture_is_taken_for_one_and_files_are_written(capsys, tmp_path
         ("MF105", {"restore": "magic"}),
         ("MF105", {"gain": 2.0}),
         ("MF105", {"die": "A"}),
+        ("MF105", {"stands": "mirrored"}),
+        ("MF105", {"register": True}),
         ("MF352", {"pixel": "3 um"}),
         ("MF351", {"large": True}),
         ("MF353", {"count": 2}),
@@ -214,6 +226,35 @@ def test_written_psfs_of_a_die_are_its_blur(tmp_path):
     # The light outside the window can change H by no more than its sum, and does by far less at most frequencies;
     # dots that the stop's rim cuts, which the die's transfer takes as their mean, change it by less than a hundredth.
     held = np.array(inside)[:, None, None]
-    missed = abs(blur.on((256, 256)) * held - die.on((256, 256)))
-    assert (missed < 1.01 - held).all()
-    assert missed.mean() < 0.004
+    missed = {way: abs(blur.on((256, 256)) * held - StandingBlur(die, way).on((256, 256))) for way in STANDS.values()}
+    assert (missed[0] < 1.01 - held).all()
+    assert missed[0].mean() < 0.004
+    assert min(missed, key=lambda way: missed[way].mean()) == 0
+
+
+def test_dies_are_compared_on_one_scene_with_colours_by_its_chart(capsys, tmp_path):
+    light = scene(208, 256, seed=6)
+    light[:, :32, :] = 0.5
+    spread = [(each + each[:, ::-1, ::-1]) / 2 for each in (kernel(), kernel(across=(0.1, 0.8, 0.1)))]
+    for name, each, moved in (("a", spread[0], 0), ("b", spread[1], 3)):
+        write_light(tmp_path / f"{name}.exr", np.roll(blurred(light, each), moved, axis=2))
+        write_light(tmp_path / f"psf_{name}.exr", np.pad(each, [(0, 0), (8, 8), (8, 8)]))
+    rows = ["row,column,size,red,green,blue"]
+    for row, column in ((y, x) for y in (40, 56, 72) for x in (40, 56, 72)):
+        red, green, blue = light[:, row, column]
+        rows.append(f"{row - 0.5},{column - 0.5},8,{blue},{green},{red}")
+    (tmp_path / "chart.csv").write_text("\n".join(rows), encoding="utf-8")
+    psfs = ("--psf", tmp_path / "psf_a.exr", "--psf", tmp_path / "psf_b.exr")
+    noise = ("--white", 1, "--gain", 1e5, "--read-noise", 1, "--restore", "wiener", "--epsilon", 1e-4)
+    photos = (tmp_path / "a.exr", tmp_path / "b.exr")
+    asked = ("restore", *photos, *psfs, *noise, "--chart", tmp_path / "chart.csv", "--register")
+    document = command(capsys, *asked, "--out", tmp_path / "out", "--json").document
+    (registered,) = document["registered"]
+    assert registered["shift_right_px"] == pytest.approx(3, abs=0.05)
+    assert registered["scale"] == pytest.approx(1, abs=1e-3)
+    assert {"b_on_a.png", "b_on_a.exr"} <= {path.name for path in (tmp_path / "out").iterdir()}
+    # Of a chart that is told with red and blue exchanged.
+    assert np.array(document["chart"]["matrix"]) == pytest.approx(np.eye(3)[::-1], abs=0.05)
+    assert [each["blur"][0] for each in document["photos"]] == [
+        f"PSF measured, 25 x 25 pixels of psf_{name}.exr" for name in "ab"
+    ]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
+from maskfab.api.stands import way_round
 from maskfab.api.verbs.measuring import idle_keys, light_words, seen_mirrored
 from maskfab.capture.designed_edge import Light
 from maskfab.capture.edge_regions import NARROWEST_PX, Region
@@ -20,6 +21,7 @@ from maskfab.capture.measured import seen_light
 from maskfab.capture.measured_edges import EdgeDesign, MeasuredEdges, compared_curve
 from maskfab.capture.mtf_file import read_mtf
 from maskfab.capture.reading import read_frame
+from maskfab.capture.stands import stand_named, stand_words
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
@@ -34,9 +36,6 @@ from maskfab.units import parse_length_um, parse_wavelength_nm
 
 if TYPE_CHECKING:
     from maskfab.report.plots.sheet import Drawing
-
-_MIRRORED = 4
-"""Orientation of a die that is looked at from its other side, as :func:`maskfab.model.orient` counts."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -101,6 +100,7 @@ def measure_edge(
     job: AnyJob | None = None,
     *,
     die: str | None = None,
+    stands: str | None = None,
     pixel: Length | None = None,
     region: str | Sequence[int] | None = None,
     window: int | None = None,
@@ -115,6 +115,8 @@ def measure_edge(
         picture: RAW, linear TIFF or PNG of 16 bits, EXR; every colour is measured by its own pixels.
         job: of the plate, with the camera.
         die: of the job, that was before the camera; without one nothing is held against a design.
+        stands: ``drawn``, ``turned`` (by 90 degrees), ``mirrored`` or ``mirrored-turned``: how the die stood; None for
+            what the job says, mirrored if the plate's chrome is away from the lens.
         pixel: side of the sensor's pixel, where there is no job; without either, frequencies are per pixel alone.
         region: first row, first column, end row and end column of a box to look in, ends not in it; text with commas,
             or numbers.
@@ -136,14 +138,9 @@ def measure_edge(
             where="window",
             cure="State no window, or one of 50 or more",
         )
-    if job is None:
-        for name, value in (("die", die), ("line", line)):
-            if value is not None:
-                raise _without(name, "there is no job that it refers to", "Give the job too")
-    elif pixel is not None:
-        raise _without("pixel", "the job states its camera's pixel", "Leave the pixel out, or the job")
-    elif die is None and line is not None:
-        raise _without("line", "nothing is held against a design without a die", "Give the die too")
+    _refuse_idle(job, die, pixel, {"stands": stands, "line": line})
+    if stands is not None:
+        stand_named(stands)
     pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
     line_nm = _line_nm(line)
     known = None if job is None else job_of(job)
@@ -158,7 +155,7 @@ def measure_edge(
         if die is not None:
             bands = () if known.scene is None else known.scene.bands
             light = seen_light(colours, known.camera, bands, line_nm)
-            designs = {colour: _design(known, panels, die, (light[colour],)) for colour in colours}
+            designs = {colour: _design(known, panels, die, (light[colour],), stands) for colour in colours}
     reach = math.inf if window is None else window / 2
     found = frame_edges(frame, pixel_um, region=box, window_px=reach, designs=designs)
     notes = ["Assumed: counts above black are linear in the light, and both fields beside the edge are evenly lit."]
@@ -167,13 +164,19 @@ def measure_edge(
     if known is None and pixel is None:
         notes.append("The pixel is not known, so frequencies are told per pixel alone.")
     if known is not None:
-        notes += _design_notes(known, die, line_nm)
+        notes += _design_notes(known, die, line_nm, stands)
     return EdgeMeasurement(found, frame.name, frame.sha256, None if known is None else known.digest, tuple(notes))
 
 
 @one_thread
 def measure_mtf(
-    curve: str | Path, job: AnyJob, *, die: str, angle: float = 0.0, line: Wavelength | None = None
+    curve: str | Path,
+    job: AnyJob,
+    *,
+    die: str,
+    stands: str | None = None,
+    angle: float = 0.0,
+    line: Wavelength | None = None,
 ) -> EdgeMeasurement:
     """Hold an MTF that was measured elsewhere against a die's.
 
@@ -181,6 +184,7 @@ def measure_mtf(
         curve: table (.csv) of ``cycles/pixel`` or ``cycles/mm``, ``mtf``, and perhaps ``low`` and ``high``.
         job: of the plate, with the camera.
         die: of the job, that was before the camera.
+        stands: as of :func:`measure_edge`.
         angle: direction of the curve's waves in the picture, degrees from right towards up: 0 horizontal, 90 vertical.
         line: wavelength of the light; by default every colour of the job's light is held beside.
 
@@ -201,25 +205,29 @@ def measure_mtf(
     read = read_mtf(path, known.camera.pixel_um, float(angle))
     bands = () if known.scene is None else known.scene.bands
     lights: tuple[Light, ...] = (line_nm,) if line_nm is not None else bands or known.camera.wavelengths_nm
-    found = compared_curve(read, _design(known, panels, die, lights))
+    found = compared_curve(read, _design(known, panels, die, lights, stands))
     notes = [
         "Nothing tells the window of the curve: the design is shown without one.",
-        *_design_notes(known, die, line_nm),
+        *_design_notes(known, die, line_nm, stands),
     ]
     return EdgeMeasurement(found, read.name, sha256_of_file(path), known.digest, tuple(notes))
 
 
-def _design(job: Job, panels: Mapping[str, Panel], die: str, lights: tuple[Light, ...]) -> EdgeDesign:
+def _design(
+    job: Job, panels: Mapping[str, Panel], die: str, lights: tuple[Light, ...], stands: str | None
+) -> EdgeDesign:
     (name,) = dies_of(die, panels)
-    return EdgeDesign(name, panels[name], job.camera, lights, _MIRRORED if seen_mirrored(job) else 0)
+    return EdgeDesign(name, panels[name], job.camera, lights, way_round(stands, job))
 
 
-def _design_notes(job: Job, die: str | None, line_nm: float | None) -> list[str]:
+def _design_notes(job: Job, die: str | None, line_nm: float | None, stands: str | None) -> list[str]:
     """Sentences on what the design was assumed to stand in, and on what of the job was not used."""
     if die is None:
         return ["No die was named: of the job its camera's pixel alone was used."]
-    stands = "mirrored, as its chrome is away from the lens" if seen_mirrored(job) else "as drawn"
-    notes = [f"Assumed: the job's camera in focus, the die {stands} and not turned, and {light_words(job, line_nm)}."]
+    stood = stand_words(way_round(stands, job))
+    if stands is None:
+        stood += ", as its chrome is away from the lens" if seen_mirrored(job) else ""
+    notes = [f"Assumed: the job's camera in focus, the die {stood}, and {light_words(job, line_nm)}."]
     idle = [f"[scene] {key}" for key in idle_keys(job)] + ["[process]"] * (job.spec.process is not None)
     if idle:
         notes.append(f"Not in the design's MTF: {', '.join(idle)}.")
@@ -251,6 +259,19 @@ def _region(stated: str | Sequence[int] | None) -> Region | None:
             cure="Write first row, first column, end row, end column: 100,200,500,300",
         )
     return Region(top, bottom, left, right)
+
+
+def _refuse_idle(
+    job: AnyJob | None, die: str | None, pixel: Length | None, of_design: Mapping[str, object | None]
+) -> None:
+    """Refuse what others leave without use; ``of_design`` goes with a job and a die."""
+    if job is not None and pixel is not None:
+        raise _without("pixel", "the job states its camera's pixel", "Leave the pixel out, or the job")
+    if job is None and die is not None:
+        raise _without("die", "there is no job that it refers to", "Give the job too")
+    for name, value in of_design.items():
+        if value is not None and die is None:
+            raise _without(name, "nothing is held against a design without a job and a die", "Give these too")
 
 
 def _without(name: str, why: str, cure: str) -> JobError:

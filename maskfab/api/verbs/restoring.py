@@ -2,140 +2,50 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maskfab import __version__
 from maskfab.api.camera import Camera
-from maskfab.api.jobs import AnyJob, dies_of, job_of
-from maskfab.api.lengths import Length, length_text
+from maskfab.api.jobs import AnyJob
+from maskfab.api.lengths import Length
+from maskfab.api.verbs.blurs import Undone, blurs_of
+from maskfab.api.verbs.restored import Restoration, RestoredPhoto
 from maskfab.camera.protocol import AUTO
+from maskfab.camera.record import Record
+from maskfab.camera.restorers.choice import Chosen
 from maskfab.camera.restorers.named import RESTORERS, named
 from maskfab.camera.restorers.restorer import Blur, Restorer
 from maskfab.camera.restorers.wiener import LARGE, Wiener
 from maskfab.capture.restoring.best import restored
 from maskfab.capture.restoring.binned import BinnedBlur, binned
-from maskfab.capture.restoring.developed import developed, require_stops
-from maskfab.capture.restoring.measured_psf import MeasuredBlur, read_psf
+from maskfab.capture.restoring.brought import brought
+from maskfab.capture.restoring.chart import ChartMatrix, chart_matrix, read_patches
+from maskfab.capture.restoring.developed import balanced, developed, require_stops
+from maskfab.capture.restoring.measured_psf import MeasuredBlur
 from maskfab.capture.restoring.photo import Photo, Stated, read_photo
 from maskfab.errors import JobError, SourceError
-from maskfab.export.images.exr import Fact
-from maskfab.export.images.light_image import write_exr, write_png
-from maskfab.files.finished import write_mark
-from maskfab.files.staging import check_target, staged
-from maskfab.measurement.conditions import Conditions
 from maskfab.progress import Progress, silent
 from maskfab.threads import one_thread
-from maskfab.units import parse_length_um
-
-Singles = NDArray[np.float32]
-
-DOCUMENT = "restore.json"
-_PIXEL_TOLERANCE = 1e-3
 
 
-@dataclass(frozen=True, eq=False, repr=False)
-class RestoredPhoto:
-    """One photograph, restored.
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """A photograph's restored light, in units of each colour's own white, before its colours are made.
 
     Attributes:
-        name: of its file, without suffix.
-        sha256: of its file.
-        picture: float32 [3, rows, columns] linear sRGB within 0 to 1, row 0 on top.
-        restorer: that was used.
-        epsilon: strength of its prior.
-        electrons: of white, by which its noise is known.
-        read_noise: in electrons.
-        clipped: share of its values that were full.
-        told: sentences on how it was read.
+        photo: as it was read.
+        record: that was restored.
+        won: by the restorer that was chosen.
+        told: sentences.
     """
 
-    name: str
-    sha256: str
-    picture: Singles
-    restorer: str
-    epsilon: float
-    electrons: float
-    read_noise: float
-    clipped: float
+    photo: Photo
+    record: Record
+    won: Chosen
     told: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """All but the picture."""
-        _, rows, columns = self.picture.shape
-        return {
-            "name": self.name,
-            "sha256": self.sha256,
-            "rows": rows,
-            "columns": columns,
-            "restorer": self.restorer,
-            "epsilon": self.epsilon,
-            "electrons_of_white": self.electrons,
-            "read_noise_e": self.read_noise,
-            "clipped": self.clipped,
-            "told": list(self.told),
-        }
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Restoration:
-    """Restored photographs.
-
-    Attributes:
-        photos: in the order of their files.
-        blur: sentences on the blur that was undone.
-    """
-
-    photos: tuple[RestoredPhoto, ...]
-    blur: tuple[str, ...]
-
-    def to_dict(self) -> dict[str, Any]:
-        """All but the pictures."""
-        return {
-            "maskfab_version": __version__,
-            "blur": list(self.blur),
-            "photos": [each.to_dict() for each in self.photos],
-        }
-
-    def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
-        """Write ``NAME.png`` (8-bit sRGB) and ``NAME.exr`` (linear sRGB, half) of each, and ``restore.json``.
-
-        Raises:
-            OutputError: MF401, MF402 if the directory cannot be written or is not empty.
-        """
-        place = check_target(Path(out), force=force)
-        with staged(place) as folder:
-            for each in self.photos:
-                light = each.picture[:, ::-1].astype(np.float64)
-                write_png(light, folder / f"{each.name}.png")
-                facts: dict[str, Fact] = {
-                    "restorer": each.restorer,
-                    "epsilon": each.epsilon,
-                    "photo_sha256": each.sha256,
-                }
-                write_exr(light, folder / f"{each.name}.exr", {**facts, "blur": "; ".join(self.blur)})
-            document = json.dumps(self.to_dict(), indent=1, ensure_ascii=False, allow_nan=False)
-            (folder / DOCUMENT).write_text(document + "\n", encoding="utf-8")
-            write_mark(folder, None)
-            names = sorted(each.name for each in folder.iterdir())
-        return [Path(out) / name for name in names]
-
-    def __str__(self) -> str:
-        lines = [f"blur: {each}" for each in self.blur]
-        for each in self.photos:
-            _, rows, columns = each.picture.shape
-            lines.append(
-                f"{each.name}: {columns} x {rows}, restored by {each.restorer}, epsilon {each.epsilon:.3g}; "
-                f"{100 * each.clipped:.2g} % full"
-            )
-            lines += [f"  {sentence}" for sentence in each.told]
-        return "\n".join(lines)
 
 
 @one_thread
@@ -143,7 +53,8 @@ def restore(
     photos: str | Path | Sequence[str | Path],
     *,
     job: AnyJob | None = None,
-    die: str | None = None,
+    die: str | Sequence[str] | None = None,
+    stands: str | None = None,
     camera: Camera | None = None,
     psf: str | Path | Sequence[str | Path] | None = None,
     restore: str | Sequence[str] = AUTO,
@@ -156,6 +67,8 @@ def restore(
     gain: float | None = None,
     read_noise: float | None = None,
     stops: float = 0.0,
+    chart: str | Path | None = None,
+    register: bool = False,
     progress: Progress = silent,
 ) -> Restoration:
     """Restore photographs that were taken behind a die, by its PSF as designed or as measured.
@@ -163,9 +76,12 @@ def restore(
     Args:
         photos: RAW, linear TIFF or PNG of 16 bits, EXR; any other picture is taken for code values of sRGB.
         job: a plate, a loaded job, or the path of a job file, whose camera took them; its pixel is the photographs'.
-        die: of the job, by name; of a job with one die, that.
+        die: of the job, by name, for all or one for each photograph; of a job with one die, that.
+        stands: ``drawn``, ``turned`` (by 90 degrees), ``mirrored`` or ``mirrored-turned``: how the dies stood before
+            the camera; None for what the job says, mirrored if the plate's chrome is away from the lens.
         camera: of a plate; by default its own.
-        psf: in place of job and die: an EXR of a point light's capture, or one or three that ``maskfab run`` wrote.
+        psf: in place of job and die: an EXR of a point light's capture, or one or three that ``maskfab run`` wrote; or
+            as many captures as photographs, one for each.
         restore: one or several restorers, or ``"auto"`` for the one of all that each record speaks for.
         epsilon: strength of the restorer's prior; what each record speaks for if None.
         bin: restore means over 2 x 2 pixels.
@@ -176,14 +92,19 @@ def restore(
         gain: electrons per count; the noise is estimated from the photograph if None.
         read_noise: in electrons, goes with the gain.
         stops: by which pictures are brightened.
+        chart: table (.csv) of a colour chart's patches in the first photograph, by which the colours of all are made;
+            see :func:`maskfab.capture.restoring.chart.read_patches`.
+        register: bring every further photograph onto the first, which shows the same scene.
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for an unknown die or restorer, both a job and a PSF or neither, or photographs of one name;
-            MF104 for stops or a pixel that cannot be; MF121, MF142 for photographs that are too small or too large;
-            else as :func:`maskfab.camera.die_transfer.die_transfer`.
-        SourceError: MF351 for a PSF that is wider than a photograph, MF352 of another pixel; as
-            :func:`maskfab.capture.restoring.measured_psf.read_psf` and
+        JobError: MF105 for an unknown die, stand or restorer, both a job and a PSF or neither, photographs of one name,
+            or one photograph to register; MF104 for stops or a pixel that cannot be; MF121, MF142 for photographs that
+            are too small or too large; else as :func:`maskfab.camera.die_transfer.die_transfer`.
+        SourceError: MF351 for a PSF that is wider than a photograph, MF352 of another pixel, MF354 for photographs that
+            do not show one scene, MF355 for a chart that cannot tell colours; as
+            :func:`maskfab.capture.restoring.measured_psf.read_psf`,
+            :func:`maskfab.capture.restoring.chart.read_patches` and
             :func:`maskfab.capture.restoring.photo.read_photo`.
     """
     require_stops(stops)
@@ -196,25 +117,39 @@ def restore(
     names = (restore,) if isinstance(restore, str) else tuple(restore)
     restorers = named(tuple(name for name in names if name != AUTO) or tuple(RESTORERS))
     stated = Stated(black, white, mosaic, gain, read_noise)
-    blur, about = _blur(job, die, camera, psf, pixel)
-    cells = isinstance(blur, MeasuredBlur) and blur.of_cells
-    if cells and not bin:
+    if register and len(paths) == 1:
+        raise JobError(
+            "MF105", "there is one photograph", where="register", cure="Give two or more photographs of one scene"
+        )
+    patches = None if chart is None else read_patches(Path(chart))
+    undone = blurs_of(len(paths), job=job, die=die, camera=camera, psf=psf, pixel=pixel, stands=stands)
+    if not bin and any(each.of_cells for each in undone):
         raise SourceError(
             "MF353",
             "the PSF was captured with a mosaic, which tells it for cells of 2 x 2 pixels alone",
             where="psf",
             cure="Add --bin (bin=True), or give the PSF of the job's die",
         )
-    found = []
-    for done, path in enumerate(paths):
+    found: list[RestoredPhoto] = []
+    colours: ChartMatrix | None = None
+    for done, (path, each) in enumerate(zip(paths, undone, strict=True)):
         progress("photographs", done, len(paths))
-        photo = read_photo(path, stated, cells=cells)
-        _require_fit(blur, photo)
-        found.append(
-            _restored(photo, blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not cells, stops=stops)
+        photo = read_photo(path, stated, cells=each.of_cells)
+        _require_fit(each.blur, photo)
+        light = _restored(
+            photo, each.blur, restorers, chosen=AUTO in names, epsilon=epsilon, bin=bin and not each.of_cells
         )
+        if patches is not None and colours is None:
+            neutral = balanced(photo, light.won.picture)
+            colours = chart_matrix(patches, neutral, light.record, photo.balance, 2 if bin else 1)
+        found.append(_developed(light, each, colours, stops))
     progress("photographs", len(paths), len(paths))
-    return Restoration(tuple(found), about)
+    first, *others = found
+    onto = [
+        brought((first.name, each.name), first.picture, first.full, each.picture, each.full)
+        for each in (others if register else [])
+    ]
+    return Restoration(tuple(found), tuple(onto), colours)
 
 
 def _restored(
@@ -225,10 +160,8 @@ def _restored(
     chosen: bool,
     epsilon: float | None,
     bin: bool,
-    stops: float,
-) -> RestoredPhoto:
+) -> _Light:
     record, seen, told = photo.record, blur, photo.told
-    clipped = float(record.clipped.mean())
     if bin:
         record, seen, told = binned(record), BinnedBlur(blur), (*told, "means over 2 x 2 pixels")
     if record.values[0].size > LARGE:
@@ -241,51 +174,28 @@ def _restored(
                 cure="Restore it by wiener, or add --bin for a quarter of the pixels",
             )
         restorers, told = (Wiener(),), (*told, f"of more than {LARGE / 1e6:g} million pixels, so restored by wiener")
-    won = restored(record, seen, restorers, epsilon)
-    noise = record.noise
-    read = float(record.noise.variance(np.zeros(1, dtype=np.float32))[0]) ** 0.5 * noise.electrons
-    picture = developed(photo, won.picture, stops)
-    return RestoredPhoto(photo.name, photo.sha256, picture, won.name, won.epsilon, noise.electrons, read, clipped, told)
+    return _Light(photo, record, restored(record, seen, restorers, epsilon), told)
 
 
-def _blur(
-    job: AnyJob | None,
-    die: str | None,
-    camera: Camera | None,
-    psf: str | Path | Sequence[str | Path] | None,
-    pixel: Length | None,
-) -> tuple[Blur, tuple[str, ...]]:
-    if (job is None) == (psf is None):
-        raise JobError(
-            "MF105",
-            "the blur is that of a job's die or of a PSF, and " + ("neither" if job is None else "both") + " is given",
-            where="psf",
-            cure="Give a job and a die, or the EXR file of a PSF",
-        )
-    pixel_um = None if pixel is None else parse_length_um(length_text(pixel), where="pixel")
-    if psf is not None:
-        for key, value in (("die", die), ("camera", camera)):
-            if value is not None:
-                raise JobError(
-                    "MF105", f"a {key} goes with a job, and a PSF is given", where=key, cure=f"Remove {key}, or the PSF"
-                )
-        files = [Path(psf)] if isinstance(psf, str | Path) else [Path(each) for each in psf]
-        measured = read_psf(files)
-        _require_pixel(pixel_um, measured.pixel_um, "the PSF")
-        return measured, measured.told
-    assert job is not None
-    loaded = job_of(job, camera)
-    panels = loaded.panels()
-    names = dies_of(die, panels)
-    if len(names) > 1:
-        raise JobError(
-            "MF105", f"the job has {len(names)} dies", where="die", cure=f"Name the one in use: {', '.join(names)}"
-        )
-    _require_pixel(pixel_um, loaded.camera.pixel_um, "the job")
-    design, left_out = Conditions.of(loaded, "camera").design(names[0], panels[names[0]], loaded)
-    return design, (
-        f"die {names[0]} as designed, pixels of {loaded.camera.pixel_um:g} um",
-        *left_out,
+def _developed(light: _Light, undone: Undone, colours: ChartMatrix | None, stops: float) -> RestoredPhoto:
+    photo, told = light.photo, light.told
+    if colours is not None:
+        photo = replace(photo, matrix=colours.matrix)
+        told = (*(each for each in told if "colour matrix" not in each), "colours by the chart")
+    noise, dark = light.record.noise, np.zeros(1, dtype=np.float32)
+    picture = developed(photo, light.won.picture, stops)
+    return RestoredPhoto(
+        photo.name,
+        photo.sha256,
+        picture,
+        np.asarray(light.record.clipped.any(axis=0) | (picture >= 1).any(axis=0)),
+        undone.told,
+        light.won.name,
+        light.won.epsilon,
+        noise.electrons,
+        float(noise.variance(dark)[0]) ** 0.5 * noise.electrons,
+        float(photo.record.clipped.mean()),
+        told,
     )
 
 
@@ -299,17 +209,6 @@ def _require_names(paths: Sequence[Path]) -> None:
             where="photos",
             cure="Give one or more, each with a name of its own",
         )
-
-
-def _require_pixel(stated_um: float | None, known_um: float | None, whose: str) -> None:
-    if stated_um is None or known_um is None or abs(stated_um - known_um) <= _PIXEL_TOLERANCE * known_um:
-        return
-    raise SourceError(
-        "MF352",
-        f"the photographs have pixels of {stated_um:g} um, and {whose} has pixels of {known_um:g} um",
-        where="pixel",
-        cure="Give a PSF, or a job, of the camera that took them",
-    )
 
 
 def _require_fit(blur: Blur, photo: Photo) -> None:

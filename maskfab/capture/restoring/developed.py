@@ -27,10 +27,14 @@ def developed(photo: Photo, light: Singles, stops: float = 0.0) -> Singles:
         JobError: MF104 for stops that are not finite, or beyond 16.
     """
     require_stops(stops)
-    # Where one colour is full the others could be above it: white there is that of the least, or it would be tinted.
-    balanced = np.minimum(light * np.array(photo.balance, dtype=np.float32)[:, None, None], 1)
-    colours = np.tensordot(photo.matrix.astype(np.float32), balanced, axes=1)
+    colours = np.tensordot(photo.matrix.astype(np.float32), balanced(photo, light), axes=1)
     return np.asarray(np.clip(colours * np.float32(2.0**stops), 0, 1))
+
+
+def balanced(photo: Photo, light: Singles) -> Singles:
+    """Light in colours of which equal ones are neutral, 1 at most."""
+    # Where one colour is full the others could be above it: white there is that of the least, or it would be tinted.
+    return np.asarray(np.minimum(light * np.array(photo.balance, dtype=np.float32)[:, None, None], 1))
 
 
 def require_stops(stops: float) -> None:

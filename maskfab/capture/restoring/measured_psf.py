@@ -114,6 +114,19 @@ def read_psf(paths: Sequence[Path]) -> MeasuredBlur:
     return _of_capture(files[0], paths[0])
 
 
+def read_psfs(paths: Sequence[Path], photos: int) -> tuple[MeasuredBlur, ...]:
+    """The blur of each of several photographs: one of its own each where there are as many files, else one of all.
+
+    Three files that ``maskfab run`` wrote are the colours of one. Errors as for :func:`read_psf`.
+    """
+    lines = len(paths) == _COLOURS and all(
+        read_channels(path, PREFIX, _CURE).facts.get("kind") == "point" for path in paths
+    )
+    if len(paths) != photos or photos == 1 or lines:
+        return (read_psf(paths),) * photos
+    return tuple(read_psf([path]) for path in paths)
+
+
 def _check(found: Channels, path: Path) -> None:
     if len(found.names) not in (1, _COLOURS) or (len(found.names) == _COLOURS and set(found.names) != set("RGB")):
         raise SourceError(

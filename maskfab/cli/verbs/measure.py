@@ -32,8 +32,8 @@ _TAKES = {
         "line",
         *_LEVELS,
     ),
-    "--edge": ("edge", "job", "die", "pixel", "region", "window", "line", *_LEVELS),
-    "--mtf": ("mtf", "job", "die", "angle", "line"),
+    "--edge": ("edge", "job", "die", "stands", "pixel", "region", "window", "line", *_LEVELS),
+    "--mtf": ("mtf", "job", "die", "stands", "angle", "line"),
 }
 """Parameters that each form of the command takes, beside those of every command that writes."""
 _OUTPUT = ("out", "force", "as_json", "quiet")
@@ -56,6 +56,13 @@ def measure(
     die: Annotated[
         list[str] | None,
         typer.Option(help="Die that it may be (repeatable; default: all); of --edge and --mtf the one that it is."),
+    ] = None,
+    stands: Annotated[
+        str | None,
+        typer.Option(
+            help="Of --edge and --mtf: how the die stood: drawn, turned (90 degrees), mirrored, mirrored-turned; "
+            "default: the job's."
+        ),
     ] = None,
     times: Annotated[
         list[str] | None,
@@ -122,6 +129,7 @@ def measure(
                 edge,
                 job,
                 die=_only(die),
+                stands=stands,
                 pixel=pixel,
                 region=region,
                 window=window,
@@ -136,7 +144,7 @@ def measure(
             name = _only(die)
             if job is None or name is None:
                 raise _missing("--die" if job is not None else "--job", "--mtf is held against the die of a job")
-            found = measure_mtf(mtf, job, die=name, angle=angle, line=line)
+            found = measure_mtf(mtf, job, die=name, stands=stands, angle=angle, line=line)
         else:
             from maskfab.api.verbs.measuring import measure as measure_captures
 

@@ -22,10 +22,21 @@ def restore(
     ],
     out: Annotated[Path, typer.Option("--out", "-o", help="Directory for the restored pictures.")],
     job: Annotated[Path | None, typer.Option(help="Job file whose camera took them.")] = None,
-    die: Annotated[str | None, typer.Option(help="Die of the job that they were taken through.")] = None,
+    die: Annotated[
+        list[str] | None, typer.Option(help="Die of the job that they were taken through; or one for each photograph.")
+    ] = None,
+    stands: Annotated[
+        str | None,
+        typer.Option(
+            help="How the dies stood: drawn, turned (90 degrees), mirrored, mirrored-turned; default: the job's."
+        ),
+    ] = None,
     psf: Annotated[
         list[Path] | None,
-        typer.Option(help="EXR of the PSF in place of a job: a capture of a point light, or 1 or 3 of maskfab run."),
+        typer.Option(
+            help="EXR of the PSF in place of a job: a capture of a point light (or one for each photograph), or 1 or 3 "
+            "of maskfab run."
+        ),
     ] = None,
     restore: Annotated[
         list[str] | None,
@@ -46,6 +57,13 @@ def restore(
     gain: Annotated[float | None, typer.Option(help="Electrons per count; default: noise by the photograph.")] = None,
     read_noise: Annotated[float | None, typer.Option(help="In electrons, with --gain.")] = None,
     stops: Annotated[float, typer.Option(help="Brighten the pictures by so many stops.")] = 0.0,
+    chart: Annotated[
+        Path | None,
+        typer.Option(metavar="PATCHES.csv", help="Patches of a colour chart in the first photograph, for its colours."),
+    ] = None,
+    register: Annotated[
+        bool, typer.Option("--register", help="Bring the further photographs of a scene onto the first.")
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier result.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -59,7 +77,8 @@ def restore(
         found = restore_photos(
             photos,
             job=job,
-            die=die,
+            die=die or None,
+            stands=stands,
             psf=psf or None,
             restore=restore or "auto",
             epsilon=epsilon,
@@ -71,6 +90,8 @@ def restore(
             gain=gain,
             read_noise=read_noise,
             stops=stops,
+            chart=chart,
+            register=register,
             progress=progress,
         )
     paths = found.save(out, force=force)

@@ -21,6 +21,10 @@ LUMINANCE = XYZ_OF_RGB[1]
 JUST_NOTICEABLE = 2.3
 """ΔE of 1976 that is just seen (M. Mahy, L. Van Eycken, A. Oosterlinck, Color Res. Appl. 19, 105, 1994)."""
 
+# ICC.1:2022, 7.2.16: the white of the profile connection space, D50. Annex E.2: cone responses of XYZ by Bradford.
+_D50 = np.array([0.9642, 1.0, 0.8249])
+_BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])
+
 _KNEE = 6 / 29
 _AT_ONCE = 1 << 18
 
@@ -60,6 +64,19 @@ def lab_of_linear_srgb(rgb: Floats) -> Floats:
     root = np.where(relative > _KNEE**3, np.cbrt(relative), relative / (3 * _KNEE**2) + 4 / 29)
     x, y, z = np.moveaxis(root, -1, 0)
     return np.stack([116 * y - 16, 500 * (x - y), 200 * (y - z)], axis=-1)
+
+
+def linear_srgb_of_lab_d50(lab: Floats) -> Floats:
+    """Linear sRGB, also beyond 0 to 1, of CIE 1976 L*a*b* against D50, [..., 3]; whites are adapted by Bradford.
+
+    As charts and profiles state colours (CIE 15; ICC.1:2022, annex E.2). Greys have three equal values.
+    """
+    level = (lab[..., 0] + 16) / 116
+    root = np.stack([level + lab[..., 1] / 500, level, level - lab[..., 2] / 200], axis=-1)
+    relative = np.where(root > _KNEE, root**3, (root - 4 / 29) * 3 * _KNEE**2)
+    white = XYZ_OF_RGB.sum(axis=1)
+    adapted = np.linalg.inv(_BRADFORD) @ np.diag((_BRADFORD @ white) / (_BRADFORD @ _D50)) @ _BRADFORD
+    return np.asarray(relative * _D50 @ (np.linalg.inv(XYZ_OF_RGB) @ adapted).T)
 
 
 def delta_e_1976(first: Floats, second: Floats) -> Floats:
