@@ -34,7 +34,7 @@ class Job:
         spec: validated; its dies name openings that ``spec.openings`` holds as text.
         openings: the openings of every die, by the die's name; most have one. A map that moves an opening makes
             several of the one that the spec holds.
-        digest: SHA-256 of the resolved spec.
+        digest: SHA-256 of the resolved spec, as far as it shows in the data.
         where: the file it came from.
     """
 
@@ -130,7 +130,7 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
     named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
     resolved = _with_shop(_with_curves(named, path), path)
-    job = Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.dump()), str(path))
+    job = Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.drawn()), str(path))
     _check_bands(job)
     return job
 

@@ -14,7 +14,8 @@ from maskfab import resources
 from maskfab.errors import JobError, SourceError
 from maskfab.jobfile.checks import check_design, check_dies, check_display, check_film, check_method, check_scene
 from maskfab.jobfile.problems import first_problem
-from maskfab.jobfile.sections import JobSpec, Section
+from maskfab.jobfile.section import Section
+from maskfab.jobfile.sections import JobSpec
 from maskfab.jobfile.toml import loads
 
 Kind = TypeVar("Kind", bound=Section)

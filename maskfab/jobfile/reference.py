@@ -1,7 +1,7 @@
 """The keys of a job file: form, default and meaning of each, as ``maskfab explain`` and the documentation give them.
 
 Form and default are those of the types that check a job; the meaning is the text that stands below each key in
-:mod:`maskfab.jobfile.sections`.
+:mod:`maskfab.jobfile.sections` and :mod:`maskfab.jobfile.order`.
 """
 
 from __future__ import annotations
@@ -20,8 +20,9 @@ from typing import Any, get_args
 from pydantic.fields import FieldInfo
 
 from maskfab.errors import JobError
-from maskfab.jobfile import sections
-from maskfab.jobfile.sections import JobSpec, Section
+from maskfab.jobfile import order, sections
+from maskfab.jobfile.section import Section
+from maskfab.jobfile.sections import JobSpec
 
 _FORMS: Mapping[str, str] = MappingProxyType(
     {
@@ -47,6 +48,7 @@ _FORMS: Mapping[str, str] = MappingProxyType(
         "Names": "name, or list of names",
         "Name": "name",
         "DrawnText": "ASCII text",
+        "Line": "one line of text, at most 200 characters",
         "ObjectiveName": "table of an objective's name and its weight",
     }
 )
@@ -162,7 +164,8 @@ def _source() -> Mapping[tuple[str, str], tuple[str, str]]:
     return MappingProxyType(
         {
             (section.name, key.target.id): (ast.unparse(key.annotation), " ".join(text.value.value.split()))
-            for section in ast.parse(inspect.getsource(sections)).body
+            for module in (sections, order)
+            for section in ast.parse(inspect.getsource(module)).body
             if isinstance(section, ast.ClassDef)
             for key, text in zip(section.body, section.body[1:], strict=False)
             if isinstance(key, ast.AnnAssign) and isinstance(key.target, ast.Name)

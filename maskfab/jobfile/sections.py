@@ -7,11 +7,13 @@ from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Annotated, Any, Literal, Self
 
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import Discriminator, Field, Tag, model_validator
 
 from maskfab.errors import JobError
+from maskfab.jobfile.order import DATA_KEYS, OrderSection
 from maskfab.jobfile.problems import refusing
 from maskfab.jobfile.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, LensDistortion, Spectrum
+from maskfab.jobfile.section import Section
 from maskfab.jobfile.stop_values import Corners
 from maskfab.jobfile.values import (
     MASK_FORMATS,
@@ -37,12 +39,6 @@ from maskfab.jobfile.values import (
     Weight,
 )
 from maskfab.model import Camera, Glass, MaskBlank, Process, Stop, StopShape, Tiling
-
-
-class Section(BaseModel):
-    """A table of a job file: frozen, and refused if it has an unknown key or a value of the wrong type."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
 class JobSection(Section):
@@ -345,7 +341,7 @@ class RelaxSection(DesignSection):
     """A published schedule with its own objectives."""
     epochs: int = Field(default=150, ge=1, le=10_000)
     """Epochs of the recipe."""
-    objectives: Annotated[dict[ObjectiveName, Weight], Field(min_length=1)] = {"invertibility": 1.0}
+    objectives: Annotated[dict[ObjectiveName, Weight], Field(min_length=1)] = {"invertibility": 1.0}  # noqa: RUF012  # pydantic copies it
     """Weights of the objectives that are minimised; area is the pull on the open ratio."""
     epsilon: float = Field(default=0.015, ge=0, le=1, allow_inf_nan=False)
     """Regularisation of the invertibility objective."""
@@ -600,7 +596,7 @@ class CaseSection(Section):
 
     name: str = Field(min_length=1, max_length=40)
     """Name of the case in tables and figures."""
-    scene: dict[str, Any] = {}
+    scene: dict[str, Any] = Field(default_factory=dict)
     """Keys of [scene] in place of the job's."""
     brackets: Annotated[tuple[float, ...], Field(min_length=1, max_length=8, strict=False)] | None = None
     """Exposures in place of exposure.brackets; a study with any draws lamps, and leaves out photographs without light
@@ -713,15 +709,16 @@ class JobSpec(Section):
     sensor: SensorSection | None = None
     exposure: ExposureSection | None = None
     export: ExportSection | None = None
+    order: OrderSection | None = None
     process: ProcessSection | None = None
     study: StudySection | None = None
-    openings: dict[str, str] = {}
+    openings: dict[str, str] = Field(default_factory=dict)
     """Openings as text, by the names that dies use: a job is then self-contained."""
-    maps: dict[str, str] = {}
+    maps: dict[str, str] = Field(default_factory=dict)
     """Orientation maps as text, by the names that dies use."""
-    curves: dict[str, str] = {}
+    curves: dict[str, str] = Field(default_factory=dict)
     """Spectral tables as text, by the names that [scene] uses."""
-    shops: dict[str, str] = {}
+    shops: dict[str, str] = Field(default_factory=dict)
     """Profiles of mask shops as text, by the names that [export] uses."""
 
     def dump(self) -> dict[str, Any]:
@@ -732,3 +729,12 @@ class JobSpec(Section):
         data = self.model_dump(mode="json", exclude_none=True)
         # A job without tables, maps or profiles keeps the hash that it had before jobs could name any.
         return {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
+
+    def drawn(self) -> dict[str, Any]:
+        """What the job's hash is of: :meth:`dump` without what [order] says on paper alone.
+
+        The plate carries the hash in its marks, and an address or a purchase number must not change them.
+        """
+        data = self.dump()
+        order = {key: value for key, value in data.pop("order", {}).items() if key in DATA_KEYS}
+        return {**data, "order": order} if order else data

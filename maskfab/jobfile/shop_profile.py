@@ -8,19 +8,20 @@ from __future__ import annotations
 import os
 import re
 import warnings
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import AfterValidator, Field, ValidationError
 
 from maskfab.errors import JobError, OutputError
+from maskfab.jobfile.order import ChromeSide, Film, Glass, OrderSection, Protection, Reading, Tone
 from maskfab.jobfile.problems import first_problem
-from maskfab.jobfile.sections import Section
+from maskfab.jobfile.section import Section
 from maskfab.jobfile.toml import dumps, loads
 from maskfab.model import LAYERS
 
 Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber"]
-Tone: TypeAlias = Literal["clear", "dark"]
 OrderField: TypeAlias = Literal[
     "mask_name",
     "tone",
@@ -244,18 +245,48 @@ class ShopTolerance(Section):
         return next((deviation for most, deviation in rows if width_um <= most), None if rows else self.short_um)
 
 
+class ShopOffers(Section):
+    """[offers]: what can be ordered; what is left out the house does not publish, and any choice is agreed with it.
+
+    Thickness and sizes of blanks are those of [plate], widths and defects those of [tolerance].
+
+    Attributes:
+        parities: readings of the plate.
+        chromes: sides from which the plate is read.
+        glasses: substrates.
+        films: absorbers.
+        densities: optical density of the film, least and most.
+        registration_um: best that is kept.
+        protections: over the chrome.
+        biased: whether the house changes widths on request.
+        most: plates of one order.
+    """
+
+    parities: Annotated[tuple[Reading, ...], _listed(1)] | None = None
+    chromes: Annotated[tuple[ChromeSide, ...], _listed(1)] | None = None
+    glasses: Annotated[tuple[Glass, ...], _listed(1)] | None = None
+    films: Annotated[tuple[Film, ...], _listed(1)] | None = None
+    densities: Sides | None = None
+    registration_um: Positive | None = None
+    protections: Annotated[tuple[Protection, ...], _listed(1)] | None = None
+    biased: bool | None = None
+    most: Count | None = None
+
+
 class ShopOrder(Section):
-    """[order]: what its order form asks for, and in which words.
+    """[order]: what its order form asks for, in which words, and what it makes where an order says nothing.
 
     Attributes:
         fields: what is asked for, in the order of the form; empty where the house publishes no form.
         tones: tones of digitized data that can be ordered.
         tone_words: how the form names each of them.
+        default: answers for keys that a job's [order] leaves out, as the house publishes them.
     """
 
     fields: Annotated[tuple[OrderField, ...], _listed()] = ()
     tones: Annotated[tuple[Tone, ...], _listed(1)] = ("clear", "dark")
     tone_words: dict[Tone, str] = Field(default_factory=dict)
+    default: OrderSection = OrderSection()
 
 
 class Shop(Section):
@@ -265,12 +296,14 @@ class Shop(Section):
         name: of the profile.
         title: the house.
         sources: pages on which the facts were read; empty for a profile that stands for no house.
+        read_on: day on which they were read, such as 2026-09-30; None where nobody has written it down.
         third_party: keys that were read elsewhere than on a page of the house.
     """
 
     name: str
     title: str
     sources: Annotated[tuple[Address, ...], _listed()]
+    read_on: date | None = None
     third_party: Annotated[tuple[str, ...], _listed()] = ()
     accepts: Accepts = Accepts()
     limits: ShopLimits = ShopLimits()
@@ -280,6 +313,7 @@ class Shop(Section):
     text: ShopText = ShopText()
     polygons: ShopPolygons = ShopPolygons()
     tolerance: ShopTolerance = ShopTolerance()
+    offers: ShopOffers = ShopOffers()
     order: ShopOrder = ShopOrder()
 
     @property

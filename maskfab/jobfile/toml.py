@@ -6,6 +6,7 @@ import json
 import re
 import tomllib
 from collections.abc import Callable, Mapping
+from datetime import date
 from typing import Any
 
 MOST_CHARACTERS = 20_000_000
@@ -87,4 +88,6 @@ def _value(value: object) -> str:
     if isinstance(value, str):
         # TOML escapes what JSON does, and the one control character that JSON leaves as it is.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+    if isinstance(value, date):
+        return value.isoformat()
     return str(value).lower() if isinstance(value, bool) else repr(value)

@@ -14,7 +14,8 @@ from pydantic.fields import FieldInfo
 
 from maskfab.display.emitters.placement import Certificate
 from maskfab.errors import JobError
-from maskfab.jobfile.sections import DesignSection, RulesSection, Section
+from maskfab.jobfile.section import Section
+from maskfab.jobfile.sections import DesignSection, RulesSection
 
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints

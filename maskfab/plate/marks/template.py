@@ -19,7 +19,7 @@ from maskfab import resources
 from maskfab.errors import JobError
 from maskfab.jobfile import parse_section
 from maskfab.jobfile.problems import refusing
-from maskfab.jobfile.sections import Section
+from maskfab.jobfile.section import Section
 from maskfab.jobfile.toml import loads
 from maskfab.jobfile.values import DrawnText, Name, PlateLength, length_um
 from maskfab.model import Box, Point
