@@ -344,6 +344,7 @@ class Layer:
 
 
 CLEAR = Layer("CLEAR", 1, 0, True, "everything that is clear in the chrome: openings, labels, marks")
+CHROME = Layer("CHROME", 3, 0, True, "all chrome of the writable area: drawn in place of CLEAR where data are dark")
 OUTLINE = Layer("OUTLINE", 10, 0, False, "blank, writable area and die slots, for orientation only")
 NOTE = Layer("NOTE", 11, 0, False, "version, job hash and seeds as text, for orientation only")
 EMITTERS = (

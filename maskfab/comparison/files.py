@@ -22,6 +22,7 @@ from maskfab.comparison.bitmaps import check_bitmap
 from maskfab.comparison.roundtrip import RoundTrip, compare_layout
 from maskfab.comparison.slivers import Sifted
 from maskfab.comparison.solids import check_plate_solid, check_solid
+from maskfab.comparison.tone import named_chrome
 from maskfab.errors import InputError, SourceError
 from maskfab.export.outputs import Product
 from maskfab.files.release_memory import give_back
@@ -167,6 +168,8 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
     names: Mapping[str, str] | None = None
     if path.suffix in _WRITTEN_ALONE:
         names = {CLEAR.name: CLEAR.name}
+        if made.figures.options.tone == "dark":
+            named_chrome(read)
     elif path.suffix == ".dxf":
         names = made.settings.drawing.layer_names
     polygons = made.figures.account.polygons

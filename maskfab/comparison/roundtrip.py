@@ -15,11 +15,12 @@ from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.comparison.slivers import Sifted, sift
+from maskfab.comparison.tone import cleared
 from maskfab.drc.raster_rules import corner_touches
-from maskfab.export.cell_polygons import CUT
+from maskfab.export.cell_polygons import CUT, DRAWN_LAYERS
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.plate_layout import coverage, layer_info, placed_boxes, region
-from maskfab.model import CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Plate, Point, Quantity
+from maskfab.model import CHROME, CLEAR, LAYERS, NOTE, Box, Die, Gauge, Layer, Plate, Point, Quantity
 from maskfab.readers.layout_file import find_cell, read_layout, rounding_nm
 from maskfab.units import NM_PER_UM
 
@@ -195,7 +196,7 @@ def roundtrip(
 ) -> RoundTrip:
     """Read a written file back and compare it with the plate.
 
-    What a layer CUT holds is taken from CLEAR before anything is compared.
+    What a layer CUT holds is taken from CLEAR before anything is compared, and chrome from the writable area.
 
     Args:
         plate: what was to be written.
@@ -235,6 +236,9 @@ def compare_layout(
     a file without cells has millions of edges there.
     """
     _settle(read, layer_names)
+    polygons = _count_polygons(read)
+    if read.find_layer(layer_info(CHROME)) is not None:
+        read = cleared(read, plate)
     compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
     by_dots = [_compare_dots(die, read, tolerance_nm) if dots else None for die in plate.dies]
     alike = [die for die, found in zip(plate.dies, by_dots, strict=True) if found and found.alike and dots_prove]
@@ -251,7 +255,7 @@ def compare_layout(
     return RoundTrip(
         path=path,
         layout=read,
-        polygons=_count_polygons(read),
+        polygons=polygons,
         drawn_polygons=_count_polygons(design) if drawn_polygons is None else drawn_polygons,
         rounding_nm=rounding_nm(read),
         differences=differences,
@@ -307,7 +311,7 @@ def _same_polygons(design: db.Layout, read: db.Layout, layer: Layer) -> bool:
 
 def _settle(read: db.Layout, names: Mapping[str, str] | None) -> None:
     """Give layers that a DXF only names the numbers of the model."""
-    for layer in (*LAYERS, CUT):
+    for layer in DRAWN_LAYERS:
         index = read.find_layer(db.LayerInfo((names or {}).get(layer.name, layer.name)))
         if index is not None:
             read.set_info(index, layer_info(layer))
@@ -315,7 +319,7 @@ def _settle(read: db.Layout, names: Mapping[str, str] | None) -> None:
 
 def _further_layers(read: db.Layout) -> Iterator[Layer]:
     """Layers with something on them of which the plate knows nothing."""
-    known = [layer_info(layer) for layer in (*LAYERS, CUT)]
+    known = [layer_info(layer) for layer in DRAWN_LAYERS]
     for info in read.layer_infos():
         index = read.find_layer(info)
         drawn = index is not None and not read.top_cell().bbox(index).empty()
@@ -415,7 +419,7 @@ def _read_raster(die: Die, read: db.Layout) -> NDArray[np.float64]:
 
 def _count_polygons(layout: db.Layout) -> int:
     """Polygons on written layers as drawn, every reference followed."""
-    wanted = [layout.find_layer(layer_info(layer)) for layer in (*LAYERS, CUT) if layer.written]
+    wanted = [layout.find_layer(layer_info(layer)) for layer in DRAWN_LAYERS if layer.written]
     return _count(layout, [index for index in wanted if index is not None])
 
 

@@ -89,14 +89,14 @@ def pack(
         require_gerbonara(zipped.name, where="format", cure="choose other formats")
     whole = job.plate()
     plate = fitted(whole, shop)
-    options = drawing_options(plate, shop)
+    options = replace(drawing_options(plate, shop), tone=job.spec.tone)
     progress("rules", 0, 1)
     findings = check_shop(whole, shop, sent, options, blank_of(job.spec))
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
     stem = safe_stem(plate.name)
-    drawn = files_for_shop(plate, shop, sent, [job.signature, plate.title], stem)
+    drawn = files_for_shop(plate, shop, sent, [job.signature, plate.title], stem, job.spec.tone)
     with _aside() as folder:
         checks: list[Quantity] = []
         boxes: list[Box] = []
@@ -204,7 +204,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
             whole = compose(made.spec, made.openings, signature, where=made.where)
             plate = fitted(whole, house)
-            drawn = files_for_shop(plate, house, PACKED, (), safe_stem(plate.name))
+            drawn = files_for_shop(plate, house, PACKED, (), safe_stem(plate.name), made.spec.tone)
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
                 raise

@@ -25,9 +25,10 @@ from maskfab.geometry.plate_layout import (
     plate_names,
     simple_polygon,
 )
-from maskfab.geometry.polygonize import Corners, Holes, Recut, exact, hull_points, recut
+from maskfab.geometry.polygonize import Corners, Holes, Recut, exact, hull_points, recut, triangles
 from maskfab.geometry.unit_cell import unit_key, unit_shapes
-from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Note, Plate, Point, Polygon
+from maskfab.jobfile.order import Tone
+from maskfab.model import CHROME, CLEAR, LAYERS, NOTE, Box, Layer, Note, Plate, Point, Polygon
 
 Hierarchy: TypeAlias = Literal["cells", "flat", "merged"]
 Shapes: TypeAlias = Mapping[Layer, tuple[Polygon, ...]]
@@ -36,10 +37,10 @@ Ints: TypeAlias = NDArray[np.int64]
 MAX_VERTICES = 4094
 """A GDSII record holds 32767 bytes: as many vertices of 8 bytes each and the closing one fit."""
 
-CUT = Layer("CUT", 2, 0, True, "subtracted from CLEAR: holes that have a layer of their own")
-"""Holes under ``holes = "layer"``: what is exposed is CLEAR minus CUT."""
+CUT = Layer("CUT", 2, 0, True, "subtracted from CLEAR or CHROME: holes that have a layer of their own")
+"""Holes under ``holes = "layer"``: what counts is CLEAR, or CHROME, minus CUT."""
 
-DRAWN_LAYERS = (CLEAR, CUT, *(layer for layer in LAYERS if layer is not CLEAR))
+DRAWN_LAYERS = (CLEAR, CHROME, CUT, *(layer for layer in LAYERS if layer is not CLEAR))
 
 _FEWEST_VERTICES = 4
 _NOTE_HEIGHT_NM = 500_000
@@ -47,9 +48,10 @@ _NOTE_HEIGHT_NM = 500_000
 
 @dataclass(frozen=True)
 class PolygonOptions:
-    """Options for drawing polygons; the exposed area is the same for all of them.
+    """Options for drawing polygons; the plate is the same for all of them.
 
     Attributes:
+        tone: ``clear`` draws what is clear, ``dark`` the chrome that remains of the writable area.
         hierarchy: ``cells`` draws each unit cell once and places it; ``flat`` draws every opening in the top cell;
             ``merged`` does so and joins openings across pixels wherever they share a side.
         max_vertices: no polygon has more, 4 to 4094.
@@ -65,6 +67,7 @@ class PolygonOptions:
     corners: Corners = "apart"
     max_references: int | None = None
     notes: Literal["text", "polygons", "none"] = "text"
+    tone: Tone = "clear"
 
     def __post_init__(self) -> None:
         choices: tuple[tuple[str, str, tuple[str, ...]], ...] = (
@@ -72,6 +75,7 @@ class PolygonOptions:
             ("holes", self.holes, ("bisect", "keyhole", "trapezoids", "layer")),
             ("corners", self.corners, ("apart", "joined")),
             ("notes", self.notes, ("text", "polygons", "none")),
+            ("tone", self.tone, ("clear", "dark")),
         )
         for key, value, allowed in choices:
             if value not in allowed:
@@ -94,7 +98,13 @@ class PolygonOptions:
     @property
     def redrawn(self) -> bool:
         """Whether the unit cells' own outlines, bisected and apart, will not do."""
-        return self.hierarchy == "merged" or (self.holes, self.corners) != ("bisect", "apart")
+        own = (self.holes, self.corners, self.tone) == ("bisect", "apart", "clear")
+        return self.hierarchy == "merged" or not own
+
+    @property
+    def layer(self) -> Layer:
+        """The layer that is written."""
+        return CLEAR if self.tone == "clear" else CHROME
 
 
 @dataclass(frozen=True)
@@ -125,13 +135,16 @@ class Account:
 
     def lines(self) -> tuple[str, ...]:
         """For a file's comments and a manifest: nothing is changed without being said here."""
+        written = self.options.layer.name
         done = {
             "bisect": "cut through their holes",
             "keyhole": "joined to their holes by a keyhole of no width",
             "trapezoids": "taken apart into trapezoids for their holes",
-            "layer": f"filled, their holes on layer {CUT.name}; exposed is {CLEAR.name} minus {CUT.name}",
+            "layer": f"filled, their holes on layer {CUT.name}; what counts is {written} minus {CUT.name}",
         }
         said = [f"{self.polygons} polygons, {self.vertices} vertices, {self.options.hierarchy}"]
+        if self.options.tone == "dark":
+            said.append("digitized data are dark: polygons are the chrome of the writable area, and beyond it is none")
         if self.holed:
             said.append(f"{self.holed} outlines {done[self.options.holes]}")
         if self.parted:
@@ -216,8 +229,7 @@ class Figures:
         layout = db.Layout()
         layout.dbu = DBU_UM
         layers = {layer: layout.layer(layer_info(layer)) for layer in LAYERS}
-        if any(CUT in shapes for shapes in (self.merged, *self.cells.values(), *(mark.shapes for mark in self.marks))):
-            layers[CUT] = layout.layer(layer_info(CUT))
+        layers |= {layer: layout.layer(layer_info(layer)) for layer in self.layers if layer in (CHROME, CUT)}
         names = [self.top, *self.cells, *(die.name for die in self.dies), *(mark.name for mark in self.marks)]
         cells = {name: layout.create_cell(name) for name in sorted(names)}
         top = cells[self.top]
@@ -305,7 +317,8 @@ class _Drawing:
     def _told(self, figures: Figures) -> Figures:
         """The figures with a note that says how to expose them."""
         half = self._plate.blank_nm // 2
-        text = f"EXPOSED = {CLEAR.name} {CLEAR.number}/{CLEAR.datatype} MINUS {CUT.name} {CUT.number}/{CUT.datatype}"
+        layer, what = self._options.layer, "EXPOSED" if self._options.tone == "clear" else "CHROME"
+        text = f"{what} = {layer.name} {layer.number}/{layer.datatype} MINUS {CUT.name} {CUT.number}/{CUT.datatype}"
         note = Note(text, (-half, -half + 2 * _NOTE_HEIGHT_NM))
         if self._options.notes == "text":
             return replace(figures, notes=(*figures.notes, note))
@@ -322,7 +335,8 @@ class _Drawing:
             unit = self._names.units[unit_key(panel, kind)]
             units.append(unit)
             if unit not in self._cells:
-                self._cells[unit], self._done[unit] = self._redrawn(unit_shapes(panel, kind), unit)
+                cell = db.Region(db.Box(0, 0, pitch, pitch))
+                self._cells[unit], self._done[unit] = self._redrawn(unit_shapes(panel, kind), unit, cell)
         index = np.searchsorted(np.array(kinds), panel.orientations).astype(np.int64)
         most, needed = self._options.max_references, index.size if len(kinds) > 1 else 1
         grids: tuple[CellArray, ...] = (CellArray(tuple(units), index, (0, 0), (pitch, pitch)),)
@@ -363,30 +377,63 @@ class _Drawing:
     def _marks(self) -> tuple[tuple[MarkFigures, ...], _Done]:
         marks, done = [], _Done()
         for mark, name in zip(self._plate.furniture, self._names.marks, strict=True):
+            if mark.layer.written and self._options.tone == "dark":
+                continue
             shapes, did = self._redrawn({mark.layer: mark.polygons}, name)
+            marks.append(MarkFigures(name, shapes))
+            done += did
+        if self._options.tone == "dark":
+            name = self._extra.unique("FIELD")
+            shapes, did = self._field(name)
             marks.append(MarkFigures(name, shapes))
             done += did
         return tuple(marks), done
 
-    def _redrawn(self, shapes: Shapes, where: str) -> tuple[Shapes, _Done]:
-        """The shapes of a cell under the options, and what that took; layers for orientation stay as they are."""
+    def _field(self, name: str) -> tuple[Shapes, _Done]:
+        """Chrome between the dies, out of which the marks are taken.
+
+        No cut through slanted edges is exact, so round letters and stars it is drawn as triangles.
+        """
+        marks = [_polygons(mark.polygons) for mark in self._plate.furniture if mark.layer.written]
+        half = self._plate.writable_nm // 2
+        field = db.Region(db.Box(-half, -half, half, half))
+        field -= db.Region([db.Box(*die.box_nm) for die in self._plate.dies])
+        round_slants = db.Region([mark.bbox() for mark in marks if not mark.non_rectilinear().is_empty()]) & field
+        clear = sum(marks, start=db.Region())
+        drawn = _checked(field - round_slants - clear, self._options, name)
+        corners = triangles(round_slants - clear)
+        shapes = {CHROME: _sorted(drawn.pieces + corners)}
+        if not drawn.holes.is_empty():
+            shapes[CUT] = _sorted(drawn.holes)
+        return shapes, _Done.of(drawn) + _Done(corners.count(), 3 * corners.count())
+
+    def _redrawn(self, shapes: Shapes, where: str, whole: db.Region | None = None) -> tuple[Shapes, _Done]:
+        """The shapes of a cell under the options, and what that took; layers for orientation stay as they are.
+
+        ``whole`` is the cell, of which dark data show what is not clear.
+        """
+        dark = self._options.tone == "dark" and whole is not None
+        if dark:
+            shapes = {CLEAR: (), **shapes}
         found: dict[Layer, tuple[Polygon, ...]] = {}
         done = _Done()
         for layer, polygons in shapes.items():
             if not layer.written:
                 found[layer] = polygons
                 continue
-            region = db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
-            whole = region.merged(True, 1)
+            region = _polygons(polygons)
+            if dark:
+                region = whole - region
+            parted = region.merged(True, 1)
             long = any(len(polygon) > self._options.max_vertices for polygon in polygons)
             if not self._options.redrawn and not long:
                 # Parted outlines are counted on what the outlines were made of, before they were cut.
-                counted = recut(whole)
+                counted = recut(parted)
                 found[layer] = polygons
                 done += _Done(len(polygons), sum(map(len, polygons)), counted.holed, counted.parted, 0)
                 continue
-            drawn = _checked(whole, self._options, where)
-            found[layer] = _sorted(drawn.pieces)
+            drawn = _checked(parted, self._options, where)
+            found[CHROME if dark else layer] = _sorted(drawn.pieces)
             if not drawn.holes.is_empty():
                 found[CUT] = _sorted(drawn.holes)
             done += _Done.of(drawn)
@@ -427,15 +474,20 @@ def moved(polygons: Sequence[Polygon], by_nm: Point) -> tuple[Polygon, ...]:
     return tuple(tuple((x + dx, y + dy) for x, y in polygon) for polygon in polygons)
 
 
+def _polygons(polygons: Sequence[Polygon]) -> db.Region:
+    return db.Region([db.Polygon(simple_polygon(polygon)) for polygon in polygons])
+
+
 def _merged(figures: Figures) -> tuple[Figures, _Done]:
     """Written layers joined across pixels and marks, and what that took."""
     layout = replace(figures, options=replace(figures.options, hierarchy="cells")).layout()
-    clear = db.Region(layout.top_cell().begin_shapes_rec(layout.layer(layer_info(CLEAR))))
+    layer = figures.options.layer
+    written = db.Region(layout.top_cell().begin_shapes_rec(layout.layer(layer_info(layer))))
     cut = layout.find_layer(layer_info(CUT))
     if cut is not None:
-        clear = clear.merged() - db.Region(layout.top_cell().begin_shapes_rec(cut))
-    drawn = _checked(clear, figures.options, figures.top)
-    merged = {CLEAR: drawn.pieces} if drawn.holes.is_empty() else {CLEAR: drawn.pieces, CUT: drawn.holes}
+        written = written.merged() - db.Region(layout.top_cell().begin_shapes_rec(cut))
+    drawn = _checked(written, figures.options, figures.top)
+    merged = {layer: drawn.pieces} if drawn.holes.is_empty() else {layer: drawn.pieces, CUT: drawn.holes}
     cells = {name: _unwritten(shapes) for name, shapes in figures.cells.items()}
     marks = tuple(MarkFigures(mark.name, _unwritten(mark.shapes)) for mark in figures.marks)
     return replace(figures, cells=cells, marks=marks, merged=merged), _Done.of(drawn)

@@ -27,7 +27,7 @@ from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, Po
 from maskfab.export.polygon_text import Placeholder, polygon_lines
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
-from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
+from maskfab.model import CHROME, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
 from maskfab.units import NM_PER_MM, NM_PER_UM
 
 Version: TypeAlias = Literal["R12", "R2010"]
@@ -38,7 +38,7 @@ _METRIC = 1
 _R12 = "AC1009"
 _TEXT_HEIGHT_NM = 500_000
 _SMALL_TEXT_NM = 100_000
-_COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True)) | {CUT: 7}
+_COLOURS = dict(zip(LAYERS, (4, 8, 2, 1, 3, 5, 6, 30, 140, 9, 251), strict=True)) | {CUT: 7, CHROME: 4}
 _REFERENCE = {
     "R12": "  0\nINSERT\n  5\n{handle:X}\n  8\n{layer}\n  2\n{name}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n",
     "R2010": "  0\nINSERT\n  5\n{handle:X}\n330\n{owner}\n100\nAcDbEntity\n  8\n{layer}\n"
@@ -292,11 +292,11 @@ class _Outline(DXFGraphic):  # type: ignore[misc]
 
 def _checked_names(figures: Figures, wanted: Mapping[str, str] | None, *, noted: bool) -> dict[Layer, str]:
     """Names of the layers that are drawn; a house that wants its drawings purged gets no empty ones."""
-    used = {CLEAR, *figures.layers, *([NOTE] if noted else [])}
-    layers = [layer for layer in (*LAYERS, CUT) if layer in used]
+    used = {figures.options.layer, *figures.layers, *([NOTE] if noted else [])}
+    layers = [layer for layer in (*LAYERS, CUT, CHROME) if layer in used]
     if wanted is None:
         return {layer: layer.name for layer in layers}
-    strange = sorted(set(wanted) - {layer.name for layer in (*LAYERS, CUT)})
+    strange = sorted(set(wanted) - {layer.name for layer in (*LAYERS, CUT, CHROME)})
     if strange:
         raise OutputError("MF414", f"there is no layer {strange[0]!r} to name", cure="Name a layer of the plate")
     lacking = [layer.name for layer in figures.layers if layer.written and layer.name not in wanted]
@@ -371,20 +371,20 @@ def _draw(
 def _draw_die(
     figures: Figures, die: DieFigures, drawing: Drawing, names: Mapping[Layer, str], style: DrawingStyle
 ) -> Iterator[_References]:
-    on_clear = {"layer": names[CLEAR]}
+    on_layer = {"layer": names[figures.options.layer]}
     for name in (name for grid in die.grids for name in grid.cells):
         if name not in drawing.blocks:
             _add_shapes(drawing.blocks.new(name), figures.cells[name], names, style)
     block = drawing.blocks.new(die.name)
     for grid in die.grids:
         if len(grid.cells) > 1:
-            yield _References(grid, die.name, block.block_record_handle, names[CLEAR], style)
+            yield _References(grid, die.name, block.block_record_handle, names[figures.options.layer], style)
             continue
         rows, columns = grid.index.shape
         dx, dy = style.point(grid.step_nm)
         spread = {"row_count": rows, "column_count": columns, "row_spacing": dy, "column_spacing": dx}
-        block.add_blockref(grid.cells[0], style.point(grid.origin_nm), dxfattribs=on_clear | spread)
-    drawing.modelspace().add_blockref(die.name, style.point(die.origin_nm), dxfattribs=on_clear)
+        block.add_blockref(grid.cells[0], style.point(grid.origin_nm), dxfattribs=on_layer | spread)
+    drawing.modelspace().add_blockref(die.name, style.point(die.origin_nm), dxfattribs=on_layer)
 
 
 def _add_shapes(

@@ -18,7 +18,7 @@ from maskfab.export.cell_polygons import CUT, Figures, as_figures
 from maskfab.export.polygon_text import Placeholder, polygon_lines
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
-from maskfab.model import CLEAR, Plate, Polygon
+from maskfab.model import Plate, Polygon
 
 LARGEST_BYTES = 1_000_000_000
 
@@ -65,7 +65,8 @@ def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
     lines = (
         *comments,
         *figures.account.lines(),
-        "Digitized data is clear: dark areas of this image are openings in the chrome",
+        f"Digitized data is {figures.options.tone}: dark areas of this image are "
+        f"{'openings in the chrome' if figures.options.tone == 'clear' else 'chrome'}",
         "Unit mm, six decimals: one step is one nanometre; origin is the centre of the blank",
     )
     yield from (f"G04 {_text(line)}*\n" for line in lines)
@@ -77,7 +78,7 @@ def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
 
 
 def _body(figures: Figures) -> Iterator[str]:
-    for layer, polarity in ((CLEAR, "D"), (CUT, "C")):
+    for layer, polarity in ((figures.options.layer, "D"), (CUT, "C")):
         texts = polygon_lines(figures, layer, _Pen())
         first = next(texts, None)
         if first is not None:

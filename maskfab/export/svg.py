@@ -15,7 +15,7 @@ from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, as
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.geometry.polygonize import hull_points
-from maskfab.model import CLEAR, Box, Layer, Plate, Polygon
+from maskfab.model import Box, Layer, Plate, Polygon
 from maskfab.units import NM_PER_MM
 
 LARGEST_BYTES = 500_000_000
@@ -23,7 +23,7 @@ LARGEST_BYTES = 500_000_000
 _HEAD_BYTES = 4_000
 _USE_BYTES = 80
 _VERTEX_BYTES = 14
-_COLOURS = {CLEAR: "#ffffff", CUT: "#303030"}
+_CLEAR, _CHROME = "#ffffff", "#303030"
 
 
 def write_svg(
@@ -86,7 +86,9 @@ def _document(figures: Figures, die: DieFigures | None, comments: Sequence[str])
         f'width="{_mm(width)}mm" height="{_mm(height)}mm" viewBox="0 0 {_mm(width)} {_mm(height)}">\n'
     )
     yield f"<title>{_safe(title)}</title>\n<desc>{_safe(chr(10).join(said))}</desc>\n"
-    layers = [layer for layer in (CLEAR, CUT) if layer in figures.layers]
+    written, dark = figures.options.layer, figures.options.tone == "dark"
+    colours = {written: _CHROME, CUT: _CLEAR} if dark else {written: _CLEAR, CUT: _CHROME}
+    layers = [layer for layer in (written, CUT) if layer in figures.layers]
     dies = (die,) if die else figures.dies
     used = dict.fromkeys(name for each in dies for grid in each.grids for name in grid.cells)
     yield "<defs>\n"
@@ -97,10 +99,10 @@ def _document(figures: Figures, die: DieFigures | None, comments: Sequence[str])
                 path = "".join(map(_path, polygons))
                 yield f'<symbol id={_id(name, layer)} overflow="visible"><path d="{path}"/></symbol>\n'
     yield "</defs>\n"
-    yield f'<rect width="{_mm(width)}" height="{_mm(height)}" fill="{_COLOURS[CUT]}"/>\n'
+    yield f'<rect width="{_mm(width)}" height="{_mm(height)}" fill="{_CLEAR if dark else _CHROME}"/>\n'
     yield f'<g transform="matrix(1 0 0 -1 {_mm(-box[0])} {_mm(box[3])})">\n'
     for layer in layers:
-        yield f'<g id="{layer.name}" fill="{_COLOURS[layer]}">\n'
+        yield f'<g id="{layer.name}" fill="{colours[layer]}">\n'
         for each in dies:
             for grid in each.grids:
                 yield from _uses(figures, layer, each, grid)
@@ -165,7 +167,7 @@ def _mm(nm: int) -> str:
 
 
 def _bare(name: str, layer: Layer) -> str:
-    return name if layer is CLEAR else f"{name}.{layer.name}"
+    return name if layer is not CUT else f"{name}.{layer.name}"
 
 
 def _id(name: str, layer: Layer) -> str:

@@ -142,6 +142,14 @@ def exact(region: db.Region, drawn: Recut) -> bool:
     return bool((covered ^ region).is_empty())
 
 
+def triangles(region: db.Region) -> db.Region:
+    """A region as triangles between its own vertices (constrained Delaunay), raw: exact whatever its edges' slant."""
+    drawn = _raw()
+    for polygon in region.merged(True, 1).each():
+        drawn += polygon.delaunay()
+    return drawn
+
+
 def hull_points(polygon: db.Polygon) -> Polygon:
     """The outline of a polygon without holes."""
     return tuple((point.x, point.y) for point in polygon.each_point_hull())

@@ -124,3 +124,11 @@ class OrderSection(Section):
     """When, and by whom."""
     contact: ContactSection | None = None
     """Who orders."""
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the chrome side shows the mirror image of the design, which files then hold.
+
+        Right reading with the chrome down is wrong reading with the chrome up.
+        """
+        return (self.parity == "wrong reading") != (self.chrome == "down")

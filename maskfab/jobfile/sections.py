@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from maskfab.errors import JobError
-from maskfab.jobfile.order import DATA_KEYS, OrderSection
+from maskfab.jobfile.order import DATA_KEYS, OrderSection, Tone
 from maskfab.jobfile.problems import refusing
 from maskfab.jobfile.scene_values import Aberrations, Accuracy, Depth, Distance, Illuminant, LensDistortion, Spectrum
 from maskfab.jobfile.section import Section
@@ -729,6 +729,16 @@ class JobSpec(Section):
         data = self.model_dump(mode="json", exclude_none=True)
         # A job without tables, maps or profiles keeps the hash that it had before jobs could name any.
         return {key: value for key, value in data.items() if value or key not in {"curves", "maps", "shops"}}
+
+    @property
+    def tone(self) -> Tone:
+        """Of the data; a house's profile has no say in what is drawn."""
+        return "clear" if self.order is None or self.order.tone is None else self.order.tone
+
+    @property
+    def mirrored(self) -> bool:
+        """Whether the data are the mirror image of the design; see :class:`maskfab.jobfile.order.OrderSection`."""
+        return self.order is not None and self.order.mirrored
 
     def drawn(self) -> dict[str, Any]:
         """What the job's hash is of: :meth:`dump` without what [order] says on paper alone.

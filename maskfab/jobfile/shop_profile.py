@@ -19,7 +19,7 @@ from maskfab.jobfile.order import ChromeSide, Film, Glass, OrderSection, Protect
 from maskfab.jobfile.problems import first_problem
 from maskfab.jobfile.section import Section
 from maskfab.jobfile.toml import dumps, loads
-from maskfab.model import LAYERS
+from maskfab.model import CHROME, LAYERS
 
 Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber"]
 OrderField: TypeAlias = Literal[
@@ -60,7 +60,7 @@ def _address(text: str) -> str:
     return text
 
 
-_LAYERS = ("CUT", *(layer.name for layer in LAYERS))
+_LAYERS = (CHROME.name, "CUT", *(layer.name for layer in LAYERS))
 _LAYER_NAME = re.compile(r"[A-Za-z0-9_$-]{1,31}")
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from klayout import db
 
@@ -12,6 +12,7 @@ from maskfab.export.outputs import FileSettings, Product, products
 from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.jobfile import ExportSection, FileFormat, JobSpec
+from maskfab.jobfile.order import Tone
 from maskfab.jobfile.shop_profile import Format, Shop
 from maskfab.mask_shops.adapt import blank_of, drawing_options, drawing_style, suited, written_formats, written_options
 from maskfab.model import Plate, Quantity
@@ -70,7 +71,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
         section.dots_per_um,
         drawing_style(plate, shop),
     )
-    options = written_options(plate, section, shop)
+    options = replace(written_options(plate, section, shop), tone=spec.tone)
     taken = plate if shop is None else suited(plate, shop, options.holes)
     figures = draw(taken, options)
     made = products(figures, formats, comments, settings)
@@ -78,7 +79,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
 
 
 def files_for_shop(
-    plate: Plate, shop: Shop, formats: Sequence[Format], comments: Sequence[str], stem: str
+    plate: Plate, shop: Shop, formats: Sequence[Format], comments: Sequence[str], stem: str, tone: Tone = "clear"
 ) -> PlateFiles:
     """Draw a plate that is :func:`maskfab.mask_shops.adapt.fitted` as its shop takes it.
 
@@ -88,11 +89,12 @@ def files_for_shop(
         formats: of the mask files.
         comments: provenance.
         stem: of their names.
+        tone: of the data.
 
     Raises:
         OutputError: as :func:`files_of_job`.
     """
     settings = FileSettings(drawing=drawing_style(plate, shop))
-    figures = draw(plate, drawing_options(plate, shop))
+    figures = draw(plate, replace(drawing_options(plate, shop), tone=tone))
     made = products(figures, formats, comments, settings, stem)
     return PlateFiles(plate, plate_layout(plate), figures, made, settings, tuple(formats))

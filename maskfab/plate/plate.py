@@ -1,7 +1,7 @@
 """From a validated job to a plate: panels in their slots, and round them the marks of :mod:`maskfab.plate.marks`.
 
-Coordinates are the plate's: its centre is the origin, y points up, and the data read right with the chrome towards
-the reader.
+Coordinates are the plate's: its centre is the origin, y points up, and the chrome is towards the reader. Where [order]
+asks for a design that reads right through the glass, all of it lies here as in a mirror.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from maskfab.plate.marks.drawing import Setting
 from maskfab.plate.marks.plain import MARGIN_NM, SMALLEST_WRITABLE_NM, TITLE_HEIGHT_NM, plain_marks
 from maskfab.plate.marks.template import PlateTemplate, plate_template
 from maskfab.plate.marks.templated import templated
+from maskfab.plate.mirrored import mirrored
 from maskfab.plate.panels import die_panels, laid_out
 from maskfab.units import NM_PER_UM, to_nm
 
@@ -56,7 +57,7 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     setting = Setting(
         title=heading.title,
         signature=signature,
-        digest=provenance.job_hash(spec.dump()),
+        digest=provenance.job_hash(spec.drawn()),
         blank_nm=blank_nm,
         writable_nm=writable_nm,
         die_pitch_nm=pitch_nm,
@@ -67,7 +68,8 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     check_clearances(dies, drawn.furniture, writable_nm, where=f"{where}: plate")
     corner = writable_nm // 2 - MARGIN_NM
     note = Note(signature, (-corner, -corner - MARGIN_NM // 2))
-    return Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.furniture, drawn.gauges, (note,))
+    plate = Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.furniture, drawn.gauges, (note,))
+    return mirrored(plate) if spec.mirrored else plate
 
 
 def _side(section: PlateSection, template: PlateTemplate | None, key: str, where: str) -> int:

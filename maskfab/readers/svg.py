@@ -13,7 +13,7 @@ from klayout import db
 
 from maskfab.errors import SourceError
 from maskfab.geometry.plate_layout import DBU_UM, layer_info
-from maskfab.model import LAYERS
+from maskfab.model import CHROME, LAYERS
 from maskfab.units import NM_PER_MM
 
 _SVG = "{http://www.w3.org/2000/svg}"
@@ -52,7 +52,7 @@ def _layout(root: ElementTree.Element, path: Path) -> db.Layout:
         raise ValueError("no group")
     _check_frame(root, outer)
     symbols = {str(each.get("id")): each for each in root.iter(f"{_SVG}symbol")}
-    known = {layer.name: layer for layer in LAYERS}
+    known = {layer.name: layer for layer in (*LAYERS, CHROME)}
     cells: dict[tuple[str, str], int] = {}
     for group in outer.findall(f"{_SVG}g"):
         name = str(group.get("id"))

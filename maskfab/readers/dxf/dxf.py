@@ -15,7 +15,7 @@ from klayout import db
 
 from maskfab.errors import SourceError
 from maskfab.geometry.shape_limits import MOST_LAYERS, too_many_layers
-from maskfab.model import CLEAR
+from maskfab.model import CHROME, CLEAR
 from maskfab.readers.dxf.entities import Unseen
 from maskfab.readers.dxf.grid import DrawingGrid
 from maskfab.readers.dxf.text_entities import Entity, entities
@@ -32,7 +32,8 @@ _SHAPELESS = {
 _HARMLESS = _SHAPELESS | {"INSERT", "SOLID"}
 _OPEN = {"LINE", "POINT", "3DFACE", "TRACE", "LEADER", "MLINE", "RAY", "XLINE", "HATCH", "REGION", "3DSOLID", "MESH"}
 # Shapes on layer 0 of a block are drawn on the layer of its reference, and those on CUT may be taken out of CLEAR.
-_COUNTING = {CLEAR.name, "CUT", "0"}
+_DATA = {CLEAR.name, CHROME.name}
+_COUNTING = {*_DATA, "CUT", "0"}
 _CLOSED = 1
 _CURVE_FITTED = 2 | 4
 
@@ -77,7 +78,7 @@ def look_through(path: Path, data: bytes, nm_per_unit: float) -> DrawingFacts:
         if entity.kind not in _SHAPELESS:
             unseen.add(entity)
         layer = entity.layer
-        clear_drawn = clear_drawn or layer == CLEAR.name
+        clear_drawn = clear_drawn or layer in _DATA
         fault = _fault(entity)
         if fault:
             found[(*fault, layer)] += 1
