@@ -47,6 +47,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF125": "No plate template has that name.",
         "MF126": "A plate's template and the job contradict each other, or marks and dies would overlap.",
         "MF127": "A writing process rounds or moves edges by more than the dots or the gutter allow.",
+        "MF128": "An order contradicts the plate, or asks for what the job does not state.",
         "MF131": "The lens stop is wider than any lens of that focal length.",
         "MF132": "A lens stop's outline crosses itself, or holds no area.",
         "MF133": "A command does not support lens stops of that shape.",

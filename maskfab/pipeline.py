@@ -34,6 +34,7 @@ from maskfab.job import Job, load_job
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import blank_of
 from maskfab.mask_shops.judge import check_written
+from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box
@@ -45,6 +46,7 @@ from maskfab.measurement.optics import measure_with_bar, reach_box, read_opening
 from maskfab.measurement.restored import Photographs, Restored, photograph_die
 from maskfab.measurement.scene_result import SceneOptics
 from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
+from maskfab.measurement.view import layout_as_seen, plate_as_seen, view_rows
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.image.mtf import area_under_radial_min
 from maskfab.optics.scene.plan import Plan
@@ -166,26 +168,27 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             built = job.displays_of(plate, progress, largest=True, crew=crew)
             photographs = begin_photographs(job, plate, crew)
             plate = built.plate
+            seen = plate_as_seen(job, plate)
         with clock.stage("draw"):
             made = draw_files(job, plate)
             check_readers(made)
         with clock.stage("plan"):
-            plans = plan_scenes(job, plate, progress)
+            plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
         with clock.stage("process"):
-            written = measure_process(job, plate, progress, clock.seconds)
+            written = measure_process(job, seen, progress, clock.seconds)
         with staged(place) as folder:
             with clock.stage("write"):
                 files = write_files(job, made, folder, progress)
             with clock.stage("read back"):
                 back = read_back(made, folder, progress)
-            layout = back.trips[0].layout
+            layout = layout_as_seen(job, back.trips[0].layout)
             with clock.stage("optics"):
-                optics = measure_dies(plate, job.camera, layout, progress, clock.seconds, job.blank, crew)
+                optics = measure_dies(seen, job.camera, layout, progress, clock.seconds, job.blank, crew)
                 psfs = psfs_as_files(job, made, optics)
                 files += write_psfs(psfs, folder)
             with clock.stage("scene"):
-                scenes = measure_scenes(job, plate, plans, layout, progress, clock.seconds)
+                scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds)
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
             restored = photographs.result(progress, clock.seconds)
@@ -252,6 +255,7 @@ class Findings:
         for name, note in design_data.camera_notes(job).items():
             if name in of_dies:
                 of_dies[name] += (note,)
+        of_plate += tuple(view_rows(job))
         everything = [*of_plate]
         of_scenes = {scene.die.name: scene.quantities for scene in self.scenes}
         for name, quantities in of_dies.items():
@@ -417,7 +421,8 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
     if shop is None:
         return ()
     findings = check_written(made.figures, shop, made.formats, blank_of(job.spec))
-    return tuple(each.quantity(shop.name) for each in findings)
+    offers = check_offers(job.spec, made.plate, shop)
+    return tuple(each.quantity(shop.name) for each in (*findings, *offers))
 
 
 def check_processes(job: Job, plate: Plate) -> None:
@@ -507,7 +512,8 @@ def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
     def given(die: Die) -> Given:
         return lambda: (conditions, job, die.name, die.panel, die.name in shown)
 
-    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in plate.dies})
+    dies = plate_as_seen(job, plate).dies
+    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies})
 
 
 def _mask(die: Die) -> Die:

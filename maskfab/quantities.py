@@ -781,6 +781,7 @@ _ENTRIES = (
         "Largest S-CIELAB difference in a* and b* along an edge, the common shift of all pixels removed.",
     ),
     # Files against the plate
+    Entry("lens_view", "", "", "Seen from", "Side of the plate that the lens sees, and how the design reads there."),
     Entry("drawn_holes", "", "", "Outlines with holes", "Outlines whose holes were redrawn; their area is unchanged."),
     Entry("drawn_parted", "", "", "Outlines separated", "Outlines that touched themselves and were separated there."),
     Entry("drawn_split", "", "", "Outlines cut", "Outlines cut because they had more vertices than max_vertices."),

@@ -25,6 +25,7 @@ from maskfab.geometry.plate_layout import clear_shapes
 from maskfab.job import Job, load_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box, sees_light
+from maskfab.measurement.view import layout_as_seen, plate_as_seen
 from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
 from maskfab.optics.numbers.metrics import fast_lens
 from maskfab.pipeline import (
@@ -106,15 +107,16 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         if not trips:
             return tuple(checks)
         seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
-        lit = replace(plate, dies=tuple(seen))
-        optics = measure_dies(lit, job.camera, trips[0].layout, progress, None, job.blank, crew)
+        lit = plate_as_seen(job, replace(plate, dies=tuple(seen)))
+        layout = layout_as_seen(job, trips[0].layout)
+        optics = measure_dies(lit, job.camera, layout, progress, None, job.blank, crew)
         for psf in psfs_as_files(job, made, optics, str(manifest["maskfab_version"])):
             try:
                 read += check_psf_file(psf, folder)
             except InputError as error:
                 refused.append((psf.name, error))
                 checks.append(_failed("readable", f"{psf.name}: {error}"))
-        scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), trips[0].layout, progress)
+        scenes = measure_scenes(job, lit, plan_scenes(job, lit, progress), layout, progress)
         for measured in (
             *(die_quantities(item, read, job) for item in optics),
             *(scene.quantities for scene in scenes),
@@ -127,7 +129,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         ]
         if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
             # Of files that differ from the design the numbers differ as well; what differs is told above.
-            restored, written = photographs.result(progress), measure_process(job, plate, progress)
+            restored, written = photographs.result(progress), measure_process(job, plate_as_seen(job, plate), progress)
             found = Findings(job, built, read, optics, scenes, restored, written)
             checks += _made_again(folder, manifest, found, crew)
     return tuple(checks)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from maskfab.api.verbs.measuring import seen_mirrored
 from maskfab.capture.stands import STANDS, stand_named
 from maskfab.job import Job
+from maskfab.measurement.view import sees_mirrored
 
 
 def way_round(asked: str | None, job: Job) -> int:
@@ -19,5 +19,5 @@ def way_round(asked: str | None, job: Job) -> int:
         JobError: MF105 for a name that none has.
     """
     if asked is None:
-        return STANDS["mirrored" if seen_mirrored(job) else "drawn"]
+        return STANDS["mirrored" if sees_mirrored(job) else "drawn"]
     return stand_named(asked)

@@ -25,6 +25,8 @@ from maskfab.jobfile import read as read_spec
 from maskfab.jobfile.shop_profile import Format, Shop, parse_shop
 from maskfab.mask_shops.adapt import blank_of, drawing_options, extent_nm, fitted
 from maskfab.mask_shops.judge import Finding, accepted, check_shop, extent
+from maskfab.mask_shops.offers import check_offers
+from maskfab.mask_shops.order import Answer
 from maskfab.mask_shops.plate_files import PlateFiles, files_for_shop
 from maskfab.model import Box, Quantity, WrittenFile
 from maskfab.plate.plate import compose
@@ -46,12 +48,14 @@ class Package:
         findings: the house's rules.
         checks: what reading the files back has shown; empty if the house would refuse the plate.
         files: what is in the zip, the manifest excepted.
+        missing: lines of the order that are blank.
     """
 
     path: Path | None
     findings: tuple[Finding, ...]
     checks: tuple[Quantity, ...] = ()
     files: tuple[WrittenFile, ...] = ()
+    missing: tuple[Answer, ...] = ()
 
 
 def pack(
@@ -91,7 +95,7 @@ def pack(
     plate = fitted(whole, shop)
     options = replace(drawing_options(plate, shop), tone=job.spec.tone)
     progress("rules", 0, 1)
-    findings = check_shop(whole, shop, sent, options, blank_of(job.spec))
+    findings = (*check_shop(whole, shop, sent, options, blank_of(job.spec)), *check_offers(job.spec, whole, shop))
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
@@ -115,15 +119,16 @@ def pack(
         masks = tuple(
             provenance.file_record(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True)
         )
-        made = papers(MaskOrder(job, shop, drawn.figures, job.signature, findings, judged, sent, masks))
+        ordered = MaskOrder(job, shop, drawn.figures, job.signature, findings, judged, sent, masks)
+        made = papers(ordered)
         for name, content in made.items():
             write_bytes(folder / name, content)
         files = (*masks, *(provenance.file_record(folder, folder / name, "paper") for name in made))
-        manifest = {**package_facts(job, shop, drawn.figures), "files": [vars(file) for file in files]}
+        manifest = {**package_facts(job, shop, drawn.figures, ordered.order), "files": [vars(file) for file in files]}
         write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
         _make_parents(zipped)
         write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}", replace=force)
-    return Package(zipped, findings, judged, files)
+    return Package(zipped, findings, judged, files, ordered.order.missing)
 
 
 def _measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
@@ -230,6 +235,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
         formats = tuple(kinds[file.path] for file in sent)
         findings = check_shop(whole, house, formats, drawn.figures.options, blank_of(made.spec))
+        findings = (*findings, *check_offers(made.spec, whole, house))
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
         findings = _measured(findings, house, tuple(boxes.values()))
         ordered = MaskOrder(made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent))

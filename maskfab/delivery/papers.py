@@ -17,7 +17,8 @@ from maskfab.job import Job
 from maskfab.jobfile.shop_profile import Format, Shop, dump_shop
 from maskfab.mask_shops.drawing_sheet import drawing_sheet
 from maskfab.mask_shops.judge import Finding
-from maskfab.mask_shops.order_sheet import PARITY, TONE, order_sheet
+from maskfab.mask_shops.order import Order, order_of
+from maskfab.mask_shops.order_sheet import order_sheet
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
 from maskfab.model import Quantity, WrittenFile
 
@@ -59,26 +60,38 @@ class MaskOrder:
     sent: tuple[Format, ...]
     masks: tuple[WrittenFile, ...]
 
+    @property
+    def order(self) -> Order:
+        """The order to the house."""
+        touches = (each.value for each in self.findings if each.rule == "corner_touches")
+        return order_of(self.job.spec, self.figures.plate, self.shop, int(next(touches, 0)))
+
 
 def papers(ordered: MaskOrder) -> dict[str, bytes]:
     """Order sheet, drawing, the house's profile, the job and the certificate, by file name; equal for equal orders."""
     plate, shop = ordered.figures.plate, ordered.shop
-    remarks = [_remark(each) for each in ordered.findings if each.passed is None and each.place]
+    order = ordered.order
+    # Corners that meet have a line of their own.
+    asked = (each for each in ordered.findings if each.rule != "corner_touches")
+    remarks = [_remark(each) for each in asked if each.passed is None and each.place]
     files = [(mask.path, mask.sha256) for mask in ordered.masks]
-    sheet = order_sheet(ordered.figures, shop, ordered.sent, files, remarks)
-    notes = (f"for {shop.title}", TONE, PARITY, ordered.signature)
+    sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks)
+    revision = next(each.text for each in order.answers if each.key == "revision")
+    notes = (f"for {shop.title}", f"revision: {revision}", order.tone, order.parity, ordered.signature)
+    reads_up = not ordered.job.spec.mirrored
     return {
         "order.txt": sheet.text().encode(),
         "order.html": sheet.html().encode(),
-        "plate.svg": drawing_sheet(plate, "svg", notes),
-        "plate.pdf": drawing_sheet(plate, "pdf", notes),
+        "order.csv": sheet.csv().encode(),
+        "plate.svg": drawing_sheet(plate, "svg", notes, reads_up),
+        "plate.pdf": drawing_sheet(plate, "pdf", notes, reads_up),
         PROFILE: dump_shop(shop).encode(),
         JOB_COPY: (json.dumps(ordered.job.spec.dump(), indent=1) + "\n").encode(),
         CERTIFICATE: (json.dumps(_certificate(ordered), indent=1, ensure_ascii=False) + "\n").encode(),
     }
 
 
-def package_facts(job: Job, shop: Shop, figures: Figures) -> dict[str, Any]:
+def package_facts(job: Job, shop: Shop, figures: Figures, order: Order) -> dict[str, Any]:
     """Facts of a package in its manifest, beside its files."""
     return {
         "schema_version": _VERSION,
@@ -87,8 +100,8 @@ def package_facts(job: Job, shop: Shop, figures: Figures) -> dict[str, Any]:
         "plate": figures.plate.name,
         "shop": shop.name,
         "job_hash": job.digest,
-        "tone": TONE,
-        "parity": PARITY,
+        "tone": order.tone,
+        "parity": order.parity,
         "drawing": {key: value for key, value in vars(figures.options).items() if value is not None},
         "drawn": list(figures.account.lines()),
     }
@@ -134,7 +147,7 @@ def check_papers(
 
 
 def _facts_held(ordered: MaskOrder, manifest: Mapping[str, Any], *, ours: bool) -> Iterator[Quantity]:
-    wanted = package_facts(ordered.job, ordered.shop, ordered.figures)
+    wanted = package_facts(ordered.job, ordered.shop, ordered.figures, ordered.order)
     for key in dict.fromkeys((*wanted, *manifest)):
         if key not in (*_WRITERS, "files"):
             said, fact = (_text(known[key]) if key in known else "nothing" for known in (manifest, wanted))
@@ -186,11 +199,6 @@ def _text(said: object) -> str:
 
 def _remark(finding: Finding) -> str:
     """A question for the shop to decide, as the order puts it."""
-    if finding.rule == "corner_touches":
-        return (
-            f"Clear shapes meet by a corner only in {finding.value} places, first at {finding.place}: writers round "
-            "corners, so tell us whether these will join or part."
-        )
     return f"{finding.rule}: {finding.value} {finding.unit} at {finding.place}; please confirm."
 
 
@@ -202,6 +210,9 @@ def _certificate(ordered: MaskOrder) -> dict[str, Any]:
         "job_hash": ordered.job.digest,
         "profile_sha256": hashlib.sha256(dump_shop(ordered.shop).encode()).hexdigest(),
         "verdict": "pass",
+        "tone": ordered.order.tone,
+        "parity": ordered.order.parity,
+        "order": {each.key: each.text for each in ordered.order.answers},
         "files": [vars(file) for file in ordered.masks],
         "rules": [{key: value for key, value in vars(each).items() if key != "source"} for each in ordered.findings],
         "checks": [{key: value for key, value in vars(each).items() if value is not None} for each in ordered.checks],

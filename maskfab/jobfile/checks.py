@@ -332,6 +332,46 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
         )
 
 
+def check_order(spec: JobSpec, where: str) -> None:
+    """An [order] that does not contradict the plate, and asks for no bias that nobody states.
+
+    Raises:
+        JobError: MF128.
+    """
+    order, plate = spec.order, spec.plate
+    if order is None:
+        return
+    glass = None if plate is None else plate.glass
+    if glass is not None and (order.parity or order.chrome) and order.mirrored != (glass.chrome == "away"):
+        parity, chrome = order.parity or "right reading", order.chrome or "up"
+        side = "the chrome" if glass.chrome == "lens" else "the glass"
+        raise JobError(
+            "MF128",
+            f"{parity}, chrome {chrome}, would show the design mirrored to a lens that looks at {side}",
+            where=f"{where}: order.parity",
+            cure=f'Set parity = "right reading" and chrome = "{"up" if glass.chrome == "lens" else "down"}" in [order]',
+        )
+    for key, wish, known, of in (
+        ("thickness", order.thickness, None if glass is None else glass.thickness, "plate.glass.thickness"),
+        ("optical_density", order.optical_density, None if plate is None else plate.optical_density,
+         "plate.optical_density"),
+    ):  # fmt: skip
+        if wish is not None and known is not None and wish != known:
+            raise JobError(
+                "MF128",
+                f"{key} is {wish:g} in [order], and {of} is {known:g}",
+                where=f"{where}: order.{key}",
+                cure="State it once: leave it out of [order]",
+            )
+    if order.bias == "house" and (spec.process is None or not spec.process.cd_bias):
+        raise JobError(
+            "MF128",
+            "the house is to make good a bias that [process] does not state",
+            where=f"{where}: order.bias",
+            cure='Add cd_bias = "0.2 um" to [process], by which clear widths come out wider, or set bias = "none"',
+        )
+
+
 def check_film(spec: JobSpec, where: str) -> None:
     """Chrome that solids can show, as thick as they draw it.
 

@@ -113,7 +113,7 @@ class OrderSection(Section):
     protection: Protection | None = None
     """Pellicle or coat over the chrome."""
     corner_touches: Touches | None = None
-    """What becomes of clear dots that meet at a corner alone."""
+    """Fate of clear dots that meet at a corner alone."""
     revision: Line | None = None
     """Of the plate, on every paper and in the package's name."""
     purchase_number: Line | None = None

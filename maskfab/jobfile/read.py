@@ -12,7 +12,15 @@ from pydantic import ValidationError
 
 from maskfab import resources
 from maskfab.errors import JobError, SourceError
-from maskfab.jobfile.checks import check_design, check_dies, check_display, check_film, check_method, check_scene
+from maskfab.jobfile.checks import (
+    check_design,
+    check_dies,
+    check_display,
+    check_film,
+    check_method,
+    check_order,
+    check_scene,
+)
 from maskfab.jobfile.problems import first_problem
 from maskfab.jobfile.section import Section
 from maskfab.jobfile.sections import JobSpec
@@ -64,6 +72,7 @@ def validate(document: object, *, where: str) -> JobSpec:
     check_display(spec, where)
     check_scene(spec, where)
     check_film(spec, where)
+    check_order(spec, where)
     return spec
 
 

@@ -741,7 +741,7 @@ class JobSpec(Section):
         return self.order is not None and self.order.mirrored
 
     def drawn(self) -> dict[str, Any]:
-        """What the job's hash is of: :meth:`dump` without what [order] says on paper alone.
+        """Content of the job's hash: :meth:`dump` without what [order] says on paper alone.
 
         The plate carries the hash in its marks, and an address or a purchase number must not change them.
         """

@@ -15,6 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path
 
+from maskfab.geometry.lettering import text_polygons
 from maskfab.model import Plate, Polygon
 from maskfab.units import NM_PER_MM
 
@@ -38,17 +39,19 @@ _styled = mpl.rc_context(
 
 
 @_styled
-def drawing_sheet(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str]) -> bytes:
+def drawing_sheet(plate: Plate, kind: Literal["svg", "pdf"], notes: Sequence[str], reads_up: bool = True) -> bytes:
     """The plate on a sheet of A3, equal plates in equal bytes.
 
     Args:
         plate: what is drawn; panels as boxes, marks as they are.
         kind: of file.
         notes: lines of the title block.
+        reads_up: whether the design reads right with the chrome up, and not through the glass.
     """
     figure = Figure(figsize=(_WIDTH_IN, _HEIGHT_IN))
     _draw_plate(figure.add_axes((0.02, 0.03, 0.64, 0.94)), plate)
-    _write(figure.add_axes((0.68, 0.03, 0.31, 0.94)), plate, notes)
+    _write(figure.add_axes((0.68, 0.14, 0.31, 0.83)), plate, notes)
+    _sketch(figure.add_axes((0.68, 0.03, 0.31, 0.1)), reads_up)
     buffer = io.BytesIO()
     undated = {"CreationDate": None, "Creator": None, "Producer": None} if kind == "pdf" else {"Date": None}
     figure.savefig(buffer, format=kind, metadata=undated)
@@ -120,6 +123,23 @@ def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
             axes.text(x, y, cell, va="top", fontsize=7)
     if len(plate.dies) > _MOST_ROWS:
         axes.text(0, y - step, f"and {len(plate.dies) - _MOST_ROWS} more", va="top", fontsize=7)
+
+
+def _sketch(axes: Axes, reads_up: bool) -> None:
+    """The letter F as the plate shows it from its two sides."""
+    axes.set(xlim=(0, 1), ylim=(0, 0.22), aspect="equal")
+    axes.set_axis_off()
+    (letter,) = text_polygons("F", 1000, (0, 0))
+    middle = max(x for x, _ in letter) / 2
+    for left, told, right in (
+        (0.05, "seen on the chrome side", reads_up),
+        (0.55, "seen through the glass", not reads_up),
+    ):
+        axes.add_patch(Rectangle((left, 0.04), 0.4, 0.17, facecolor=_CHROME, edgecolor=_INK, linewidth=0.8))
+        scale = 1.2e-4 if right else -1.2e-4
+        points = np.array([(left + 0.2 + (x - middle) * scale, 0.065 + y * 1.2e-4) for x, y in letter])
+        axes.fill(points[:, 0], points[:, 1], facecolor=_CLEAR, edgecolor=_INK, linewidth=0.5)
+        axes.text(left + 0.2, 0.015, told, ha="center", va="center", fontsize=7.5)
 
 
 def _printed(text: str) -> str:

@@ -17,6 +17,7 @@ from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
 from maskfab.geometry.plate_layout import plate_names
 from maskfab.jobfile import FileFormat
+from maskfab.jobfile.order import Tone as DataTone
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
 from maskfab.mask_shops import counts
 from maskfab.mask_shops.adapt import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
@@ -96,10 +97,11 @@ def check_shop(
     sent, drawn = tuple(formats) or shop.formats[:1], fitted(plate, shop)
     names = plate_names(drawn)
     cells = {names.top, *names.dies, *names.marks, *names.units.values()}
-    figures, refusal = _drawn(drawn, shop, options or drawing_options(drawn, shop))
-    layers = [CLEAR] if figures is None else [layer for layer in figures.layers if layer.written]
+    drawn_by = options or drawing_options(drawn, shop)
+    figures, refusal = _drawn(drawn, shop, drawn_by)
+    layers = [drawn_by.layer] if figures is None else [layer for layer in figures.layers if layer.written]
     findings = (
-        *_of_files(shop, drawn, sent, noted=False),
+        *_of_files(shop, drawn, sent, drawn_by.tone, noted=False),
         *_of_plate(drawn, shop),
         *_of_blank(blank or Blank(None, None), shop),
         *_of_features(drawn, shop),
@@ -128,7 +130,7 @@ def check_written(
         cells += sorted(below)
     texted = [layer for layer in _texted(plate, shop, sent) if layer not in layers]
     findings = (
-        *_of_files(shop, plate, sent, noted=bool(figures.notes)),
+        *_of_files(shop, plate, sent, figures.options.tone, noted=bool(figures.notes)),
         *_of_plate(plate, shop, _reach(plate)),
         *_of_blank(blank or Blank(None, None), shop),
         *_of_features(plate, shop),
@@ -177,7 +179,7 @@ def _as_written(finding: Finding, shop: Shop) -> Finding:
     return replace(finding, cure=cures.get(finding.rule, finding.cure))
 
 
-def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], *, noted: bool) -> Iterator[Finding]:
+def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], tone: DataTone, *, noted: bool) -> Iterator[Finding]:
     known = shop.accepts.formats
     for each in sent:
         if known is None:
@@ -190,8 +192,8 @@ def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], *, noted: bool) 
             cure = "" if taken else f"Send {known[0]}"
             yield Finding("format", taken, each, " ".join(known), cure=cure)
     tones, words = shop.order.tones, " ".join(shop.order.tones)
-    cure = "" if "clear" in tones else "Choose another house: what maskfab draws is clear"
-    yield Finding("tone", "clear" in tones, "clear", words, cure=cure)
+    cure = "" if tone in tones else f'Set tone = "{tones[0]}" in [order], or choose another house'
+    yield Finding("tone", tone in tones, tone, words, cure=cure)
     if shop.accepts.drawing_unit is not None and any(each.startswith("dxf") for each in sent):
         unit = shop.accepts.drawing_unit  # drawings are made in it
         yield Finding("drawing_unit", True, unit, unit)

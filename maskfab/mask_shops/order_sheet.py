@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import io
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -10,13 +13,12 @@ from html import escape
 from maskfab.export.cell_polygons import CUT, Account, Figures
 from maskfab.jobfile.shop_profile import Format, OrderField, Shop
 from maskfab.mask_shops.adapt import kept_grid_nm
-from maskfab.model import CLEAR, Gauge, Plate
+from maskfab.mask_shops.order import Order
+from maskfab.model import Gauge, Plate
 from maskfab.units import NM_PER_UM, UM_PER_INCH
 
-TONE = "digitized data = clear"
-PARITY = "right reading, chrome up"
-_BLANK = "________________"
-_CONTACT = ("name", "organisation", "address", "e-mail", "telephone", "purchase order", "number of plates", "date")
+_FORMULA = ("=", "+", "-", "@", "\t", "\r")
+_NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 _LABELS: Mapping[OrderField, str] = {
     "mask_name": "mask name",
     "tone": "tone",
@@ -57,7 +59,7 @@ class OrderSheet:
 
     def text(self) -> str:
         """The sheet as plain text with a line for each row."""
-        wide = max((len(label) for label, _ in (*self.rows, *((each, "") for each in _CONTACT))), default=0)
+        wide = max((len(label) for label, _ in self.rows), default=0)
         lines = [self.title, "=" * len(self.title), ""]
         lines += [f"{label.ljust(wide)}  {answer}" for label, answer in self.rows]
         lines += ["", "CDs (clear width along the axis; plate centre = origin, x to the right, y up, chrome side)"]
@@ -68,14 +70,21 @@ class OrderSheet:
             for row in table
         ]
         lines += ["", "Files", *(f"  {name}  sha256 {digest}" for name, digest in self.files)]
-        lines += ["", "To be filled in", *(f"{label.ljust(wide)}  {_BLANK}" for label in _CONTACT)]
         if self.sources:
             lines += ["", "Rules of the house as read on", *(f"  {source}" for source in self.sources)]
         return "\n".join(map(_printed, lines)) + "\n"
 
+    def csv(self) -> str:
+        """The sheet's rows, CDs and files as a table for spreadsheets, which take nothing in it for a formula."""
+        buffer = io.StringIO()
+        writer = csv.writer(buffer, lineterminator="\n")
+        table = [(self.title,), *self.rows, ("name", "axis", "x mm", "y mm", "width um"), *self.cds,
+                 ("file", "SHA-256"), *self.files]  # fmt: skip
+        writer.writerows([_inert(_printed(cell)) for cell in row] for row in table)
+        return buffer.getvalue()
+
     def html(self) -> str:
         """The order sheet as an HTML page; names are escaped."""
-        contact = [(label, _BLANK) for label in _CONTACT]
         parts = [
             f"<h1>{escape(self.title)}</h1>",
             _table((), self.rows),
@@ -84,8 +93,6 @@ class OrderSheet:
             _table(("name", "axis", "x mm", "y mm", "width µm"), self.cds),
             "<h2>Files</h2>",
             _table(("file", "SHA-256"), self.files),
-            "<h2>To be filled in</h2>",
-            _table((), contact),
         ]
         if self.sources:
             listed = "".join(f"<li>{escape(source)}</li>" for source in self.sources)
@@ -101,6 +108,7 @@ class OrderSheet:
 
 
 def order_sheet(
+    order: Order,
     figures: Figures,
     shop: Shop,
     formats: Sequence[Format],
@@ -110,15 +118,17 @@ def order_sheet(
     """The order sheet of a fitted plate.
 
     Args:
+        order: what is asked for.
         figures: the plate as it is drawn for the shop.
         shop: whose form is answered; what it does not ask for but every writer must know is added at its end.
         formats: in which the plate is sent.
         files: their names and SHA-256.
         remarks: comments for the house, a sentence each.
     """
-    answers = _answers(figures, shop, formats, remarks)
+    answers = _answers(order, figures, shop, formats, remarks)
     fields = dict.fromkeys((*(each for each in shop.order.fields if each != "comments"), *_ALWAYS))
     rows = [(_LABELS[each], answers[each]) for each in fields]
+    rows += [(each.label, each.text) for each in order.answers]
     rows += _promised(shop)
     plate = figures.plate
     return OrderSheet(
@@ -130,18 +140,21 @@ def order_sheet(
     )
 
 
-def _answers(figures: Figures, shop: Shop, formats: Sequence[Format], remarks: Sequence[str]) -> dict[OrderField, str]:
+def _answers(
+    order: Order, figures: Figures, shop: Shop, formats: Sequence[Format], remarks: Sequence[str]
+) -> dict[OrderField, str]:
     plate, account = figures.plate, figures.account
     cut, names = CUT in figures.layers, shop.layer_names
-    clear = names[CLEAR.name]
-    layers = f"{clear} minus {names[CUT.name]}" if cut else clear
-    numbers = f"{CLEAR.number}/{CLEAR.datatype}" + (f", {CUT.number}/{CUT.datatype}" if cut else "")
+    drawn_on = figures.options.layer
+    written = names[drawn_on.name]
+    layers = f"{written} minus {names[CUT.name]}" if cut else written
+    numbers = f"{drawn_on.number}/{drawn_on.datatype}" + (f", {CUT.number}/{CUT.datatype}" if cut else "")
     drawn = any(each.startswith("dxf") for each in formats)
     unit, grid = shop.accepts.drawing_unit or "um", kept_grid_nm(plate, shop)
     return {
-        "mask_name": f"{plate.name} ({plate.title}), layer {clear}",
-        "tone": shop.order.tone_words.get("clear", TONE),
-        "parity": PARITY,
+        "mask_name": f"{plate.name} ({plate.title}), layer {written}",
+        "tone": order.tone,
+        "parity": order.parity,
         "min_cd_and_location": _smallest(plate),
         "grid": f"{grid} nm; every vertex lies on it",
         "blank": f"{plate.blank_nm / NM_PER_UM / UM_PER_INCH:g} in ({plate.blank_nm / 1e6:g} mm) square",
@@ -194,6 +207,11 @@ def _widths(most_um: float) -> str:
 def _printed(line: str) -> str:
     """The line without what a printer or a terminal would obey; a house's profile is somebody else's text."""
     return "".join(letter if letter.isprintable() else " " for letter in line)
+
+
+def _inert(cell: str) -> str:
+    """The cell as text, also where it begins as a formula does; numbers stay numbers."""
+    return f"'{cell}" if cell.startswith(_FORMULA) and not _NUMBER.fullmatch(cell) else cell
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:

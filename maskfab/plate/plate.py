@@ -63,6 +63,8 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
         die_pitch_nm=pitch_nm,
         dies=dies,
         feature_nm=_smallest_feature_nm(dies),
+        tone=spec.tone,
+        chrome="down" if spec.mirrored else "up",
     )
     drawn = plain_marks(setting) if template is None else templated(template, setting, where=f"{where}: plate.template")
     check_clearances(dies, drawn.furniture, writable_nm, where=f"{where}: plate")

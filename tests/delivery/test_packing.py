@@ -298,7 +298,7 @@ def test_a_tolerance_without_an_end_and_a_thickness_that_nobody_states_are_told_
     assert "glass: not stated by the job, 1 to 2 mm taken" in answer.stdout
     with zipfile.ZipFile(path) as archive:
         sheets = [archive.read(name).decode() for name in archive.namelist() if "/order." in name]
-    assert len(sheets) == 2
+    assert len(sheets) == 3
     for sheet in sheets:
         assert "widths up to 10 um: +-0.5 um; any width beyond: +-2.54 um" in sheet
         assert "inf um" not in sheet

@@ -99,7 +99,7 @@ def test_only_named_layers_are_drawn_and_nothing_on_layer_0(small_plate, tmp_pat
         {"CLEAR": "M%s"},
         {"CLEAR": "A", "NOTE": "a"},
         {"NOTE": "A"},
-        {"CLEAR": "A", "CHROME": "B"},
+        {"CLEAR": "A", "METAL": "B"},
         {"CLEAR": "dense"},
     ],
 )

@@ -65,7 +65,7 @@ def test_a_profile_cannot_be_changed():
         ('[accepts]\nformats = ["dwg"]\n', "formats"),
         ("[accepts]\nformats = []\n", "formats"),
         ('[names]\npattern = "["\n', "pattern"),
-        ('[names]\nlayers = { CHROME = "A" }\n', "no such layer"),
+        ('[names]\nlayers = { METAL = "A" }\n', "no such layer"),
         ('[names]\nlayers = { CLEAR = "0" }\n', "no name for a layer"),
         ('[names]\nlayers = { CLEAR = "A B" }\n', "no name for a layer"),
         ('[names]\npattern = "[A--Z]"\n', "pattern"),

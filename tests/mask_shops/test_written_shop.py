@@ -92,7 +92,9 @@ def test_saying_what_the_house_prefers_changes_nothing_that_is_drawn(tmp_path, p
     limits = HOUSE + "[limits]\nmax_references = 75\n"
     left, said = judged(tmp_path, f'shop = "{profile}"', limits)
     options = left.figures.options
-    lines = [f"{key} = {json.dumps(value)}" for key, value in vars(options).items() if value and key != "notes"]
+    lines = [
+        f"{key} = {json.dumps(value)}" for key, value in vars(options).items() if value and key not in ("notes", "tone")
+    ]
     stated, again = judged(
         tmp_path, "\n".join((f'shop = "{profile}"', f'formats = ["{left.formats[0]}"]', *lines)), limits
     )

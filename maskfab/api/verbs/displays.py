@@ -19,8 +19,9 @@ from maskfab.eye.picture import read_picture
 from maskfab.eye.side_by_side import SeenPanel, judge, target_pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
-from maskfab.mask_shops.adapt import blank_of
+from maskfab.mask_shops.adapt import blank_of, drawing_options, fitted
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
+from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.pipeline import crew_of
 from maskfab.progress import Progress, silent
@@ -165,7 +166,10 @@ def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Pr
     profile, sent = load_shop(shop), formats_of(formats)
     loaded = job_of(job)
     progress("rules", 0, 1)
-    findings = check_shop(loaded.plate(), profile, sent, blank=blank_of(loaded.spec))
+    plate = loaded.plate()
+    options = replace(drawing_options(fitted(plate, profile), profile), tone=loaded.spec.tone)
+    findings = check_shop(plate, profile, sent, options, blank_of(loaded.spec))
+    findings = (*findings, *check_offers(loaded.spec, plate, profile))
     progress("rules", 1, 1)
     return ShopCheck(profile, findings, loaded.digest)
 

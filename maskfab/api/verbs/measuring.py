@@ -22,6 +22,7 @@ from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
 from maskfab.mask_shops.profiles import shop_of
+from maskfab.measurement.view import sees_mirrored
 from maskfab.model import Quantity
 from maskfab.progress import Progress, silent
 from maskfab.report.capture_files import capture_document, write_capture
@@ -170,7 +171,7 @@ def measure(
         {name: panels[name] for name in wanted},
         known.camera,
         light,
-        seen_mirrored=seen_mirrored(known),
+        seen_mirrored=sees_mirrored(known),
         promise=promise,
         sensor=sensor,
         progress=progress,
@@ -216,11 +217,6 @@ def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...
     if unfitted:
         notes.append(f"Not used of the job: {', '.join(unfitted)}; the die is fitted with sharp corners and no leak.")
     return tuple(notes)
-
-
-def seen_mirrored(job: Job) -> bool:
-    """Whether the job's plate stands with its chrome away from the lens, which then sees its dies mirrored."""
-    return job.blank.glass is not None and job.blank.glass.chrome == "away"
 
 
 def light_words(job: Job, line_nm: float | None) -> str:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
 from maskfab.api.stands import way_round
-from maskfab.api.verbs.measuring import idle_keys, light_words, seen_mirrored
+from maskfab.api.verbs.measuring import idle_keys, light_words
 from maskfab.capture.designed_edge import Light
 from maskfab.capture.edge_regions import NARROWEST_PX, Region
 from maskfab.capture.edge_verdict import edge_verdict
@@ -25,6 +25,7 @@ from maskfab.capture.stands import stand_named, stand_words
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
+from maskfab.measurement.view import sees_mirrored
 from maskfab.model import Panel
 from maskfab.provenance import sha256_of_file
 from maskfab.report.documents.edge_data import edge_document
@@ -226,7 +227,7 @@ def _design_notes(job: Job, die: str | None, line_nm: float | None, stands: str 
         return ["No die was named: of the job its camera's pixel alone was used."]
     stood = stand_words(way_round(stands, job))
     if stands is None:
-        stood += ", as its chrome is away from the lens" if seen_mirrored(job) else ""
+        stood += ", by the side of its chrome" if sees_mirrored(job) else ""
     notes = [f"Assumed: the job's camera in focus, the die {stood}, and {light_words(job, line_nm)}."]
     idle = [f"[scene] {key}" for key in idle_keys(job)] + ["[process]"] * (job.spec.process is not None)
     if idle:

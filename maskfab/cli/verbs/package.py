@@ -42,12 +42,16 @@ def package(
                 "files": [vars(file) for file in made.files],
                 "rules": findings_document(made.findings),
                 "checks": [quantity_document(check) for check in made.checks],
+                "blanks": [each.key for each in made.missing],
             }
         )
     else:
         print_findings(made.findings, profile.name, passed=made.path is not None)
         if made.checks:
             summarise(made.checks)
+        if made.missing:
+            keys = ", ".join(each.key for each in made.missing)
+            typer.echo(f"blank on the order sheet, for [order] does not state them: {keys}")
         if made.path is not None:
             typer.echo(made.path)
     leave(made.path is not None)

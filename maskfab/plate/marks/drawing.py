@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
+from maskfab.jobfile.order import ChromeSide, Tone
 from maskfab.model import Box, Die, Furniture, Gauge, Point, Polygon
 
 
@@ -21,6 +22,8 @@ class Setting:
         die_pitch_nm: from die to die.
         dies: at their places.
         feature_nm: the smallest feature, of which test figures are multiples.
+        tone: of the data.
+        chrome: side from which the plate reads right, marks included.
     """
 
     title: str
@@ -31,6 +34,8 @@ class Setting:
     die_pitch_nm: int
     dies: tuple[Die, ...]
     feature_nm: int
+    tone: Tone = "clear"
+    chrome: ChromeSide = "up"
 
 
 @dataclass(frozen=True)

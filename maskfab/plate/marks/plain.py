@@ -26,7 +26,7 @@ def plain_marks(setting: Setting) -> DrawnMarks:
     written."""
     corner = setting.writable_nm // 2 - MARGIN_NM
     places = {"SW": (-corner, -corner), "SE": (corner, -corner), "NW": (-corner, corner), "NE": (corner, corner)}
-    lines = (maker(setting.signature) + " | digitized data = clear",)
+    lines = (f"{maker(setting.signature)} | digitized data = {setting.tone}",)
     room_nm = setting.writable_nm - 4 * MARGIN_NM
     anchor = (0, corner - TITLE_HEIGHT_NM // 2)
     bars = cd_bars("CD", (0, -corner), setting.feature_nm, _CD_MULTIPLES, _CD_LENGTH_NM)

@@ -108,7 +108,7 @@ def _single(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str
             return parity_mark(name, (x - height * WIDTH // HEIGHT // 2, y - height // 2), height)
         case TitleSection():
             height = to_nm(mark.height)
-            lines = (maker(setting.signature), _reading(template))
+            lines = (maker(setting.signature), _reading(template, setting))
             room_nm = _for_text(mark)
             return title_block(name, setting.title, lines, (x, y1 - height), height, to_nm(mark.small), room_nm)
         case CodeSection():
@@ -129,10 +129,11 @@ def _single(mark: AnyMark, template: PlateTemplate, setting: Setting, where: str
     raise InternalError("MF901", f"nothing draws a mark of the kind {mark.kind!r}")
 
 
-def _reading(template: PlateTemplate) -> str:
+def _reading(template: PlateTemplate, setting: Setting) -> str:
     """Tone and parity in the words of mask houses, and the blank."""
     side, thickness = template.blank * NM_PER_UM / NM_PER_MM, template.thickness * NM_PER_UM / NM_PER_MM
-    return f"digitized data = clear | right reading, chrome up | {side:g} x {side:g} x {thickness:g} mm"
+    reading = f"digitized data = {setting.tone} | right reading, chrome {setting.chrome}"
+    return f"{reading} | {side:g} x {side:g} x {thickness:g} mm"
 
 
 def _check_star(mark: StarSection, feature_nm: int, where: str) -> None:

@@ -1,0 +1,76 @@
+"""An order against what its house offers: for every key what it does not have, and what it has."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+from maskfab.jobfile import JobSpec
+from maskfab.jobfile.shop_profile import Shop
+from maskfab.mask_shops.judge import Finding
+from maskfab.model import Plate
+from maskfab.units import NM_PER_UM
+
+_CHOICES = (("parity", "parities"), ("chrome", "chromes"), ("glass", "glasses"), ("film", "films"),
+            ("protection", "protections"))  # fmt: skip
+
+
+def check_offers(spec: JobSpec, plate: Plate, shop: Shop) -> tuple[Finding, ...]:
+    """Judge a job's [order] by what a house publishes that it offers; what either leaves out is not judged."""
+    source = " ".join(shop.sources)
+    return tuple(replace(each, source=source) for each in (*_choices(spec, shop), *_numbers(spec, plate, shop)))
+
+
+def _choices(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
+    for key, offered in _CHOICES if spec.order is not None else ():
+        wish, kinds = getattr(spec.order, key), getattr(shop.offers, offered)
+        if wish is not None and kinds is not None:
+            cure = "" if wish in kinds else f'Set order.{key} = "{kinds[0]}", or choose another house'
+            yield Finding(f"order_{key}", wish in kinds, wish, ", ".join(kinds), cure=cure)
+    if spec.order is not None and spec.order.bias == "house" and shop.offers.biased is not None:
+        cure = "" if shop.offers.biased else 'Set order.bias = "none", or choose another house'
+        yield Finding("order_bias", shop.offers.biased, "by the house", "not made", cure=cure)
+
+
+def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:
+    order, offers = spec.order, shop.offers
+    if order is None:
+        return
+    if order.quantity is not None and offers.most is not None:
+        yield _most("quantity", order.quantity, offers.most, "plates")
+    if order.thickness is not None and shop.plate.glass_mm is not None:
+        yield _between("thickness", order.thickness / 1000, shop.plate.glass_mm, "mm")
+    if order.optical_density is not None and offers.densities is not None:
+        yield _between("optical_density", order.optical_density, offers.densities, "")
+    if order.registration is not None and offers.registration_um is not None:
+        yield _least("registration", order.registration, offers.registration_um)
+    if order.defects is not None and shop.tolerance.defect_um is not None:
+        yield _least("defects", order.defects.size, min(shop.tolerance.defect_um))
+    widths = [gauge.target_nm / NM_PER_UM for gauge in plate.gauges]
+    if order.cd is not None and order.cd.feature is not None:
+        widths = [gauge.target_nm / NM_PER_UM for gauge in plate.gauges if gauge.name == order.cd.feature]
+        known = ", ".join(sorted(gauge.name for gauge in plate.gauges)) or "none"
+        cure = "" if widths else f"The plate's CD structures are {known}"
+        yield Finding("order_cd_feature", bool(widths), order.cd.feature, known, cure=cure)
+    if order.cd is not None and order.cd.tolerance is not None and widths:
+        promised = [deviation for width, deviation in shop.tolerance.cd_um if min(widths) <= width]
+        if promised:
+            yield _least("cd", order.cd.tolerance, promised[0])
+
+
+def _least(key: str, wish: float, best_um: float) -> Finding:
+    fits = wish >= best_um - 1e-9
+    cure = "" if fits else f'Ask for "{best_um:g} um" or more in order.{key}, or choose another house'
+    return Finding(f"order_{key}", fits, wish, best_um, "um", cure=cure)
+
+
+def _most(key: str, wish: float, most: float, unit: str) -> Finding:
+    fits = wish <= most
+    return Finding(f"order_{key}", fits, wish, most, unit, cure="" if fits else f"Order at most {most:g}")
+
+
+def _between(key: str, wish: float, limits: tuple[float, float], unit: str) -> Finding:
+    fits = limits[0] - 1e-9 <= wish <= limits[1] + 1e-9
+    limit = f"{limits[0]:g} to {limits[1]:g}"
+    cure = "" if fits else f"Set order.{key} to {limit} {unit}".rstrip() + ", or choose another house"
+    return Finding(f"order_{key}", fits, wish, limit, unit, cure=cure)

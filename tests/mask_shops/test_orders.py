@@ -1,0 +1,266 @@
+"""What an order changes in the data, what it says on paper, and what it is refused for."""
+
+from __future__ import annotations
+
+import csv
+import io
+import zipfile
+from dataclasses import replace
+
+import numpy as np
+import OpenImageIO as oiio  # noqa: N813
+import pytest
+from klayout import db
+from once import figures_in_words
+from small_job import command, write_job
+
+from maskfab.comparison.files import compare_mask, read_mask
+from maskfab.errors import JobError
+from maskfab.geometry.plate_layout import layer_info, plate_layout, region
+from maskfab.job import load_job
+from maskfab.jobfile.order import OrderSection
+from maskfab.jobfile.shop_profile import parse_shop
+from maskfab.mask_shops.offers import check_offers
+from maskfab.mask_shops.order import BLANK, order_of
+from maskfab.mask_shops.plate_files import files_of_job
+from maskfab.mask_shops.profiles import load_shop, shop_names
+from maskfab.model import CHROME, CLEAR, LAYERS
+from maskfab.pipeline import run
+from maskfab.plate.mirrored import mirrored
+
+ALL = 'formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg"]'
+FILLED = """
+[order]
+glass = "quartz"
+thickness = "2.3 mm"
+film = "low-reflective chrome"
+optical_density = 3.0
+cd = { tolerance = "0.5 um", mean_to_target = "0.25 um" }
+registration = "0.5 um"
+defects = { size = "5 um" }
+protection = "none"
+corner_touches = "stay apart"
+revision = "B"
+purchase_number = "4500012"
+quantity = 2
+delivery = "within two weeks"
+
+[order.contact]
+name = "A. Reader"
+organisation = "Institute <b>of</b> Optics"
+address = "1 Lens Street, Town"
+email = "=cmd@example.org"
+telephone = "+49 1"
+"""
+
+
+def ordered(folder, *lines: str, extra: str = ""):
+    """A small job with [order]."""
+    path = write_job(folder)
+    path.write_text(path.read_text() + f"\n[export]\n{ALL}\n\n[order]\n" + "\n".join(lines) + "\n" + extra)
+    return load_job(path)
+
+
+@pytest.mark.parametrize("tone", ["clear", "dark"])
+@pytest.mark.parametrize("chrome", ["up", "down"])
+def test_files_of_each_tone_and_parity_hold_the_design_or_its_image_exactly(tmp_path, tone, chrome):
+    job = ordered(tmp_path, f'tone = "{tone}"', f'chrome = "{chrome}"')
+    plain = replace(job, spec=job.spec.model_copy(update={"order": OrderSection(tone=tone)})).plate()
+    made = files_of_job(job.plate(), job.spec, ["made for a test"])
+    for product in made.products:
+        path = tmp_path / product.name
+        product.write(path)
+        trip = compare_mask(made, read_mask(path), path)
+        assert trip.xor_area_um2 == 0
+        assert all(die.wrong_dots == 0 for die in trip.dies)
+        assert all(check.passed for check in trip.quantities() if check.passed is not None)
+    # And by the polygons alone, without what compares files: mirrored as a whole, and taken out of the writable area.
+    layout = db.Layout()
+    layout.read(str(tmp_path / "SMALL.gds"))
+    data, design = region(layout, CHROME if tone == "dark" else CLEAR), region(plate_layout(plain), CLEAR)
+    assert layout.find_layer(layer_info(CLEAR if tone == "dark" else CHROME)) is None
+    wanted = design.transformed(db.Trans.M90) if chrome == "down" else design
+    half = plain.writable_nm // 2
+    whole = db.Region(db.Box(-half, -half, half, half))
+    assert (data ^ (whole - wanted if tone == "dark" else wanted)).is_empty()
+
+
+@pytest.mark.parametrize("holes", ["keyhole", "trapezoids"])
+@pytest.mark.parametrize("hierarchy", ["flat", "merged"])
+def test_dark_data_are_drawn_in_every_way(tmp_path, holes, hierarchy):
+    path = write_job(tmp_path)
+    drawing = f'\n[export]\nformats = ["gdsii"]\nholes = "{holes}"\nhierarchy = "{hierarchy}"\n'
+    path.write_text(path.read_text() + drawing + '\n[order]\ntone = "dark"\n')
+    job = load_job(path)
+    made = files_of_job(job.plate(), job.spec, [])
+    file = tmp_path / made.products[0].name
+    made.products[0].write(file)
+    trip = compare_mask(made, read_mask(file), file)
+    assert trip.xor_area_um2 == 0
+    assert trip.polygons == trip.drawn_polygons
+
+
+def test_a_plate_mirrored_twice_is_the_plate(tmp_path):
+    plate = ordered(tmp_path).plate()
+    twice, once = mirrored(mirrored(plate)), plate_layout(mirrored(plate))
+    for layer in LAYERS:
+        assert (region(plate_layout(plate), layer).transformed(db.Trans.M90) ^ region(once, layer)).is_empty()
+    for die, again in zip(plate.dies, twice.dies, strict=True):
+        assert die.box_nm == again.box_nm
+        np.testing.assert_array_equal(die.panel.orientations, again.panel.orientations)
+
+
+def test_the_report_is_of_what_the_lens_sees(tmp_path):
+    found = {}
+    for name, chrome, order in (
+        ("plain", "lens", ""),
+        ("other", "away", ""),
+        ("right", "away", '\n[order]\nchrome = "down"\n'),
+    ):
+        # So thin that its gap matters to no PSF.
+        glass = f'columns = 2\nglass = {{ thickness = "0.001 um", index = 1.5, chrome = "{chrome}" }}'
+        path = write_job(tmp_path / name, ("columns = 2", glass))
+        path.write_text(path.read_text() + '\n[export]\nformats = ["gdsii", "exr"]\n' + order)
+        with figures_in_words():
+            result = run(path, tmp_path / name / "out")
+        assert result.passed
+        (psf,) = (tmp_path / name / "out").glob("*TURNED_psf*.exr")
+        found[name] = oiio.ImageBuf(str(psf)).get_pixels(oiio.FLOAT)[..., 0], result.plate["lens_view"].value
+    np.testing.assert_allclose(found["right"][0], found["plain"][0], rtol=1e-6, atol=1e-9)
+    np.testing.assert_allclose(found["other"][0], found["plain"][0][:, ::-1], rtol=1e-6, atol=1e-9)
+    assert abs(found["other"][0] - found["plain"][0]).max() > 1e-3 * found["plain"][0].max()
+    assert found["right"][1] == "through the glass; the design reads as drawn"
+    assert found["other"][1] == "through the glass; the design reads mirrored"
+
+
+def test_only_what_shows_in_the_data_changes_the_hash_of_a_job(tmp_path):
+    plain = ordered(tmp_path / "a")
+    assert ordered(tmp_path / "b", 'revision = "C"', "quantity = 3").digest == plain.digest
+    assert ordered(tmp_path / "c", 'tone = "dark"').digest != plain.digest
+    assert ordered(tmp_path / "d", 'tone = "clear"').digest != ordered(tmp_path / "e", 'chrome = "down"').digest
+
+
+@pytest.mark.parametrize("name", shop_names())
+def test_a_filled_order_has_no_blank_for_any_house(tmp_path, name):
+    path = write_job(tmp_path)
+    path.write_text(path.read_text() + FILLED)
+    job, shop = load_job(path), load_shop(name)
+    order = order_of(job.spec, job.plate(), shop, corner_touches=12)
+    assert not order.missing
+    assert not any(BLANK in each.text for each in order.answers)
+    assert {each.source for each in order.answers} <= {"job", "design", "house"}
+
+
+def test_what_nobody_states_is_blank_and_told(capsys, tmp_path):
+    answer = command(
+        capsys, "package", write_job(tmp_path), "--shop", "generic-chrome", "--out", tmp_path / "p.zip", "--quiet"
+    )
+    assert answer.code == 0
+    assert "blank on the order sheet" in answer.stdout
+    assert "contact.name" in answer.stdout
+    assert "glass" in answer.stdout
+
+
+def test_papers_say_one_thing_and_prove_it(capsys, tmp_path):
+    path = write_job(tmp_path)
+    path.write_text(path.read_text() + FILLED.replace("[order]\n", '[order]\ntone = "dark"\nchrome = "down"\n'))
+    answer = command(capsys, "package", path, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet")
+    assert answer.code == 0, answer.stdout
+    assert "blank" not in answer.stdout.rpartition("PASS")[2]
+    with zipfile.ZipFile(tmp_path / "p.zip") as archive:
+        held = {name.partition("/")[2]: archive.read(name).decode("latin-1") for name in archive.namelist()}
+    for name in ("order.txt", "order.html", "manifest.json", "certificate.json"):
+        assert "digitized data dark" in held[name], name
+        assert "do not mirror" in held[name], name
+    assert "<b>" not in held["order.html"]
+    assert "4500012" in held["order.txt"]
+    # A spreadsheet takes none of its cells for a formula.
+    rows = list(csv.reader(io.StringIO(held["order.csv"])))
+    assert ["e-mail", "'=cmd@example.org"] in rows
+    assert not any(cell.startswith(("=", "+", "@")) for row in rows for cell in row)
+    assert command(capsys, "verify", tmp_path / "p.zip", "--quiet").code == 0
+
+
+HOUSE = """
+title = "House"
+sources = []
+[offers]
+parities = ["right reading"]
+glasses = ["soda lime"]
+films = ["chrome"]
+densities = [2.5, 3.5]
+registration_um = 0.3
+protections = ["none"]
+biased = false
+most = 10
+[plate]
+glass_mm = [1.5, 3.0]
+[tolerance]
+cd_um = [[10.0, 0.5], [inf, 1.0]]
+defect_um = [5.0, 3.0]
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "rule", "extra"),
+    [
+        ('glass = "quartz"', "order_glass", ""),
+        ('film = "low-reflective chrome"', "order_film", ""),
+        ('parity = "wrong reading"', "order_parity", ""),
+        ('protection = "pellicle"', "order_protection", ""),
+        ("quantity = 11", "order_quantity", ""),
+        ('thickness = "6 mm"', "order_thickness", ""),
+        ("optical_density = 5.0", "order_optical_density", ""),
+        ('registration = "0.1 um"', "order_registration", ""),
+        ('defects = { size = "1 um" }', "order_defects", ""),
+        ('cd = { tolerance = "0.1 um" }', "order_cd", ""),
+        ('cd = { feature = "NONE" }', "order_cd_feature", ""),
+        ('bias = "house"', "order_bias", '[process]\ncd_bias = "0.1 um"\n'),
+    ],
+)
+def test_what_a_house_does_not_offer_is_refused_with_what_it_does(tmp_path, line, rule, extra):
+    job = ordered(tmp_path, line, extra=extra)
+    found = check_offers(job.spec, job.plate(), parse_shop(HOUSE, "house", where="a test"))
+    refused = [each for each in found if each.passed is False]
+    assert [each.rule for each in refused] == [rule]
+    assert refused[0].cure
+    assert refused[0].limit is not None
+    assert all(
+        each.passed for each in check_offers(job.spec, job.plate(), load_shop("ualberta_mla150")) if each.rule != rule
+    )
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("quantity = 0", "MF104"),
+        ('tone = "grey"', "MF105"),
+        ('bias = "house"', "MF128"),
+        ('purchase_number = "a\\nb"', "MF110"),
+        (f'contact = {{ address = "{"x" * 10_000}" }}', "MF110"),
+        ('contact = { address = " " }', "MF110"),
+        ('contact = { adress = "x" }', "MF102"),
+        ('thickness = "2.3"', "MF103"),
+    ],
+)
+def test_an_order_that_makes_no_sense_is_refused_with_its_key(tmp_path, line, code):
+    with pytest.raises(JobError, match=rf"{code} .*order") as refusal:
+        ordered(tmp_path, line)
+    assert refusal.value.cure
+
+
+def test_a_parity_that_contradicts_the_side_of_the_chrome_is_refused(tmp_path):
+    for chrome, side, refused in (
+        ("lens", "up", False),
+        ("lens", "down", True),
+        ("away", "up", True),
+        ("away", "down", False),
+    ):
+        glass = f'columns = 2\nglass = {{ thickness = "2.3 mm", index = 1.46, chrome = "{chrome}" }}'
+        path = write_job(tmp_path / f"{chrome}{side}", ("columns = 2", glass))
+        path.write_text(path.read_text() + f'\n[order]\nchrome = "{side}"\n')
+        if refused:
+            with pytest.raises(JobError, match="MF128"):
+                load_job(path)
+        else:
+            assert load_job(path).spec.order == OrderSection(chrome=side)
