@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from klayout import db
-from sweeps import examples
+from sweeps import examples, sweep
 
 from maskfab.drc import DesignRules, check_plate, narrowest
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
@@ -148,7 +148,7 @@ def test_kisses_hide_no_diagonal_space():
         assert (x1 - x0, y1 - y0) == (600, 600) or min(x1 - x0, y1 - y0) >= 600
 
 
-@pytest.mark.parametrize(("d", "gutter_nm"), [(9000, 0), (17_000, 0), (9000, 8000), (4000, 8000)])
+@pytest.mark.parametrize(("d", "gutter_nm"), sweep([(9000, 0), (9000, 8000), (17_000, 0), (4000, 8000)], 2))
 def test_a_large_panel_of_two_openings(d, gutter_nm):
     rng = np.random.default_rng(5)
     masks = rng.random((2, 9, 9)) < 0.35

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from klayout import db
+from sweeps import sweep
 
 from maskfab.errors import JobError
 from maskfab.geometry.plate_layout import clear_shapes, plate_layout
@@ -64,13 +65,16 @@ def written() -> Written:
 
 @pytest.mark.parametrize(
     ("which", "stop"),
-    [
-        (die(), CAMERA.stop),
-        (die(gutter=4000), CAMERA.stop),
-        (die(dot=7501), CAMERA.stop),
-        (die(), Stop("square", 301.0)),
-    ],
-    ids=["no gutter", "gutter", "odd dot", "square stop"],
+    sweep(
+        [
+            (die(gutter=4000), CAMERA.stop),
+            (die(), Stop("square", 301.0)),
+            (die(), CAMERA.stop),
+            (die(dot=7501), CAMERA.stop),
+        ],
+        2,
+    ),
+    ids=["gutter", "square stop", "no gutter", "odd dot"],
 )
 def test_the_psf_is_that_of_whole_polygons(which, stop):
     camera = replace(LINE, stop=stop)

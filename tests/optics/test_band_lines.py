@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from numpy.polynomial.legendre import leggauss
 from optics_cases import camera, noise, panel, pupil
-from sweeps import examples
+from sweeps import examples, in_turns, sweep
 
 from maskfab.model import Camera
 from maskfab.optics.field import parity
@@ -107,10 +107,9 @@ def check(name: str, diameter_um: float, seed: int | None, apart_nm: float, targ
     assert min(foretold.values()) < 2 * target
 
 
-@pytest.mark.parametrize("name", BANDS)
-@pytest.mark.parametrize(("diameter_um", "seed"), [(50.0, None), (200.0, 1)])
-def test_lines_err_no_more_than_foretold(name: str, diameter_um: float, seed: int | None) -> None:
-    check(name, diameter_um, seed, 20.0, 1e-3)
+@pytest.mark.parametrize(("die", "name"), sweep(in_turns([(50.0, None), (200.0, 1)], BANDS), len(BANDS)))
+def test_lines_err_no_more_than_foretold(die: tuple[float, int | None], name: str) -> None:
+    check(name, *die, 20.0, 1e-3)
 
 
 @pytest.mark.slow

@@ -176,7 +176,10 @@ def uneven(scenes: tuple[Photograph, ...], **more: object) -> tuple[FrontCurve, 
     return curve, designs(found, spec, "x")
 
 
-def test_uneven_light_is_that_of_its_curve_and_fits(scenes: tuple[Photograph, ...]) -> None:
+def test_uneven_light_is_that_of_its_curve_and_fits(
+    scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("maskfab.optimiser.maps.density._TRIED", 3)
     curve, made = uneven(scenes, density=[0.25, 0.9])
     (denser,) = curve.denser
     assert denser.uneven == (("density", 0.25),)

@@ -36,7 +36,7 @@ from maskfab.progress import silent
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
 
-PLAIN = {"name": "found", "dots": 6, "pitch": "168 um", "clear_dots": 9}
+PLAIN = {"name": "found", "dots": 6, "pitch": "336 um", "clear_dots": 9}
 RULES = {"kissing": "neighbours", "min_feature_dots": 2, "rim_dots": 1}
 
 
@@ -91,7 +91,7 @@ def test_rules_are_kept_and_priced(scenes: tuple[Photograph, ...]) -> None:
 def test_a_map_is_designed_for_the_opening(scenes: tuple[Photograph, ...]) -> None:
     found = search(section(map="equal_light", positions=2, shortlist=1), scenes, "x")
     assert found.cells is not None
-    assert found.cells.cells.shape == (24, 24)
+    assert found.cells.cells.shape == (12, 12)
     assert found.designed is not None
     assert min(found.designed.gain_db) > 0
     assert abs(found.designed.clear_dots / found.designed.start_clear_dots - 1) < 0.005
@@ -240,11 +240,11 @@ def test_the_shortlist_has_several_sizes_where_only_a_second_scan_keeps_the_rule
 
 
 def test_circuits_are_kept_room_for(scenes: tuple[Photograph, ...]) -> None:
-    asked = asked_display(circuit_um2=6000.0, min_width_nm=56_000)
+    asked = asked_display(circuit_um2=24_000.0, min_width_nm=112_000)
     found = search(section(), scenes, "x", display=asked)
     assert constraints_of(section(), display=asked).allows(found.opening.mask)
     with pytest.raises(MaskfabError, match=r"MF123.*circuits"):
-        search(section(), scenes, "x", display=asked_display(circuit_um2=8000.0, min_width_nm=56_000))
+        search(section(), scenes, "x", display=asked_display(circuit_um2=32_000.0, min_width_nm=112_000))
 
 
 def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograph, ...]) -> None:

@@ -32,10 +32,10 @@ def one_process(monkeypatch):
 
 
 @pytest.mark.usefixtures("one_process")
-@pytest.mark.parametrize("share", [6, pytest.param(1, marks=pytest.mark.slow)], ids=["sixth", "all"])
+@pytest.mark.parametrize("share", [12, pytest.param(1, marks=pytest.mark.slow)], ids=["twelfth", "all"])
 @pytest.mark.parametrize("reader", fuzz_originals.SUFFIXES)
 def test_damaged_files_are_refused_or_seen(reader, share, tmp_path):
-    numbers = range(max(3 if reader == "step" else 6, FEWER.get(reader, SLICE) // share))
+    numbers = range(max(2 if reader == "step" else 6, FEWER.get(reader, SLICE) // share))
     found = fuzz_readers.Findings(reader)
     path = tmp_path / fuzz_originals.file_name(reader)
     if reader == "job":
