@@ -255,6 +255,15 @@ _ENTRIES = (
         "by its own PSF; negative where more light makes up for it.",
     ),
     Entry(
+        "captured_light_width",
+        "w",
+        "um",
+        "Width of the light",
+        "Full width at half maximum, on the sensor, of the Gaussian that the light behind the plate is like; told "
+        "where it is no point, and pixels that spread light are in it.",
+        "Use a smaller pinhole, or one farther away.",
+    ),
+    Entry(
         "captured_misfit",
         "χ²/n",
         "1",

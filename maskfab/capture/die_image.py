@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
+from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 
 from maskfab.capture.die_field import DieField, LensField
@@ -30,6 +31,7 @@ GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
 BIAS = "bias_um"
 _SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
 """Steps by which the picture is moved, turned and stretched for its slopes."""
+_LIGHT_POINTS = 5
 _SPARE_PX = 4
 """Pixels by which a light may be found off the middle of the window, and the window stretched."""
 
@@ -94,6 +96,7 @@ class DieImage:
         camera: its lens and its pixel.
         light: what each colour of pixels sees of a point light.
         pixels: for which pictures are made.
+        light_um: standard deviation along each axis of a light that is a Gaussian on the sensor, 0 of a point.
     """
 
     panel: Panel
@@ -104,6 +107,7 @@ class DieImage:
     _field: DieField
     _step: float
     _few: Mapping[str, Spectrum]
+    light_um: float = 0.0
     _lens: dict[tuple[int, tuple[tuple[int, float], ...]], list[LensField]] = field(default_factory=dict, repr=False)
     _last: dict[tuple[object, ...], list[Floats]] = field(default_factory=dict, repr=False)
 
@@ -163,6 +167,15 @@ class DieImage:
         turn, bias, *terms = self._taken(setting, changes, self._few)
         across, up, scale = (self._moved(setting, seen, key, step) for key, step in self._steps.items())
         return [across, up, turn, scale, bias, *terms]
+
+    @cached_property
+    def _light(self) -> list[tuple[float, float]]:
+        """Points along an axis that stand for the light, by Gauss's and Hermite's rule: shares and places in um."""
+        if self.light_um == 0:
+            return [(1.0, 0.0)]
+        places, weights = hermegauss(_LIGHT_POINTS)
+        shares, away = weights / weights.sum(), self.light_um * places
+        return list(zip(shares.tolist(), away.tolist(), strict=True))
 
     @cached_property
     def _steps(self) -> dict[str, float]:
@@ -239,8 +252,16 @@ class DieImage:
                 width = self.camera.pixel_um * stretch / self._step
                 for k in mine:
                     each = self.pixels[k]
-                    across = pixel_means(samples, (each.x_um - setting.x_um) * stretch / self._step, width)
-                    up = pixel_means(samples, (each.y_um - setting.y_um) * stretch / self._step, width)
+                    across, up = (
+                        np.sum(
+                            [
+                                share * pixel_means(samples, (axis - place + away) * stretch / self._step, width)
+                                for share, away in self._light
+                            ],
+                            axis=0,
+                        )
+                        for axis, place in ((each.x_um, setting.x_um), (each.y_um, setting.y_um))
+                    )
                     factor = weight * (self.camera.pixel_um * stretch) ** 2
                     for total, intensity in zip(found, at_line, strict=True):
                         total[k] += factor * (up @ intensity @ across.T)

@@ -36,7 +36,7 @@ _FIRST_DAMPING, _HARDER, _EASIER, _LEAST_DAMPING, _HOPELESS = 1e-3, 10.0, 0.1, 1
 FIRST_TERMS = (DEFOCUS,)
 _MORE_TERMS = tuple(range(5, 22))
 """Noll's numbers of what may be wrong with a lens beside defocus, to the fifth order along the radius."""
-_PRICE = 2 * math.log(len(_MORE_TERMS))
+TERM_PRICE = 2 * math.log(len(_MORE_TERMS))
 """Gain in chi² that a term must bring: the risk inflation criterion (D. P. Foster and E. I. George, Ann. Stat. 22,
 1947, 1994), which allows for the best of so many candidates looking good by chance."""
 _ROUNDS = 2
@@ -109,7 +109,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
         noise = math.sqrt(max(1.0, here.chi2 / here.freedom))
         if since > _CURVED * noise:
             slopes, since, damping = image.slopes(start), 0.0, min(damping, _FIRST_DAMPING)
-        now = _solved(taken, pictures, slopes, start)
+        now = normal_equations(taken, pictures, slopes)
         if now.away(now.covariance @ now.gradient) < _SETTLED * noise:
             if since <= _NEAR * noise:
                 break
@@ -129,7 +129,7 @@ def fitted(image: DieImage, taken: Sequence[Taken], start: Setting, progress: Pr
         else:
             break
     progress("fit", _MOST_STEPS, _MOST_STEPS)
-    return replace(here, covariance=_solved(taken, pictures, slopes, start).covariance, steps=step)
+    return replace(here, covariance=normal_equations(taken, pictures, slopes).covariance, steps=step)
 
 
 def with_terms(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress = silent) -> Fit:
@@ -148,7 +148,7 @@ def with_terms(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Pr
 
 def _without_needless(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress) -> Fit:
     """The fit without terms that, once all are found, do not bring their price: far away slopes ask for many."""
-    price = _PRICE * max(1.0, found.chi2 / found.freedom)
+    price = TERM_PRICE * max(1.0, found.chi2 / found.freedom)
     worth = {f"z{term}" for term in FIRST_TERMS}
     worth |= {
         name
@@ -170,7 +170,7 @@ def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
     known = {term for term, _ in found.setting.terms}
     asked = [term for term in _MORE_TERMS if term not in known]
     at = replace(found.setting, terms=(*found.setting.terms, *((term, 0.0) for term in asked)))
-    now = _solved(taken, image.pictures(at), image.slopes(at), at)
+    now = normal_equations(taken, image.pictures(at), image.slopes(at))
     old = found.setting.values.size
     held, left = list(range(old)), list(range(old, old + len(asked)))
     noise = max(1.0, (found.chi2 - now.gain([*held, *left])) / found.freedom)
@@ -178,7 +178,7 @@ def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
     while left:
         gains = [now.gain([*held, each]) for each in left]
         best = int(np.argmax(gains))
-        if gains[best] - now.gain(held) < _PRICE * noise:
+        if gains[best] - now.gain(held) < TERM_PRICE * noise:
             break
         held.append(left.pop(best))
         chosen.append(asked[held[-1] - old])
@@ -186,8 +186,13 @@ def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
 
 
 @dataclass(frozen=True, eq=False)
-class _Normal:
-    """The equations of a step: information about the setting once light and background are solved for."""
+class NormalEquations:
+    """The equations of a step: information about values once light and background are solved for.
+
+    Attributes:
+        gradient: [values] half of that of chi², downhill.
+        information: [values, values] Fisher's.
+    """
 
     gradient: Floats
     information: Floats
@@ -207,15 +212,16 @@ class _Normal:
         return float(np.max(abs(change) / np.sqrt(np.diag(self.covariance))))
 
 
-def _step(now: _Normal, damping: float) -> Floats:
+def _step(now: NormalEquations, damping: float) -> Floats:
     diagonal = np.diag(np.diag(now.information))
     return np.asarray(np.linalg.solve(now.information + damping * diagonal, now.gradient))
 
 
-def _solved(
-    taken: Sequence[Taken], pictures: Sequence[Floats], slopes: Sequence[Sequence[Floats]], at: Setting
-) -> _Normal:
-    size = at.values.size
+def normal_equations(
+    taken: Sequence[Taken], pictures: Sequence[Floats], slopes: Sequence[Sequence[Floats]]
+) -> NormalEquations:
+    """The equations of a step from pictures along slopes, [values][grids of pixels]."""
+    size = len(slopes)
     gradient, information = np.zeros(size), np.zeros((size, size))
     for colour in colours_of(taken):
         mine = [k for k, each in enumerate(taken) if each.pixels.colour == colour]
@@ -229,7 +235,7 @@ def _solved(
         columns -= base @ np.linalg.lstsq(base, columns, rcond=None)[0]
         gradient += columns.T @ rest
         information += columns.T @ columns
-    return _Normal(gradient, information)
+    return NormalEquations(gradient, information)
 
 
 def judged(taken: Sequence[Taken], pictures: Sequence[Floats], at: Setting) -> Fit:

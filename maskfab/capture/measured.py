@@ -16,6 +16,7 @@ from maskfab.capture.die_image import BIAS, DieImage, Pixels, Setting
 from maskfab.capture.fit import Fit, expecting, fitted, with_terms
 from maskfab.capture.frame_scatter import with_frames
 from maskfab.capture.identify import Hypothesis, Identified, identified
+from maskfab.capture.light_width import LightWidth, light_width
 from maskfab.capture.merge import Merged
 from maskfab.capture.mtf_band import MtfBand, mtf_bands
 from maskfab.capture.promise import Promise
@@ -110,13 +111,14 @@ def measured(
             cure="Check the camera and the light of the job, and that this is a point light behind its plate",
         )
     mirrored = (found.best.way_round >= 4) != seen_mirrored
+    width = light_width(image, taken, fit)
     bands = mtf_bands(taken, fit, seed)
     width_um = panels[best.die].dot_nm * UM_PER_NM
     drawn = 4 if seen_mirrored else 0
     prices = costs(image, fit.setting, _seen(fit), drawn if found.certain else best.way_round, sensor)
     numbers = _quantities(best, fit, _outside(merged, image, fit.setting), promise, width_um)
-    numbers += tuple(_priced(best, prices))
-    said = verdict(found, fit, bands, prices, promise, mirrored=mirrored, width_um=width_um)
+    numbers += (*_priced(best, prices), *([] if width is None else [_wide(best, width)]))
+    said = verdict(found, fit, bands, prices, promise, width, mirrored=mirrored, width_um=width_um)
     return Measured(merged, taken, found, image, fit, bands, tuple(prices), numbers, said, mirrored)
 
 
@@ -134,6 +136,11 @@ def _priced(best: Hypothesis, prices: Sequence[Cost]) -> Iterator[Quantity]:
             ("captured_loss", each.for_good, "by the PSF of that die, against a die as drawn restored as drawn"),
         ):
             yield Quantity(name, lost.mean, f"{COST_METHOD}; {against}", lost.half_width, die=best.die, detail=detail)
+
+
+def _wide(best: Hypothesis, width: LightWidth) -> Quantity:
+    told = "Gauss-Newton steps of a Gaussian's variance beside all that the fit holds; 95 % by Fisher's information"
+    return Quantity("captured_light_width", width.um, told, NORMAL_95 * width.error_um, die=best.die)
 
 
 def _check_like(setting: Setting, die: str, panel: Panel) -> None:

@@ -9,6 +9,7 @@ from maskfab.capture.cost import ALL, Cost
 from maskfab.capture.die_image import BIAS
 from maskfab.capture.fit import Fit
 from maskfab.capture.identify import Hypothesis, Identified
+from maskfab.capture.light_width import LightWidth
 from maskfab.capture.mtf_band import MtfBand
 from maskfab.capture.promise import Promise
 from maskfab.capture.stands import STANDS, stand_words
@@ -30,6 +31,7 @@ def verdict(
     bands: tuple[MtfBand, ...],
     costs: Sequence[Cost],
     promise: Promise,
+    width: LightWidth | None,
     *,
     mirrored: bool,
     width_um: float,
@@ -42,6 +44,7 @@ def verdict(
         bands: its MTF.
         costs: of what is not as drawn.
         promise: of the job and its mask house.
+        width: of the light, where it is no point.
         mirrored: whether the plate stands the other way round than the job says.
         width_um: of the die's narrowest features.
     """
@@ -58,10 +61,16 @@ def verdict(
         "symmetric, and out of focus that of the other side."
     )
     said += [_told_width(fit, promise, width_um), _told_mtf(bands), _told_lens(fit), *_told_costs(costs)]
+    if width is not None:
+        said.append(
+            f"The light is no point: on the sensor it is {width.um:.2f} ± {NORMAL_95 * width.error_um:.2f} um wide "
+            "(full width at half maximum of a Gaussian), or the pixels spread what they take. CD bias and errors of "
+            "the lens make up for some of it, beyond their errors: use a smaller pinhole, or one farther away."
+        )
     if fit.inflation**2 > 1 + 4 * math.sqrt(2 / fit.freedom):
         said.append(
             f"The model leaves residuals of {fit.inflation:.2f} standard deviations of the noise: something is not in "
-            "it, such as another light, dust or a light that is wider than a pixel. Errors are enlarged by as much."
+            "it, such as another light, dust or a light that is wider than a point. Errors are enlarged by as much."
         )
     said.append(
         "Scale is that of pitch x pixel / (wavelength x focal length): one die tells "
