@@ -87,7 +87,7 @@ WRONG = {
     "another size": ('height="2mm"', 'height="4mm"'),
     "a turned use": ('x="1"', 'transform="rotate(90)" x="1"'),
     "a scaled symbol": ("<path d=", '<path transform="scale(2)" d='),
-    "unknown layer": ('id="CLEAR"', 'id="CHROME"'),
+    "unknown layer": ('id="CLEAR"', 'id="METAL"'),
     "unknown symbol": ('"#A" x="1"', '"#B" x="1"'),
     "no link": ('xlink:href="#A" x="1"', 'x="1"'),
     "a curve": ("L0 -0.002", "Q0 -0.002"),
