@@ -49,6 +49,7 @@ class OrderSheet:
         cds: name, axis, x and y in millimetres, drawn width in micrometres of every gauge.
         files: mask files that go with it, with their SHA-256.
         sources: pages on which the house's rules were read.
+        rules_heading: above them, with the day if it is known.
     """
 
     title: str
@@ -56,6 +57,7 @@ class OrderSheet:
     cds: tuple[tuple[str, str, str, str, str], ...]
     files: tuple[tuple[str, str], ...]
     sources: tuple[str, ...]
+    rules_heading: str
 
     def text(self) -> str:
         """The sheet as plain text with a line for each row."""
@@ -71,7 +73,7 @@ class OrderSheet:
         ]
         lines += ["", "Files", *(f"  {name}  sha256 {digest}" for name, digest in self.files)]
         if self.sources:
-            lines += ["", "Rules of the house as read on", *(f"  {source}" for source in self.sources)]
+            lines += ["", self.rules_heading, *(f"  {source}" for source in self.sources)]
         return "\n".join(map(_printed, lines)) + "\n"
 
     def csv(self) -> str:
@@ -96,7 +98,7 @@ class OrderSheet:
         ]
         if self.sources:
             listed = "".join(f"<li>{escape(source)}</li>" for source in self.sources)
-            parts.append(f"<h2>Rules of the house as read on</h2><ul>{listed}</ul>")
+            parts.append(f"<h2>{escape(self.rules_heading)}</h2><ul>{listed}</ul>")
         style = (
             "body{font:14px system-ui,sans-serif;margin:2em auto;max-width:60em}table{border-collapse:collapse}"
             "td,th{border:1px solid #bbb;padding:.3em .7em;text-align:left;vertical-align:top;overflow-wrap:anywhere}"
@@ -137,6 +139,7 @@ def order_sheet(
         tuple(_cd(gauge) for gauge in plate.gauges),
         tuple(files),
         shop.sources,
+        "Rules of the house as read " + ("on" if shop.read_on is None else f"{shop.read_on.isoformat()} on"),
     )
 
 

@@ -15,11 +15,12 @@ from once import figures_in_words
 from small_job import command, write_job
 
 from maskfab.comparison.files import compare_mask, read_mask
+from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import JobError
 from maskfab.geometry.plate_layout import layer_info, plate_layout, region
 from maskfab.job import load_job
 from maskfab.jobfile.order import OrderSection
-from maskfab.jobfile.shop_profile import parse_shop
+from maskfab.jobfile.shop_profile import dump_shop, parse_shop
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.order import BLANK, order_of
 from maskfab.mask_shops.plate_files import files_of_job
@@ -264,3 +265,14 @@ def test_a_parity_that_contradicts_the_side_of_the_chrome_is_refused(tmp_path):
                 load_job(path)
         else:
             assert load_job(path).spec.order == OrderSection(chrome=side)
+
+
+def test_a_profile_that_is_dated_says_so_on_the_sheet(tmp_path):
+    dated = 'title = "House"\nsources = ["https://example.org/rules"]\nread_on = 2026-09-30\n'
+    shop = parse_shop(dated, "house", where="a test")
+    assert parse_shop(dump_shop(shop), "house", where="a test") == shop
+    made = pack(load_job(write_job(tmp_path)), shop, tmp_path / "p.zip", ("gdsii",))
+    with zipfile.ZipFile(made.path) as archive:
+        sheet = archive.read("SMALL_house/order.txt").decode()
+    assert "Rules of the house as read 2026-09-30 on\n  https://example.org/rules" in sheet
+    assert all(check.passed for check in verify_package(made.path))
