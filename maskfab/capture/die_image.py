@@ -12,11 +12,10 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
-from numpy.polynomial.hermite_e import hermegauss
 from numpy.typing import NDArray
 
 from maskfab.capture.die_field import DieField, LensField
-from maskfab.capture.resampling import MARGIN, OVERSAMPLING, pixel_means, turned
+from maskfab.capture.resampling import MARGIN, OVERSAMPLING, gaussian_nodes, pixel_means, turned
 from maskfab.model import Camera, Panel, orient
 from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
@@ -31,7 +30,6 @@ GEOMETRY = ("x_um", "y_um", "turn_rad", "scale")
 BIAS = "bias_um"
 _SHIFT_PX, _TURN, _SCALE = 0.02, 1e-3, 1e-4
 """Steps by which the picture is moved, turned and stretched for its slopes."""
-_LIGHT_POINTS = 5
 _SPARE_PX = 4
 """Pixels by which a light may be found off the middle of the window, and the window stretched."""
 
@@ -169,15 +167,6 @@ class DieImage:
         return [across, up, turn, scale, bias, *terms]
 
     @cached_property
-    def _light(self) -> list[tuple[float, float]]:
-        """Points along an axis that stand for the light, by Gauss's and Hermite's rule: shares and places in um."""
-        if self.light_um == 0:
-            return [(1.0, 0.0)]
-        places, weights = hermegauss(_LIGHT_POINTS)
-        shares, away = weights / weights.sum(), self.light_um * places
-        return list(zip(shares.tolist(), away.tolist(), strict=True))
-
-    @cached_property
     def _steps(self) -> dict[str, float]:
         step = _SHIFT_PX * self.camera.pixel_um
         return {"x_um": step, "y_um": step, "scale": _SCALE}
@@ -252,20 +241,21 @@ class DieImage:
                 width = self.camera.pixel_um * stretch / self._step
                 for k in mine:
                     each = self.pixels[k]
-                    across, up = (
-                        np.sum(
-                            [
-                                share * pixel_means(samples, (axis - place + away) * stretch / self._step, width)
-                                for share, away in self._light
-                            ],
-                            axis=0,
-                        )
-                        for axis, place in ((each.x_um, setting.x_um), (each.y_um, setting.y_um))
-                    )
+                    across = self._means(samples, each.x_um - setting.x_um, stretch / self._step, width)
+                    up = self._means(samples, each.y_um - setting.y_um, stretch / self._step, width)
                     factor = weight * (self.camera.pixel_um * stretch) ** 2
                     for total, intensity in zip(found, at_line, strict=True):
                         total[k] += factor * (up @ intensity @ across.T)
         return found
+
+    def _means(self, samples: int, centres_um: Floats, stretch: float, width: float) -> Floats:
+        """Matrix of means over pixels, of light from all over the source; ``stretch`` in samples a micrometre."""
+        offsets, weights = gaussian_nodes(self.light_um * stretch)
+        parts = (
+            weight * pixel_means(samples, centres_um * stretch + offset, width)
+            for offset, weight in zip(offsets, weights, strict=True)
+        )
+        return np.asarray(sum(parts))
 
 
 def gathered(lines: Spectrum, camera: Camera, reach_um: float) -> Spectrum:

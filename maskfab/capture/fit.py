@@ -36,7 +36,7 @@ _FIRST_DAMPING, _HARDER, _EASIER, _LEAST_DAMPING, _HOPELESS = 1e-3, 10.0, 0.1, 1
 FIRST_TERMS = (DEFOCUS,)
 _MORE_TERMS = tuple(range(5, 22))
 """Noll's numbers of what may be wrong with a lens beside defocus, to the fifth order along the radius."""
-TERM_PRICE = 2 * math.log(len(_MORE_TERMS))
+_PRICE = 2 * math.log(len(_MORE_TERMS))
 """Gain in chi² that a term must bring: the risk inflation criterion (D. P. Foster and E. I. George, Ann. Stat. 22,
 1947, 1994), which allows for the best of so many candidates looking good by chance."""
 _ROUNDS = 2
@@ -148,7 +148,7 @@ def with_terms(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Pr
 
 def _without_needless(image: DieImage, taken: Sequence[Taken], found: Fit, progress: Progress) -> Fit:
     """The fit without terms that, once all are found, do not bring their price: far away slopes ask for many."""
-    price = TERM_PRICE * max(1.0, found.chi2 / found.freedom)
+    price = _PRICE * max(1.0, found.chi2 / found.freedom)
     worth = {f"z{term}" for term in FIRST_TERMS}
     worth |= {
         name
@@ -165,12 +165,24 @@ def _without_needless(image: DieImage, taken: Sequence[Taken], found: Fit, progr
     return fewer if fewer.chi2 - found.chi2 < price * dropped else found
 
 
-def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
-    """Terms that a fit lacks, the one that brings most first."""
+def gain_of_terms(image: DieImage, taken: Sequence[Taken], found: Fit) -> float:
+    """By how much chi² would fall at most if all of the lens's errors were fitted that a fit lacks."""
+    now, asked = _with_all(image, taken, found)
+    known = range(found.setting.values.size)
+    return now.gain(range(len(known) + len(asked))) - now.gain(known)
+
+
+def _with_all(image: DieImage, taken: Sequence[Taken], found: Fit) -> tuple[NormalEquations, list[int]]:
+    """The equations of a step of a fit together with the terms that it lacks, and those."""
     known = {term for term, _ in found.setting.terms}
     asked = [term for term in _MORE_TERMS if term not in known]
     at = replace(found.setting, terms=(*found.setting.terms, *((term, 0.0) for term in asked)))
-    now = normal_equations(taken, image.pictures(at), image.slopes(at))
+    return normal_equations(taken, image.pictures(at), image.slopes(at)), asked
+
+
+def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
+    """Terms that a fit lacks, the one that brings most first."""
+    now, asked = _with_all(image, taken, found)
     old = found.setting.values.size
     held, left = list(range(old)), list(range(old, old + len(asked)))
     noise = max(1.0, (found.chi2 - now.gain([*held, *left])) / found.freedom)
@@ -178,7 +190,7 @@ def _demanded(image: DieImage, taken: Sequence[Taken], found: Fit) -> list[int]:
     while left:
         gains = [now.gain([*held, each]) for each in left]
         best = int(np.argmax(gains))
-        if gains[best] - now.gain(held) < TERM_PRICE * noise:
+        if gains[best] - now.gain(held) < _PRICE * noise:
             break
         held.append(left.pop(best))
         chosen.append(asked[held[-1] - old])

@@ -13,10 +13,10 @@ from maskfab.camera.sensor import Sensor
 from maskfab.capture.cost import COST_METHOD, Cost, costs
 from maskfab.capture.designed_edge import Light
 from maskfab.capture.die_image import BIAS, DieImage, Pixels, Setting
-from maskfab.capture.fit import Fit, expecting, fitted, with_terms
+from maskfab.capture.fit import Fit, expecting, fitted
 from maskfab.capture.frame_scatter import with_frames
 from maskfab.capture.identify import Hypothesis, Identified, identified
-from maskfab.capture.light_width import LightWidth, light_width
+from maskfab.capture.light_width import LightWidth, with_width_and_terms
 from maskfab.capture.merge import Merged
 from maskfab.capture.mtf_band import MtfBand, mtf_bands
 from maskfab.capture.promise import Promise
@@ -101,7 +101,7 @@ def measured(
     setting = found.fit.setting
     # Noise of the light that is expected: that of what was measured favours what came out dark.
     taken = expecting(image, taken, setting)
-    fit = with_terms(image, taken, fitted(image, taken, setting, progress), progress)
+    image, fit, width = with_width_and_terms(image, taken, fitted(image, taken, setting, progress), progress)
     fit = with_frames(image, taken, fit)
     if fit.inflation > _UNLIKE and not found.certain:
         raise SourceError(
@@ -111,7 +111,6 @@ def measured(
             cure="Check the camera and the light of the job, and that this is a point light behind its plate",
         )
     mirrored = (found.best.way_round >= 4) != seen_mirrored
-    width = light_width(image, taken, fit)
     bands = mtf_bands(taken, fit, seed)
     width_um = panels[best.die].dot_nm * UM_PER_NM
     drawn = 4 if seen_mirrored else 0

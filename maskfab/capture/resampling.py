@@ -21,6 +21,7 @@ OVERSAMPLING = 1.3
 MARGIN = 24
 """Samples that a grid must hold beyond the outermost pixel."""
 _WIDTH = math.sqrt(MARGIN / (math.pi * (1 - 1 / OVERSAMPLING)))
+_ALIASED, _REACH = 0.77, 4.5
 _NODES = 8
 """Of the mean over a pixel, which holds a few samples across."""
 
@@ -44,6 +45,23 @@ def pixel_means(samples: int, centres: Floats, width: float) -> Floats:
     held = (columns >= 0) & (columns < samples)
     parts = (values[held], (rows[held], columns[held]))
     return scipy.sparse.coo_array(parts, shape=(centres.size, samples)).toarray()  # type: ignore[no-any-return]
+
+
+def gaussian_nodes(sigma: float) -> tuple[Floats, Floats]:
+    """Places and weights that stand for a Gaussian under which such a picture is smoothed, by the trapezoid rule.
+
+    Its repetitions along the frequency fall on the picture's band with less than 1e-5 of themselves.
+
+    Args:
+        sigma: standard deviation, in samples; 0 of a point.
+    """
+    if not sigma:
+        return np.zeros(1), np.ones(1)
+    apart = 1 / (1 / (2 * OVERSAMPLING) + _ALIASED / sigma)
+    count = math.ceil(_REACH * sigma / apart)
+    places = np.asarray(apart * np.arange(-count, count + 1), dtype=np.float64)
+    weights = np.exp(-((places / sigma) ** 2) / 2)
+    return places, np.asarray(weights / weights.sum())
 
 
 def turned(picture: Floats, angle_rad: float) -> Floats:

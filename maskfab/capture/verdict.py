@@ -64,8 +64,8 @@ def verdict(
     if width is not None:
         said.append(
             f"The light is no point: on the sensor it is {width.um:.2f} ± {NORMAL_95 * width.error_um:.2f} um wide "
-            "(full width at half maximum of a Gaussian), or the pixels spread what they take. CD bias and errors of "
-            "the lens make up for some of it, beyond their errors: use a smaller pinhole, or one farther away."
+            "(full width at half maximum of a Gaussian), or the pixels spread what they take. The fit allows for it; a "
+            "smaller pinhole, or one farther away, tells more."
         )
     if fit.inflation**2 > 1 + 4 * math.sqrt(2 / fit.freedom):
         said.append(

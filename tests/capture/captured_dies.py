@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from klayout import db
 from numpy.typing import NDArray
+from scipy import ndimage
 
 from maskfab.capture.frames import Frame
 from maskfab.geometry.stop import edges_in_stop
@@ -51,14 +52,18 @@ def polygon_picture(
     return total[::-1] * camera.pixel_um**2
 
 
-def phased_picture(panel: Panel, camera: Camera, terms: tuple[tuple[int, float], ...]) -> Floats:
-    """The same at the camera's only line behind a lens with errors."""
+def phased_picture(
+    panel: Panel, camera: Camera, terms: tuple[tuple[int, float], ...], source_um: float = 0.0
+) -> Floats:
+    """The same at the camera's only line behind a lens with errors, of a point or a Gaussian of such a deviation."""
     (line,) = camera.wavelengths_nm
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
     path = Wavefront(terms, line).waves(camera.stop, line)
     margin = pixel_margin(camera)
     wide = replace(camera, window_um=camera.window_um + 4 * margin * point_step_um(camera))
     points = phased_psf(phased(pupil, path, window_frequency(wide, line)), camera, line, margin=margin)
+    if source_um:
+        points = replace(points, values=ndimage.gaussian_filter(points.values, source_um / points.step_um))
     return pixel_psf(points, camera).values[::-1] * camera.pixel_um**2
 
 
