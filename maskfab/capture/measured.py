@@ -84,7 +84,7 @@ def measured(
         panels: of the dies that it may be, by name.
         camera: its lens and its pixel.
         light: what each colour of pixels sees of the light.
-        seen_mirrored: whether the job's plate stands with its chrome away from the lens, which then sees it mirrored.
+        seen_mirrored: whether the lens sees the job's design as in a mirror, by the side of the chrome and its order.
         promise: how wide the job and its mask house say that features are.
         sensor: that takes the photographs by which disagreements are priced.
         seed: of the noise that bands are drawn with.

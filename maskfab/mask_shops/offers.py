@@ -9,7 +9,7 @@ from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.judge import Finding
 from maskfab.model import Plate
-from maskfab.units import NM_PER_UM
+from maskfab.units import NM_PER_UM, UM_PER_MM
 
 _CHOICES = (("parity", "parities"), ("chrome", "chromes"), ("glass", "glasses"), ("film", "films"),
             ("protection", "protections"))  # fmt: skip
@@ -39,7 +39,7 @@ def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:
     if order.quantity is not None and offers.most is not None:
         yield _most("quantity", order.quantity, offers.most, "plates")
     if order.thickness is not None and shop.plate.glass_mm is not None:
-        yield _between("thickness", order.thickness / 1000, shop.plate.glass_mm, "mm")
+        yield _between("thickness", order.thickness / UM_PER_MM, shop.plate.glass_mm, "mm")
     if order.optical_density is not None and offers.densities is not None:
         yield _between("optical_density", order.optical_density, offers.densities, "")
     if order.registration is not None and offers.registration_um is not None:

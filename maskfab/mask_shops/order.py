@@ -135,10 +135,11 @@ class _Wishes:
     usual: OrderSection
 
     def text(self, key: str, label: str, none: str | None = None) -> Answer:
-        for section, source in ((self.stated, "job"), (self.usual, "house")):
+        sources: tuple[tuple[OrderSection, Source], ...] = ((self.stated, "job"), (self.usual, "house"))
+        for section, source in sources:
             said = getattr(section, key)
             if said is not None:
-                return Answer(key, label, str(said), "job" if source == "job" else "house")
+                return Answer(key, label, str(said), source)
         return Answer(key, label, BLANK, "nobody") if none is None else Answer(key, label, none, "house")
 
     def length(self, key: str, label: str, none: str | None = None, before: str = "") -> Answer:
