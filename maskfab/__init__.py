@@ -42,6 +42,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.restoring import restore as restore
     from maskfab.api.verbs.shapes import shape as shape
     from maskfab.api.verbs.shapes import shapes as shapes
+    from maskfab.api.verbs.shops import order as order
     from maskfab.api.verbs.shops import package as package
     from maskfab.api.verbs.shops import shops as shops
     from maskfab.api.verbs.studying import study as study
@@ -73,6 +74,7 @@ _WHERE = {
     "measure": "maskfab.api.verbs.measuring",
     "measure_edge": "maskfab.api.verbs.measuring_edges",
     "measure_mtf": "maskfab.api.verbs.measuring_edges",
+    "order": "maskfab.api.verbs.shops",
     "package": "maskfab.api.verbs.shops",
     "pareto": "maskfab.api.verbs.sweeping",
     "plan": "maskfab.api.verbs.planning",
@@ -111,6 +113,7 @@ __all__ = [
     "measure",
     "measure_edge",
     "measure_mtf",
+    "order",
     "package",
     "pareto",
     "plan",

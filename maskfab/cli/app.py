@@ -22,6 +22,7 @@ from maskfab.cli.verbs.design import design
 from maskfab.cli.verbs.explain import explain
 from maskfab.cli.verbs.learn import learn
 from maskfab.cli.verbs.measure import measure
+from maskfab.cli.verbs.order import order
 from maskfab.cli.verbs.package import package
 from maskfab.cli.verbs.pareto import pareto
 from maskfab.cli.verbs.plan import plan
@@ -79,6 +80,12 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "maskfab check job.toml --shop generic-chrome",
     ),
     (shops, "Examples: maskfab shops | maskfab shops generic-chrome --json"),
+    (
+        order,
+        "Examples: maskfab order job.toml --shop compugraphics | "
+        "maskfab order job.toml --shop compugraphics --set quantity=1 --set glass='soda lime' "
+        "--set contact.name='A. Reader' | maskfab order job.toml --shop compugraphics --json",
+    ),
     (package, "Example: maskfab package layouts/upc12.toml --shop generic-chrome --out upc12.zip"),
     (
         render,

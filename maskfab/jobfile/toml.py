@@ -74,17 +74,22 @@ def dumps(data: Mapping[str, object]) -> str:
     Equal data have equal texts.
     """
     tables = {key: value for key, value in data.items() if isinstance(value, Mapping)}
-    lines = [f"{key} = {_value(value)}" for key, value in data.items() if key not in tables]
+    lines = [f"{key} = {value_text(value)}" for key, value in data.items() if key not in tables]
     for name, table in tables.items():
-        lines += [*([""] if lines else []), f"[{name}]", *(f"{key} = {_value(value)}" for key, value in table.items())]
+        lines += [
+            *([""] if lines else []),
+            f"[{name}]",
+            *(f"{key} = {value_text(value)}" for key, value in table.items()),
+        ]
     return "\n".join(lines) + "\n"
 
 
-def _value(value: object) -> str:
+def value_text(value: object) -> str:
+    """A value as TOML writes it."""
     if isinstance(value, tuple | list):
-        return f"[{', '.join(map(_value, value))}]"
+        return f"[{', '.join(map(value_text, value))}]"
     if isinstance(value, Mapping):
-        return f"{{ {', '.join(f'{_value(key)} = {_value(each)}' for key, each in value.items())} }}"
+        return f"{{ {', '.join(f'{value_text(key)} = {value_text(each)}' for key, each in value.items())} }}"
     if isinstance(value, str):
         # TOML escapes what JSON does, and the one control character that JSON leaves as it is.
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")

@@ -480,8 +480,17 @@ def _boundaries(plate: Plate, figures: Figures) -> Finding:
     return Finding("shared_boundaries", False, length, 0, "um", place + more, cure)
 
 
+def corner_touches(plate: Plate) -> int:
+    """Places of a plate at which clear shapes meet by a corner only."""
+    return sum(result.count for result in _touching(plate))
+
+
+def _touching(plate: Plate) -> list[RuleResult]:
+    return list(check_plate(plate, DesignRules(no_corner_touch=True)))
+
+
 def _touches(plate: Plate, allowed: bool | None) -> Finding:
-    results = check_plate(plate, DesignRules(no_corner_touch=True))
+    results = _touching(plate)
     count = sum(result.count for result in results)
     bad = next((result for result in results if not result.passed), None)
     if allowed is False:

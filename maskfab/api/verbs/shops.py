@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import overload
+from typing import Any, overload
 
 from maskfab.api.jobs import AnyJob, job_of
 from maskfab.delivery.pack import Package, pack
 from maskfab.errors import JobError
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
+from maskfab.mask_shops.filling import OrderForm, write_answers
 from maskfab.mask_shops.profiles import load_shop, shop_names
 from maskfab.progress import Progress, silent
 from maskfab.threads import one_thread
@@ -34,6 +36,76 @@ def shops(name: str | None = None) -> Shop | tuple[Shop, ...]:
         OutputError: MF420 or MF421 for the profile.
     """
     return tuple(load_shop(each) for each in shop_names()) if name is None else load_shop(name)
+
+
+class Ordered:
+    """Findings of :func:`order`, and the lines that it wrote; ``print(ordered)`` says it.
+
+    Attributes:
+        form: the order with all that is answered; its ``questions`` are what is left.
+        written: keys of the job file that were written.
+        next: the command that makes the package.
+    """
+
+    def __init__(self, form: OrderForm, written: tuple[str, ...], next_command: str) -> None:
+        self.form, self.written, self.next = form, written, next_command
+
+    @property
+    def passed(self) -> bool:
+        """Whether nothing is blank, and the house offers all that is asked for."""
+        return not self.form.questions and not self.form.refused
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        order = self.form.order
+        return {
+            "shop": self.form.shop.name,
+            "complete": self.passed,
+            "missing": [vars(each) for each in self.form.questions],
+            "refused": [vars(each) for each in self.form.refused],
+            "written": list(self.written),
+            "order": [vars(each) for each in order.answers],
+            "next": self.next,
+        }
+
+    def __str__(self) -> str:
+        lines = [f"written: {', '.join(self.written)}"] if self.written else []
+        lines += [str(each) for each in self.form.refused]
+        lines += [f"blank: order.{each.key}: {each}" for each in self.form.questions]
+        lines += [f"next: {self.next}"]
+        return "\n".join(lines)
+
+
+def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> Ordered:
+    """List the blanks of an order of a job to a house; with ``answers``, which are written into the job file.
+
+    Args:
+        job: a plate, a loaded job, or the path of a job file; to be written to, a path of TOML.
+        shop: the house's name, or the path of a profile.
+        answers: texts to keys of [order]: ``{"quantity": "1", "contact.name": "A. Reader"}``. Each is held against
+            what the house offers; all of them are written, or none. A job that names no house in [export] gets this
+            one. All else in the file stays as it is.
+
+    Raises:
+        OutputError: MF420 or MF421 for the shop, MF401 if the job cannot be written.
+        JobError: MF102 to MF110 and MF128 for an answer, MF105 for one that the job has, or for a job that is no file;
+            else as for the job.
+        SourceError: MF308 for answers to a job that is no TOML file.
+    """
+    loaded, profile = job_of(job), load_shop(shop)
+    form = OrderForm.of(loaded.spec, loaded.plate(), profile)
+    for key, text in (answers or {}).items():
+        form = form.answered(key, text)
+    written: tuple[str, ...] = ()
+    if answers:
+        if not isinstance(job, str | Path):
+            cure = "Give the path of a job file, or state [order] in the plate's sections"
+            raise JobError("MF105", "answers are written into a file, and this job is none", where="job", cure=cure)
+        named = shop if shop in shop_names() else os.path.relpath(shop, Path(job).parent)
+        written = write_answers(Path(job), answers, form, named)
+    told = job if isinstance(job, str | Path) else "JOB.toml"
+    command = f"maskfab package {told} --shop {shop} --out {loaded.plate().name}_{profile.name}.zip"
+    return Ordered(form, written, command)
 
 
 @one_thread
