@@ -79,7 +79,10 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "Examples: maskfab check job.toml | maskfab check job.toml --die TOLED_R150 --largest --json | "
         "maskfab check job.toml --shop generic-chrome",
     ),
-    (shops, "Examples: maskfab shops | maskfab shops generic-chrome --json"),
+    (
+        shops,
+        "Examples: maskfab shops | maskfab shops generic-chrome --json | maskfab shops --compare layouts/upc12.toml",
+    ),
     (
         order,
         "Examples: maskfab order job.toml --shop compugraphics | "

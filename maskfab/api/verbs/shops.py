@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import textwrap
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, overload
@@ -11,18 +12,74 @@ from maskfab.api.jobs import AnyJob, job_of
 from maskfab.delivery.pack import Package, pack
 from maskfab.errors import JobError
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
+from maskfab.mask_shops.comparing import Bid, compare_shops
 from maskfab.mask_shops.filling import OrderForm, write_answers
-from maskfab.mask_shops.profiles import load_shop, shop_names
+from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
 from maskfab.progress import Progress, silent
 from maskfab.threads import one_thread
 
+_LINE, _LEAST = 100, 30
+"""Columns of a table, and the fewest of its last column."""
+
+
+class Comparison(tuple[Bid, ...]):
+    """Houses against one plate, those that take it first; ``print(comparison)`` is a table."""
+
+    @property
+    def passed(self) -> bool:
+        """Whether any house takes the plate."""
+        return any(bid.taken for bid in self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Plain data for JSON."""
+        return {
+            "shops": [
+                {
+                    "shop": bid.shop,
+                    "title": bid.title,
+                    "taken": bid.taken,
+                    "format": bid.format,
+                    "changes": list(bid.changes),
+                    "refusals": [vars(each) for each in bid.refusals],
+                    "to_agree": [vars(each) for each in bid.agreed],
+                    "blanks": list(bid.blanks),
+                }
+                for bid in self
+            ]
+        }
+
+    def __str__(self) -> str:
+        rows = [("shop", "takes it", "format", "blanks", "changes, or why not")]
+        for bid in self:
+            told = ", ".join(bid.changes) or "-"
+            if not bid.taken:
+                told = "; ".join(str(each).removeprefix("REFUSED ") for each in bid.refusals)
+            rows.append((bid.shop, "yes" if bid.taken else "no", bid.format, str(len(bid.blanks)), told))
+        widths = [max(len(row[k]) for row in rows) for k in range(4)]
+        room = max(_LINE - sum(widths) - 2 * len(widths), _LEAST)
+        lines = []
+        for *cells, told in rows:
+            first, *more = textwrap.wrap(told, room) or [""]
+            start = "  ".join(cell.ljust(width) for cell, width in zip(cells, widths, strict=True))
+            lines += [f"{start}  {first}".rstrip(), *(" " * (len(start) + 2) + each for each in more)]
+        for keys in dict.fromkeys(bid.blanks for bid in self if bid.blanks):
+            at = [bid.shop for bid in self if bid.blanks == keys]
+            told = f"blank at {'all' if len(at) == len(self) else ', '.join(at)}: {', '.join(keys)}"
+            lines += ["", *textwrap.wrap(told, _LINE)]
+        return "\n".join(lines)
+
 
 @overload
-def shops(name: None = None) -> tuple[Shop, ...]: ...
+def shops(name: None = None, *, compare: None = None, progress: Progress = ...) -> tuple[Shop, ...]: ...
 @overload
-def shops(name: str) -> Shop: ...
-def shops(name: str | None = None) -> Shop | tuple[Shop, ...]:
-    """All mask shops with published rules, or the rules of one.
+def shops(name: str, *, compare: None = None, progress: Progress = ...) -> Shop: ...
+@overload
+def shops(name: str | None = None, *, compare: AnyJob, progress: Progress = ...) -> Comparison: ...
+@one_thread
+def shops(
+    name: str | None = None, *, compare: AnyJob | None = None, progress: Progress = silent
+) -> Shop | tuple[Shop, ...] | Comparison:
+    """All mask shops with published rules, or the rules of one; with ``compare``, which of them take a plate.
 
     Examples:
         >>> import maskfab as mf
@@ -31,11 +88,25 @@ def shops(name: str | None = None) -> Shop | tuple[Shop, ...]:
 
     Args:
         name: of a shop, or the path of a profile (.toml).
+        compare: a plate, a loaded job, or the path of a job file: held against the rules of all shops, also of one that
+            the job names by a profile of its own, or of the shop that is named.
+        progress: of a comparison.
 
     Raises:
         OutputError: MF420 or MF421 for the profile.
+        JobError: as for the job.
     """
-    return tuple(load_shop(each) for each in shop_names()) if name is None else load_shop(name)
+    if compare is None:
+        return tuple(map(load_shop, shop_names())) if name is None else load_shop(name)
+    job = job_of(compare)
+    if name is not None:
+        known = {name: load_shop(name)}
+    else:
+        known = {each: load_shop(each) for each in shop_names()}
+        own = shop_of(job.spec, job.where)
+        known |= {} if own is None else {own.name: own}
+    bids = compare_shops(job.spec, job.plate(), tuple(known.values()), progress)
+    return Comparison(sorted(bids, key=lambda bid: not bid.taken))
 
 
 class Ordered:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from maskfab.cli.common.options import Json
-from maskfab.cli.common.printing import one_line, print_json
+from maskfab.cli.common.options import Json, Quiet
+from maskfab.cli.common.printing import leave, one_line, print_json
+from maskfab.cli.common.watch import watched
 
 if TYPE_CHECKING:
     from maskfab.jobfile.shop_profile import Shop
 
-_SECTIONS = ("accepts", "limits", "plate", "names", "blocks", "text", "polygons", "tolerance", "order")
+_SECTIONS = ("accepts", "limits", "plate", "names", "blocks", "text", "polygons", "tolerance", "offers", "order")
 
 
 def shops(
@@ -20,11 +22,26 @@ def shops(
         str | None,
         typer.Argument(metavar="[NAME]", help="A shop, or the path of a profile (.toml); default: all shops."),
     ] = None,
+    compare: Annotated[
+        Path | None,
+        typer.Option(metavar="JOB", help="Show which shops take the plate of this job, and why others do not."),
+    ] = None,
     as_json: Json = False,
+    quiet: Quiet = False,
 ) -> None:
-    """List the mask shops with published rules, or show the rules of one with their sources."""
+    """List the mask shops with published rules, show the rules of one with their sources, or compare them on a job."""
     from maskfab.api.verbs.shops import shops as known
 
+    if compare is not None:
+        with watched(quiet) as progress:
+            found = known(name, compare=compare, progress=progress)
+        if as_json:
+            print_json(found.to_dict())
+        else:
+            for line in str(found).split("\n"):
+                typer.echo(one_line(line))
+        leave(found.passed)
+        return
     if name is not None:
         shop = known(name)
         if as_json:

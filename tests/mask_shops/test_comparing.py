@@ -1,0 +1,54 @@
+"""One plate held against all houses at once."""
+
+from __future__ import annotations
+
+from small_job import command, write_job
+
+import maskfab as mf
+from maskfab.mask_shops.profiles import shop_names
+
+
+def test_a_comparison_says_of_each_house_what_its_package_would(capsys, tmp_path):
+    job = write_job(tmp_path)
+    job.write_text(job.read_text() + '\n[order]\nglass = "quartz"\nquantity = 1\n')
+    found = command(capsys, "shops", "--compare", job, "--json", "--quiet")
+    bids = {each["shop"]: each for each in found.document["shops"]}
+    assert found.code == 0
+    assert set(bids) == set(shop_names())
+    for name, bid in bids.items():
+        package = ["package", job, "--shop", name, "--out", tmp_path / f"{name}.zip", "--json", "--quiet"]
+        made = command(capsys, *package).document
+        assert bid["taken"] == (made["verdict"] == "pass")
+        assert [each["rule"] for each in bid["refusals"]] == [
+            each["rule"] for each in made["rules"] if each["passed"] is False
+        ]
+        if bid["taken"]:
+            assert bid["blanks"] == made["blanks"]
+            assert bid["format"] == made["files"][0]["format"]
+    assert bids["gesim"]["changes"] == ["squares at its corners"]
+    assert "holes as keyholes" in bids["jd_photo_data"]["changes"]
+
+
+def test_the_table_fits_a_terminal_and_tells_why_houses_refuse(capsys, tmp_path):
+    # Half a micrometre is finer than most houses write, and no multiple of the coarser grids.
+    job = write_job(tmp_path, ("8 um", "0.5 um"), ("56 um", "3.5 um"))
+    table = command(capsys, "shops", "--compare", job, "--quiet")
+    lines = table.stdout.split("\n")
+    assert all(len(line) <= 100 for line in lines)
+    assert any(line.startswith("generic-chrome") and " no " in line and "min_feature" in line for line in lines)
+    assert any(line.startswith("compugraphics") and " yes " in line for line in lines)
+    assert "contact.name" in table.stdout
+    one = command(capsys, "shops", "generic-chrome", "--compare", job, "--quiet")
+    assert one.code == 1
+    assert "compugraphics" not in one.stdout
+
+
+def test_a_house_of_the_jobs_own_is_compared_too(tmp_path):
+    job = write_job(tmp_path)
+    profile = 'title = "House"\nsources = []\n[limits]\ngrid_nm = [3]\n[names.layers]\nCLEAR = "ONE"\n'
+    (tmp_path / "own.toml").write_text(profile)
+    job.write_text(job.read_text() + '\n[export]\nshop = "own.toml"\n')
+    bids = {bid.shop: bid for bid in mf.shops(compare=job)}
+    assert not bids["own"].taken
+    assert bids["own"].changes == ("layers renamed",)
+    assert [each.rule for each in bids["own"].refusals] == ["grid"]
