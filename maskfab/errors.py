@@ -80,7 +80,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF312": "A polygon crosses or covers itself.",
         "MF313": "A file has more shapes, levels, layers or pixels than the limit, or is too large in size.",
         "MF314": "The pixel size of an image is unknown.",
-        "MF315": "A Gerber file has a command that maskfab does not read.",
+        "MF315": "A Gerber or CIF file has a command that maskfab does not read.",
         "MF316": "Reading a file takes too long, or two readers disagree about it.",
         "MF317": "A drawing has shapes that some programs hide or place differently.",
         "MF318": "A picture does not state its tone (which value is white).",

@@ -23,6 +23,7 @@ from maskfab.comparison.roundtrip import compare_layout
 from maskfab.comparison.solids import check_solid
 from maskfab.drc import DesignRules, check_plate
 from maskfab.export.cell_polygons import draw
+from maskfab.export.cif import write_cif
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.solid.mesh import write_3mf, write_glb
@@ -57,15 +58,17 @@ def worst_case(cells: int) -> Plate:
 
 def layouts(folder: Path) -> Iterator[Row]:
     plate = worst_case(100)
-    gds, oas, dxf = (folder / f"worst.{suffix}" for suffix in ("gds", "oas", "dxf"))
+    gds, oas, dxf, cif = (folder / f"worst.{suffix}" for suffix in ("gds", "oas", "dxf", "cif"))
     yield "GDSII of 100 x 100 cells", best(lambda: write_gdsii(draw(plate).layout(), gds))[0], 0.15, "s"
     yield "the same", size(gds), 450, "kB"
     yield "OASIS", best(lambda: write_oasis(draw(plate).layout(), oas))[0], 0.15, "s"
     yield "the same", size(oas), 12, "kB"
     yield "DXF R12, blocks", best(lambda: write_dxf(plate, dxf, "R12"))[0], 2.5, "s"
     yield "the same", size(dxf), 1000, "kB"
+    yield "CIF", best(lambda: write_cif(plate, cif))[0], 0.3, "s"
+    yield "the same", size(cif), 300, "kB"
     design = draw(plate).layout()
-    for file in (gds, oas, dxf):
+    for file in (gds, oas, dxf, cif):
         read = read_layout(file)
         kind = file.suffix[1:].upper()
         seconds, trip = best(lambda read=read, file=file: compare_layout(plate, design, read, file, dots=False))

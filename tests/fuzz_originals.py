@@ -14,6 +14,7 @@ from small_job import DRAWING, OPENING, write_job
 
 from maskfab import resources
 from maskfab.delivery.pack import pack
+from maskfab.export.cif import write_cif
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.geometry.plate_layout import plate_layout
@@ -24,8 +25,8 @@ from maskfab.mask_shops.profiles import load_shop
 from maskfab.model import Plate
 
 SUFFIXES = {
-    "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "png": ".png", "tiff": ".tif", "exr": ".exr",
-    "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml", "map": ".toml", "template": ".toml",
+    "gdsii": ".gds", "oasis": ".oas", "dxf": ".dxf", "gerber": ".gbr", "cif": ".cif", "png": ".png", "tiff": ".tif",
+    "exr": ".exr", "toml": ".toml", "text": ".txt", "npy": ".npy", "job": ".toml", "map": ".toml", "template": ".toml",
     "shop": ".toml", "package": ".zip", "svg": ".svg", "step": ".step", "glb": ".glb", "3mf": ".3mf", "stl": ".stl",
 }  # fmt: skip
 """Every reader, and what its files end in."""
@@ -131,6 +132,13 @@ def _gerber(_path: Path) -> Iterator[bytes]:
     yield "\n".join([*lines, "M02*", ""]).encode()
 
 
+def _cif(path: Path) -> Iterator[bytes | None]:
+    yield write_cif(plate(), path)
+    plain = db.SaveLayoutOptions()
+    plain.format = "CIF"
+    yield design().write(str(path), plain)
+
+
 def _picture(path: Path) -> Iterator[None]:
     import OpenImageIO as oiio  # noqa: N813
 
@@ -189,6 +197,7 @@ FILES: dict[str, Callable[[Path], Iterator[object]]] = {
     "oasis": _oasis,
     "dxf": _dxf,
     "gerber": _gerber,
+    "cif": _cif,
     "png": _picture,
     "tiff": _picture,
     "exr": _exr,

@@ -76,7 +76,7 @@ _PATIENCE = 6
 MAY_END = ("step",)
 """Read by libraries that end on damage the process that maskfab gives them; of layouts, :func:`bounded` tells."""
 
-LAYOUTS = ("gdsii", "oasis", "dxf", "gerber")
+LAYOUTS = ("gdsii", "oasis", "dxf", "gerber", "cif")
 PICTURES = ("png", "tiff")
 TEXTS: dict[str, Callable[[Path], str]] = {
     "map": lambda path: maps.map_text(maps.read_map(path)),

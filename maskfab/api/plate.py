@@ -180,9 +180,9 @@ class Plate:
         return self.job(camera).plate()
 
     def write(self, path: str | Path, camera: Camera | None = None) -> Path:
-        """Write the plate in the format that the suffix names: .oas .gds .dxf .gbr .svg; an earlier file is replaced.
+        """Write the plate in the format that the suffix names: .oas .gds .dxf .gbr .cif .svg.
 
-        The file is the one that a run writes, byte for byte.
+        The file is the one that a run writes, byte for byte; an earlier one is replaced.
 
         Args:
             path: of the file; a name that ends in _R12.dxf is of that version, any other .dxf of R2010.
@@ -226,7 +226,7 @@ class Plate:
 
 def _format(target: Path) -> FileFormat:
     """The mask format that a file's name stands for."""
-    kinds: Sequence[FileFormat] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg")
+    kinds: Sequence[FileFormat] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg")
     for kind in kinds:
         if target.name.lower().endswith(MASK_TAILS[kind].lower()):
             return kind
@@ -236,7 +236,7 @@ def _format(target: Path) -> FileFormat:
         "MF430",
         f"no plate is written with the suffix {target.suffix!r}",
         where=str(target),
-        cure="Use .oas, .gds, .dxf, .gbr or .svg",
+        cure="Use .oas, .gds, .dxf, .gbr, .cif or .svg",
     )
 
 

@@ -34,7 +34,7 @@ from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
 from maskfab.readers.sandbox.bounded import bounded, seconds_of
 
-PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
+PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif")
 """Formats that a package can hold."""
 _MASK_SUFFIXES = tuple(f".{MASK_TAILS[each].rpartition('.')[2]}" for each in PACKED)
 

@@ -11,6 +11,7 @@ from typing import Literal, TypeAlias
 from klayout import db
 
 from maskfab.export.cell_polygons import Figures
+from maskfab.export.cif import write_cif
 from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
@@ -30,6 +31,7 @@ TITLES: Mapping[str, str] = {
     "dxf_r12": "DXF R12",
     "dxf_r2010": "DXF R2010",
     "gerber": "Gerber X2",
+    "cif": "CIF",
     "svg": "SVG",
     "step": "STEP",
     "glb": "GLB",
@@ -45,6 +47,7 @@ MASK_TAILS: Mapping[str, str] = {
     "dxf_r12": "_R12.dxf",
     "dxf_r2010": "_R2010.dxf",
     "gerber": ".gbr",
+    "cif": ".cif",
     "svg": ".svg",
 }
 """Ending of the file name of a whole plate, after the plate's name, by format."""
@@ -150,6 +153,7 @@ def mask_writer(
         "dxf_r12": lambda path: write_dxf(figures, path, "R12", comments, style),
         "dxf_r2010": lambda path: write_dxf(figures, path, "R2010", comments, style),
         "gerber": lambda path: write_gerber(figures, path, comments),
+        "cif": lambda path: write_cif(figures, path, comments),
         "svg": lambda path: write_svg(figures, path, comments),
     }
     return writers[kind]

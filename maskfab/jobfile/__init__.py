@@ -35,7 +35,7 @@ from maskfab.jobfile.sections import (
     StudySection,
     WiresSection,
 )
-from maskfab.jobfile.values import MASK_FORMATS, MOST_DOTS_PER_UM, FileFormat, check_name
+from maskfab.jobfile.values import MASK_FORMATS, MEASURED_FORMATS, MOST_DOTS_PER_UM, FileFormat, check_name
 
 __all__ = [
     "ACCURACIES",
@@ -43,6 +43,7 @@ __all__ = [
     "DRAWING_KEYS",
     "HOTTEST_K",
     "MASK_FORMATS",
+    "MEASURED_FORMATS",
     "MOST_DOTS_PER_UM",
     "AnyDesign",
     "BlankSection",

@@ -21,7 +21,7 @@ from maskfab.jobfile.section import Section
 from maskfab.jobfile.toml import dumps, loads
 from maskfab.model import CHROME, LAYERS
 
-Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber"]
+Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif"]
 OrderField: TypeAlias = Literal[
     "mask_name",
     "tone",
@@ -36,7 +36,7 @@ OrderField: TypeAlias = Literal[
     "comments",
 ]
 
-FORMATS: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
+FORMATS: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif")
 
 
 def _listed(minimum: int = 0) -> object:

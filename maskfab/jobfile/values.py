@@ -28,10 +28,13 @@ ObjectiveName = Literal["invertibility", "top_residual", "expected_error", "boun
 Weight = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 
 FileFormat: TypeAlias = Literal[
-    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff", "exr"
+    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg", "step", "glb", "3mf", "stl", "png", "tiff", "exr"
 ]
 MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
-"""Default formats of a plate, and those from which its optics can be measured."""
+"""Default formats of a plate."""
+
+MEASURED_FORMATS: tuple[FileFormat, ...] = (*MASK_FORMATS, "cif")
+"""Formats from which a plate's optics can be measured."""
 
 MOST_DOTS_PER_UM = 100
 """Pixels of a PNG or a TIFF in a micrometre."""
@@ -166,11 +169,11 @@ def checked_formats(formats: tuple[FileFormat, ...]) -> tuple[FileFormat, ...]:
     Raises:
         JobError: MF105.
     """
-    if formats[0] not in MASK_FORMATS:
+    if formats[0] not in MEASURED_FORMATS:
         raise JobError(
             "MF105",
             f"{list(formats)}: the optics are measured from the first file, and {formats[0]} cannot be measured",
-            cure=f"Put one of {', '.join(MASK_FORMATS)} first",
+            cure=f"Put one of {', '.join(MEASURED_FORMATS)} first",
         )
     if len(set(formats)) < len(formats):
         raise JobError("MF105", f"{list(formats)}: a format is named twice", cure="Name each once")

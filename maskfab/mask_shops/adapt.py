@@ -12,7 +12,7 @@ from maskfab.export.cell_polygons import MAX_VERTICES, Hierarchy, PolygonOptions
 from maskfab.export.dxf import DrawingStyle
 from maskfab.geometry.plate_layout import orientations_in_use
 from maskfab.geometry.polygonize import Holes
-from maskfab.jobfile import DRAWING_KEYS, MASK_FORMATS, ExportSection, FileFormat, JobSpec
+from maskfab.jobfile import DRAWING_KEYS, MASK_FORMATS, MEASURED_FORMATS, ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.counts import facing_dots
 from maskfab.mask_shops.stencil import stencilled
@@ -177,7 +177,7 @@ def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileForm
         return section.formats
     if shop is None:
         return MASK_FORMATS
-    layouts = [each for each in shop.formats if each in MASK_FORMATS]
+    layouts = [each for each in shop.formats if each in MEASURED_FORMATS]
     return (layouts[0],) if layouts else (MASK_FORMATS[0], shop.formats[0])
 
 

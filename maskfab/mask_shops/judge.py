@@ -204,7 +204,7 @@ def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], tone: DataTone, 
 
 def _of_texts(shop: Shop, plate: Plate, sent: Sequence[Format], *, noted: bool) -> Iterator[Finding]:
     lines = _unit_texts(plate, shop, sent)
-    texted = [each for each in sent if each in lines or (noted and each != "gerber")]
+    texted = [each for each in sent if each in lines or (noted and each not in ("gerber", "cif"))]
     rules, known = shop.text, shop.accepts.formats
     if rules.allowed_in is not None:
         lettered = [each for each in texted if each not in rules.allowed_in]

@@ -67,7 +67,7 @@ from maskfab.readers.sandbox.limits import allow
 from maskfab.threads import one_thread
 from maskfab.units import NM_PER_UM, to_nm
 
-LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf"})
+LAYOUT_SUFFIXES = frozenset({".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".cif", ".dxf"})
 
 _FINEST_GRID = 4000
 _LARGEST_DOT_NM = 8000

@@ -43,7 +43,7 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 _KEYS = ("name", "pitch", "dots", "open_ratio", "grid", "emitters", "provenance")
 
 _IMAGES = (".png", ".tif", ".tiff", ".exr")
-_LAYOUTS = (".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".dxf")
+_LAYOUTS = (".gds", ".gds2", ".gdsii", ".oas", ".oasis", ".cif", ".dxf")
 _SUFFIXES = (".toml", ".txt", *_IMAGES, ".npy", *_LAYOUTS)
 _MAGIC: Mapping[str, tuple[bytes, ...]] = MappingProxyType(
     {

@@ -1,8 +1,9 @@
 """Mask files read back through a library that did not write them.
 
 GDSII and OASIS are written by klayout, so gdstk reads them; DXF is written by ezdxf, so klayout reads it; Gerber is
-read by gerbonara. Whichever it is, the answer is a hierarchical klayout layout in nanometres. Pictures of masks have a
-module of their own, :mod:`maskfab.readers.image_mask`, for they need to be told how large a pixel is.
+read by gerbonara; CIF is read twice, by :mod:`maskfab.readers.cif` and by klayout, which must agree. Whichever it is,
+the answer is a hierarchical klayout layout in nanometres. Pictures of masks have a module of their own,
+:mod:`maskfab.readers.image_mask`, for they need to be told how large a pixel is.
 """
 
 from __future__ import annotations
@@ -10,7 +11,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any
@@ -33,6 +34,7 @@ from maskfab.geometry.shape_limits import (
     note_left_out,
 )
 from maskfab.model import CLEAR, LAYERS
+from maskfab.readers.cif import LABEL, LayerKey, cif_content
 from maskfab.readers.dxf.dxf import POLYLINE_MODE, close_lines, look_through
 from maskfab.readers.gerber import read_gerber
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
@@ -68,6 +70,8 @@ _TEXT_DXF_START = re.compile(rb"(?:\xef\xbb\xbf)?(?:\s*999[ \t]*\r?\n[^\n]*\n)*\
 # R12 has no unit; a drawing of maskfab's own says it in its first comment.
 _DRAWN_IN_MM = re.compile(rb"\s*999[ \t]*\r?\nUnits: 1 drawing unit = 1 millimetre\r?\n")
 _BINARY_DXF_MAGIC = b"AutoCAD Binary DXF"
+_CIF_LABEL = re.compile(rf";\s*{LABEL.pattern};".encode())
+_SHAPES_ALONE = db.LayoutDiff.BoxesAsPolygons | db.LayoutDiff.NoLayerNames | db.LayoutDiff.NoProperties
 
 
 def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
@@ -77,14 +81,14 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
     of a DXF is kept for :func:`drawn_unit_um`.
 
     Args:
-        path: ``.gds .gdsii .gds2 .oas .oasis .dxf .gbr .ger``.
+        path: ``.gds .gdsii .gds2 .oas .oasis .cif .dxf .gbr .ger``.
         unit_um: one unit of a DXF; what $INSUNITS says if None, and one micrometre if that says nothing.
 
     Raises:
         JobError: MF105 a unit is stated for a file that states its own.
         SourceError: MF301 missing, MF302 empty, MF303 truncated or damaged, MF304 not what its suffix says,
             MF308 of a kind that is not read, MF310 and MF311 drawn with open lines or curves, MF312 a polygon that
-            crosses itself, MF313 too large, MF315 a command of Gerber that is not read, MF316 too slow to read,
+            crosses itself, MF313 too large, MF315 a command of Gerber or CIF that is not read, MF316 too slow to read,
             MF317 a DXF that draws out of sight.
     """
     if unit_um is not None and path.suffix.lower() != ".dxf":
@@ -100,7 +104,7 @@ def read_layout(path: Path, unit_um: float | None = None) -> db.Layout:
             "MF308",
             f"{path.name} has the suffix {path.suffix!r}; maskfab reads {' '.join((*_READERS, *IMAGE_SUFFIXES))}",
             where=str(path),
-            cure="Convert it to GDSII, OASIS, DXF, Gerber or a picture",
+            cure="Convert it to GDSII, OASIS, DXF, Gerber, CIF or a picture",
         )
     if not os.path.isfile(path):
         raise SourceError(
@@ -263,11 +267,15 @@ def _checked_by_klayout(path: Path) -> db.Layout:
     return layout
 
 
-def _read_with_klayout(path: Path, options: db.LoadLayoutOptions) -> db.Layout:
+def _read_with_klayout(path: Path, options: db.LoadLayoutOptions, content: bytes | None = None) -> db.Layout:
+    """The file, or in its place the content that is left of it."""
     options.warn_level = 0
     layout = db.Layout()
     try:
-        layout.read(str(path), options)
+        if content is None:
+            layout.read(str(path), options)
+        else:
+            layout.read_bytes(content, options)
         _look_at_names(layout)
     except (RuntimeError, UnicodeDecodeError) as error:
         no_text = isinstance(error, UnicodeDecodeError) or "UnicodeDecodeError" in str(error)
@@ -287,7 +295,8 @@ def _look_at_names(layout: db.Layout) -> None:
 class _Conversion:
     """The content of a file (see :mod:`maskfab.readers.gdstk_process`) as a klayout layout."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, named: Sequence[db.LayerInfo] = ()) -> None:
+        """``named`` are the layers of a format without numbers: the content has their places, and datatypes 0."""
         self._path = path
         self._rounding = 0.0
         self._copies = 0
@@ -298,6 +307,7 @@ class _Conversion:
         self._layers: dict[tuple[int, int], int] = {
             (each.number, each.datatype): self._layout.layer(layer_info(each)) for each in LAYERS
         }
+        self._layers |= {(place, 0): self._layout.layer(info) for place, info in enumerate(named)}
         self._cells: dict[str, db.Cell] = {}
 
     def layout(self, content: list[dict[str, Any]]) -> db.Layout:
@@ -454,6 +464,43 @@ class _Conversion:
         return nearest.astype(np.int64)
 
 
+# --- CIF -----------------------------------------------------------------------------------------------------------
+
+
+def _read_cif(path: Path) -> db.Layout:
+    # klayout passes over what it does not know, over calls of symbols that are not there and over the place of a call
+    # that stands alone; and it ends the process where symbols contain themselves. So the grammar comes first.
+    content = cif_content(path)
+    conversion = _Conversion(path, [_cif_layer(key) for key in content.layers])
+    by_grammar = conversion.layout(content.cells)
+    options = db.LoadLayoutOptions()
+    options.cif_dbu = DBU_UM
+    by_klayout = _read_with_klayout(path, options, re.sub(_CIF_LABEL, b";", path.read_bytes()))
+    _number_layers(by_klayout)
+    for info in by_grammar.layer_infos():
+        by_klayout.layer(info)
+    # Off the grid each rounds in a way of its own, and klayout keeps polygons without area.
+    exact = not rounding_nm(by_grammar) and not left_out(by_grammar).empty_polygons
+    if exact and not db.LayoutDiff().compare(by_grammar, by_klayout, _SHAPES_ALONE):
+        raise SourceError(
+            "MF316",
+            f"{path.name} shows other polygons to klayout than its grammar says",
+            where=str(path),
+            cure="Write it with plain polygons, and call one symbol outside of all others, unmoved",
+        )
+    return by_grammar
+
+
+def _cif_layer(key: LayerKey) -> db.LayerInfo:
+    ours = (
+        each for each in LAYERS if key.name == each.name or (key.number, key.datatype) == (each.number, each.datatype)
+    )
+    layer = next(ours, None)
+    if layer is not None:
+        return layer_info(layer)
+    return db.LayerInfo(key.name) if key.name else db.LayerInfo(key.number, key.datatype)
+
+
 # --- DXF -----------------------------------------------------------------------------------------------------------
 
 
@@ -491,10 +538,7 @@ def _read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
             where=str(path),
             cure=f"State its --unit: it {in_units}",
         )
-    for layer in LAYERS:
-        index = layout.find_layer(db.LayerInfo(layer.name))
-        if index is not None:
-            layout.set_info(index, layer_info(layer))
+    _number_layers(layout)
     try:
         check_limits(layout, path)
     except SourceError as error:
@@ -508,6 +552,14 @@ def _read_dxf(path: Path, unit_um: float | None = None) -> db.Layout:
     layout.add_meta_info(info)
     note_left_out(layout, LeftOut(drawn.repeated_vertices, empty))
     return layout
+
+
+def _number_layers(layout: db.Layout) -> None:
+    """Give layers that have the name of one of the plate's, and no more, its numbers."""
+    for layer in LAYERS:
+        index = layout.find_layer(db.LayerInfo(layer.name))
+        if index is not None:
+            layout.set_info(index, layer_info(layer))
 
 
 def _drop_empty(layout: db.Layout) -> int:
@@ -544,6 +596,7 @@ GERBER_SUFFIXES = frozenset({".gbr", ".ger"})
 _READERS: dict[str, Callable[[Path], db.Layout]] = {
     **dict.fromkeys((".gds", ".gdsii", ".gds2"), _read_gdsii),
     **dict.fromkeys((".oas", ".oasis"), _read_oasis),
+    ".cif": _read_cif,
     ".dxf": _read_dxf,
     **dict.fromkeys(sorted(GERBER_SUFFIXES), read_gerber),
 }

@@ -30,10 +30,10 @@ from maskfab.readers.sandbox.limits import children_seconds
 
 pytestmark = pytest.mark.usefixtures("read_here")
 
-MASKS = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg")
+MASKS = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg")
 SOLIDS = ("step", "glb", "3mf", "stl")
 PICTURES = ("png", "tiff")
-MASK_ENDINGS = (".gds", ".oas", "_R12.dxf", "_R2010.dxf", ".gbr", ".svg")
+MASK_ENDINGS = (".gds", ".oas", "_R12.dxf", "_R2010.dxf", ".gbr", ".cif", ".svg")
 DIE_ENDINGS = (".step", ".glb", ".3mf", ".stl", ".png", ".tif")
 
 

@@ -40,13 +40,13 @@ OPENING = f'name = "frame"\npitch = "56 um"\ndots = 7\ngrid = """\n{FRAME}"""\n'
 DOT_NM, CELLS = 8000, 10
 DIE_AREA_NM2 = FRAME.count("#") * CELLS**2 * DOT_NM**2
 FIVE_INCH = (('blank = "27 mm"', 'blank = "5 in"'), ('writable = "22 mm"', 'writable = "100 mm"'))
-SUFFIXES = {"gdsii": ".gds", "oasis": ".oas", "dxf_r12": ".dxf", "dxf_r2010": ".dxf", "gerber": ".gbr"}
-ALL = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber")
+SUFFIXES = {"gdsii": ".gds", "oasis": ".oas", "dxf_r12": ".dxf", "dxf_r2010": ".dxf", "gerber": ".gbr", "cif": ".cif"}
+ALL = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif")
 PROFILE = """\
 title = "A house of nobody"
 sources = []
 [accepts]
-formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber"]
+formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif"]
 [polygons]
 holes = "{holes}"
 hierarchy = "{hierarchy}"

@@ -26,6 +26,7 @@ from sweeps import sweep
 from maskfab.delivery.archive import write_package
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import draw
+from maskfab.export.cif import write_cif
 from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
@@ -62,6 +63,7 @@ def cases(plate, aside: Path) -> dict[str, Case]:
         "dxf_r12": Case(".dxf", lambda path: write_dxf(figures, path, "R12")),
         "dxf_r2010": Case(".dxf", lambda path: write_dxf(figures, path, "R2010")),
         "gerber": Case(".gbr", lambda path: write_gerber(figures, path)),
+        "cif": Case(".cif", lambda path: write_cif(figures, path)),
         "svg": Case(".svg", lambda path: write_svg(figures, path)),
         "png": Case(".png", lambda path: write_preview(plate, path, 0.25, die=die.name)),
         "tiff": Case(".tif", lambda path: write_bilevel(plate, path, 1.0, die=die.name)),
@@ -78,8 +80,8 @@ def cases(plate, aside: Path) -> dict[str, Case]:
 
 
 NAMES = (
-    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "png", "tiff", "picture", "exr", "step", "plate_step",
-    "glb", "3mf", "stl", "zip", "bytes",
+    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg", "png", "tiff", "picture", "exr", "step",
+    "plate_step", "glb", "3mf", "stl", "zip", "bytes",
 )  # fmt: skip
 
 

@@ -203,7 +203,8 @@ def test_a_job_without_export_or_process_says_nothing_of_them():
 
 
 ALL_FORMATS = (
-    'formats = ["oasis", "gdsii", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"]'
+    'formats = ["oasis", "gdsii", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg", "step", "glb", "3mf", "stl", "png", '
+    '"tiff"]'
 )
 
 
@@ -211,6 +212,7 @@ ALL_FORMATS = (
     "text",
     [
         with_export(ALL_FORMATS),
+        with_export('formats = ["cif"]'),
         with_export('formats = ["dxf_r12"]\nshop = "pog"\nchrome = "80 nm"\nmax_references = 7\nstl_limit_mb = 0.5'),
         with_process('corner_radius = "0.5 um"\ncd_bias = "-0.1 um"'),
         with_process('cd_bias = "1 nm"'),

@@ -29,7 +29,7 @@ from maskfab.model import CHROME, CLEAR, LAYERS
 from maskfab.pipeline import run
 from maskfab.plate.mirrored import mirrored
 
-ALL = 'formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg"]'
+ALL = 'formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg"]'
 FILLED = """
 [order]
 glass = "quartz"

@@ -15,7 +15,7 @@ from small_job import OPENING
 from maskfab.readers import gerber, layout_file, step
 
 SLICE = 150
-FEWER = {"gdsii": 30, "oasis": 30, "dxf": 15, "gerber": 40, "step": 6, "package": 40}
+FEWER = {"gdsii": 30, "oasis": 30, "dxf": 15, "gerber": 40, "cif": 60, "step": 6, "package": 40}
 """These are read by libraries of others, or hold long text or many files."""
 
 APART = ("gdsii", "oasis", "gerber", "step")

@@ -106,7 +106,7 @@ def verify(
     """Repeat every check of a finished run or package, or compare a mask file from any source with a plate.
 
     Args:
-        subject: the directory of a run, a package (.zip), or a mask file (.gds .oas .dxf .gbr .png .tif).
+        subject: the directory of a run, a package (.zip), or a mask file (.gds .oas .dxf .gbr .cif .png .tif).
         against: plate or job that a mask file is compared with; a package has its own.
         shop: of a package, the shop whose rules it must keep; by default the one in it.
         die: compare only this die.

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
 def verify(
     context: typer.Context,
     subject: Annotated[Path, typer.Argument(metavar="DIR|PACKAGE|FILE", help="The --out of a finished run, a .zip that "
-                                            "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .png .tif) "
-                                            "from any source.")],
+                                            "maskfab package wrote, or a mask file (.gds .oas .dxf .gbr .cif .png "
+                                            ".tif) from any source.")],
     against: Annotated[Path | None, typer.Option(metavar="JOB", help="Job (.toml) to compare a mask file or package "
                                                  "with; default for a package: the job in it.")] = None,
     shop: Annotated[str | None, typer.Option(help="Shop profile to re-check the package against; default: the one in "
