@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.displays import check as check
     from maskfab.api.verbs.displays import render as render
     from maskfab.api.verbs.explaining import explain as explain
+    from maskfab.api.verbs.keeping import cache as cache
     from maskfab.api.verbs.learning import learn as learn
     from maskfab.api.verbs.measuring import measure as measure
     from maskfab.api.verbs.measuring_edges import measure_edge as measure_edge
@@ -66,6 +67,7 @@ _WHERE = {
     "Quantities": "maskfab.report.quantity_table",
     "analyse": "maskfab.api.verbs.analysing",
     "bench": "maskfab.api.verbs.benchmarking",
+    "cache": "maskfab.api.verbs.keeping",
     "check": "maskfab.api.verbs.displays",
     "design": "maskfab.api.verbs.designing",
     "explain": "maskfab.api.verbs.explaining",
@@ -105,6 +107,7 @@ __all__ = [
     "__version__",
     "analyse",
     "bench",
+    "cache",
     "check",
     "design",
     "explain",

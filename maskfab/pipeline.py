@@ -8,7 +8,7 @@ import shutil
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -32,6 +32,10 @@ from maskfab.geometry.plate_layout import clear_shapes, plate_names
 from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load_job
 from maskfab.jobfile.shop_profile import Shop
+from maskfab.kept.fingerprint import fingerprint, of_installation
+from maskfab.kept.recall import Recalling
+from maskfab.kept.results import give_result, keep_result
+from maskfab.kept.store import Store
 from maskfab.mask_shops.adapt import blank_of
 from maskfab.mask_shops.judge import check_written
 from maskfab.mask_shops.offers import check_offers
@@ -39,7 +43,7 @@ from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box
 from maskfab.measurement.as_written import Written, measure_written
-from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.measurement.display_rows import display_quantities
 from maskfab.measurement.features import judged, limits_as_rules, smallest_features
 from maskfab.measurement.optics import measure_with_bar, reach_box, read_openings
@@ -143,7 +147,14 @@ class Result:
 
 
 @one_thread
-def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress: Progress = silent) -> Result:
+def run(
+    job: Job | str | Path,
+    out: str | Path,
+    *,
+    force: bool = False,
+    progress: Progress = silent,
+    cache: Store | None = None,
+) -> Result:
     """Make a plate: lay the job out, write its mask files, read them back, measure them, and report.
 
     Args:
@@ -151,6 +162,8 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
         out: output directory; it appears when everything in it is complete.
         force: replace an earlier result in ``out``.
         progress: told where the work stands.
+        cache: what earlier runs have found, and where this one keeps what it finds; None for a run that finds
+            everything itself. The files are the same to the last bit.
 
     Raises:
         InputError: for bad input, before anything is written.
@@ -158,8 +171,31 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
     job = job if isinstance(job, Job) else load_job(job)
     place = check_target(Path(out), force=force)
     named_shop(job)
+    key = fingerprint(of_installation(), run, job.spec)
+    if cache is None or cache.get(key) is None:
+        report = _make(job, staged(place), progress, cache, key)
+    else:
+        with staged(place) as folder:
+            report = _taken(job, folder, cache, key) or _make(job, nullcontext(folder), progress, cache, key)
+    return Result(place.asked, report)
+
+
+def _taken(job: Job, folder: Path, cache: Store, key: str) -> Report | None:
+    """The report of an earlier run, whose files are now in the folder; None if they are lost or damaged."""
     clock = _Clock()
-    with crew_of(job) as crew:
+    with clock.stage("taken from the cache"):
+        kept = give_result(cache, key, folder)
+    if kept is None:
+        return None
+    report: Report = replace(kept[0], seconds=clock.seconds)
+    (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
+    return report
+
+
+def _make(job: Job, aside: AbstractContextManager[Path], progress: Progress, cache: Store | None, key: str) -> Report:
+    """Every stage, in order; the directory is entered when all is known that could be refused."""
+    clock = _Clock()
+    with crew_of(job, cache) as crew:
         with clock.stage("layout"):
             plate = job.plate()
             check_processes(job, plate)
@@ -176,8 +212,8 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
         with clock.stage("process"):
-            written = measure_process(job, seen, progress, clock.seconds)
-        with staged(place) as folder:
+            written = measure_process(job, seen, progress, clock.seconds, crew)
+        with aside as folder:
             with clock.stage("write"):
                 files = write_files(job, made, folder, progress)
             with clock.stage("read back"):
@@ -188,7 +224,7 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
                 psfs = psfs_as_files(job, made, optics)
                 files += write_psfs(psfs, folder)
             with clock.stage("scene"):
-                scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds)
+                scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds, crew)
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
             restored = photographs.result(progress, clock.seconds)
@@ -205,12 +241,21 @@ def run(job: Job | str | Path, out: str | Path, *, force: bool = False, progress
             (folder / PAGE).write_text(html.html_page(document, pictures), encoding="utf-8")
             _write_manifest(job, files, folder)
             (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
-    return Result(place.asked, report)
+            if cache is not None:
+                keep_result(cache, key, folder, report)
+                cache.prune()
+    return report
 
 
-def crew_of(job: Job) -> Alone:
-    """Who makes a plate: two processes where there are two processors, and dies enough to be worth starting one."""
-    return Pair() if (os.cpu_count() or 1) > 1 and len(job.spec.die) >= _FEWEST_SHARED else Alone()
+def crew_of(job: Job, cache: Store | None = None) -> Alone:
+    """Who makes a plate: two processes where there are two processors, and dies enough to be worth starting one.
+
+    Args:
+        job: asks for it.
+        cache: what they need not find, and where they keep what they find.
+    """
+    crew = Pair() if (os.cpu_count() or 1) > 1 and len(job.spec.die) >= _FEWEST_SHARED else Alone()
+    return crew if cache is None else Recalling(crew, cache)
 
 
 @dataclass(frozen=True, eq=False)
@@ -380,17 +425,19 @@ def measure_scenes(
     layout: db.Layout,
     progress: Progress,
     seconds: dict[str, float] | None = None,
+    crew: Alone | None = None,
 ) -> list[SceneOptics]:
     """The job's scene through every die, as :func:`measure_dies` does it; none for a job without a scene."""
     scene, camera = job.scene, job.camera
     if scene is None:
         return []
-    reach = scene_reach_um(camera, scene)
+    reach, do = scene_reach_um(camera, scene), (crew or Alone()).do
 
     def one(die: Die) -> SceneOptics:
         shapes = clear_shapes(layout, reach_box(die, reach))
         mask = _mask(die)
-        return measure_scene(mask, camera, scene, read_openings(mask, shapes, reach), plans[die.name], job.blank)
+        openings = read_openings(mask, shapes, reach)
+        return do(measure_scene, mask, camera, scene, openings, plans[die.name], job.blank)
 
     peak = max((peak_bytes(die, camera, scene, plans[die.name]) for die in plate.dies), default=0.0)
     workers = int(min(os.cpu_count() or 1, max(1, _SCENE_BYTES // max(peak, 1.0))))
@@ -458,7 +505,11 @@ def check_readers(made: PlateFiles) -> None:
 
 
 def measure_process(
-    job: Job, plate: Plate, progress: Progress, seconds: dict[str, float] | None = None
+    job: Job,
+    plate: Plate,
+    progress: Progress,
+    seconds: dict[str, float] | None = None,
+    crew: Alone | None = None,
 ) -> dict[str, Written]:
     """Optics of every die as written, by the job's [process]; nothing for a job without one.
 
@@ -467,10 +518,10 @@ def measure_process(
     """
     if job.spec.process is None:
         return {}
-    process = job.spec.process.process()
+    process, do = job.spec.process.process(), (crew or Alone()).do
 
     def one(die: Die) -> Written:
-        return measure_written(_mask(die), job.camera, process, job.where)
+        return do(measure_written, _mask(die), job.camera, process, job.where)
 
     # One after another: a die takes up to a gigabyte.
     found = _each(plate.dies, one, "process", progress, seconds, 1)
@@ -507,10 +558,10 @@ def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
     Raises:
         JobError: MF140 or MF141 for a sensor or a light that cannot be.
     """
-    conditions, shown = Conditions.of(job, "camera"), design_data.stated(job)
+    conditions, around, shown = Conditions.of(job, "camera"), Surroundings.of(job), design_data.stated(job)
 
     def given(die: Die) -> Given:
-        return lambda: (conditions, job, die.name, die.panel, die.name in shown)
+        return lambda: (conditions, around, die.name, die.panel, die.name in shown)
 
     dies = plate_as_seen(job, plate).dies
     return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies})

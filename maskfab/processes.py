@@ -1,9 +1,9 @@
 """Tasks that this process shares with a second one, so that two processors are kept busy.
 
     with Pair() as crew:
-        photographs = crew.submit(restore_photographs, lambda: (plate, camera), tells=True)
+        photographs = crew.submit(restore_photographs, lambda: (plate, camera))
         ...
-        restored = photographs.result(progress)
+        restored = photographs.result()
 
 Most of the work holds the interpreter, so that threads would only take turns. A task is a function of a module; it, its
 arguments and what it finds are pickled. What it finds depends on its arguments alone, so that which process did it does
@@ -12,8 +12,6 @@ not show. The second process reads tasks from stdin and answers on stdout until 
 
 from __future__ import annotations
 
-import copyreg
-import io
 import os
 import pickle
 import signal
@@ -27,19 +25,19 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from queue import SimpleQueue
 from threading import Condition, Thread
-from types import MappingProxyType, TracebackType
+from types import TracebackType
 from typing import Any, Generic, Literal, TypeAlias, TypeVar
 
 from maskfab.errors import InternalError
+from maskfab.files.pickling import pickled
 from maskfab.files.release_memory import give_back
 from maskfab.own_process import settle
-from maskfab.progress import Progress, silent
 
 Found = TypeVar("Found")
 Given: TypeAlias = Callable[[], tuple[Any, ...]]
 """Makes the arguments of a task when it begins: those of all tasks may not fit into memory."""
 
-_Kind: TypeAlias = Literal["told", "kept", "raised", "found"]
+_Kind: TypeAlias = Literal["kept", "raised", "found"]
 
 
 class Task(Generic[Found]):
@@ -49,19 +47,17 @@ class Task(Generic[Found]):
         seconds: that it took, once it is found.
     """
 
-    def __init__(
-        self, function: Callable[..., Found], given: Given, begin: Callable[[Task[Any]], bool], *, tells: bool = False
-    ) -> None:
-        self._function, self._given, self._begin, self._tells = function, given, begin, tells
+    def __init__(self, function: Callable[..., Found], given: Given, begin: Callable[[Task[Any]], bool]) -> None:
+        self._function, self._given, self._begin = function, given, begin
         self._news: SimpleQueue[tuple[_Kind, Any]] = SimpleQueue()
         self._outcome: tuple[_Kind, Any] | None = None
         self.ended = False
         self.seconds = 0.0
 
-    def attempt(self, progress: Progress = silent) -> None:
+    def attempt(self) -> None:
         """Do it here, unless it has begun."""
         if self._begin(self):
-            self._work(progress)
+            self._work()
 
     def message(self) -> bytes:
         """The task for the second process.
@@ -69,40 +65,39 @@ class Task(Generic[Found]):
         Raises:
             TypeError: for arguments that no other process can be given.
         """
-        return _pickled((self._function, self._given(), self._tells))
+        return pickled((self._function, self._given()))
 
     def tell(self, kind: _Kind, content: Any) -> None:
         """Take what the second process says of it."""
-        self.ended = kind in ("raised", "found")
+        self.ended = kind != "kept"
         self._news.put((kind, content))
 
-    def result(self, progress: Progress = silent) -> Found:
+    def result(self) -> Found:
         """The finding, once the task has ended.
 
         Raises:
             Exception: whatever the task raises; InternalError MF901 if the second process ends before it has answered.
         """
-        self.attempt(progress)
-        while self._outcome is None:
+        self.attempt()
+        if self._outcome is None:
             kind, content = self._news.get()
-            if kind == "told":
-                progress(*content)
-            elif kind == "kept":
-                self._work(progress)
+            if kind == "kept":
+                self._work()
             elif kind == "found":
                 found, self.seconds = content
                 self._outcome = kind, found
             else:
                 self._outcome = kind, content
+        assert self._outcome is not None
         kind, content = self._outcome
         if kind == "raised":
             raise content
         return content  # type: ignore[no-any-return]
 
-    def _work(self, progress: Progress) -> None:
+    def _work(self) -> None:
         start = time.perf_counter()
         try:
-            self._outcome = "found", self._function(*self._given(), *([progress] if self._tells else []))
+            self._outcome = "found", self._function(*self._given())
         except Exception as error:
             self._outcome = "raised", error
         self.ended, self.seconds = True, time.perf_counter() - start
@@ -117,15 +112,18 @@ class Alone(AbstractContextManager["Alone"]):
     ) -> None:
         """Nothing is left behind."""
 
-    def submit(self, function: Callable[..., Found], given: Given, *, tells: bool = False) -> Task[Found]:
+    def do(self, function: Callable[..., Found], *given: Any) -> Found:
+        """Do one thing now and in this process, and return its finding."""
+        return function(*given)
+
+    def submit(self, function: Callable[..., Found], given: Given) -> Task[Found]:
         """A task that may begin at once.
 
         Args:
             function: of a module.
             given: its arguments.
-            tells: whether it takes one more, which is told of its progress.
         """
-        return self._offered(Task(function, given, self._begin, tells=tells))
+        return self._offered(Task(function, given, self._begin))
 
     def each(
         self, calls: Sequence[tuple[Callable[..., Found], Given]], done: Callable[[int], None] = lambda _: None
@@ -227,28 +225,12 @@ class Pair(Alone):
         assert self._process.stdout is not None
         self._process.stdin.write(message)
         self._process.stdin.flush()
-        kind: _Kind = "told"
-        while kind == "told":
-            kind, content = pickle.load(self._process.stdout)
-            task.tell(kind, content)
+        task.tell(*pickle.load(self._process.stdout))
 
     def _last_words(self) -> str:
         self._said.seek(0)
         lines = self._said.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else "nothing"
-
-
-def read_only(content: dict[Any, Any]) -> MappingProxyType[Any, Any]:
-    """A read-only view for unpickling, where its own class has no name to be found by."""
-    return MappingProxyType(content)
-
-
-def _pickled(content: object) -> bytes:
-    buffer = io.BytesIO()
-    pickler = pickle.Pickler(buffer, protocol=pickle.HIGHEST_PROTOCOL)
-    pickler.dispatch_table = copyreg.dispatch_table | {MappingProxyType: lambda view: (read_only, (dict(view),))}
-    pickler.dump(content)
-    return buffer.getvalue()
 
 
 def work() -> None:
@@ -261,18 +243,15 @@ def work() -> None:
     os.dup2(sys.stderr.fileno(), sys.stdout.fileno())
 
     def say(kind: _Kind, content: object) -> None:
-        answers.write(_pickled((kind, content)))
+        answers.write(pickled((kind, content)))
         answers.flush()
-
-    def tell(stage: str, done: int, total: int) -> None:
-        say("told", (stage, done, total))
 
     with suppress(EOFError):
         while True:
-            function, given, tells = pickle.load(sys.stdin.buffer)
+            function, given = pickle.load(sys.stdin.buffer)
             start = time.perf_counter()
             try:
-                found = function(*given, *([tell] if tells else []))
+                found = function(*given)
             except Exception as error:
                 error.add_note(traceback.format_exc())
                 say("raised", error)

@@ -21,6 +21,7 @@ from maskfab.export.gds import write_gdsii
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import Job, load_job
+from maskfab.kept.store import VARIABLE
 from maskfab.measurement import restored
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 from maskfab.optimiser.bounds import bounds
@@ -100,6 +101,14 @@ def scenes_drawn_once() -> Iterator[None]:
         patch.setattr(scenes, "indoors", dimmed)
         patch.setattr(SceneStatistics, "of", statistics)
         patch.setattr(restored, "_drawn", small_scenes)
+        yield
+
+
+@pytest.fixture(scope="session", autouse=True)
+def nothing_kept() -> Iterator[None]:
+    """A run finds everything anew, unless a test is about what is kept."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv(VARIABLE, "off")
         yield
 
 

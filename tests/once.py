@@ -29,9 +29,9 @@ from PIL import Image
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.scenes import dead_leaves, indoors, lit
 from maskfab.comparison import files
+from maskfab.files.pickling import read_only
 from maskfab.optimiser.model.scene_statistics import SceneStatistics
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
-from maskfab.processes import read_only
 from maskfab.provenance import sha256_of_file
 
 FIGURES = (

@@ -27,7 +27,7 @@ from maskfab.cli import run_command_line
 from maskfab.errors import JobError
 from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
-from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.progress import silent
 
 ROOT = Path(__file__).parents[1]
@@ -47,7 +47,7 @@ def untrained(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A checkpoint of T-OLED at 32 dB, of no steps."""
     job = load_job(JOB)
     asked = Conditions.of(job, "camera", [32])
-    design, _ = asked.design("TOLED", job.panels()["TOLED"], job)
+    design, _ = asked.design("TOLED", job.panels()["TOLED"], Surroundings.of(job))
     course = Course(widths=(8, 12))
     state = Training(course, lambda _: pytest.fail("nothing is taught")).state()
     path = tmp_path_factory.mktemp("trained") / "toled.npz"
@@ -179,7 +179,7 @@ SMALL = Course(widths=(8, 12), patch=(32, 64), first=1, known=1)
 def test_two_minutes_of_training_are_worth_more_than_a_tenth_of_a_decibel(tmp_path: Path) -> None:
     job = load_job(JOB)
     asked = Conditions.of(job, "camera", [32])
-    design, _ = asked.design("TOLED", job.panels()["TOLED"], job)
+    design, _ = asked.design("TOLED", job.panels()["TOLED"], Surroundings.of(job))
     run = Run.of(
         tmp_path / "toled.npz",
         trade_of(job, asked, design),

@@ -11,14 +11,15 @@ from threading import Lock
 from typing import Any
 
 import pytest
-from shared_tasks import after, counted
+from shared_tasks import after, printed
 from small_job import write_job
 
 from maskfab import pipeline
 from maskfab.camera.transfer import lattice
 from maskfab.errors import InternalError, JobError
+from maskfab.files.pickling import read_only
 from maskfab.job import load_job
-from maskfab.processes import Alone, Pair, Task, read_only
+from maskfab.processes import Alone, Pair, Task
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -88,10 +89,8 @@ def test_the_first_error_in_order_is_told_though_another_comes_sooner(pair):
             crew.each(calls)
 
 
-def test_progress_is_told_to_who_waits_and_prints_harm_nothing(pair):
-    told: list[tuple[str, int, int]] = []
-    assert done_there(pair.submit(counted, given(3), tells=True)).result(lambda *each: told.append(each)) == 3
-    assert told == [("count", number, 3) for number in range(3)]
+def test_prints_of_a_task_harm_nothing(pair):
+    assert done_there(pair.submit(printed, given(3))).result() == 3
 
 
 def test_what_cannot_be_sent_is_done_here(pair):

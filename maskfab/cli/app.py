@@ -17,6 +17,7 @@ from maskfab import __version__
 from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.verbs.analyse import analyse
 from maskfab.cli.verbs.bench import bench
+from maskfab.cli.verbs.cache import cache
 from maskfab.cli.verbs.check import check
 from maskfab.cli.verbs.design import design
 from maskfab.cli.verbs.explain import explain
@@ -116,6 +117,7 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "maskfab study layouts/studies/*.toml --images photographs -o build/studies",
     ),
     (explain, "Example: maskfab explain MF106"),
+    (cache, "Examples: maskfab cache | maskfab cache --limit '1 GB'"),
 )
 
 # Newer releases of typer carry a copy of click of their own, so that class is found through typer.

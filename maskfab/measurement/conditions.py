@@ -20,7 +20,7 @@ from maskfab.camera.stated_light import in_decibels, stated_light, stated_sensor
 from maskfab.camera.stated_light import told as sensor_told
 from maskfab.errors import JobError
 from maskfab.job import Job
-from maskfab.model import Camera, Panel
+from maskfab.model import Camera, MaskBlank, Panel
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Scene
 
@@ -28,6 +28,27 @@ ProtocolName = Literal["camera", "f1", "paper"]
 Light = Literal["linear", "code"]
 
 _FIXED = {"f1": F1, "paper": PAPER}
+
+
+@dataclass(frozen=True)
+class Surroundings:
+    """Of a job, everything that lies between a die and the lens.
+
+    Attributes:
+        scene: of the camera; None for a job without one.
+        accuracy: to which it is asked for; None likewise.
+        blank: the mask blank.
+    """
+
+    scene: Scene | None
+    accuracy: float | None
+    blank: MaskBlank
+
+    @classmethod
+    def of(cls, job: Job) -> Surroundings:
+        """Of a job."""
+        section = job.spec.scene
+        return cls(job.scene, None if section is None else section.accuracy, job.blank)
 
 
 @dataclass(frozen=True)
@@ -128,7 +149,7 @@ class Conditions:
         others = tuple(name for name in given if name != AUTO)
         return named(others or tuple(RESTORERS)), AUTO in given
 
-    def design(self, name: str, panel: Panel, job: Job) -> tuple[Design, tuple[str, ...]]:
+    def design(self, name: str, panel: Panel, around: Surroundings) -> tuple[Design, tuple[str, ...]]:
         """A die as it is photographed, and sentences on what the photographs leave out.
 
         Raises:
@@ -137,12 +158,12 @@ class Conditions:
         """
         if isinstance(self.camera, PhotoCamera):
             return laid_panel(name, panel, self.camera), (f"assumed: {ASSUMED}",)
-        scene = job.scene or Scene()
-        if job.spec.scene is None:
-            return die_transfer(name, panel, self.camera, scene), left_out(panel, scene, job.blank)
-        chosen = plan(panel, self.camera, scene, job.spec.scene.accuracy)
+        scene = around.scene or Scene()
+        if around.accuracy is None:
+            return die_transfer(name, panel, self.camera, scene), left_out(panel, scene, around.blank)
+        chosen = plan(panel, self.camera, scene, around.accuracy)
         seen: DieTransfer = die_transfer(name, panel, self.camera, scene, chosen)
-        told = left_out(panel, scene, job.blank, chosen)
+        told = left_out(panel, scene, around.blank, chosen)
         return (OverField(seen, chosen) if chosen.choice.places > 1 else seen), told
 
     @property

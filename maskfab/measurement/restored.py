@@ -16,8 +16,7 @@ from maskfab.camera.protocol import evaluate
 from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
-from maskfab.job import Job
-from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.model import Panel, Quantity
 
 CROP = Crop(144, 192)
@@ -116,12 +115,12 @@ class Photographs:
         return (*means, *gains)
 
 
-def photograph_die(conditions: Conditions, job: Job, name: str, panel: Panel, shown: bool) -> Restored:
+def photograph_die(conditions: Conditions, around: Surroundings, name: str, panel: Panel, shown: bool) -> Restored:
     """Photograph the drawn scenes through one die.
 
     Args:
         conditions: of the job.
-        job: whose scene and glass lie before the die.
+        around: what lies about the die.
         name: of the die.
         panel: of it.
         shown: keep part of the first scene.
@@ -134,7 +133,7 @@ def photograph_die(conditions: Conditions, job: Job, name: str, panel: Panel, sh
             shots.append(Shot(score, CROP.of(whole)))
 
     try:
-        design, told = conditions.design(name, panel, job)
+        design, told = conditions.design(name, panel, around)
         table = evaluate(
             [design], scenes, scenes, conditions.levels, protocol=conditions.protocol, details=False, show=keep
         )

@@ -25,7 +25,7 @@ from maskfab.files.release_memory import give_back
 from maskfab.job import Job
 from maskfab.jobfile import CaseSection, ClaimSection, SceneSection, StudySection, parse_section
 from maskfab.measurement.claims import OPTICAL, Claim, Take, finding_of_optics, of_optics, of_photographs, pairs
-from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.measurement.optics import middle_nm
 from maskfab.model import Camera, Mtf, Panel, Psf
 from maskfab.optics.image.lag_table import lag_table
@@ -98,7 +98,7 @@ class Setting:
     def design(self, name: str, panel: Panel) -> tuple[Design, tuple[str, ...]]:
         """As :meth:`maskfab.measurement.conditions.Conditions.design`, restored by the blur that is ``known``, if any
         other is."""
-        design, told = self.conditions.design(name, panel, self.job)
+        design, told = self.conditions.design(name, panel, Surroundings.of(self.job))
         if self.known is None:
             return design, told
         other, _ = self.known.design(name, panel)

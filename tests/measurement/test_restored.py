@@ -18,7 +18,7 @@ from maskfab.camera.protocol import Score
 from maskfab.errors import JobError
 from maskfab.job import load_job
 from maskfab.measurement import restored
-from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.measurement.restored import CROP, NOISE_DB, Photographs, Restored, photograph_die
 from maskfab.pipeline import begin_photographs
 from maskfab.processes import Alone
@@ -140,7 +140,7 @@ def test_photographs_are_shown_of_designed_dies_as_they_were_scored(found):
 
 def test_how_a_blur_errs_is_told_with_the_photographs(job, monkeypatch):
     monkeypatch.setattr(Isoplanatic, "told", ("it errs by so much",))
-    seen = photograph_die(Conditions.of(job, "camera"), job, "TOLED", job.plate().dies[0].panel, False)
+    seen = photograph_die(Conditions.of(job, "camera"), Surroundings.of(job), "TOLED", job.plate().dies[0].panel, False)
     assert "it errs by so much" in seen.left_out
 
 
@@ -148,7 +148,7 @@ def test_a_die_that_the_camera_cannot_see_is_told_with_its_reason(job):
     die = job.plate().dies[0]
     small = replace(die.panel, orientations=die.panel.orientations[:5, :5])
     conditions = Conditions.of(job, "camera")
-    seen = photograph_die(conditions, job, "SMALL", small, False)
+    seen = photograph_die(conditions, Surroundings.of(job), "SMALL", small, False)
     rows = Photographs(conditions, {"SMALL": seen}).quantities("SMALL")
     assert [row.name for row in rows] == ["photographs_refused"]
     assert rows[0].value.startswith("MF114")

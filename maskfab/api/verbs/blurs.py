@@ -15,7 +15,7 @@ from maskfab.capture.restoring.measured_psf import read_psfs
 from maskfab.capture.restoring.standing import StandingBlur
 from maskfab.capture.stands import stand_words
 from maskfab.errors import JobError, SourceError
-from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.units import parse_length_um
 
 _PIXEL_TOLERANCE = 1e-3
@@ -110,7 +110,7 @@ def _of_dies(
     conditions = Conditions.of(loaded, "camera")
     found = {}
     for name in dict.fromkeys(asked):
-        design, left_out = conditions.design(name, panels[name], loaded)
+        design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))
         told = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
         found[name] = Undone(StandingBlur(design, way), (told, *left_out))
     return tuple(found[name] for name in (asked if len(asked) == photos else asked * photos))

@@ -17,7 +17,7 @@ from maskfab.camera.photographs import Folder
 from maskfab.errors import JobError
 from maskfab.files.staging import check_file
 from maskfab.job import Job
-from maskfab.measurement.conditions import Conditions
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ def learn(
     given = given_folder(images, white) or Folder((), ())
     for scene in given.photographs:
         asked.protocol.check(scene)
-    design, _ = asked.design(name, panels[name], loaded)
+    design, _ = asked.design(name, panels[name], Surroundings.of(loaded))
     trade = trade_of(loaded, asked, design, tuple(each.name for each in given.photographs))
     if before is not None:
         before.require(trade, seed, str(path))

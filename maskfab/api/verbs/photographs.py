@@ -29,7 +29,7 @@ from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
 from maskfab.job import Job
-from maskfab.measurement.conditions import Conditions, Light, ProtocolName
+from maskfab.measurement.conditions import Conditions, Light, ProtocolName, Surroundings
 from maskfab.model import Panel
 from maskfab.progress import Progress, silent
 from maskfab.report.quantity_table import dataframe
@@ -265,7 +265,7 @@ def _designs(
     found, refused = [], dict[str, JobError]()
     for name, panel in panels.items():
         try:
-            found.append(asked.design(name, panel, job))
+            found.append(asked.design(name, panel, Surroundings.of(job)))
         except JobError as refusal:
             refused[name] = refusal
             if named:

@@ -17,6 +17,7 @@ from maskfab.delivery.archive import is_package
 from maskfab.delivery.pack import verify_package
 from maskfab.errors import JobError
 from maskfab.job import Job
+from maskfab.kept.store import Store
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.model import Quantity
 from maskfab.pipeline import Result
@@ -29,12 +30,22 @@ from maskfab.units import NM_PER_UM, parse_length_um
 
 @overload
 def run(
-    job: Plate, camera: Camera | None = None, out: str | Path = ..., *, force: bool = ..., progress: Progress = ...
+    job: Plate,
+    camera: Camera | None = None,
+    out: str | Path = ...,
+    *,
+    force: bool = ...,
+    progress: Progress = ...,
+    cache: bool = ...,
 ) -> Result: ...
 @overload
-def run(job: Job | str | Path, out: str | Path, /, *, force: bool = ..., progress: Progress = ...) -> Result: ...
+def run(
+    job: Job | str | Path, out: str | Path, /, *, force: bool = ..., progress: Progress = ..., cache: bool = ...
+) -> Result: ...
 @overload
-def run(job: Job | str | Path, *, out: str | Path, force: bool = ..., progress: Progress = ...) -> Result: ...
+def run(
+    job: Job | str | Path, *, out: str | Path, force: bool = ..., progress: Progress = ..., cache: bool = ...
+) -> Result: ...
 def run(
     job: AnyJob,
     camera: Camera | str | Path | None = None,
@@ -42,6 +53,7 @@ def run(
     *,
     force: bool = False,
     progress: Progress = silent,
+    cache: bool = True,
 ) -> Result:
     """Make a plate: write its mask files, read them back, measure them, and report.
 
@@ -54,6 +66,7 @@ def run(
         out: output directory; it appears when everything in it is complete.
         force: replace an earlier result there.
         progress: told where the work stands.
+        cache: take what earlier runs have found, and keep what this one finds; the files are the same either way.
 
     Raises:
         InputError: for bad input, before anything is written.
@@ -64,7 +77,8 @@ def run(
         raise JobError("MF105", "there is no output directory", where="run: out", cure='Add out="build/demo"')
     if isinstance(camera, str | Path):
         raise JobError("MF105", f"{camera!r} is not a camera", where="run: camera", cure="Make one: Camera(...)")
-    return pipeline.run(job_of(job, camera), out, force=force, progress=progress)
+    store = Store.of_user() if cache else None
+    return pipeline.run(job_of(job, camera), out, force=force, progress=progress, cache=store)
 
 
 class Verification(Quantities):

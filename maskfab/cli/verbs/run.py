@@ -17,18 +17,22 @@ def run(
     job: JobFile,
     out: Annotated[Path, typer.Option(help="Output directory; written only once all files are complete.")],
     force: Annotated[bool, typer.Option("--force", help="Replace an earlier result in --out.")] = False,
+    no_cache: Annotated[
+        bool, typer.Option("--no-cache", help="Find everything anew, and keep nothing; see maskfab cache.")
+    ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report."""
     from maskfab.job import load_job
+    from maskfab.kept.store import Store
     from maskfab.optics.numbers.metrics import fast_lens
     from maskfab.pipeline import REPORT
     from maskfab.pipeline import run as run_job
 
     with watched(quiet) as progress:
         loaded = load_job(job)
-        result = run_job(loaded, out, force=force, progress=progress)
+        result = run_job(loaded, out, force=force, progress=progress, cache=None if no_cache else Store.of_user())
     report = result.report
     if not quiet:
         _tell_times(report.seconds)

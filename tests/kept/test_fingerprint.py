@@ -1,0 +1,81 @@
+"""Equal fingerprints only for values from which the same is found."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from dataclasses import dataclass
+from enum import Enum
+from functools import partial
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from klayout import db
+from small_job import write_job
+
+from maskfab.job import load_job
+from maskfab.kept.fingerprint import fingerprint, of_installation
+
+SCALARS = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False) | st.text() | st.binary()
+VALUES = st.recursive(SCALARS, lambda inner: st.lists(inner).map(tuple) | st.lists(inner), max_leaves=8)
+
+
+class Side(Enum):
+    LEFT = 1
+
+
+@dataclass(frozen=True)
+class Size:
+    width: float
+
+
+@dataclass(frozen=True)
+class Weight:
+    width: float
+
+
+DISTINCT: tuple[Any, ...] = (
+    None, 0, 0.0, -0.0, False, "", b"", "0", (), [], (0,), [0], ((0,),), (0, 0), ((0, 0),), ((0,), (0,)), frozenset(),
+    {}, {"a": 1, "b": 2}, {"b": 2, "a": 1}, Side.LEFT, Size(1.0), Weight(1.0), Size(2.0), "a", fingerprint,
+    pytest.fixture, partial(fingerprint, 1), partial(fingerprint, 2), np.zeros(4), np.zeros((2, 2)), np.zeros(4, int),
+    np.float32(0), np.asfortranarray(np.arange(4.0).reshape(2, 2)), np.arange(4.0).reshape(2, 2), db.Region(),
+    db.Region(db.Box(0, 0, 1, 1)), db.Region(db.Box(0, 0, 2, 1)), Size, Side, ("a", "b"), ("a, b",), (True,), (1,),
+)  # fmt: skip
+
+
+def test_values_that_differ_in_kind_order_or_content_have_other_fingerprints():
+    assert len({fingerprint(value) for value in DISTINCT}) == len(DISTINCT)
+
+
+@given(VALUES, VALUES)
+def test_fingerprints_are_equal_where_values_read_alike(one, other):
+    assert (fingerprint(one) == fingerprint(other)) == (repr(one) == repr(other))
+
+
+@given(st.lists(VALUES), st.lists(VALUES))
+def test_what_is_said_first_does_not_run_into_the_next(one, other):
+    assert (fingerprint(*one) == fingerprint(*other)) == (repr(one) == repr(other))
+
+
+def test_a_read_only_view_is_as_good_as_its_mapping():
+    assert fingerprint(MappingProxyType({"a": 1})) == fingerprint({"a": 1})
+
+
+@pytest.mark.parametrize("value", [object(), lambda: None, np.array([object()]), iter(()), (1, object())])
+def test_what_may_hold_more_than_it_shows_has_none(value):
+    with pytest.raises(TypeError, match="no"):
+        fingerprint(value)
+
+
+def test_another_process_finds_the_same(tmp_path):
+    job = write_job(tmp_path)
+    text = (
+        "from maskfab.kept.fingerprint import *; from maskfab.job import load_job; import sys;"
+        "print(fingerprint(of_installation(), load_job(sys.argv[1]).spec, frozenset('abc')))"
+    )
+    there = subprocess.run([sys.executable, "-c", text, job], capture_output=True, text=True, check=True)
+    assert there.stdout.strip() == fingerprint(of_installation(), load_job(job).spec, frozenset("abc"))
