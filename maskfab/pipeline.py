@@ -36,7 +36,7 @@ from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import Recalling
 from maskfab.kept.results import give_result, keep_result
 from maskfab.kept.store import Store
-from maskfab.mask_shops.adapt import blank_of
+from maskfab.mask_shops.adapt import ordered_blank
 from maskfab.mask_shops.judge import check_written
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
@@ -467,7 +467,7 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
     shop = named_shop(job)
     if shop is None:
         return ()
-    findings = check_written(made.figures, shop, made.formats, blank_of(job.spec))
+    findings = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
     offers = check_offers(job.spec, made.plate, shop)
     return tuple(each.quantity(shop.name) for each in (*findings, *offers))
 

@@ -23,7 +23,7 @@ from maskfab.job import Job, load_job
 from maskfab.jobfile import is_table
 from maskfab.jobfile import read as read_spec
 from maskfab.jobfile.shop_profile import Format, Shop, parse_shop
-from maskfab.mask_shops.adapt import blank_of, drawing_options, extent_nm, fitted
+from maskfab.mask_shops.adapt import drawing_options, extent_nm, fitted, ordered_blank
 from maskfab.mask_shops.judge import Finding, accepted, check_shop, extent
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.order import Answer
@@ -95,7 +95,7 @@ def pack(
     plate = fitted(whole, shop)
     options = replace(drawing_options(plate, shop), tone=job.spec.tone)
     progress("rules", 0, 1)
-    findings = (*check_shop(whole, shop, sent, options, blank_of(job.spec)), *check_offers(job.spec, whole, shop))
+    findings = (*check_shop(whole, shop, sent, options, ordered_blank(job.spec)), *check_offers(job.spec, whole, shop))
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
@@ -234,7 +234,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         kinds = {product.name: kind for product, kind in named if product.name in listed}
         sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
         formats = tuple(kinds[file.path] for file in sent)
-        findings = check_shop(whole, house, formats, drawn.figures.options, blank_of(made.spec))
+        findings = check_shop(whole, house, formats, drawn.figures.options, ordered_blank(made.spec))
         findings = (*findings, *check_offers(made.spec, whole, house))
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
         findings = _measured(findings, house, tuple(boxes.values()))

@@ -25,7 +25,7 @@ def inserted(text: str, key: str, value: object, *, where: str) -> str:
     Args:
         text: TOML, with or without a byte order mark.
         key: of the value, with the tables that it is in: ``order.contact.name``.
-        value: text, number, truth value, or a list or table of these.
+        value: text, number, truth value, day, or a list or table of these.
         where: the file, for errors.
 
     Raises:

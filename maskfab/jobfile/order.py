@@ -3,6 +3,7 @@ asked for before a package is made."""
 
 from __future__ import annotations
 
+from datetime import date
 from typing import Annotated, Literal, TypeAlias
 
 from pydantic import BeforeValidator, Field
@@ -15,8 +16,8 @@ from maskfab.jobfile.values import Length
 Tone: TypeAlias = Literal["clear", "dark"]
 Reading: TypeAlias = Literal["right reading", "wrong reading"]
 ChromeSide: TypeAlias = Literal["up", "down"]
-Glass: TypeAlias = Literal["soda lime", "quartz"]
-Film: TypeAlias = Literal["chrome", "low-reflective chrome"]
+Glass: TypeAlias = Literal["soda lime", "quartz", "polyester"]
+Film: TypeAlias = Literal["chrome", "low-reflective chrome", "emulsion"]
 Protection: TypeAlias = Literal["none", "pellicle", "coat"]
 Touches: TypeAlias = Literal["join", "stay apart"]
 
@@ -44,6 +45,24 @@ def _line(text: object) -> object:
 
 Line = Annotated[str, BeforeValidator(lambda v: refusing(_line, v))]
 """One printable line of at most 200 characters."""
+
+
+def _day(value: object) -> object:
+    """A day, also from its text, which JSON has instead.
+
+    Raises:
+        JobError: MF105 for a text that is none.
+    """
+    if not isinstance(value, str):
+        return value
+    try:
+        return date.fromisoformat(value.strip())
+    except ValueError as error:
+        raise JobError("MF105", f"{value!r} is no day: {error}", cure="Write it as 2026-09-30") from error
+
+
+Day = Annotated[date, BeforeValidator(lambda v: refusing(_day, v))]
+"""A day, such as 2026-09-30."""
 
 
 class ContactSection(Section):
@@ -95,11 +114,11 @@ class OrderSection(Section):
     chrome: ChromeSide | None = None
     """Side from which the plate is read: "up", towards who reads it, or "down", seen through the glass."""
     glass: Glass | None = None
-    """Substrate."""
+    """Substrate; polyester is that of film masks."""
     thickness: Length | None = None
-    """Of the glass; default: that of [plate.glass] or of the plate's template."""
+    """Of the substrate; default: that of [plate.glass] or of the plate's template."""
     film: Film | None = None
-    """Absorber."""
+    """Absorber: chrome, chrome under its oxides, or silver in gelatine."""
     optical_density: float | None = Field(default=None, gt=0, le=12, allow_inf_nan=False)
     """Of the film; default: that of [plate]."""
     cd: CdSection | None = None
@@ -116,6 +135,8 @@ class OrderSection(Section):
     """Fate of clear dots that meet at a corner alone."""
     revision: Line | None = None
     """Of the plate, on every paper and in the package's name."""
+    date: Day | None = None
+    """Of the order; rules of a house that were read long before it are told."""
     purchase_number: Line | None = None
     """Number of your own purchase order."""
     quantity: int | None = Field(default=None, ge=1, le=10_000)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import os
 import re
 import warnings
-from datetime import date
+from datetime import date, timedelta
 from pathlib import Path
 from typing import Annotated, Literal, TypeAlias
 
@@ -36,6 +36,8 @@ OrderField: TypeAlias = Literal[
     "comments",
 ]
 
+_LASTING = timedelta(days=730)
+"""For which what a house publishes is taken to hold."""
 FORMATS: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif")
 
 
@@ -296,7 +298,8 @@ class Shop(Section):
         name: of the profile.
         title: the house.
         sources: pages on which the facts were read; empty for a profile that stands for no house.
-        read_on: day on which they were read, such as 2026-09-30; None where nobody has written it down.
+        read_on: day on which they, or stored copies of them, were read last, such as 2026-09-30; None where nobody has
+            written it down.
         third_party: keys that were read elsewhere than on a page of the house.
     """
 
@@ -320,6 +323,10 @@ class Shop(Section):
     def formats(self) -> tuple[Format, ...]:
         """Formats to choose from, the first to be sent; GDSII and DXF where the house publishes none at all."""
         return self.accepts.formats or self.accepts.ruled or ("gdsii", "dxf_r12")
+
+    def outdated(self, day: date) -> bool:
+        """Whether its rules were read more than two years before a day; not so where nobody wrote down when."""
+        return self.read_on is not None and day - self.read_on > _LASTING
 
     @property
     def layer_names(self) -> dict[str, str]:

@@ -100,6 +100,14 @@ def blank_of(spec: JobSpec) -> Blank:
     return Blank(chrome * NM_PER_UM, None if template is None else to_nm(template.thickness))
 
 
+def ordered_blank(spec: JobSpec) -> Blank:
+    """The blank that an order asks for: as :func:`blank_of`, of the glass that [order] or [plate.glass] states."""
+    plain, order = blank_of(spec), spec.order
+    glass = None if spec.plate is None or spec.plate.glass is None else spec.plate.glass.thickness
+    stated = glass if order is None or order.thickness is None else order.thickness
+    return plain if stated is None else replace(plain, glass_nm=round(stated * NM_PER_UM))
+
+
 def drawing_style(plate: Plate, shop: Shop | None) -> DrawingStyle:
     """A shop's requirements for drawings beyond their polygons; the unit is text only in formats where it takes text.
 

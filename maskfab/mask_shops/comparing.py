@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from maskfab.export.cell_polygons import PolygonOptions
 from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
-from maskfab.mask_shops.adapt import blank_of, drawing_options, extent_nm, fitted, kept_grid_nm
+from maskfab.mask_shops.adapt import drawing_options, extent_nm, fitted, kept_grid_nm, ordered_blank
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.order import order_of
@@ -53,7 +53,7 @@ class Bid:
 
     @property
     def agreed(self) -> tuple[Finding, ...]:
-        """What must be agreed with the house before it starts."""
+        """Questions to agree with the house before it starts."""
         left = (each for each in self.findings if each.passed is None)
         return tuple(each for each in left if each.rule != "corner_touches" or each.place)
 
@@ -79,7 +79,7 @@ def _bid(spec: JobSpec, plate: Plate, shop: Shop) -> Bid:
     drawn = fitted(plate, shop)
     options = replace(drawing_options(drawn, shop), tone=spec.tone)
     sent = shop.formats[0]
-    findings = (*check_shop(plate, shop, (sent,), options, blank_of(spec)), *check_offers(spec, plate, shop))
+    findings = (*check_shop(plate, shop, (sent,), options, ordered_blank(spec)), *check_offers(spec, plate, shop))
     touches = next((int(each.value) for each in findings if each.rule == "corner_touches"), 0)
     order = order_of(spec, drawn, shop, touches)
     changes = tuple(_changes(drawn, shop, options, sent))

@@ -10,9 +10,8 @@ from klayout import db
 
 from maskfab.export.cell_polygons import Figures, Shapes
 from maskfab.geometry.plate_layout import simple_polygon
-from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.mask_shops.stencil import inner_edges
-from maskfab.model import CLEAR, Box, Die, Plate, Point, Polygon
+from maskfab.model import Box, Die, Point, Polygon
 from maskfab.plate.marks.drawing import bounding_box
 
 
@@ -31,18 +30,25 @@ def longest(figures: Figures) -> int:
     return max(counts, default=0)
 
 
-def flashes(plate: Plate) -> int:
+def flashes(figures: Figures) -> int:
     """Rectangles that a pattern generator exposes for the whole plate, every reference followed.
 
     Outlines are cut into horizontal bars; slanted strokes of letters count as the trapezoids they are cut into, so
     the true number is not smaller.
     """
-    total = sum(_bars(polygon) for mark in plate.furniture if mark.layer.written for polygon in mark.polygons)
-    for die in plate.dies:
-        held, times = np.unique(die.panel.orientations, return_counts=True)
-        for cell, count in zip(held.tolist(), times.tolist(), strict=True):
-            total += count * sum(_bars(polygon) for polygon in unit_shapes(die.panel, cell)[CLEAR])
+    total = sum(_all_bars(mark.shapes) for mark in figures.marks)
+    total += sum(int(region.decompose_trapezoids_to_region().count()) for region in figures.merged.values())
+    for die in figures.dies:
+        for grid in die.grids:
+            held, times = np.unique(grid.index, return_counts=True)
+            bars = (_all_bars(figures.cells[grid.cells[number]]) for number in held.tolist())
+            total += sum(count * each for count, each in zip(times.tolist(), bars, strict=True))
     return total
+
+
+def _all_bars(shapes: Shapes) -> int:
+    drawn = (_region(polygons) for layer, polygons in shapes.items() if layer.written)
+    return sum(int(region.decompose_trapezoids_to_region().count()) for region in drawn)
 
 
 @dataclass(frozen=True)
@@ -135,7 +141,3 @@ def _share_edges(drawn: db.Region) -> bool:
     merged = drawn.merged(True, 1).perimeter()
     drawn.merged_semantics = False
     return bool(drawn.perimeter() > merged)
-
-
-def _bars(polygon: Polygon) -> int:
-    return int(db.Region(simple_polygon(polygon)).decompose_trapezoids_to_region().count())

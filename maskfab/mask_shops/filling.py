@@ -9,6 +9,7 @@ import shutil
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any, get_args
 
@@ -166,14 +167,15 @@ def _meanings(text: str) -> Iterator[str | int | float]:
             yield kind(text)
 
 
-def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop: str) -> tuple[str, ...]:
-    """Put answers into a job file, and the house where the job names none; nothing else in it changes.
+def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop: str, day: date) -> tuple[str, ...]:
+    """Put answers into a job file, and the day and the house where the job names none; nothing else in it changes.
 
     Args:
         path: of the job, a TOML file.
         answers: to keys of [order], as they were typed; the form has them already.
         form: that they filled in.
         shop: the house, as the job is to name it.
+        day: of the order.
 
     Returns:
         The keys that were written, with their tables.
@@ -186,7 +188,11 @@ def write_answers(path: Path, answers: Mapping[str, str], form: OrderForm, shop:
     if path.suffix != ".toml":
         raise SourceError("MF308", f"{path} is no TOML file, into which lines can be put", cure="Name a job in TOML")
     said = (form.spec.order or OrderSection()).model_dump(mode="json", exclude_none=True)
-    values = {f"order.{key}": _as_written(said, key.split("."), text) for key, text in answers.items()}
+    values: dict[str, object] = {
+        f"order.{key}": _as_written(said, key.split("."), text) for key, text in answers.items()
+    }
+    if "date" not in said:
+        values["order.date"] = day
     known = read_spec(path)
     if known.export is None or known.export.shop is None:
         values["export.shop"] = shop

@@ -427,7 +427,7 @@ def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterat
         highest = max((layer.number for layer in layers), default=0)
         yield Finding("layer_number", highest <= limits.max_layer_number, highest, limits.max_layer_number)
     if limits.max_flashes is not None:
-        count = counts.flashes(plate)
+        count = counts.flashes(figures)
         cure = "" if count <= limits.max_flashes else "Use fewer cells, or a house whose writer draws polygons"
         yield Finding("flashes", count <= limits.max_flashes, count, limits.max_flashes, "rectangles", cure=cure)
     if outlines.self_crossing is False:

@@ -6,14 +6,15 @@ JobSpec + Plate + Shop -> Order -> order sheet, drawing, certificate and manifes
 from __future__ import annotations
 
 from dataclasses import dataclass
+from datetime import date
 from typing import Literal, TypeAlias
 
 from maskfab.jobfile import JobSpec
 from maskfab.jobfile.order import CdSection, ContactSection, DefectsSection, OrderSection
 from maskfab.jobfile.shop_profile import Shop
-from maskfab.mask_shops.adapt import blank_of
+from maskfab.mask_shops.adapt import ordered_blank
 from maskfab.model import Plate
-from maskfab.units import NM_PER_MM, NM_PER_UM, UM_PER_MM
+from maskfab.units import NM_PER_MM, UM_PER_MM
 
 Source: TypeAlias = Literal["job", "design", "house", "nobody"]
 
@@ -52,11 +53,13 @@ class Order:
     Attributes:
         tone: of the data, in the words of the house's form.
         parity: reading of the data as they are sent.
+        day: of the order; None if the job states none.
         answers: everything else, in the order of the sheet.
     """
 
     tone: str
     parity: str
+    day: date | None
     answers: tuple[Answer, ...]
 
     @property
@@ -78,6 +81,7 @@ def order_of(spec: JobSpec, plate: Plate, shop: Shop, corner_touches: int = 0) -
     return Order(
         shop.order.tone_words.get(spec.tone, f"digitized data = {spec.tone}"),
         _parity(stated),
+        stated.date,
         tuple(_answers(spec, stated, plate, shop, corner_touches)),
     )
 
@@ -94,11 +98,12 @@ def _parity(stated: OrderSection) -> str:
 
 def _answers(spec: JobSpec, stated: OrderSection, plate: Plate, shop: Shop, touches: int) -> list[Answer]:
     usual, wish = shop.order.default, _Wishes(stated, shop.order.default)
-    blank = blank_of(spec)
-    thickness = blank.glass_nm if stated.thickness is None else round(stated.thickness * NM_PER_UM)
+    blank = ordered_blank(spec)
+    thickness = blank.glass_nm
     by_design: Source = "design" if stated.thickness is None else "job"
     rows = [
         wish.text("revision", "revision", "none stated"),
+        wish.text("date", "date of the order", "none stated"),
         wish.text("purchase_number", "purchase number", "none stated"),
         wish.text("quantity", "plates"),
         wish.text("glass", "glass"),

@@ -139,8 +139,15 @@ def order_sheet(
         tuple(_cd(gauge) for gauge in plate.gauges),
         tuple(files),
         shop.sources,
-        "Rules of the house as read " + ("on" if shop.read_on is None else f"{shop.read_on.isoformat()} on"),
+        _rules_heading(shop, order),
     )
+
+
+def _rules_heading(shop: Shop, order: Order) -> str:
+    read = "Rules of the house as read on" if shop.read_on is None else f"Rules of the house as read {shop.read_on} on"
+    if order.day is None or not shop.outdated(order.day):
+        return read
+    return f"Ask whether they still hold, for they were read more than two years before this order. {read}"
 
 
 def _answers(

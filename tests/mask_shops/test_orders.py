@@ -242,6 +242,8 @@ def test_what_a_house_does_not_offer_is_refused_with_what_it_does(tmp_path, line
         ('contact = { address = " " }', "MF110"),
         ('contact = { adress = "x" }', "MF102"),
         ('thickness = "2.3"', "MF103"),
+        ('date = "soon"', "MF105"),
+        ("date = 2026-09-30T10:00:00", "MF105"),
     ],
 )
 def test_an_order_that_makes_no_sense_is_refused_with_its_key(tmp_path, line, code):
@@ -276,3 +278,27 @@ def test_a_profile_that_is_dated_says_so_on_the_sheet(tmp_path):
         sheet = archive.read("SMALL_house/order.txt").decode()
     assert "Rules of the house as read 2026-09-30 on\n  https://example.org/rules" in sheet
     assert all(check.passed for check in verify_package(made.path))
+
+
+@pytest.mark.parametrize(("day", "old"), [("2028-09-29", False), ("2028-10-01", True)])
+def test_rules_that_were_read_long_before_the_order_are_told_and_the_clock_changes_no_paper(tmp_path, day, old):
+    dated = 'title = "House"\nsources = ["https://example.org/rules"]\nread_on = 2026-09-30\n'
+    job = ordered(tmp_path, f"date = {day}")
+    made = pack(job, parse_shop(dated, "house", where="a test"), tmp_path / "p.zip", ("gdsii",))
+    with zipfile.ZipFile(made.path) as archive:
+        sheet = archive.read("SMALL_house/order.txt").decode()
+    assert "date of the order" in sheet
+    assert day in sheet
+    assert ("more than two years before this order" in sheet) is old
+
+
+def test_a_terminal_is_told_of_rules_that_were_read_long_ago(capsys, tmp_path):
+    profile = tmp_path / "old.toml"
+    for year, old in ((2019, True), (2999, False)):
+        profile.write_text(f'title = "House"\nsources = ["https://example.org/rules"]\nread_on = {year}-01-01\n')
+        assert ("two years ago" in command(capsys, "shops", profile).stderr) is old
+
+
+@pytest.mark.parametrize("name", shop_names())
+def test_every_profile_tells_when_its_rules_were_read(name):
+    assert load_shop(name).read_on is not None

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from house_plates import FILM, FIVE_INCH
 from small_job import command, listing, write_job
 
 from maskfab.export.cell_polygons import PolygonOptions, draw
@@ -24,16 +25,21 @@ SQUARE = (
     + (".......\n" * 2)
     + '"""\n'
 )
-FIVE_INCH = (('blank = "27 mm"', 'blank = "5 in"'), ('writable = "22 mm"', 'writable = "100 mm"'))
 FINE = tuple(
     edit for _ in range(2) for edit in (('dot = "8 um"', 'dot = "0.8 um"'), ('pitch = "56 um"', 'pitch = "5.6 um"'))
 )
 LARGE = (('die_size = "560 um"', 'die_size = "8.4 mm"'), ('die_pitch = "2 mm"', 'die_pitch = "10 mm"'))
+TEN_INCH = (('blank = "27 mm"', 'blank = "10 in"'),)
 GUTTER = tuple(('pitch = "56 um"', 'pitch = "64 um"\ngutter = "8 um"') for _ in range(2))
 
 # What the house takes: formats, edits of the small job, and its opening if that is another.
 TAKEN = {
     "compugraphics": (("oasis",), (), None),
+    "jd_photo_data_film": (("dxf_r12",), FILM, None),
+    "nippon_filcon": ((), (), None),
+    "topro_emulsion": ((), FILM, None),
+    "topro_film": ((), FILM, None),
+    "ualberta_dwl200": (("gdsii",), FIVE_INCH, None),
     "generic-chrome": (("gdsii", "oasis", "dxf_r12", "dxf_r2010"), (), None),
     "gesim": (("dxf_r12",), FIVE_INCH, None),
     "heidelberg_dwl66": (("gdsii", "gerber"), (), None),
@@ -49,6 +55,11 @@ TAKEN = {
 # What it refuses, and the rules that it names.
 REFUSED = {
     "compugraphics": (("gerber",), (), None, {"format"}),
+    "jd_photo_data_film": ((), FINE, None, {"min_feature", "min_space"}),
+    "nippon_filcon": ((), TEN_INCH, None, {"blank"}),
+    "topro_emulsion": ((), FINE, None, {"min_feature", "min_space"}),
+    "topro_film": ((), FINE, None, {"min_feature", "min_space"}),
+    "ualberta_dwl200": (("dxf_r12",), FIVE_INCH, None, {"format"}),
     "generic-chrome": ((), FINE, None, {"min_feature", "min_space"}),
     "gesim": ((), (), None, {"blank"}),
     "heidelberg_dwl66": (("oasis",), (), None, {"format"}),
@@ -68,6 +79,12 @@ def laid_out(folder, edits=(), opening=None) -> Plate:
     return load_job(write_job(folder, *edits, **named)).plate()
 
 
+def judged(plate: Plate, shop, formats) -> tuple[Finding, ...]:
+    """The plate in the tone that the house writes."""
+    options = replace(drawing_options(fitted(plate, shop), shop), tone=shop.order.tones[0])
+    return check_shop(plate, shop, formats, options)
+
+
 def broken(findings) -> set[str]:
     return {finding.rule for finding in findings if finding.passed is False}
 
@@ -84,7 +101,7 @@ def test_every_profile_is_tried_both_ways():
 @pytest.mark.parametrize("name", shop_names())
 def test_every_shop_takes_a_plate_that_keeps_its_rules(tmp_path, name):
     formats, edits, opening = TAKEN[name]
-    findings = check_shop(laid_out(tmp_path, edits, opening), load_shop(name), formats)
+    findings = judged(laid_out(tmp_path, edits, opening), load_shop(name), formats)
     assert accepted(findings), [str(each) for each in findings if each.passed is False]
 
 
@@ -92,7 +109,7 @@ def test_every_shop_takes_a_plate_that_keeps_its_rules(tmp_path, name):
 def test_every_shop_refuses_a_plate_for_the_rule_that_it_breaks(tmp_path, name):
     formats, edits, opening, rules = REFUSED[name]
     shop = load_shop(name)
-    findings = check_shop(laid_out(tmp_path, edits, opening), shop, formats)
+    findings = judged(laid_out(tmp_path, edits, opening), shop, formats)
     assert broken(findings) == rules
     for finding in findings:
         if finding.passed is False:
@@ -189,7 +206,13 @@ def test_flashes_are_the_rectangles_of_every_cell(tmp_path):
     """A square of three dots is one rectangle; letters and marks are the same on both plates."""
     plate = fitted(laid_out(tmp_path, (), SQUARE), load_shop("pog"))
     bare = replace(plate, dies=())
-    assert counts.flashes(plate) - counts.flashes(bare) == 2 * 10 * 10
+    for hierarchy in ("cells", "flat", "merged"):
+        options = PolygonOptions(hierarchy=hierarchy)
+        assert counts.flashes(draw(plate, options)) - counts.flashes(draw(bare, options)) == 2 * 10 * 10
+    # Of the chrome round each square there are four: above, below, and on either side.
+    dark = PolygonOptions(tone="dark")
+    around = draw(plate, dark)
+    assert sum(counts.flashes(replace(around, marks=(), dies=(die,))) for die in around.dies) == 4 * 2 * 10 * 10
 
 
 def test_dots_that_face_each_other_across_cells_are_counted(small_plate):

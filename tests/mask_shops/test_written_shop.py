@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from house_plates import FIVE_INCH, TAKEN_AS
 from small_job import command, write_job
 
 from maskfab.job import load_job
@@ -16,7 +17,6 @@ from maskfab.model import NOTE
 from maskfab.pipeline import draw_files, named_shop, shop_quantities
 
 HOUSE = 'title = "A house"\nsources = []\n[order]\nfields = ["tone"]\n'
-FIVE_INCH = (('blank = "27 mm"', 'blank = "5 in"'), ('writable = "22 mm"', 'writable = "100 mm"'))
 
 
 def judged(folder: Path, section: str, profile: str = HOUSE, *edits) -> tuple[PlateFiles, tuple[Finding, ...]]:
@@ -57,7 +57,7 @@ def test_every_layout_that_is_written_is_judged_and_what_is_for_people_is_not(tm
 @pytest.mark.parametrize("name", shop_names())
 def test_a_job_that_leaves_all_to_its_house_is_taken_as_its_package_would_be(tmp_path, name):
     """But for corners that the house marks, which only a package adds."""
-    made, findings = judged(tmp_path, f'shop = "{name}"', HOUSE, *FIVE_INCH)
+    made, findings = judged(tmp_path, f'shop = "{name}"', HOUSE, *TAKEN_AS.get(name, FIVE_INCH))
     assert made.formats == load_shop(name).formats[:1]
     assert refused(findings) == ({"extent"} if name == "gesim" else set())
     if name == "gesim":

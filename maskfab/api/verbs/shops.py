@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import textwrap
 from collections.abc import Mapping, Sequence
+from datetime import date
 from pathlib import Path
 from typing import Any, overload
 
@@ -155,7 +156,7 @@ def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> O
         shop: the house's name, or the path of a profile.
         answers: texts to keys of [order]: ``{"quantity": "1", "contact.name": "A. Reader"}``. Each is held against
             what the house offers; all of them are written, or none. A job that names no house in [export] gets this
-            one. All else in the file stays as it is.
+            one, and one without a date of its order the day of today. All else in the file stays as it is.
 
     Raises:
         OutputError: MF420 or MF421 for the shop, MF401 if the job cannot be written.
@@ -173,7 +174,7 @@ def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> O
             cure = "Give the path of a job file, or state [order] in the plate's sections"
             raise JobError("MF105", "answers are written into a file, and this job is none", where="job", cure=cure)
         named = shop if shop in shop_names() else os.path.relpath(shop, Path(job).parent)
-        written = write_answers(Path(job), answers, form, named)
+        written = write_answers(Path(job), answers, form, named, date.today())
     told = job if isinstance(job, str | Path) else "JOB.toml"
     command = f"maskfab package {told} --shop {shop} --out {loaded.plate().name}_{profile.name}.zip"
     return Ordered(form, written, command)

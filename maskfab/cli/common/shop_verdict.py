@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from datetime import date
 from typing import TYPE_CHECKING, Any
 
 import typer
@@ -10,6 +11,7 @@ import typer
 from maskfab.cli.common.printing import one_line
 
 if TYPE_CHECKING:
+    from maskfab.jobfile.shop_profile import Shop
     from maskfab.mask_shops.judge import Finding
 
 
@@ -22,6 +24,13 @@ def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> N
         typer.echo(one_line(f"source of the rules: {source}"), err=True)
     verdict = "PASS" if passed else "REFUSED"
     typer.echo(one_line(f"{verdict}: {len(refused)} of {len(findings)} rules of {shop} broken"), err=True)
+
+
+def tell_age(shop: Shop) -> None:
+    """On stderr, that rules were read long ago; no paper says so, for papers must not change with the day."""
+    if shop.outdated(date.today()):
+        told = f"note: the rules of {shop.name} were read on {shop.read_on}, over two years ago: ask whether they hold"
+        typer.echo(one_line(told), err=True)
 
 
 def findings_document(findings: Sequence[Finding]) -> list[dict[str, Any]]:

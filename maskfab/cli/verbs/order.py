@@ -9,6 +9,7 @@ import typer
 
 from maskfab.cli.common.options import JobFile, Json
 from maskfab.cli.common.printing import leave, one_line, print_json
+from maskfab.cli.common.shop_verdict import tell_age
 from maskfab.errors import JobError
 
 if TYPE_CHECKING:
@@ -36,6 +37,7 @@ def order(
 
     answers = dict(map(_answer, set_ or ()))
     found = order_job(job, shop, answers)
+    tell_age(found.form.shop)
     if not answers and not as_json and sys.stdin.isatty() and found.form.questions:
         answers = _asked(found.form)
         if answers:

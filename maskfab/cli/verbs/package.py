@@ -9,7 +9,7 @@ import typer
 
 from maskfab.cli.common.options import JobFile, Json, Quiet
 from maskfab.cli.common.printing import leave, print_json, summarise
-from maskfab.cli.common.shop_verdict import findings_document, print_findings
+from maskfab.cli.common.shop_verdict import findings_document, print_findings, tell_age
 from maskfab.cli.common.watch import watched
 
 
@@ -29,6 +29,7 @@ def package(
     from maskfab.mask_shops.profiles import load_shop
 
     profile = load_shop(shop)
+    tell_age(profile)
     with watched(quiet) as progress:
         made = pack_job(job, shop, out, formats=format_ or (), force=force, progress=progress)
     if as_json:

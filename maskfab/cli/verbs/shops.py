@@ -9,6 +9,7 @@ import typer
 
 from maskfab.cli.common.options import Json, Quiet
 from maskfab.cli.common.printing import leave, one_line, print_json
+from maskfab.cli.common.shop_verdict import tell_age
 from maskfab.cli.common.watch import watched
 
 if TYPE_CHECKING:
@@ -48,8 +49,11 @@ def shops(
             print_json(_document(shop))
         else:
             _show(shop)
+            tell_age(shop)
         return
     every = known()
+    for shop in every if not as_json else ():
+        tell_age(shop)
     if as_json:
         print_json({"shops": [_document(shop) for shop in every]})
         return
@@ -82,6 +86,8 @@ def _show(shop: Shop) -> None:
                 typer.echo(one_line(f"  {section}.{key} = {_told(value)}"))
     for source in shop.sources:
         typer.echo(one_line(f"  source {source}"))
+    if shop.read_on is not None:
+        typer.echo(f"  read on {shop.read_on}")
     for key in shop.third_party:
         typer.echo(one_line(f"  not from a page of the house: {key}"))
 

@@ -9,8 +9,9 @@ from maskfab.model import CLEAR, Die, Furniture, Point
 
 LINE_FEED = 2
 """From line to line below the title, in heights of their letters."""
-_HEIGHT_NM = 400_000
-_GAP_NM = 200_000
+_HEIGHT_NM = 420_000
+"""With strokes of 30 um, which film holds."""
+_GAP_NM = 180_000
 LABEL_NM = _GAP_NM + _HEIGHT_NM
 """Height that a label needs below a die's slot."""
 
