@@ -828,6 +828,14 @@ _ENTRIES = (
         _DIFFERS,
     ),
     Entry(
+        "plate_bitmap_wrong_dots",
+        "",
+        "",
+        "Wrong dots in the plate's bitmap",
+        "Dots of the plotter's bitmap that are not 1 where, and only where, their centre lies in a polygon.",
+        _DIFFERS,
+    ),
+    Entry(
         "bitmap_wrong_pixels",
         "",
         "",
