@@ -18,25 +18,29 @@ from klayout import db
 from maskfab import __version__, provenance, resources
 from maskfab.comparison.bitmaps import check_pixels
 from maskfab.comparison.files import read_back
+from maskfab.comparison.plate_dots import check_dots
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.display.place import Populated
 from maskfab.drc import RuleResult, check_plate
 from maskfab.errors import UnknownNameError
+from maskfab.export.images.plate_bitmap import check_plate_bitmap
 from maskfab.export.images.psf_exr import PsfFile, psf_files
 from maskfab.export.markers import write_markers
-from maskfab.export.outputs import TITLES
+from maskfab.export.outputs import PLATE_BITMAP_TAILS, TITLES
 from maskfab.files.finished import RESULT_MARK, TIMES, times_text
 from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
 from maskfab.geometry.plate_layout import clear_shapes, plate_names
 from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load_job
+from maskfab.jobfile import PLATE_BITMAPS, ExportSection
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import Recalling
 from maskfab.kept.results import give_result, keep_result
 from maskfab.kept.store import Store
-from maskfab.mask_shops.adapt import ordered_blank
+from maskfab.mask_shops.adapt import ordered_blank, written_formats
+from maskfab.mask_shops.dot_edges import check_dpi, plotted_dpi
 from maskfab.mask_shops.judge import check_written
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
@@ -469,7 +473,8 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
         return ()
     findings = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
     offers = check_offers(job.spec, made.plate, shop)
-    return tuple(each.quantity(shop.name) for each in (*findings, *offers))
+    dots = check_dpi(made.settings.dpi, shop, made.formats)
+    return tuple(each.quantity(shop.name) for each in (*findings, *dots, *offers))
 
 
 def check_processes(job: Job, plate: Plate) -> None:
@@ -484,14 +489,23 @@ def check_processes(job: Job, plate: Plate) -> None:
 
 
 def check_pictures(job: Job, plate: Plate) -> None:
-    """Refuse PNG and TIFF whose pixels are larger than the smallest feature of a die, before anything is drawn.
+    """Refuse pixels and dots that are larger than the smallest feature of a die, and dots of which there are too many,
+    before anything is drawn.
 
     Raises:
         JobError: MF104.
+        OutputError: MF415.
     """
     section = job.spec.export
     if section is not None and not {"png", "tiff"}.isdisjoint(section.formats or ()):
         check_pixels(plate.dies, section.dots_per_um, job.where)
+    shop = named_shop(job)
+    dpi, written = plotted_dpi(section, shop), written_formats(section or ExportSection(), shop)
+    asked = [each for each in PLATE_BITMAPS if each in written]
+    if dpi is not None and asked:
+        check_dots(plate.dies, dpi, job.where)
+        for each in asked:
+            check_plate_bitmap(plate, each, dpi, plate.name + PLATE_BITMAP_TAILS[each])
 
 
 def check_readers(made: PlateFiles) -> None:

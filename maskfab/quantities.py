@@ -76,7 +76,7 @@ FAMILIES: Mapping[str, str] = MappingProxyType(
             "format|tone|drawing_unit|text|text_charset|text_style|text_layer|one_mask_per_layer|blank|"
             "chrome|glass|plot_area|extent|coordinates|min_feature|min_space|grid|vertices|references|depth|"
             "layers|layer_number|unwritten_layers|flashes|drawing|name|layer_name|block_name|"
-            "block_transforms|self_crossing|self_touching|doubled_vertices|shared_boundaries|corner_touches"
+            "block_transforms|self_crossing|self_touching|doubled_vertices|shared_boundaries|corner_touches|dpi|edge_error"
         ),
     }
 )
@@ -834,6 +834,22 @@ _ENTRIES = (
         "Wrong dots in the plate's bitmap",
         "Dots of the plotter's bitmap that are not 1 where, and only where, their centre lies in a polygon.",
         _DIFFERS,
+    ),
+    Entry(
+        "dot_edge_error",
+        "",
+        "um",
+        "Largest error of an edge in the plate's bitmap",
+        "Farthest that an edge along x or y lies from where it is drawn, as the plotter's dots make it; a width is "
+        "off by at most twice that.",
+        "Plot at more dots per inch, or at a number of which every edge keeps to the dots.",
+    ),
+    Entry(
+        "dot_edge_error_rms",
+        "",
+        "um",
+        "Error of edges in the plate's bitmap, rms",
+        "Root of the mean square of the errors of all edges along x or y, each by its length.",
     ),
     Entry(
         "bitmap_wrong_pixels",

@@ -26,6 +26,7 @@ DBU_NM = 1
 UM_PER_UNIT: Mapping[str, float] = MappingProxyType(
     {"nm": 1e-3, "um": 1.0, "µm": 1.0, "μm": 1.0, "mm": 1e3, "cm": 1e4, "m": 1e6, "in": UM_PER_INCH, "mil": 25.4}
 )
+MOST_DPI = 254_000
 _LONGEST_NM = 2.0**53
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?))\s*(\S*)\s*", re.IGNORECASE
@@ -72,6 +73,26 @@ def parse_pitch_um(text: object, *, where: str = "") -> float:
             cure='Write a positive density, such as "300 dpi"',
         )
     return UM_PER_INCH / number
+
+
+def parse_dpi(text: object, *, where: str = "") -> int:
+    """Whole dots per inch of a plotter, written as ``"25400 dpi"``.
+
+    Raises:
+        JobError: MF103 without that unit; MF104 if they are not whole, positive and at most 254000, which are dots of
+            .1 um.
+    """
+    number, unit = _split(text, where)
+    if unit.lower() != "dpi":
+        raise JobError("MF103", f"{text!r} is not in dots per inch", where=where, cure='Write it as "25400 dpi"')
+    if not (math.isfinite(number) and 1 <= number <= MOST_DPI and number == int(number)):
+        raise JobError(
+            "MF104",
+            f"{text!r} is not a whole number of dots per inch from 1 to {MOST_DPI}",
+            where=where,
+            cure='Write what the plotter has, such as "25400 dpi"',
+        )
+    return int(number)
 
 
 def parse_wavelength_nm(text: object, *, where: str = "") -> float:

@@ -49,7 +49,7 @@ def check_pixels(dies: Sequence[Die], dots_per_um: float, where: str) -> None:
     if not dies:
         return
     pixel = NM_PER_UM / dots_per_um
-    smallest, die = min(((_smallest_nm(die, pixel), die) for die in dies), key=lambda pair: pair[0])
+    smallest, die = min(((smallest_nm(die, pixel), die) for die in dies), key=lambda pair: pair[0])
     if pixel <= smallest * (1 + _EDGE):
         return
     coarsest, even = NM_PER_UM / smallest, NM_PER_UM / gcd(*(length for die in dies for length in _lengths_nm(die)))
@@ -147,7 +147,7 @@ def _compared(path: Path, clear: Floats, dots_per_um: float) -> tuple[int, float
     return wrong, differing, f"{path.name}, {rule}"
 
 
-def _smallest_nm(die: Die, enough_nm: float) -> float:
+def smallest_nm(die: Die, enough_nm: float) -> float:
     """Shortest clear or opaque run of a die along x or y; lengths of which dots and gutters are at least are enough."""
     least = min(length for length in (die.panel.dot_nm, die.panel.gutter_nm) if length)
     if least >= enough_nm:

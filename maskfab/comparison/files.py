@@ -19,6 +19,7 @@ from typing import Any, TypeAlias
 from klayout import db
 
 from maskfab.comparison.bitmaps import check_bitmap
+from maskfab.comparison.plate_dots import check_plate_dots
 from maskfab.comparison.roundtrip import RoundTrip, compare_layout
 from maskfab.comparison.slivers import Sifted
 from maskfab.comparison.solids import check_plate_solid, check_solid
@@ -230,7 +231,22 @@ def _refuse_many_vertices(made: PlateFiles, read: db.Layout, path: Path) -> None
         )
 
 
+def plate_dots_row(made: PlateFiles, path: Path) -> Quantity:
+    """A bitmap of the plate, every dot read back against the design.
+
+    Raises:
+        SourceError: MF308 if nobody says how many dots it should have, else as
+            :func:`maskfab.comparison.plate_dots.check_plate_dots`.
+    """
+    if made.settings.dpi is None:
+        cure = "State dpi in [export], or leave the file out"
+        raise SourceError("MF308", f"nobody says how many dots to the inch {path.name} has", where=str(path), cure=cure)
+    return check_plate_dots(made.plate, made.design, path, made.settings.dpi, made.figures.options.tone)
+
+
 def _others(made: PlateFiles, product: Product, path: Path) -> tuple[Quantity, ...]:
+    if product.kind == "plate_bitmap":
+        return (plate_dots_row(made, path),)
     if product.die is None:
         return check_plate_solid(made.plate, path)
     (die,) = (each for each in made.plate.dies if each.name == product.die.name)

@@ -6,7 +6,8 @@ are those of all half-planes that they lie in.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -14,20 +15,46 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.errors import SourceError
+from maskfab.comparison.bitmaps import smallest_nm
+from maskfab.errors import JobError, SourceError
 from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
 from maskfab.geometry.plate_layout import clear_shapes, layer_info
 from maskfab.geometry.polygonize import hull_points, triangles
 from maskfab.geometry.raster import to_boxes
 from maskfab.jobfile.order import Tone
-from maskfab.model import CLEAR, Plate, Quantity
+from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.readers.plate_bitmap import PlateDots, read_plate_dots
+from maskfab.units import NM_PER_UM
 
 Ints = NDArray[np.int64]
 
 _BAND_ROWS = 4096
+_ROUNDING = 1e-9
 _MOST_PRODUCT = 2.0**62
 """Beyond it, products are worked out in whole numbers of any length."""
+
+
+def check_dots(dies: Sequence[Die], dpi: int, where: str) -> None:
+    """Refuse dots that are larger than the smallest feature of a die, for they would lose openings.
+
+    Args:
+        dies: what is plotted.
+        dpi: dots per inch.
+        where: the job file, for the error.
+
+    Raises:
+        JobError: MF104.
+    """
+    dot = NM_PER_INCH / dpi
+    smallest, name = min(((smallest_nm(die, dot), die.name) for die in dies), default=(dot, ""))
+    if dot > smallest * (1 + _ROUNDING):
+        raise JobError(
+            "MF104",
+            f"{dpi} dpi are dots of {dot / NM_PER_UM:g} um, larger than the smallest feature of the die {name}, "
+            f"{smallest / NM_PER_UM:g} um: such a bitmap loses openings",
+            where=f"{where}: export.dpi",
+            cure=f"Plot at {math.ceil(NM_PER_INCH / smallest)} dpi or more, or send polygons",
+        )
 
 
 def check_plate_dots(plate: Plate, design: db.Layout, path: Path, dpi: int, tone: Tone) -> Quantity:
@@ -73,7 +100,8 @@ def _compared(read: PlateDots, drawn: Iterator[tuple[bytes, int]]) -> tuple[int,
     """Dots that differ, and the first of them in the order of the file."""
     wrong, first, done = 0, None, 0
     row, left = b"", 0
-    for found, count in read.rows:
+    for found, repeats in read.rows:
+        count = repeats
         while count:
             if not left:
                 row, left = next(drawn)
@@ -105,8 +133,10 @@ class _Dots:
     @classmethod
     def of(cls, plate: Plate, design: db.Layout, grid: DotGrid) -> _Dots:
         centres = _centres(grid)
-        blocks = [_box_dots(boxes, centres, grid) for boxes in _die_boxes(plate, design)]
-        for polygon in _marks(plate, design):
+        found = {die.box_nm: clear_shapes(design, die.box_nm) for die in plate.dies}
+        boxed = {box: boxes for box, boxes in found.items() if isinstance(boxes, np.ndarray)}
+        blocks = [_box_dots(boxes, centres, grid) for boxes in boxed.values()]
+        for polygon in _polygons_beside([db.Box(*box) for box in boxed], design):
             region = db.Region(polygon)
             if polygon.is_rectilinear():
                 blocks.append(_box_dots(to_boxes(region), centres, grid))
@@ -117,7 +147,9 @@ class _Dots:
     def rows(self, tone: Tone, *, upwards: bool) -> Iterator[tuple[bytes, int]]:
         """Rows as they should be, and how often each comes."""
         side = self.grid.side
-        low, high = np.searchsorted(_centres(self.grid), [-self.half * 2 * self.grid.dpi, self.half * 2 * self.grid.dpi])
+        low, high = np.searchsorted(
+            _centres(self.grid), [-self.half * 2 * self.grid.dpi, self.half * 2 * self.grid.dpi]
+        )
         bands = range(0, side, _BAND_ROWS)
         for start in bands if upwards else reversed(bands):
             stop = min(start + _BAND_ROWS, side)
@@ -142,25 +174,18 @@ def _centres(grid: DotGrid) -> Ints:
     return (2 * np.arange(grid.side, dtype=np.int64) + 1 - grid.side) * NM_PER_INCH
 
 
-def _die_boxes(plate: Plate, design: db.Layout) -> Iterator[Ints]:
-    for die in plate.dies:
-        shapes = clear_shapes(design, die.box_nm)
-        yield to_boxes(shapes) if isinstance(shapes, db.Region) else shapes
-
-
-def _marks(plate: Plate, design: db.Layout) -> Iterator[db.Polygon]:
-    """Polygons outside dies, one by one: those that cross would have to be rounded to be one."""
-    dies = [db.Box(*die.box_nm) for die in plate.dies]
+def _polygons_beside(told: Sequence[db.Box], design: db.Layout) -> Iterator[db.Polygon]:
+    """Polygons that do not lie in what is told already, one by one: those that cross would be rounded to be one."""
     index = design.find_layer(layer_info(CLEAR))
     if index is None:
         return
-    places = db.Region(design.top_cell().bbox(index)) - db.Region(dies)
+    places = db.Region(design.top_cell().bbox(index)) - db.Region(told)
     found = db.RecursiveShapeIterator(design, design.top_cell(), index, places, True)
     while not found.at_end():
         polygon = found.shape().polygon
         if polygon is not None:
             polygon = polygon.transformed(found.trans())
-            if not any(polygon.bbox().inside(die) for die in dies):
+            if not any(polygon.bbox().inside(box) for box in told):
                 yield polygon
         found.next()
 
@@ -171,7 +196,7 @@ def _box_dots(boxes: Ints, centres: Ints, grid: DotGrid) -> Ints:
 
 
 def _triangle_dots(triangle: db.Polygon, centres: Ints, grid: DotGrid) -> Ints:
-    """Runs of the dots whose centres lie within a triangle, or on an edge of it that the inside is right of or above."""
+    """Runs of the dots whose centres lie within a triangle, or on an edge that has the inside to its right or above."""
     points = np.array(hull_points(triangle)[::-1], dtype=np.int64)  # the inside on the left
     scaled = 2 * grid.dpi * points
     low, high = np.searchsorted(centres, [scaled[:, 1].min(), scaled[:, 1].max()], side="left")

@@ -25,6 +25,8 @@ _MOST_MEMBERS = 256
 _MOST_BYTES = 8_000_000_000
 _MOST_SHRUNK = 250
 """Mask files shrink to a tenth or a twentieth; to a thousandth only what is made to fill a disk."""
+_SPARSE = (".bmp", ".tif")
+"""Bitmaps of plates shrink to as little, for most of a plate is chrome; they are held to ``_MOST_BYTES`` alone."""
 _DAMAGE = (
     zipfile.BadZipFile, zlib.error, struct.error, EOFError, NotImplementedError, RuntimeError, ValueError, IndexError,
     OSError,
@@ -130,7 +132,8 @@ def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zip
             raise _unsafe(package, f"its member {member.filename!r} is no file of one folder")
         if member.compress_type not in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED):
             raise _unsafe(package, f"its member {member.filename!r} is packed in a way that packages are not")
-        if member.file_size > max(_BLOCK, _MOST_SHRUNK * member.compress_size):
+        sparse = path.suffix in _SPARSE
+        if not sparse and member.file_size > max(_BLOCK, _MOST_SHRUNK * member.compress_size):
             raise _unsafe(
                 package,
                 f"its member {member.filename!r} unpacks from {member.compress_size} to {member.file_size} bytes",

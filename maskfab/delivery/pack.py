@@ -11,32 +11,35 @@ from pathlib import Path
 from typing import Any
 
 from maskfab import __version__, provenance
-from maskfab.comparison.files import compare_mask, read_mask
+from maskfab.comparison.files import compare_mask, plate_dots_row, read_mask
+from maskfab.comparison.plate_dots import check_dots
 from maskfab.delivery.archive import MANIFEST, safe_stem, unpack, write_package
 from maskfab.delivery.extents import file_box
 from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
 from maskfab.errors import InputError, JobError, OutputError, SourceError
-from maskfab.export.cell_polygons import CUT
-from maskfab.export.outputs import MASK_TAILS
+from maskfab.export.cell_polygons import CUT, PolygonOptions
+from maskfab.export.outputs import MASK_TAILS, PLATE_BITMAP_TAILS
 from maskfab.files.staging import check_file, write_bytes, write_text
 from maskfab.job import Job, load_job
-from maskfab.jobfile import is_table
+from maskfab.jobfile import PLATE_BITMAPS, is_table
 from maskfab.jobfile import read as read_spec
-from maskfab.jobfile.shop_profile import Format, Shop, parse_shop
+from maskfab.jobfile.shop_profile import FORMATS, Format, Shop, parse_shop
 from maskfab.mask_shops.adapt import drawing_options, extent_nm, fitted, ordered_blank
+from maskfab.mask_shops.dot_edges import check_dpi, plotted_dpi
 from maskfab.mask_shops.judge import Finding, accepted, check_shop, extent
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.order import Answer
 from maskfab.mask_shops.plate_files import PlateFiles, files_for_shop
-from maskfab.model import Box, Quantity, WrittenFile
+from maskfab.model import Box, Plate, Quantity, WrittenFile
 from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
 from maskfab.readers.sandbox.bounded import bounded, seconds_of
 
-PACKED: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif")
+PACKED: tuple[Format, ...] = FORMATS
 """Formats that a package can hold."""
-_MASK_SUFFIXES = tuple(f".{MASK_TAILS[each].rpartition('.')[2]}" for each in PACKED)
+_TAILS = (*(MASK_TAILS[each] for each in PACKED if each in MASK_TAILS), *PLATE_BITMAP_TAILS.values())
+_MASK_SUFFIXES = tuple(f".{tail.rpartition('.')[2]}" for tail in _TAILS)
 
 
 @dataclass(frozen=True)
@@ -95,12 +98,17 @@ def pack(
     plate = fitted(whole, shop)
     options = replace(drawing_options(plate, shop), tone=job.spec.tone)
     progress("rules", 0, 1)
-    findings = (*check_shop(whole, shop, sent, options, ordered_blank(job.spec)), *check_offers(job.spec, whole, shop))
+    findings = _judged(job, whole, shop, sent, options)
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
     stem = safe_stem(plate.name)
-    drawn = files_for_shop(plate, shop, sent, [job.signature, plate.title], stem, job.spec.tone)
+    drawn = files_for_shop(plate, shop, sent, [job.signature, plate.title], stem, job.spec)
+    if drawn.edges is not None:
+        check_dots(plate.dies, drawn.edges.dpi, job.where)
+        findings = (*findings, drawn.edges.finding())
+        if not accepted(findings):
+            return Package(None, findings)
     with _aside() as folder:
         checks: list[Quantity] = []
         boxes: list[Box] = []
@@ -108,7 +116,7 @@ def pack(
             progress("write and read back", done, len(drawn.products))
             product.write(folder / product.name)
             box, rows = _read_back(drawn, folder / product.name)
-            boxes.append(box)
+            boxes += [] if box is None else [box]
             checks += rows
         progress("write and read back", len(drawn.products), len(drawn.products))
         judged = tuple(check for check in checks if check.passed is not None)
@@ -119,7 +127,7 @@ def pack(
         masks = tuple(
             provenance.file_record(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True)
         )
-        ordered = MaskOrder(job, shop, drawn.figures, job.signature, findings, judged, sent, masks)
+        ordered = MaskOrder(job, shop, drawn.figures, job.signature, findings, judged, sent, masks, drawn.edges)
         made = papers(ordered)
         for name, content in made.items():
             write_bytes(folder / name, content)
@@ -129,6 +137,16 @@ def pack(
         _make_parents(zipped)
         write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}", replace=force)
     return Package(zipped, findings, judged, files, ordered.order.missing)
+
+
+def _judged(job: Job, whole: Plate, shop: Shop, sent: Sequence[Format], options: PolygonOptions) -> tuple[Finding, ...]:
+    """The house's rules, those of its plotter and what it offers."""
+    dots = check_dpi(plotted_dpi(job.spec.export, shop), shop, sent)
+    return (
+        *check_shop(whole, shop, sent, options, ordered_blank(job.spec)),
+        *dots,
+        *check_offers(job.spec, whole, shop),
+    )
 
 
 def _measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
@@ -209,7 +227,10 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
             whole = compose(made.spec, made.openings, signature, where=made.where)
             plate = fitted(whole, house)
-            drawn = files_for_shop(plate, house, PACKED, (), safe_stem(plate.name), made.spec.tone)
+            # Without dots per inch there is no bitmap to compare one with.
+            known = plotted_dpi(made.spec.export, house) is not None
+            kept: tuple[Format, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
+            drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec)
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
                 raise
@@ -218,30 +239,37 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         masks = [name for name in listed if name in names and name.lower().endswith(_MASK_SUFFIXES)]
         readings: list[Quantity] = []
         boxes: dict[str, Box] = {}
+        readable: set[str] = set()
         for name in masks:
             try:
-                boxes[name], rows = _read_back_bounded(drawn, folder / name)
+                box, rows = _read_back_bounded(drawn, folder / name)
             except InputError as error:
                 checks.append(_failed("readable", f"{name}: {error}"))
                 continue
-            checks += _spans(name, boxes[name], house)
+            readable.add(name)
+            if box is not None:
+                boxes[name] = box
+                checks += _spans(name, box, house)
             readings += [each for each in rows if each.passed is not None]
         checks += readings
         if not masks:
             listing = "mask files that the manifest lists"
             checks.append(Quantity("mask_files", 0, listing, limit=1, passed=False))
-        named = zip(drawn.products, PACKED, strict=True)
+        named = zip(drawn.products, kept, strict=True)
         kinds = {product.name: kind for product, kind in named if product.name in listed}
         sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
         formats = tuple(kinds[file.path] for file in sent)
-        findings = check_shop(whole, house, formats, drawn.figures.options, ordered_blank(made.spec))
-        findings = (*findings, *check_offers(made.spec, whole, house))
+        edges = drawn.edges if set(PLATE_BITMAPS) & set(formats) else None
+        findings = _judged(made, whole, house, formats, drawn.figures.options)
+        findings = (*findings, *([] if edges is None else [edges.finding()]))
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
         findings = _measured(findings, house, tuple(boxes.values()))
-        ordered = MaskOrder(made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent))
+        ordered = MaskOrder(
+            made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent), edges
+        )
         if shop is None:
             checks += check_profile(made, house, ours=manifest.get("maskfab_version") == __version__)
-        checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= boxes.keys())
+        checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= readable)
     return tuple(checks)
 
 
@@ -310,13 +338,16 @@ def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
     return parse_shop(text, name, where=f"{package}: {PROFILE}")
 
 
-def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box, tuple[Quantity, ...]]:
+def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:
     """:func:`_read_back`, within limits, of a file from any source."""
     return bounded(path, lambda _tell: _read_back(drawn, path), seconds=seconds_of(drawn.figures.account.polygons))
 
 
-def _read_back(drawn: PlateFiles, path: Path) -> tuple[Box, tuple[Quantity, ...]]:
-    """Extent of everything in a mask file, and the file against the design and the openings dot by dot."""
+def _read_back(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:
+    """Extent of everything in a mask file, which a bitmap does not tell, and the file against the design and the
+    openings dot by dot."""
+    if path.suffix in PLATE_BITMAP_TAILS.values():
+        return None, (plate_dots_row(drawn, path),)
     read = read_mask(path)
     box = file_box(path, read, drawn.settings.drawing)
     rows = compare_mask(drawn, read, path).quantities()

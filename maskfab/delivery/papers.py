@@ -15,6 +15,7 @@ from maskfab.delivery.archive import MANIFEST
 from maskfab.export.cell_polygons import Figures
 from maskfab.job import Job
 from maskfab.jobfile.shop_profile import Format, Shop, dump_shop
+from maskfab.mask_shops.dot_edges import DotEdges
 from maskfab.mask_shops.drawing_sheet import drawing_sheet
 from maskfab.mask_shops.judge import Finding
 from maskfab.mask_shops.order import Order, order_of
@@ -49,6 +50,7 @@ class MaskOrder:
         checks: what reading the masks back has shown.
         sent: formats of the mask files, in the order in which they were asked for.
         masks: the mask files, in that order.
+        edges: what a plotter's dots make of edges; None where no file is of dots.
     """
 
     job: Job
@@ -59,6 +61,7 @@ class MaskOrder:
     checks: tuple[Quantity, ...]
     sent: tuple[Format, ...]
     masks: tuple[WrittenFile, ...]
+    edges: DotEdges | None = None
 
     @property
     def order(self) -> Order:
@@ -73,9 +76,9 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     order = ordered.order
     # Corners that meet have a line of their own.
     asked = (each for each in ordered.findings if each.rule != "corner_touches")
-    remarks = [_remark(each) for each in asked if each.passed is None and each.place]
+    remarks = [_remark(each) for each in asked if each.passed is None and each.place and each.rule != "edge_error"]
     files = [(mask.path, mask.sha256) for mask in ordered.masks]
-    sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks)
+    sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks, ordered.edges)
     revision = next(each.text for each in order.answers if each.key == "revision")
     notes = (f"for {shop.title}", f"revision: {revision}", order.tone, order.parity, ordered.signature)
     reads_up = not ordered.job.spec.mirrored

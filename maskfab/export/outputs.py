@@ -16,14 +16,15 @@ from maskfab.export.dxf import DrawingStyle, write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
 from maskfab.export.images.bitmap import write_bilevel, write_preview
+from maskfab.export.images.plate_bitmap import write_plate_bmp, write_plate_tiff
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack
 from maskfab.export.svg import write_svg
-from maskfab.jobfile import FileFormat
+from maskfab.jobfile import FileFormat, PlateBitmap
 from maskfab.model import Die
 
-Kind: TypeAlias = Literal["mask", "solid", "plate_solid", "bitmap"]
+Kind: TypeAlias = Literal["mask", "solid", "plate_solid", "bitmap", "plate_bitmap"]
 
 TITLES: Mapping[str, str] = {
     "gdsii": "GDSII",
@@ -32,6 +33,8 @@ TITLES: Mapping[str, str] = {
     "dxf_r2010": "DXF R2010",
     "gerber": "Gerber X2",
     "cif": "CIF",
+    "plate_tiff": "TIFF of a plotter's dots",
+    "plate_bmp": "BMP of a plotter's dots",
     "svg": "SVG",
     "step": "STEP",
     "glb": "GLB",
@@ -51,6 +54,8 @@ MASK_TAILS: Mapping[str, str] = {
     "svg": ".svg",
 }
 """Ending of the file name of a whole plate, after the plate's name, by format."""
+PLATE_BITMAP_TAILS: Mapping[PlateBitmap, str] = {"plate_tiff": ".tif", "plate_bmp": ".bmp"}
+"""As :data:`MASK_TAILS`, of pictures that a plotter takes in place of polygons."""
 _DIE_SUFFIX: Mapping[str, str] = {
     "step": ".step",
     "glb": ".glb",
@@ -69,12 +74,14 @@ class FileSettings:
         stack: thicknesses of chrome and glass.
         stl_limit_bytes: larger STL files are refused.
         dots_per_um: pixels per micrometre of PNG and TIFF.
+        dpi: dots per inch of a plotter; None where no format needs them.
         drawing: how DXF is drawn; its names of layers are those of OASIS too.
     """
 
     stack: Stack = field(default_factory=Stack)
     stl_limit_bytes: int = 100_000_000
     dots_per_um: float = 0.125
+    dpi: int | None = None
     drawing: DrawingStyle = field(default_factory=DrawingStyle)
 
 
@@ -129,6 +136,13 @@ def _of_format(
     if kind in MASK_TAILS:
         write_mask = mask_writer(figures, kind, comments, settings.drawing)
         yield Product(stem + MASK_TAILS[kind], title, "mask", write_mask)
+        return
+    if kind in ("plate_tiff", "plate_bmp"):
+        assert settings.dpi is not None  # whoever asks for such a format has stated them
+        dots = write_plate_tiff if kind == "plate_tiff" else write_plate_bmp
+        tone = figures.options.tone
+        write_dots = partial(dots, plate, dpi=settings.dpi, tone=tone, comments=comments)
+        yield Product(stem + PLATE_BITMAP_TAILS[kind], title, "plate_bitmap", write_dots)
         return
     if kind == "step":
         assembly = partial(write_plate_step, plate, comments=comments, stack=settings.stack)

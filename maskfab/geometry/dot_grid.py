@@ -1,4 +1,4 @@
-"""The dots of a plotter: a square grid about the plate's centre, so that a house that centres the picture moves nothing.
+"""Dots of a plotter: a square grid about the plate's centre, so that a house that centres the picture moves nothing.
 
 A dot is open if its centre lies in an opening. Of a centre on the very edge of one it does if the opening lies to the
 right of it or above: intervals are half-open, so that dots of two that share an edge are neither lost nor told twice.

@@ -35,7 +35,15 @@ from maskfab.jobfile.sections import (
     StudySection,
     WiresSection,
 )
-from maskfab.jobfile.values import MASK_FORMATS, MEASURED_FORMATS, MOST_DOTS_PER_UM, FileFormat, check_name
+from maskfab.jobfile.values import (
+    MASK_FORMATS,
+    MEASURED_FORMATS,
+    MOST_DOTS_PER_UM,
+    PLATE_BITMAPS,
+    FileFormat,
+    PlateBitmap,
+    check_name,
+)
 
 __all__ = [
     "ACCURACIES",
@@ -45,6 +53,7 @@ __all__ = [
     "MASK_FORMATS",
     "MEASURED_FORMATS",
     "MOST_DOTS_PER_UM",
+    "PLATE_BITMAPS",
     "AnyDesign",
     "BlankSection",
     "CameraSection",
@@ -61,6 +70,7 @@ __all__ = [
     "LightSection",
     "LimitsSection",
     "ParetoSection",
+    "PlateBitmap",
     "PlateSection",
     "ProcessSection",
     "RelaxSection",

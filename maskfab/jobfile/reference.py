@@ -30,6 +30,7 @@ _FORMS: Mapping[str, str] = MappingProxyType(
         "SignedLength": 'length of either sign, such as "-0.1 um"',
         "PlateLength": 'length up to 2 m, such as "5 in"',
         "Length": 'length with its unit, such as "8 um"',
+        "Dpi": 'dots per inch, such as "25400 dpi"',
         "Pitch": 'length or resolution, such as "168 um" or "302 DPI"',
         "Wavelength": 'list of lengths, such as ["610 nm", "530 nm"]',
         "Area": 'area, such as "1985 um^2"',

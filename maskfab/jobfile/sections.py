@@ -20,6 +20,7 @@ from maskfab.jobfile.values import (
     MOST_DOTS_PER_UM,
     Area,
     Counts,
+    Dpi,
     DrawnText,
     Formats,
     Kissing,
@@ -575,6 +576,8 @@ class ExportSection(Section):
     """References of a die above which two pixels share a cell."""
     dots_per_um: float = Field(default=0.125, gt=0, le=MOST_DOTS_PER_UM, allow_inf_nan=False)
     """Pixels per micrometre of PNG and TIFF."""
+    dpi: Dpi | None = None
+    """Dots per inch of the plotter, for plate_tiff and plate_bmp; default: the finest that the shop states."""
     stl_limit_mb: float = Field(default=100.0, gt=0, le=10_000, allow_inf_nan=False)
     """Largest STL, MB."""
     chrome: Length = 0.1

@@ -10,7 +10,7 @@ import re
 import warnings
 from datetime import date, timedelta
 from pathlib import Path
-from typing import Annotated, Literal, TypeAlias
+from typing import Annotated, Literal, TypeAlias, get_args
 
 from pydantic import AfterValidator, Field, ValidationError
 
@@ -20,8 +20,9 @@ from maskfab.jobfile.problems import first_problem
 from maskfab.jobfile.section import Section
 from maskfab.jobfile.toml import dumps, loads
 from maskfab.model import CHROME, LAYERS
+from maskfab.units import MOST_DPI
 
-Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif"]
+Format: TypeAlias = Literal["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "plate_tiff", "plate_bmp"]
 OrderField: TypeAlias = Literal[
     "mask_name",
     "tone",
@@ -38,7 +39,7 @@ OrderField: TypeAlias = Literal[
 
 _LASTING = timedelta(days=730)
 """For which what a house publishes is taken to hold."""
-FORMATS: tuple[Format, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif")
+FORMATS: tuple[Format, ...] = get_args(Format)
 
 
 def _listed(minimum: int = 0) -> object:
@@ -101,6 +102,7 @@ class Accepts(Section):
         others: further formats that it takes and maskfab does not write.
         versions: by format, what is said about its versions.
         drawing_unit: what one unit of a DXF drawing must be; it is drawn so.
+        dpi: dots per inch at which it plots bitmaps.
         one_mask_per_layer: whether every mask must have a layer of its own.
     """
 
@@ -109,6 +111,7 @@ class Accepts(Section):
     others: Annotated[tuple[str, ...], _listed()] = ()
     versions: dict[str, str] = Field(default_factory=dict)
     drawing_unit: Literal["um", "mm"] | None = None
+    dpi: Annotated[tuple[Annotated[int, Field(gt=0, le=MOST_DPI)], ...], _listed(1)] | None = None
     one_mask_per_layer: bool | None = None
 
 

@@ -28,13 +28,32 @@ ObjectiveName = Literal["invertibility", "top_residual", "expected_error", "boun
 Weight = Annotated[float, Field(ge=0, le=1e9, allow_inf_nan=False)]
 
 FileFormat: TypeAlias = Literal[
-    "gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg", "step", "glb", "3mf", "stl", "png", "tiff", "exr"
+    "gdsii",
+    "oasis",
+    "dxf_r12",
+    "dxf_r2010",
+    "gerber",
+    "cif",
+    "svg",
+    "step",
+    "glb",
+    "3mf",
+    "stl",
+    "png",
+    "tiff",
+    "exr",
+    "plate_tiff",
+    "plate_bmp",
 ]
 MASK_FORMATS: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
 """Default formats of a plate."""
 
 MEASURED_FORMATS: tuple[FileFormat, ...] = (*MASK_FORMATS, "cif")
 """Formats from which a plate's optics can be measured."""
+
+PlateBitmap: TypeAlias = Literal["plate_tiff", "plate_bmp"]
+PLATE_BITMAPS: tuple[PlateBitmap, ...] = get_args(PlateBitmap)
+"""Formats of a whole plate as a plotter's dots."""
 
 MOST_DOTS_PER_UM = 100
 """Pixels of a PNG or a TIFF in a micrometre."""
@@ -232,6 +251,8 @@ Time = Annotated[
     float, BeforeValidator(lambda v: refusing(units.parse_time_s, v)), PlainSerializer(lambda v: f"{v:.15g} s")
 ]
 """Seconds."""
+Dpi = Annotated[int, BeforeValidator(lambda v: refusing(units.parse_dpi, v)), PlainSerializer(lambda v: f"{v} dpi")]
+"""Dots per inch of a plotter."""
 Formats = Annotated[
     tuple[FileFormat, ...],
     Field(min_length=1, strict=False),

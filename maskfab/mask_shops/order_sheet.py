@@ -11,8 +11,10 @@ from dataclasses import dataclass
 from html import escape
 
 from maskfab.export.cell_polygons import CUT, Account, Figures
+from maskfab.jobfile import PLATE_BITMAPS
 from maskfab.jobfile.shop_profile import Format, OrderField, Shop
 from maskfab.mask_shops.adapt import kept_grid_nm
+from maskfab.mask_shops.dot_edges import DotEdges
 from maskfab.mask_shops.order import Order
 from maskfab.model import Gauge, Plate
 from maskfab.units import NM_PER_UM, UM_PER_INCH
@@ -116,6 +118,7 @@ def order_sheet(
     formats: Sequence[Format],
     files: Sequence[tuple[str, str]],
     remarks: Sequence[str] = (),
+    edges: DotEdges | None = None,
 ) -> OrderSheet:
     """The order sheet of a fitted plate.
 
@@ -126,11 +129,17 @@ def order_sheet(
         formats: in which the plate is sent.
         files: their names and SHA-256.
         remarks: comments for the house, a sentence each.
+        edges: of the bitmap that is sent, if any.
     """
     answers = _answers(order, figures, shop, formats, remarks)
+    if edges is not None and not set(formats) - set(PLATE_BITMAPS):
+        answers["units"] = f"1 dot = {UM_PER_INCH / edges.dpi:g} um"
     fields = dict.fromkeys((*(each for each in shop.order.fields if each != "comments"), *_ALWAYS))
     rows = [(_LABELS[each], answers[each]) for each in fields]
     rows += [(each.label, each.text) for each in order.answers]
+    if edges is not None:
+        rows.append(("plotter's dots", f"{edges.dpi} dpi; 1 (white) is digitized data, as seen on the chrome side"))
+        rows.append(("edges of the bitmap", edges.said()))
     rows += _promised(shop)
     plate = figures.plate
     return OrderSheet(

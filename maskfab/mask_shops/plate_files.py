@@ -7,14 +7,15 @@ from dataclasses import dataclass, replace
 
 from klayout import db
 
+from maskfab.errors import JobError
 from maskfab.export.cell_polygons import Figures, draw
 from maskfab.export.outputs import FileSettings, Product, products
 from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.plate_layout import plate_layout
-from maskfab.jobfile import ExportSection, FileFormat, JobSpec
-from maskfab.jobfile.order import Tone
+from maskfab.jobfile import PLATE_BITMAPS, ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
 from maskfab.mask_shops.adapt import blank_of, drawing_options, drawing_style, suited, written_formats, written_options
+from maskfab.mask_shops.dot_edges import DotEdges, dot_edges, plotted_dpi
 from maskfab.model import Plate, Quantity
 from maskfab.units import NM_PER_UM
 
@@ -33,6 +34,7 @@ class PlateFiles:
         products: the files.
         settings: of drawings, solids and pictures.
         formats: of the files.
+        edges: what a plotter's dots make of edges; None where no file is of dots.
     """
 
     plate: Plate
@@ -41,16 +43,18 @@ class PlateFiles:
     products: tuple[Product, ...]
     settings: FileSettings
     formats: tuple[FileFormat, ...]
+    edges: DotEdges | None = None
 
     def account(self) -> tuple[Quantity, ...]:
-        """Changes made to draw polygons that formats and readers accept, as rows of the report."""
+        """Changes made to draw what formats and readers accept, as rows of the report."""
         said = self.figures.account
         counts = {
             "drawn_holes": (said.holed, f"outlines with holes, drawn by {self.figures.options.holes}"),
             "drawn_parted": (said.parted, "outlines parted where they touched themselves"),
             "drawn_split": (said.split, f"outlines cut for more than {self.figures.options.max_vertices} vertices"),
         }
-        return tuple(Quantity(name, count, method) for name, (count, method) in counts.items())
+        rows = tuple(Quantity(name, count, method) for name, (count, method) in counts.items())
+        return rows if self.edges is None else (*rows, *self.edges.quantities())
 
 
 def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Shop | None = None) -> PlateFiles:
@@ -61,25 +65,46 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
 
     Raises:
         OutputError: MF413, MF416 for drawings that cannot be made.
+        JobError: MF105 for a bitmap of the plate without its dots per inch.
     """
     section = spec.export or ExportSection()
     formats = written_formats(section, shop)
     glass_nm = blank_of(spec).glass_nm
+    dpi = plotted_dpi(section, shop)
+    _check_stated(dpi, formats)
     settings = FileSettings(
         Stack(section.chrome * NM_PER_UM, Stack().glass_nm if glass_nm is None else glass_nm, section.exaggeration),
         round(section.stl_limit_mb * _MB),
         section.dots_per_um,
+        dpi,
         drawing_style(plate, shop),
     )
     options = replace(written_options(plate, section, shop), tone=spec.tone)
     taken = plate if shop is None else suited(plate, shop, options.holes)
     figures = draw(taken, options)
     made = products(figures, formats, comments, settings)
-    return PlateFiles(taken, plate_layout(taken), figures, made, settings, formats)
+    edges = dot_edges(taken, spec, shop, formats, dpi)
+    return PlateFiles(taken, plate_layout(taken), figures, made, settings, formats, edges)
+
+
+def _check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
+    """Refuse bitmaps of a plate without dots per inch.
+
+    Raises:
+        JobError: MF105.
+    """
+    asked = [each for each in formats if each in PLATE_BITMAPS]
+    if asked and dpi is None:
+        raise JobError(
+            "MF105",
+            f"{asked[0]} is made of a plotter's dots, and nobody says how many there are to the inch",
+            where="export.dpi",
+            cure='Set dpi = "25400 dpi" or what your house plots at in [export], or leave the format out',
+        )
 
 
 def files_for_shop(
-    plate: Plate, shop: Shop, formats: Sequence[Format], comments: Sequence[str], stem: str, tone: Tone = "clear"
+    plate: Plate, shop: Shop, formats: Sequence[Format], comments: Sequence[str], stem: str, spec: JobSpec
 ) -> PlateFiles:
     """Draw a plate that is :func:`maskfab.mask_shops.adapt.fitted` as its shop takes it.
 
@@ -89,12 +114,15 @@ def files_for_shop(
         formats: of the mask files.
         comments: provenance.
         stem: of their names.
-        tone: of the data.
+        spec: of its job.
 
     Raises:
-        OutputError: as :func:`files_of_job`.
+        OutputError, JobError: as :func:`files_of_job`.
     """
-    settings = FileSettings(drawing=drawing_style(plate, shop))
-    figures = draw(plate, replace(drawing_options(plate, shop), tone=tone))
+    dpi = plotted_dpi(spec.export, shop)
+    _check_stated(dpi, formats)
+    settings = FileSettings(dpi=dpi, drawing=drawing_style(plate, shop))
+    figures = draw(plate, replace(drawing_options(plate, shop), tone=spec.tone))
     made = products(figures, formats, comments, settings, stem)
-    return PlateFiles(plate, plate_layout(plate), figures, made, settings, tuple(formats))
+    edges = dot_edges(plate, spec, shop, formats, dpi)
+    return PlateFiles(plate, plate_layout(plate), figures, made, settings, tuple(formats), edges)

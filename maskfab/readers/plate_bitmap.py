@@ -196,4 +196,6 @@ def _damaged(path: Path, what: str) -> SourceError:
 
 def _other(path: Path, what: str) -> SourceError:
     cure = "Give the file that the run wrote"
-    return SourceError("MF308", f"{path.name} is no bitmap of a plate as maskfab writes it: {what}", where=str(path), cure=cure)
+    return SourceError(
+        "MF308", f"{path.name} is no bitmap of a plate as maskfab writes it: {what}", where=str(path), cure=cure
+    )

@@ -1,4 +1,4 @@
-"""Rows of a plotter's dots, one after the other: dies from their own grids, marks by their edges, never the whole plate.
+"""Rows of a plotter's dots, one after the other, never the whole plate: dies from their grids, marks by their edges.
 
 Rows between two edges are alike and made once; a plate has far fewer of these than rows.
 """
@@ -152,4 +152,5 @@ def _crossed(edges: Ints, rows: Ints, grid: DotGrid) -> Ints:
     largest = float(np.abs(above).max()) * float(np.abs(across).max()) + 2.0 * inch * float(up.max())
     kind = np.int64 if largest < _MOST_PRODUCT else object
     beyond = rest.astype(kind) * up.astype(kind) + above.astype(kind) * across.astype(kind)
-    return np.clip(whole + (-(-beyond // (2 * inch * up.astype(kind)))).astype(np.int64), 0, grid.side)
+    dots: Ints = np.clip(whole + (-(-beyond // (2 * inch * up.astype(kind)))).astype(np.int64), 0, grid.side)
+    return dots

@@ -18,13 +18,13 @@ from maskfab.export.images.pack_bits import pack_bits
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
 from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
+from maskfab.jobfile import PlateBitmap
 from maskfab.jobfile.order import Tone
 from maskfab.model import Plate
 
 MOST_BYTES = 2**32 - 1
 """Of a file whose places are told by 32 bits."""
 
-_COARSER = "Plot at fewer dots per inch, or send polygons"
 _STRIP_BYTES = 65_536
 _ASCII, _SHORT, _LONG, _RATIONAL = 2, 3, 4, 5
 _CODES = {_SHORT: "H", _LONG: "I", _RATIONAL: "I"}
@@ -57,6 +57,18 @@ def bmp_bytes(plate: Plate, dpi: int) -> int:
     return _BMP_HEADS + _BMP_COLOURS + side * _bmp_row_bytes(side)
 
 
+def check_plate_bitmap(plate: Plate, kind: PlateBitmap, dpi: int, name: str) -> int:
+    """Refuse a bitmap of a plate that would be larger than its format can tell; the bytes that it may have at most.
+
+    Raises:
+        OutputError: MF415.
+    """
+    most = largest_tiff_bytes(plate, dpi) if kind == "plate_tiff" else bmp_bytes(plate, dpi)
+    cure = "Plot at fewer dots per inch, or send polygons; houses take no BigTIFF, and BMP has no larger form"
+    check_file_size(most, MOST_BYTES, Path(name), cure)
+    return most
+
+
 def write_plate_tiff(plate: Plate, path: Path, dpi: int, tone: Tone = "clear", comments: Sequence[str] = ()) -> DotGrid:
     """Write a plate as TIFF of one bit for each dot, by PackBits, which every reader of TIFF knows; the top row first.
 
@@ -76,9 +88,9 @@ def write_plate_tiff(plate: Plate, path: Path, dpi: int, tone: Tone = "clear", c
         OutputError: MF401 if the file cannot be written or has no room, MF415 if it would exceed what the format holds.
     """
     grid = DotGrid.of(plate, dpi)
-    check_file_size(largest_tiff_bytes(plate, dpi), MOST_BYTES, path, _COARSER)
+    most = check_plate_bitmap(plate, "plate_tiff", dpi, path.name)
     with partial(path) as aside, aside.open("wb") as file:
-        _check_room(aside, largest_tiff_bytes(plate, dpi), path)
+        _check_room(aside, most, path)
         _write_tiff(file, grid, dot_rows(plate, grid, tone, upwards=False), _described(tone, grid, comments))
     return grid
 
@@ -88,8 +100,7 @@ def write_plate_bmp(plate: Plate, path: Path, dpi: int, tone: Tone = "clear", co
 
     Its resolution is in dots per metre, to the nearest whole one. All else as :func:`write_plate_tiff`.
     """
-    grid, size = DotGrid.of(plate, dpi), bmp_bytes(plate, dpi)
-    check_file_size(size, MOST_BYTES, path, _COARSER)
+    grid, size = DotGrid.of(plate, dpi), check_plate_bitmap(plate, "plate_bmp", dpi, path.name)
     per_metre = round(dpi / _METRES_PER_INCH)
     head = struct.pack("<2sIHHI", b"BM", size, 0, 0, _BMP_HEADS + _BMP_COLOURS)
     pixels = size - _BMP_HEADS - _BMP_COLOURS
