@@ -42,7 +42,7 @@ from maskfab.kept.store import Store
 from maskfab.mask_shops.adapt import ordered_blank, written_formats
 from maskfab.mask_shops.dot_edges import check_dpi, plotted_dpi
 from maskfab.mask_shops.judge import check_written
-from maskfab.mask_shops.offers import check_offers
+from maskfab.mask_shops.offers import check_ordered
 from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box
@@ -471,10 +471,9 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
     shop = named_shop(job)
     if shop is None:
         return ()
-    findings = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
-    offers = check_offers(job.spec, made.plate, shop)
+    found = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
     dots = check_dpi(made.settings.dpi, shop, made.formats)
-    return tuple(each.quantity(shop.name) for each in (*findings, *dots, *offers))
+    return tuple(each.quantity(shop.name) for each in check_ordered((*found, *dots), job.spec, made.plate, shop))
 
 
 def check_processes(job: Job, plate: Plate) -> None:

@@ -90,7 +90,11 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "maskfab order job.toml --shop compugraphics --set quantity=1 --set glass='soda lime' "
         "--set contact.name='A. Reader' | maskfab order job.toml --shop compugraphics --json",
     ),
-    (package, "Example: maskfab package layouts/upc12.toml --shop generic-chrome --out upc12.zip"),
+    (
+        package,
+        "Examples: maskfab package layouts/upc12.toml --shop generic-chrome | "
+        "maskfab package layouts/upc12.toml --shop generic-chrome --format oasis --out upc12.zip",
+    ),
     (
         render,
         "Examples: maskfab render job.toml --out seen | maskfab render job.toml photo.jpg --die TOLED_R300 --json",

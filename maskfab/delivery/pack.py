@@ -16,6 +16,7 @@ from maskfab.comparison.plate_dots import check_dots
 from maskfab.delivery.archive import MANIFEST, safe_stem, unpack, write_package
 from maskfab.delivery.extents import file_box
 from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
+from maskfab.delivery.revision import check_earlier, check_same, package_stem, placed
 from maskfab.errors import InputError, JobError, OutputError, SourceError
 from maskfab.export.cell_polygons import CUT, PolygonOptions
 from maskfab.export.outputs import MASK_TAILS, PLATE_BITMAP_TAILS
@@ -27,7 +28,7 @@ from maskfab.jobfile.shop_profile import FORMATS, Format, Shop, parse_shop
 from maskfab.mask_shops.adapt import drawing_options, extent_nm, fitted, ordered_blank
 from maskfab.mask_shops.dot_edges import check_dpi, plotted_dpi
 from maskfab.mask_shops.judge import Finding, accepted, check_shop, extent
-from maskfab.mask_shops.offers import check_offers
+from maskfab.mask_shops.offers import check_ordered
 from maskfab.mask_shops.order import Answer
 from maskfab.mask_shops.plate_files import PlateFiles, files_for_shop
 from maskfab.model import Box, Plate, Quantity, WrittenFile
@@ -75,26 +76,30 @@ def pack(
     Args:
         job: a loaded job.
         shop: its profile.
-        target: the zip to write; it appears when everything in it is complete, and only if every rule and check holds.
+        target: the zip to write, or a folder for one that is named by plate, shop and revision; it appears when
+            everything in it is complete, and only if every rule and check holds.
         formats: of the mask files; the shop's first if empty.
-        force: replace an earlier file.
+        force: replace an earlier file, but no package of another revision, nor one of this that holds anything else.
         progress: told where the work stands.
 
     Raises:
-        OutputError: MF401 or MF402 if ``target`` cannot be written.
+        OutputError: MF401 or MF402 if ``target`` cannot be written; MF406 for a revision that would be lost.
         JobError: MF105 for a target that is no .zip or a format that no package holds, and whatever laying out the job
             refuses.
         SourceError: MF308 for Gerber that this installation could not read back.
     """
-    zipped = Path(target)
+    revision = None if job.spec.order is None else job.spec.order.revision
+    whole = job.plate()
+    stem = package_stem(whole.name, shop.name, revision)
+    zipped = placed(Path(target), stem)
     sent = tuple(dict.fromkeys(formats)) or tuple(each for each in shop.formats if each in PACKED)[:1]
     _check_target(zipped, force=force)
+    check_earlier(zipped, revision)
     for each in sent:
         if each not in PACKED:
             raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
     if "gerber" in sent:
         require_gerbonara(zipped.name, where="format", cure="choose other formats")
-    whole = job.plate()
     plate = fitted(whole, shop)
     options = replace(drawing_options(plate, shop), tone=job.spec.tone)
     progress("rules", 0, 1)
@@ -102,8 +107,8 @@ def pack(
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
-    stem = safe_stem(plate.name)
-    drawn = files_for_shop(plate, shop, sent, [job.signature, plate.title], stem, job.spec)
+    comments = [job.signature, plate.title]
+    drawn = files_for_shop(plate, shop, sent, comments, safe_stem(plate.name), job.spec)
     if drawn.edges is not None:
         check_dots(plate.dies, drawn.edges.dpi, job.where)
         findings = (*findings, drawn.edges.finding())
@@ -134,19 +139,17 @@ def pack(
         files = (*masks, *(provenance.file_record(folder, folder / name, "paper") for name in made))
         manifest = {**package_facts(job, shop, drawn.figures, ordered.order), "files": [vars(file) for file in files]}
         write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+        check_same(zipped, manifest)
         _make_parents(zipped)
-        write_package(zipped, folder, [MANIFEST, *names, *made], f"{stem}_{safe_stem(shop.name)}", replace=force)
+        write_package(zipped, folder, [MANIFEST, *names, *made], stem, replace=force)
     return Package(zipped, findings, judged, files, ordered.order.missing)
 
 
 def _judged(job: Job, whole: Plate, shop: Shop, sent: Sequence[Format], options: PolygonOptions) -> tuple[Finding, ...]:
     """The house's rules, those of its plotter and what it offers."""
+    found = check_shop(whole, shop, sent, options, ordered_blank(job.spec))
     dots = check_dpi(plotted_dpi(job.spec.export, shop), shop, sent)
-    return (
-        *check_shop(whole, shop, sent, options, ordered_blank(job.spec)),
-        *dots,
-        *check_offers(job.spec, whole, shop),
-    )
+    return check_ordered((*found, *dots), job.spec, whole, shop)
 
 
 def _measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:

@@ -32,7 +32,7 @@ CERTIFICATE = "certificate.json"
 _VERSION = 2
 _SOURCES = (JOB_COPY, PROFILE)
 _DRAWINGS = ("plate.svg", "plate.pdf")
-_LASTING = ("plate", "shop", "job_hash", "tone", "parity")
+_LASTING = ("plate", "shop", "job_hash", "revision", "tone", "parity")
 """Entries of a manifest that do not depend on the version that wrote it."""
 _WRITERS = ("maskfab_version", "matplotlib_version")
 
@@ -96,6 +96,7 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
 
 def package_facts(job: Job, shop: Shop, figures: Figures, order: Order) -> dict[str, Any]:
     """Facts of a package in its manifest, beside its files."""
+    revision = None if job.spec.order is None else job.spec.order.revision
     return {
         "schema_version": _VERSION,
         "maskfab_version": __version__,
@@ -103,6 +104,7 @@ def package_facts(job: Job, shop: Shop, figures: Figures, order: Order) -> dict[
         "plate": figures.plate.name,
         "shop": shop.name,
         "job_hash": job.digest,
+        **({"revision": revision} if revision is not None else {}),
         "tone": order.tone,
         "parity": order.parity,
         "drawing": {key: value for key, value in vars(figures.options).items() if value is not None},

@@ -13,7 +13,7 @@ from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
 from maskfab.mask_shops.adapt import drawing_options, extent_nm, fitted, kept_grid_nm, ordered_blank
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
-from maskfab.mask_shops.offers import check_offers
+from maskfab.mask_shops.offers import check_ordered
 from maskfab.mask_shops.order import order_of
 from maskfab.model import Plate
 from maskfab.progress import Progress, silent
@@ -55,7 +55,7 @@ class Bid:
     def agreed(self) -> tuple[Finding, ...]:
         """Questions to agree with the house before it starts."""
         left = (each for each in self.findings if each.passed is None)
-        return tuple(each for each in left if each.rule != "corner_touches" or each.place)
+        return tuple(each for each in left if each.rule != "corner_touches" or each.rule in self.blanks)
 
 
 def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: Progress = silent) -> tuple[Bid, ...]:
@@ -79,7 +79,8 @@ def _bid(spec: JobSpec, plate: Plate, shop: Shop) -> Bid:
     drawn = fitted(plate, shop)
     options = replace(drawing_options(drawn, shop), tone=spec.tone)
     sent = shop.formats[0]
-    findings = (*check_shop(plate, shop, (sent,), options, ordered_blank(spec)), *check_offers(spec, plate, shop))
+    found = check_shop(plate, shop, (sent,), options, ordered_blank(spec))
+    findings = check_ordered(found, spec, plate, shop)
     touches = next((int(each.value) for each in findings if each.rule == "corner_touches"), 0)
     order = order_of(spec, drawn, shop, touches)
     changes = tuple(_changes(drawn, shop, options, sent))

@@ -16,6 +16,7 @@ from matplotlib.patches import PathPatch, Rectangle
 from matplotlib.path import Path
 
 from maskfab.geometry.lettering import text_polygons
+from maskfab.mask_shops.printable import printable
 from maskfab.model import Plate, Polygon
 from maskfab.units import NM_PER_MM
 
@@ -98,11 +99,11 @@ def _write(axes: Axes, plate: Plate, notes: Sequence[str]) -> None:
     axes.set(xlim=(0, 1), ylim=(0, 1))
     axes.set_axis_off()
     y, step = 0.985, 0.0185
-    axes.text(0, y, _printed(plate.title), fontsize=11, va="top", weight="bold")
+    axes.text(0, y, printable(plate.title), fontsize=11, va="top", weight="bold")
     y -= 1.6 * step
     for note in (f"plate {plate.name}; lengths in mm, origin at the plate's centre, y up", *notes):
         # Seeds of many dies are one word, with commas in it.
-        for line in textwrap.wrap(re.sub(r",(?=\S)", ", ", _printed(note)), _LINE):
+        for line in textwrap.wrap(re.sub(r",(?=\S)", ", ", printable(note)), _LINE):
             axes.text(0, y, line, va="top", fontsize=7.5)
             y -= step
     y -= step
@@ -140,11 +141,6 @@ def _sketch(axes: Axes, reads_up: bool) -> None:
         points = np.array([(left + 0.2 + (x - middle) * scale, 0.065 + y * 1.2e-4) for x, y in letter])
         axes.fill(points[:, 0], points[:, 1], facecolor=_CLEAR, edgecolor=_INK, linewidth=0.5)
         axes.text(left + 0.2, 0.015, told, ha="center", va="center", fontsize=7.5)
-
-
-def _printed(text: str) -> str:
-    """The text without what no font has: XML forbids control characters, and drawings as PDF fail over them."""
-    return "".join(letter if letter.isprintable() else " " for letter in text)
 
 
 def _path_mm(polygons: Sequence[Polygon]) -> Path:

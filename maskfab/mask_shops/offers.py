@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from maskfab.jobfile import JobSpec
@@ -13,6 +13,24 @@ from maskfab.units import NM_PER_UM, UM_PER_MM
 
 _CHOICES = (("parity", "parities"), ("chrome", "chromes"), ("glass", "glasses"), ("film", "films"),
             ("protection", "protections"))  # fmt: skip
+
+
+def check_ordered(found: Sequence[Finding], spec: JobSpec, plate: Plate, shop: Shop) -> tuple[Finding, ...]:
+    """Findings of a house's rules in a plate, and of its offers in the order; none asks what the order answers.
+
+    Args:
+        found: by :func:`maskfab.mask_shops.judge.check_shop`.
+        spec: of the job.
+        plate: laid out of it.
+        shop: whose rules they are.
+    """
+    touches = (None if spec.order is None else spec.order.corner_touches) or shop.order.default.corner_touches
+    told = f"By the order they must {touches}"
+    known = (
+        replace(each, cure=told) if each.rule == "corner_touches" and each.passed is None and touches else each
+        for each in found
+    )
+    return (*known, *check_offers(spec, plate, shop))
 
 
 def check_offers(spec: JobSpec, plate: Plate, shop: Shop) -> tuple[Finding, ...]:

@@ -16,6 +16,7 @@ from maskfab.jobfile.shop_profile import Format, OrderField, Shop
 from maskfab.mask_shops.adapt import kept_grid_nm
 from maskfab.mask_shops.dot_edges import DotEdges
 from maskfab.mask_shops.order import Order
+from maskfab.mask_shops.printable import printable
 from maskfab.model import Gauge, Plate
 from maskfab.units import NM_PER_UM, UM_PER_INCH
 
@@ -76,7 +77,7 @@ class OrderSheet:
         lines += ["", "Files", *(f"  {name}  sha256 {digest}" for name, digest in self.files)]
         if self.sources:
             lines += ["", self.rules_heading, *(f"  {source}" for source in self.sources)]
-        return "\n".join(map(_printed, lines)) + "\n"
+        return "\n".join(map(printable, lines)) + "\n"
 
     def csv(self) -> str:
         """The sheet's rows, CDs and files as a table for spreadsheets, which take nothing in it for a formula."""
@@ -84,7 +85,7 @@ class OrderSheet:
         writer = csv.writer(buffer, lineterminator="\n")
         table = [(self.title,), *self.rows, ("name", "axis", "x mm", "y mm", "width um"), *self.cds,
                  ("file", "SHA-256"), *self.files]  # fmt: skip
-        writer.writerows([_inert(_printed(cell)) for cell in row] for row in table)
+        writer.writerows([_inert(printable(cell)) for cell in row] for row in table)
         return buffer.getvalue()
 
     def html(self) -> str:
@@ -221,11 +222,6 @@ def _promised(shop: Shop) -> list[tuple[str, str]]:
 
 def _widths(most_um: float) -> str:
     return f"widths up to {most_um:g} um" if math.isfinite(most_um) else "any width beyond"
-
-
-def _printed(line: str) -> str:
-    """The line without what a printer or a terminal would obey; a house's profile is somebody else's text."""
-    return "".join(letter if letter.isprintable() else " " for letter in line)
 
 
 def _inert(cell: str) -> str:

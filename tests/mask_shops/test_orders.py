@@ -168,6 +168,8 @@ def test_papers_say_one_thing_and_prove_it(capsys, tmp_path):
     answer = command(capsys, "package", path, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet")
     assert answer.code == 0, answer.stdout
     assert "blank" not in answer.stdout.rpartition("PASS")[2]
+    assert "By the order they must stay apart" in answer.stdout
+    assert "say whether they should join" not in answer.stdout
     with zipfile.ZipFile(tmp_path / "p.zip") as archive:
         held = {name.partition("/")[2]: archive.read(name).decode("latin-1") for name in archive.namelist()}
     for name in ("order.txt", "order.html", "manifest.json", "certificate.json"):
@@ -302,3 +304,34 @@ def test_a_terminal_is_told_of_rules_that_were_read_long_ago(capsys, tmp_path):
 @pytest.mark.parametrize("name", shop_names())
 def test_every_profile_tells_when_its_rules_were_read(name):
     assert load_shop(name).read_on is not None
+
+
+def test_each_revision_has_a_package_of_its_own_and_none_is_overwritten(capsys, tmp_path):
+    job = write_job(tmp_path)
+    plain = job.read_text()
+    job.write_text(plain + '\n[order]\nrevision = "A"\n')
+    words = ["package", job, "--shop", "generic-chrome", "--quiet", "--out"]
+    assert command(capsys, *words, tmp_path).code == 0
+    first = tmp_path / "SMALL_generic-chrome_revA.zip"
+    content = first.read_bytes()
+    # Made again it is the same; with anything else in it, it is another revision.
+    assert command(capsys, *words, tmp_path, "--force").code == 0
+    job.write_text(plain + '\n[order]\nrevision = "A"\nquantity = 2\n')
+    changed = command(capsys, *words, tmp_path, "--force")
+    assert changed.code == 2
+    assert "MF406" in changed.stderr
+    assert "order.txt" in changed.stderr
+    job.write_text(plain + '\n[order]\nrevision = "B"\n')
+    other = command(capsys, *words, first, "--force")
+    assert other.code == 2
+    assert "MF406" in other.stderr
+    assert command(capsys, *words, tmp_path).code == 0
+    assert first.read_bytes() == content
+    with zipfile.ZipFile(tmp_path / "SMALL_generic-chrome_revB.zip") as archive:
+        assert "revision" in archive.read("SMALL_generic-chrome_revB/order.txt").decode()
+    assert command(capsys, "verify", tmp_path / "SMALL_generic-chrome_revB.zip", "--quiet").code == 0
+    # Without a revision, --force replaces what it did.
+    job.write_text(plain)
+    assert command(capsys, *words, tmp_path / "plain.zip").code == 0
+    job.write_text(plain + "\n[order]\nquantity = 2\n")
+    assert command(capsys, *words, tmp_path / "plain.zip", "--force").code == 0

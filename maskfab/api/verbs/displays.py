@@ -21,7 +21,7 @@ from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import drawing_options, fitted, ordered_blank
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
-from maskfab.mask_shops.offers import check_offers
+from maskfab.mask_shops.offers import check_ordered
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.pipeline import crew_of
 from maskfab.progress import Progress, silent
@@ -168,8 +168,8 @@ def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Pr
     progress("rules", 0, 1)
     plate = loaded.plate()
     options = replace(drawing_options(fitted(plate, profile), profile), tone=loaded.spec.tone)
-    findings = check_shop(plate, profile, sent, options, ordered_blank(loaded.spec))
-    findings = (*findings, *check_offers(loaded.spec, plate, profile))
+    found = check_shop(plate, profile, sent, options, ordered_blank(loaded.spec))
+    findings = check_ordered(found, loaded.spec, plate, profile)
     progress("rules", 1, 1)
     return ShopCheck(profile, findings, loaded.digest)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import shlex
 import textwrap
 from collections.abc import Mapping, Sequence
 from datetime import date
@@ -176,7 +177,7 @@ def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> O
         named = shop if shop in shop_names() else os.path.relpath(shop, Path(job).parent)
         written = write_answers(Path(job), answers, form, named, date.today())
     told = job if isinstance(job, str | Path) else "JOB.toml"
-    command = f"maskfab package {told} --shop {shop} --out {loaded.plate().name}_{profile.name}.zip"
+    command = f"maskfab package {shlex.quote(str(told))} --shop {shlex.quote(shop)}"
     return Ordered(form, written, command)
 
 
@@ -184,7 +185,7 @@ def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> O
 def package(
     job: AnyJob,
     shop: str,
-    out: str | Path,
+    out: str | Path = ".",
     *,
     formats: Sequence[str] = (),
     force: bool = False,
@@ -195,13 +196,14 @@ def package(
     Args:
         job: a plate, a loaded job, or the path of a job file.
         shop: its name, or the path of a profile.
-        out: the package (.zip); it appears when it is complete.
+        out: the package (.zip), or a folder, in which it is named by plate, shop and revision; it appears when it is
+            complete.
         formats: of the mask files; by default the shop's first.
-        force: replace an earlier file.
+        force: replace an earlier file, but no package of another revision, nor one of this that holds anything else.
         progress: told where the work stands.
 
     Raises:
-        OutputError: MF401 or MF402 for the place, MF420 or MF421 for the shop.
+        OutputError: MF401 or MF402 for the place, MF406 for a revision that would be lost, MF420 or MF421 for the shop.
         JobError: MF105 for a format that there is not; else as for the job.
     """
     profile, sent = load_shop(shop), formats_of(formats)

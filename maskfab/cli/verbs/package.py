@@ -16,11 +16,16 @@ from maskfab.cli.common.watch import watched
 def package(
     job: JobFile,
     shop: Annotated[str, typer.Option(help="Mask shop to pack for: a name from maskfab shops, or a profile (.toml).")],
-    out: Annotated[Path, typer.Option(metavar="FILE.zip", help="The package; written only once it is complete.")],
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="FILE.zip|FOLDER", help="The package, or a folder, where it is named by plate, shop and revision."
+        ),
+    ] = Path(),
     format_: Annotated[
         list[str] | None, typer.Option("--format", help="Output format (repeatable); default: the shop's first.")
     ] = None,
-    force: Annotated[bool, typer.Option("--force", help="Replace an earlier file.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Replace an earlier file, but no other revision.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
