@@ -25,11 +25,14 @@ if TYPE_CHECKING:
     from maskfab.api.panel import Panel as Panel
     from maskfab.api.plate import Plate as Plate
     from maskfab.api.verbs.analysing import analyse as analyse
+    from maskfab.api.verbs.beginning import new as new
+    from maskfab.api.verbs.beginning import schema as schema
     from maskfab.api.verbs.benchmarking import bench as bench
     from maskfab.api.verbs.designing import Design as Design
     from maskfab.api.verbs.designing import design as design
     from maskfab.api.verbs.displays import check as check
     from maskfab.api.verbs.displays import render as render
+    from maskfab.api.verbs.examining import doctor as doctor
     from maskfab.api.verbs.explaining import explain as explain
     from maskfab.api.verbs.keeping import cache as cache
     from maskfab.api.verbs.learning import learn as learn
@@ -52,6 +55,7 @@ if TYPE_CHECKING:
     from maskfab.job import load_job as load_job
     from maskfab.plate.maps import read_map as read_map
     from maskfab.report.quantity_table import Quantities as Quantities
+    from maskfab.reproduction import reproduce as reproduce
 
 __version__ = "0.1.0"
 
@@ -70,12 +74,14 @@ _WHERE = {
     "cache": "maskfab.api.verbs.keeping",
     "check": "maskfab.api.verbs.displays",
     "design": "maskfab.api.verbs.designing",
+    "doctor": "maskfab.api.verbs.examining",
     "explain": "maskfab.api.verbs.explaining",
     "learn": "maskfab.api.verbs.learning",
     "load_job": "maskfab.job",
     "measure": "maskfab.api.verbs.measuring",
     "measure_edge": "maskfab.api.verbs.measuring_edges",
     "measure_mtf": "maskfab.api.verbs.measuring_edges",
+    "new": "maskfab.api.verbs.beginning",
     "order": "maskfab.api.verbs.shops",
     "package": "maskfab.api.verbs.shops",
     "pareto": "maskfab.api.verbs.sweeping",
@@ -83,8 +89,10 @@ _WHERE = {
     "read_map": "maskfab.plate.maps",
     "read_opening": "maskfab.api.opening",
     "render": "maskfab.api.verbs.displays",
+    "reproduce": "maskfab.reproduction",
     "restore": "maskfab.api.verbs.restoring",
     "run": "maskfab.api.verbs.plates",
+    "schema": "maskfab.api.verbs.beginning",
     "shape": "maskfab.api.verbs.shapes",
     "shapes": "maskfab.api.verbs.shapes",
     "shops": "maskfab.api.verbs.shops",
@@ -110,12 +118,14 @@ __all__ = [
     "cache",
     "check",
     "design",
+    "doctor",
     "explain",
     "learn",
     "load_job",
     "measure",
     "measure_edge",
     "measure_mtf",
+    "new",
     "order",
     "package",
     "pareto",
@@ -123,8 +133,10 @@ __all__ = [
     "read_map",
     "read_opening",
     "render",
+    "reproduce",
     "restore",
     "run",
+    "schema",
     "shape",
     "shapes",
     "shops",

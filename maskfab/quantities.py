@@ -120,6 +120,14 @@ _ENTRIES = (
         "Change the opening, or the stop.",
     ),
     Entry(
+        "clear_stop_psf_error",
+        "",
+        "1",
+        "Error of a clear stop's PSF",
+        "Largest difference of a clear square stop's PSF to its formula, over the peak.",
+        "This installation computes wrong. Install maskfab again, with the versions in constraints.txt.",
+    ),
+    Entry(
         "min_feature",
         "w",
         "um",

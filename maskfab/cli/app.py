@@ -20,16 +20,20 @@ from maskfab.cli.verbs.bench import bench
 from maskfab.cli.verbs.cache import cache
 from maskfab.cli.verbs.check import check
 from maskfab.cli.verbs.design import design
+from maskfab.cli.verbs.doctor import doctor
 from maskfab.cli.verbs.explain import explain
 from maskfab.cli.verbs.learn import learn
 from maskfab.cli.verbs.measure import measure
+from maskfab.cli.verbs.new import new
 from maskfab.cli.verbs.order import order
 from maskfab.cli.verbs.package import package
 from maskfab.cli.verbs.pareto import pareto
 from maskfab.cli.verbs.plan import plan
 from maskfab.cli.verbs.render import render
+from maskfab.cli.verbs.reproduce import reproduce
 from maskfab.cli.verbs.restore import restore
 from maskfab.cli.verbs.run import run
+from maskfab.cli.verbs.schema import schema
 from maskfab.cli.verbs.shape import shape
 from maskfab.cli.verbs.shops import shops
 from maskfab.cli.verbs.simulate import simulate
@@ -43,6 +47,7 @@ _EPILOG = (
 )
 
 _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
+    (new, "Examples: maskfab new mine | maskfab new mine --from display_that_fits"),
     (run, "Example: maskfab run layouts/upc12.toml --out build/upc12"),
     (
         design,
@@ -121,6 +126,9 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "maskfab study layouts/studies/*.toml --images photographs -o build/studies",
     ),
     (explain, "Example: maskfab explain MF106"),
+    (schema, "Example: maskfab schema job > job.schema.json"),
+    (reproduce, "Example: maskfab reproduce build/upc12"),
+    (doctor, "Example: maskfab doctor"),
     (cache, "Examples: maskfab cache | maskfab cache --limit '1 GB'"),
 )
 

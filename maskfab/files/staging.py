@@ -87,7 +87,7 @@ def _replaceable(target: Path, found: Finished | None, *, force: bool) -> Finish
         raise OutputError(
             "MF402",
             f"the directory {target} is not empty and holds no maskfab result",
-            cure="Give --out a new or empty folder",
+            cure="Name a new or empty folder",
         )
     if not force:
         raise OutputError(

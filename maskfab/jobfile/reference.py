@@ -24,7 +24,7 @@ from maskfab.jobfile import order, sections
 from maskfab.jobfile.section import Section
 from maskfab.jobfile.sections import JobSpec
 
-_FORMS: Mapping[str, str] = MappingProxyType(
+FORMS: Mapping[str, str] = MappingProxyType(
     {
         "LengthOrZero": 'length with its unit, or "0 um"',
         "SignedLength": 'length of either sign, such as "-0.1 um"',
@@ -53,6 +53,7 @@ _FORMS: Mapping[str, str] = MappingProxyType(
         "ObjectiveName": "table of an objective's name and its weight",
     }
 )
+"""Forms of values by the names of their types, where those say more than the plain type does."""
 _PLAIN: Mapping[str, str] = MappingProxyType(
     {"integer": "whole number", "number": "number", "string": "text", "boolean": "true or false", "object": "table"}
 )
@@ -153,10 +154,18 @@ def _models(field: FieldInfo) -> Iterator[type[Section]]:
 
 
 def _key(model: type[Section], section: str, name: str) -> Key:
-    written, meaning = next(
-        _source()[base.__name__, name] for base in model.__mro__ if (base.__name__, name) in _source()
-    )
+    written, meaning = written_key(model, name)
     return Key(section, name, _form(model, name, written), _default(model, name), meaning)
+
+
+def holds_sections(model: type[Section], name: str) -> bool:
+    """Whether a section's key is a table with keys of its own, or a list of such tables."""
+    return any(_models(model.model_fields[name]))
+
+
+def written_key(model: type[Section], name: str) -> tuple[str, str]:
+    """Annotation and meaning of a section's key, as its source states them."""
+    return next(_source()[base.__name__, name] for base in model.__mro__ if (base.__name__, name) in _source())
 
 
 @cache
@@ -177,8 +186,8 @@ def _source() -> Mapping[tuple[str, str], tuple[str, str]]:
 
 def _form(model: type[Section], name: str, written: str) -> str:
     for word in re.findall(r"\w+", written):
-        if word in _FORMS:
-            return _FORMS[word]
+        if word in FORMS:
+            return FORMS[word]
     stated = model.model_json_schema()
     schema = stated["properties"][name]
     choices = [each for each in schema.get("anyOf", [schema]) if each.get("type") != "null"]
