@@ -5,7 +5,7 @@ Plate + PolygonOptions -> Figures -> GDSII, OASIS, DXF, Gerber, SVG
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import Literal, TypeAlias
@@ -16,9 +16,9 @@ from numpy.typing import NDArray
 
 from maskfab.errors import OutputError
 from maskfab.export.paired_cells import pairs
+from maskfab.geometry.cell_grid import CellArray, placed
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import (
-    DBU_UM,
     CellNames,
     layer_info,
     orientations_in_use,
@@ -157,23 +157,6 @@ class Account:
 
 
 @dataclass(frozen=True, eq=False)
-class CellArray:
-    """Cells in rows and columns, none mirrored, turned or scaled.
-
-    Attributes:
-        cells: names.
-        index: int64 [rows, columns] into ``cells``, row 0 lowest.
-        origin_nm: of the cell [0, 0], in coordinates of the die.
-        step_nm: along x and y.
-    """
-
-    cells: tuple[str, ...]
-    index: Ints
-    origin_nm: Point
-    step_nm: Point
-
-
-@dataclass(frozen=True, eq=False)
 class DieFigures:
     """One die: its cell's name, its place, and the grids that fill it."""
 
@@ -225,19 +208,16 @@ class Figures:
         return tuple(layer for layer in DRAWN_LAYERS if layer in used)
 
     def layout(self) -> db.Layout:
-        """The figures as a klayout layout with one top cell and cells in the order of their names."""
-        layout = db.Layout()
-        layout.dbu = DBU_UM
+        """The figures as a klayout layout with one top cell; for the order of its cells see :func:`placed`."""
+        names = [self.top, *self.cells, *(die.name for die in self.dies), *(mark.name for mark in self.marks)]
+        layout = placed(names, {die.name: die.grids for die in self.dies})
         layers = {layer: layout.layer(layer_info(layer)) for layer in LAYERS}
         layers |= {layer: layout.layer(layer_info(layer)) for layer in self.layers if layer in (CHROME, CUT)}
-        names = [self.top, *self.cells, *(die.name for die in self.dies), *(mark.name for mark in self.marks)]
-        cells = {name: layout.create_cell(name) for name in sorted(names)}
+        cells = {cell.name: cell for cell in layout.each_cell()}
         top = cells[self.top]
         for name, shapes in self.cells.items():
             _draw(cells[name], shapes, layers)
         for die in self.dies:
-            for reference in _references(die, cells):
-                cells[die.name].insert(reference)
             top.insert(db.CellInstArray(cells[die.name].cell_index(), db.Trans(*die.origin_nm)))
         for mark in self.marks:
             _draw(cells[mark.name], mark.shapes, layers)
@@ -525,19 +505,6 @@ def _draw(cell: db.Cell, shapes: Shapes, layers: Mapping[Layer, int]) -> None:
         drawn = cell.shapes(layers[layer])
         for polygon in polygons:
             drawn.insert(simple_polygon(polygon))
-
-
-def _references(die: DieFigures, cells: Mapping[str, db.Cell]) -> Iterator[db.CellInstArray]:
-    for grid in die.grids:
-        (x0, y0), (dx, dy) = grid.origin_nm, grid.step_nm
-        indices = [cells[name].cell_index() for name in grid.cells]
-        if len(indices) == 1:
-            rows, columns = grid.index.shape
-            yield db.CellInstArray(indices[0], db.Trans(x0, y0), db.Vector(dx, 0), db.Vector(0, dy), columns, rows)
-            continue
-        for row, kinds in enumerate(grid.index.tolist()):
-            for column, kind in enumerate(kinds):
-                yield db.CellInstArray(indices[kind], db.Trans(x0 + column * dx, y0 + row * dy))
 
 
 def _count_references(dies: Sequence[DieFigures]) -> int:

@@ -13,10 +13,11 @@ from dataclasses import dataclass
 from itertools import chain, count
 from pathlib import Path
 
-from maskfab.export.cell_polygons import CellArray, Figures, Shapes, as_figures
+from maskfab.export.cell_polygons import Figures, Shapes, as_figures
 from maskfab.export.polygon_text import Placeholder, filled, polygon_lines
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
+from maskfab.geometry.cell_grid import CellArray
 from maskfab.model import Layer, Plate, Point, Polygon
 
 LARGEST_BYTES = 1_000_000_000

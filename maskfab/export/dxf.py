@@ -23,10 +23,11 @@ from ezdxf.lldxf.tagwriter import AbstractTagWriter
 from ezdxf.tools.handle import HandleGenerator
 
 from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, PolygonOptions, as_figures
+from maskfab.export.cell_polygons import CUT, DieFigures, Figures, PolygonOptions, as_figures
 from maskfab.export.polygon_text import Placeholder, polygon_lines
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
+from maskfab.geometry.cell_grid import CellArray
 from maskfab.model import CHROME, LAYERS, NOTE, Box, Layer, Plate, Point, Polygon
 from maskfab.units import NM_PER_MM, NM_PER_UM
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 from klayout import db
@@ -12,7 +13,7 @@ from maskfab.files.atomic import partial
 
 _BEGIN, _END, _END_OF_STREAM = b"\x00\x1c\x05\x02", b"\x00\x04\x07\x00", b"\x00\x04\x04\x00"
 """Records of GDSII: length, kind, type of its data. A structure begins with its times and its name."""
-_NAME, _NAME_AT = b"\x06\x06", 24
+_NAME, _NAME_AT = b"\x06\x06", 28
 
 
 def write_gdsii(layout: db.Layout, path: Path, max_vertices: int = MAX_VERTICES) -> None:
@@ -41,7 +42,7 @@ def write_oasis(layout: db.Layout, path: Path) -> None:
     options.format = "OASIS"
     options.oasis_compression_level = 10
     options.oasis_write_cblocks = True
-    _write(_content(layout, path, options), path)
+    _write([_content(layout, path, options)], path)
 
 
 def _content(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> bytes:
@@ -53,20 +54,26 @@ def _content(layout: db.Layout, path: Path, options: db.SaveLayoutOptions) -> by
         ) from error
 
 
-def _by_name(stream: bytes, cells: int) -> bytes:
-    """A GDSII stream with its structures in the order of their names.
+def _by_name(stream: bytes, cells: int) -> Sequence[bytes | memoryview]:
+    """The pieces of a GDSII stream with its structures in the order of their names.
 
     klayout writes what is placed before what places it; the format asks for no order. A stream that does not fall into
     as many structures as there are cells, for its coordinates happen to look like a border, is left as it is.
     """
-    first, last = stream.index(_BEGIN), len(stream) - len(_END + _END_OF_STREAM)
-    structures = stream[first + len(_BEGIN) : last].split(_END + _BEGIN)
-    if len(structures) != cells or not all(each[_NAME_AT + 2 :].startswith(_NAME) for each in structures):
-        return stream
-    structures.sort(key=lambda each: each[_NAME_AT + 4 : _NAME_AT + int.from_bytes(each[_NAME_AT : _NAME_AT + 2])])
-    return stream[:first] + b"".join(_BEGIN + each + _END for each in structures) + stream[last + len(_END) :]
+    whole, starts = memoryview(stream), [stream.index(_BEGIN)]
+    while (border := stream.find(_END + _BEGIN, starts[-1])) >= 0:
+        starts.append(border + len(_END))
+    names = [_NAME_AT + start for start in starts]
+    if len(starts) != cells or not all(stream.startswith(_NAME, at + 2) for at in names):
+        return [stream]
+    ends = [*starts[1:], len(stream) - len(_END_OF_STREAM)]
+    named = sorted(
+        (stream[at + 4 : at + int.from_bytes(stream[at : at + 2])], start, end)
+        for at, start, end in zip(names, starts, ends, strict=True)
+    )
+    return [whole[: starts[0]], *(whole[start:end] for _, start, end in named), whole[ends[-1] :]]
 
 
-def _write(content: bytes, path: Path) -> None:
-    with partial(path) as aside:
-        aside.write_bytes(content)  # klayout itself would not say that a disk is full
+def _write(content: Sequence[bytes | memoryview], path: Path) -> None:
+    with partial(path) as aside, aside.open("wb") as file:
+        file.writelines(content)  # klayout itself would not say that a disk is full

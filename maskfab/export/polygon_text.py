@@ -12,7 +12,8 @@ from typing import Literal, NamedTuple, Protocol
 
 import numpy as np
 
-from maskfab.export.cell_polygons import CellArray, DieFigures, Figures
+from maskfab.export.cell_polygons import DieFigures, Figures
+from maskfab.geometry.cell_grid import CellArray
 from maskfab.geometry.polygonize import hull_points
 from maskfab.model import Layer, Point, Polygon
 

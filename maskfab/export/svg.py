@@ -11,9 +11,10 @@ from itertools import chain
 from pathlib import Path
 from xml.sax.saxutils import escape, quoteattr
 
-from maskfab.export.cell_polygons import CUT, CellArray, DieFigures, Figures, as_figures
+from maskfab.export.cell_polygons import CUT, DieFigures, Figures, as_figures
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
+from maskfab.geometry.cell_grid import CellArray
 from maskfab.geometry.polygonize import hull_points
 from maskfab.model import Box, Layer, Plate, Polygon
 from maskfab.units import NM_PER_MM

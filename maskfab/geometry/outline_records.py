@@ -15,12 +15,12 @@ _MOST_CORNERS = 8190
 _AT_LEAST = 1e-9
 """Share of the lengths multiplied in a cross product that it exceeds where it is other than 0, whatever is rounded."""
 
-# HEADER, BGNLIB, LIBNAME, UNITS of a nanometre and a thousandth of the user's, BGNSTR and STRNAME.
-_START = (
+LIBRARY = (
     bytes.fromhex("00060002 0258 001c0102") + bytes(24) + bytes.fromhex("00060206 4100")
-    + bytes.fromhex("00140305 3e4189374bc6a7f0 3944b82fa09b5a54 001c0502") + bytes(24) + bytes.fromhex("00060606 4100")
+    + bytes.fromhex("00140305 3e4189374bc6a7f0 3944b82fa09b5a54")
 )  # fmt: skip
-_END = bytes.fromhex("00040700 00040400")
+"""HEADER, BGNLIB, LIBNAME, and UNITS of a nanometre and a thousandth of the user's."""
+STRUCTURE_END, LIBRARY_END = bytes.fromhex("00040700"), bytes.fromhex("00040400")
 _BOUNDARY, _LAYER, _OF_LAYER, _DATATYPE, _XY, _ENDEL = 0x00040800, 0x00060D02, 0x0006, 0x0E020000, 0x1003, 0x00041100
 _WORDS_BEFORE, _WORDS_AROUND = 5, 6
 
@@ -82,7 +82,20 @@ def outlines_layout(corners: Ints, sizes: Ints, layers: Ints) -> db.Layout:
     for axis in (0, 1):
         words[at + axis] = values[:, axis]
         words[ends - 3 + axis] = values[first, axis]
-    layout, options = db.Layout(), db.LoadLayoutOptions()
-    options.warn_level = 0
-    layout.read_bytes(_START + words.tobytes() + _END, options)
+    layout = db.Layout()
+    read_records(layout, b"".join([LIBRARY, structure("A"), words.tobytes(), STRUCTURE_END, LIBRARY_END]))
     return layout
+
+
+def structure(name: str) -> bytes:
+    """BGNSTR and STRNAME."""
+    text = name.encode("ascii")
+    text += bytes(len(text) % 2)
+    return bytes.fromhex("001c0502") + bytes(24) + (4 + len(text)).to_bytes(2, "big") + b"\x06\x06" + text
+
+
+def read_records(layout: db.Layout, stream: bytes) -> None:
+    """Add what a stream of GDSII holds to the cells of a layout that have the names of its structures."""
+    options = db.LoadLayoutOptions()
+    options.warn_level = 0
+    layout.read_bytes(stream, options)

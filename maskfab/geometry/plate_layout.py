@@ -7,19 +7,21 @@ a question needs it. Database unit: 1 nm.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.geometry.cell_grid import DBU_UM, CellArray, placed
 from maskfab.geometry.raster import coverage, disjoint, placed_boxes, to_boxes
 from maskfab.geometry.shape_limits import count_shapes
 from maskfab.geometry.unit_cell import UnitKey, unit_key, unit_name, unit_shapes
 from maskfab.model import CLEAR, LAYERS, NOTE, Box, Layer, Panel, Plate, Polygon
 
 __all__ = [
+    "DBU_UM",
     "PlateNames",
     "coverage",
     "layer_info",
@@ -32,7 +34,6 @@ __all__ = [
     "to_boxes",
 ]
 
-DBU_UM = 0.001
 _MOST_TURNED = 5_000_000
 NAME_LENGTH = 32
 
@@ -41,29 +42,24 @@ def plate_layout(plate: Plate) -> db.Layout:
     """The plate as a hierarchy of cells: top, dies, and one cell per opening, dot, gutter and orientation in use.
 
     A periodic die is one array reference, any other one reference per cell; nothing is mirrored, turned or scaled.
-    Marks have a cell each. Cells are created in the order of their names, which every format accepts.
+    Marks have a cell each. For the order of the cells see :func:`maskfab.geometry.cell_grid.placed`; every format
+    accepts their names.
     """
     names = plate_names(plate)
-    layout = db.Layout()
-    layout.dbu = DBU_UM
+    grids = {name: [_grid(die.panel, names)] for die, name in zip(plate.dies, names.dies, strict=True)}
+    layout = placed([names.top, *names.dies, *names.marks, *names.units.values()], grids)
     layers = {layer: layout.layer(layer_info(layer)) for layer in LAYERS}
-    cells = {
-        name: layout.create_cell(name) for name in sorted([names.top, *names.dies, *names.marks, *names.units.values()])
-    }
+    cells = {cell.name: cell for cell in layout.each_cell()}
     top = cells[names.top]
     drawn: set[UnitKey] = set()
-    for die, die_name in zip(plate.dies, names.dies, strict=True):
-        unit_indices: dict[int, int] = {}
+    for die in plate.dies:
         for orientation in orientations_in_use(die.panel):
             key = unit_key(die.panel, orientation)
-            unit = cells[names.units[key]]
-            unit_indices[orientation] = unit.cell_index()
             if key not in drawn:
                 drawn.add(key)
                 for layer, polygons in unit_shapes(die.panel, orientation).items():
-                    _draw(unit.shapes(layers[layer]), polygons)
-        for reference in _references(die.panel, unit_indices):
-            cells[die_name].insert(reference)
+                    _draw(cells[names.units[key]].shapes(layers[layer]), polygons)
+    for die, die_name in zip(plate.dies, names.dies, strict=True):
         top.insert(db.CellInstArray(cells[die_name].cell_index(), db.Trans(*die.origin_nm)))
     for mark, mark_name in zip(plate.furniture, names.marks, strict=True):
         _draw(cells[mark_name].shapes(layers[mark.layer]), mark.polygons)
@@ -195,16 +191,11 @@ class CellNames:
             count += 1
 
 
-def _references(panel: Panel, cells: dict[int, int]) -> Iterator[db.CellInstArray]:
-    pitch = panel.pitch_nm
-    rows, columns = panel.orientations.shape
-    if len(cells) == 1:
-        (cell,) = cells.values()
-        yield db.CellInstArray(cell, db.Trans(), db.Vector(pitch, 0), db.Vector(0, pitch), columns, rows)
-        return
-    for row, orientations in enumerate(panel.orientations.tolist()):
-        for column, orientation in enumerate(orientations):
-            yield db.CellInstArray(cells[orientation], db.Trans(column * pitch, row * pitch))
+def _grid(panel: Panel, names: PlateNames) -> CellArray:
+    kinds = orientations_in_use(panel)
+    index = np.searchsorted(np.array(kinds), panel.orientations).astype(np.int64)
+    units = tuple(names.units[unit_key(panel, kind)] for kind in kinds)
+    return CellArray(units, index, (0, 0), (panel.pitch_nm, panel.pitch_nm))
 
 
 def _draw(shapes: db.Shapes, polygons: tuple[Polygon, ...]) -> None:
