@@ -23,6 +23,7 @@ from maskfab import field_checks as require
 from maskfab.cell_size import CellSize
 from maskfab.errors import InternalError
 from maskfab.quantities import registered
+from maskfab.units import UM_PER_MM
 
 Point = tuple[int, int]
 Polygon = tuple[Point, ...]
@@ -600,6 +601,11 @@ class Camera:
             require.number(self, "wavelengths_nm", value=line)
         if not self.wavelengths_nm:
             require.refuse("MF105", self, "wavelengths_nm", "no wavelength is given", "Give at least one")
+
+    @property
+    def nyquist_cy_per_mm(self) -> float:
+        """Half a cycle per pixel."""
+        return UM_PER_MM / self.pixel_um / 2
 
 
 @dataclass(frozen=True)

@@ -54,15 +54,17 @@ from maskfab.measurement.optics import measure_with_bar, reach_box, read_opening
 from maskfab.measurement.restored import Photographs, Restored, photograph_die
 from maskfab.measurement.scene_result import SceneOptics
 from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
+from maskfab.measurement.verdicts import Verdicts
 from maskfab.measurement.view import layout_as_seen, plate_as_seen, view_rows
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
 from maskfab.optics.image.mtf import area_under_radial_min
+from maskfab.optics.numbers.worst_direction import worst_directions
 from maskfab.optics.scene.plan import Plan
 from maskfab.processes import Alone, Given, Pair, Task
 from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
 from maskfab.report.documents import design_data, photograph_data, report_data
-from maskfab.report.page import html
+from maskfab.report.page import front, html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.quantity_table import Quantities
 from maskfab.threads import one_thread
@@ -94,10 +96,16 @@ class Result:
     """Where a finished run is, and what came of it.
 
     ``result["DIE"]`` are the numbers of a die, ``result["DIE"]["mtf50", 530]`` one of them.
+
+    Attributes:
+        directory: of its files.
+        report: all that was found out.
+        verdicts: whether the plate can be ordered, its optics are proved, and displays fit.
     """
 
     directory: Path
     report: Report
+    verdicts: Verdicts
 
     @property
     def passed(self) -> bool:
@@ -144,7 +152,7 @@ class Result:
         return f"{self.directory}\n{self._every}"
 
     def __repr__(self) -> str:
-        return f"<Result in {self.directory}: {', '.join(self.report.dies)}; {'pass' if self.passed else 'fail'}>"
+        return f"<Result in {self.directory}: {', '.join(self.report.dies)}; {'; '.join(self.verdicts.lines)}>"
 
     def _repr_html_(self) -> str:
         return self._every._repr_html_()
@@ -177,26 +185,29 @@ def run(
     named_shop(job)
     key = fingerprint(of_installation(), run, job.spec)
     if cache is None or cache.get(key) is None:
-        report = _make(job, staged(place), progress, cache, key)
+        report, verdicts = _make(job, staged(place), progress, cache, key)
     else:
         with staged(place) as folder:
-            report = _taken(job, folder, cache, key) or _make(job, nullcontext(folder), progress, cache, key)
-    return Result(place.asked, report)
+            taken = _taken(job, folder, cache, key)
+            report, verdicts = taken or _make(job, nullcontext(folder), progress, cache, key)
+    return Result(place.asked, report, verdicts)
 
 
-def _taken(job: Job, folder: Path, cache: Store, key: str) -> Report | None:
-    """The report of an earlier run, whose files are now in the folder; None if they are lost or damaged."""
+def _taken(job: Job, folder: Path, cache: Store, key: str) -> tuple[Report, Verdicts] | None:
+    """Report and verdicts of an earlier run, whose files are now in the folder; None if they are lost or damaged."""
     clock = _Clock()
     with clock.stage("taken from the cache"):
         kept = give_result(cache, key, folder)
     if kept is None:
         return None
-    report: Report = replace(kept[0], seconds=clock.seconds)
+    report, verdicts = kept[0]
     (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
-    return report
+    return replace(report, seconds=clock.seconds), verdicts
 
 
-def _make(job: Job, aside: AbstractContextManager[Path], progress: Progress, cache: Store | None, key: str) -> Report:
+def _make(
+    job: Job, aside: AbstractContextManager[Path], progress: Progress, cache: Store | None, key: str
+) -> tuple[Report, Verdicts]:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
     clock = _Clock()
     with crew_of(job, cache) as crew:
@@ -246,9 +257,9 @@ def _make(job: Job, aside: AbstractContextManager[Path], progress: Progress, cac
             _write_manifest(job, files, folder)
             (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
             if cache is not None:
-                keep_result(cache, key, folder, report)
+                keep_result(cache, key, folder, (report, found.verdicts(report)))
                 cache.prune()
-    return report
+    return report, found.verdicts(report)
 
 
 def crew_of(job: Job, cache: Store | None = None) -> Alone:
@@ -311,6 +322,10 @@ class Findings:
             everything += [*quantities, *of_scenes.get(name, ())]
         checks = tuple(quantity for quantity in everything if quantity.passed is not None)
         return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
+
+    def verdicts(self, report: Report) -> Verdicts:
+        """On the plate."""
+        return Verdicts.of(report.checks, self.built.found, len(self.plate.dies))
 
     def document(self, report: Report) -> report_data.Document:
         """The content of report.json."""
@@ -548,10 +563,12 @@ class Begun:
     Attributes:
         conditions: of all.
         tasks: by die.
+        reference: die that the job names as such.
     """
 
     conditions: Conditions
     tasks: Mapping[str, Task[Restored]]
+    reference: str | None
 
     def result(self, progress: Progress, seconds: dict[str, float] | None = None) -> Photographs:
         """All of them; the time of every die is added to ``seconds``."""
@@ -562,7 +579,7 @@ class Begun:
             if seconds is not None:
                 seconds[f"photographs {name}"] = round(task.seconds, 3)
         progress("photographs", len(dies), len(dies))
-        return Photographs(self.conditions, dies)
+        return Photographs(self.conditions, dies, self.reference)
 
 
 def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
@@ -577,7 +594,8 @@ def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
         return lambda: (conditions, around, die.name, die.panel, die.name in shown)
 
     dies = plate_as_seen(job, plate).dies
-    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies})
+    reference = None if job.spec.report is None else job.spec.report.reference
+    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies}, reference)
 
 
 def _mask(die: Die) -> Die:
@@ -617,12 +635,14 @@ def draw_pictures(
 ) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
     """The picture of the whole plate, as PNG, and every figure of the report, by die and figure."""
     Figures, built = die_figures.Figures, found.built
+    designs = {die["name"]: die for die in document["dies"]}
     more = [Figures(scene.die.name, scene_figures.pictures, (scene,)) for scene in found.scenes]
+    more += _front_figures(found.restored, document)
     for die in found.plate.dies:
         name = die.name
         if name in built.found:
             more.append(Figures(name, display_figures.pictures, (die.panel, built.found[name])))
-        if found.restored.dies[name].shots:
+        if "design" in designs[name]:
             more.append(Figures(name, design_figures.pictures, (found.restored.dies[name],)))
         if name in found.written:
             more.append(Figures(name, written_figures.pictures, (found.written[name],)))
@@ -632,11 +652,23 @@ def draw_pictures(
     return overview.result(), pictures
 
 
+def _front_figures(restored: Photographs, document: report_data.Document) -> Iterator[die_figures.Figures]:
+    """The truth, and what the reference and the best die make of it."""
+    best = front.best(document)
+    if isinstance(best, str):
+        return
+    yield die_figures.Figures(die_figures.PLATE, design_figures.truth, (restored.dies[best.name],))
+    for name, _ in front.crops(document, best):
+        yield die_figures.Figures(name, design_figures.front, (restored.dies[name], best.level_db))
+
+
 def die_quantities(item: DieOptics, read: Sequence[Quantity], job: Job) -> tuple[Quantity, ...]:
     """All numbers of one die: optics, what reading back has shown, and features, judged by the job's own limits."""
     name = item.die.name
     shown = (quantity for quantity in read if quantity.die == name)
-    every = (*item.quantities, *shown, *smallest_features(item.die))
+    frequencies = job.spec.frequencies_cy_per_mm
+    worst = (each for mtf in item.mtfs for each in worst_directions(mtf, frequencies, name))
+    every = (*item.quantities, *worst, *shown, *smallest_features(item.die))
     return tuple(judged(quantity, job.spec.limits) for quantity in every)
 
 

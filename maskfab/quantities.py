@@ -8,10 +8,20 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from enum import StrEnum
 from functools import cache, lru_cache
 from types import MappingProxyType
 
 from maskfab.errors import InternalError
+
+
+class Subject(StrEnum):
+    """Of a plate, what a check is about; each has a verdict of its own, for a plate that can be ordered may be one
+    that no display fits."""
+
+    FILES = "files"
+    OPTICS = "optics"
+    DISPLAY = "display"
 
 
 @dataclass(frozen=True)
@@ -26,6 +36,7 @@ class Entry:
         title: heading in tables.
         meaning: one sentence.
         cure: what to do if its check fails.
+        subject: whose verdict its check counts for.
 
     In ``symbol`` or ``unit``, ``{detail}`` stands for what differs from row to row, such as ``6 um`` in ``SE(6 um)``.
     """
@@ -36,6 +47,7 @@ class Entry:
     title: str
     meaning: str
     cure: str = ""
+    subject: Subject = Subject.FILES
 
     @property
     def takes_detail(self) -> bool:
@@ -68,6 +80,7 @@ FAMILIES: Mapping[str, str] = MappingProxyType(
         "band": "slow|fine",
         "colour": "red|green|blue",
         "entry": ".*",
+        "frequency": "[0-9.e+-]+",
         "gauge": ".*",
         "level": "[0-9.e-]+",
         "picture": ".*",
@@ -167,6 +180,13 @@ _ENTRIES = (
         "MTF{level}",
         "Frequency at which the MTF falls to {level} %; detail finer than at 10 % is almost lost.",
         _CORE,
+    ),
+    Entry(
+        "mtf_worst_{frequency}",
+        "MTF({frequency} cy/mm)",
+        "1",
+        "MTF at {frequency} cy/mm, worst direction",
+        "Contrast of stripes of that frequency in the direction in which it is lowest.",
     ),
     Entry(
         "mtf{level}_per_pixel",
@@ -418,6 +438,7 @@ _ENTRIES = (
         "Strehl invariant error",
         "Relative difference between the PSF peak and its exact value, which follows from the clear area alone.",
         _SUSPECT,
+        subject=Subject.OPTICS,
     ),
     Entry(
         "mtf_volume_invariant_error",
@@ -427,6 +448,7 @@ _ENTRIES = (
         "Relative difference between the volume under the transfer function and its exact value, which "
         "follows from the clear area alone.",
         _SUSPECT,
+        subject=Subject.OPTICS,
     ),
     # What is not modelled
     Entry(
@@ -537,6 +559,7 @@ _ENTRIES = (
         "Estimated error of the plan",
         "Estimated relative L2 error of the scene's PSF due to all effects that the plan omits.",
         "Set a looser accuracy in [scene].",
+        subject=Subject.OPTICS,
     ),
     Entry(
         "plan_error_measured",
@@ -546,6 +569,7 @@ _ENTRIES = (
         "Relative L2 difference between the PSF of the planned model and of the fullest model at the "
         "worst point of the scene.",
         "The estimate was too low here: set a stricter accuracy in [scene], so that the plan omits less.",
+        subject=Subject.OPTICS,
     ),
     Entry(
         "field_residual",
@@ -641,6 +665,7 @@ _ENTRIES = (
         "Emitter footprint",
         "Emitter area per colour as a fraction of the pixel (the colour furthest below its target ratio).",
         "Lower the open ratio, or ask for smaller emitters.",
+        subject=Subject.DISPLAY,
     ),
     Entry(
         "led_footprint_largest",
@@ -686,6 +711,7 @@ _ENTRIES = (
         "Emitter rules broken",
         "Gap and width rules broken by the emitter polygons, checked for every pair of neighbours.",
         "Move or shrink the emitters that are drawn by hand.",
+        subject=Subject.DISPLAY,
     ),
     Entry(
         "emitters_stranded",
@@ -834,6 +860,7 @@ _ENTRIES = (
         "Read-back PSF difference",
         "Relative L2 difference between the PSF of the polygons read back from the file and that of the design.",
         _DIFFERS,
+        subject=Subject.OPTICS,
     ),
     Entry(
         "plate_bitmap_wrong_dots",
@@ -927,6 +954,7 @@ _ENTRIES = (
         "Wrong entries in the PSF file",
         "Header entries that are missing or differ from those written.",
         _DIFFERS,
+        subject=Subject.OPTICS,
     ),
     Entry(
         "psf_file_wrong_samples",
@@ -935,6 +963,7 @@ _ENTRIES = (
         "Wrong samples in the PSF file",
         "Samples of the file that differ from the PSF measured.",
         _DIFFERS,
+        subject=Subject.OPTICS,
     ),
     # Files of any maker
     Entry(
@@ -1060,6 +1089,7 @@ _ENTRIES = (
         "MTF difference",
         "Largest difference between the MTF of the file and that of the design.",
         _DIFFERS,
+        subject=Subject.OPTICS,
     ),
     Entry(
         "raster_psf_difference",
@@ -1068,7 +1098,15 @@ _ENTRIES = (
         "Error of the raster",
         "Relative L2 difference between the PSF of the file's polygons and that of their raster.",
     ),
-    Entry("optics", "", "", "Light through the file", "Whether anything is clear before the stop.", _DIFFERS),
+    Entry(
+        "optics",
+        "",
+        "",
+        "Light through the file",
+        "Whether anything is clear before the stop.",
+        _DIFFERS,
+        subject=Subject.OPTICS,
+    ),
     Entry(
         "rule_width",
         "",
@@ -1209,7 +1247,22 @@ _ENTRIES = (
         "Protocol of the report's designs",
         "Designs of which report.json of an earlier version does not name the protocol.",
     ),
-    Entry("reported", "", "", "Reported value", "A value of report.json against the one measured now.", _REPORT),
+    Entry(
+        "report_verdicts",
+        "",
+        "",
+        "Verdicts of the report",
+        "The one verdict that report.json of an earlier version gives for files, optics and displays.",
+    ),
+    Entry(
+        "reported",
+        "",
+        "",
+        "Reported value",
+        "A value of report.json against the one measured now.",
+        _REPORT,
+        subject=Subject.OPTICS,
+    ),
     Entry(
         "reported_differences",
         "",
@@ -1217,6 +1270,7 @@ _ENTRIES = (
         "Differences from the report",
         "Values of report.json that differ from those measured now.",
         _REPORT,
+        subject=Subject.OPTICS,
     ),
     Entry(
         "drawn_again", "", "", "Drawn again", "Whether the plate of a package can be drawn again from its job.", _PACK

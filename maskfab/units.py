@@ -128,6 +128,22 @@ def parse_time_s(text: object, *, where: str = "") -> float:
     return value
 
 
+def parse_frequency_cy_per_mm(text: object, *, where: str = "") -> float:
+    """Cycles per millimetre of a frequency written with its unit, cy/mm or lp/mm.
+
+    Raises:
+        JobError: MF103 if there is no unit or it is no unit of frequency; MF104 if it is not finite and positive.
+    """
+    number, unit = _split(text, where)
+    if unit not in {"cy/mm", "lp/mm"}:
+        what = f"{text!r} is not a spatial frequency with its unit"
+        raise JobError("MF103", what, where=where, cure='Write it as "60 cy/mm"')
+    if not (math.isfinite(number) and number > 0):
+        what = f"{text!r} must be a finite frequency above 0"
+        raise JobError("MF104", what, where=where, cure='Give a positive frequency, such as "60 cy/mm"')
+    return number
+
+
 def to_nm(value_um: float, *, where: str = "", name: str = "length") -> int:
     """Integer nanometres of a length that must lie on the database grid (MF107 otherwise).
 

@@ -6,7 +6,7 @@ import json
 import os
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,7 @@ from maskfab.comparison.foreign.foreign_mask import Foreign, How, check_foreign,
 from maskfab.comparison.foreign.layer_choice import StatedLayers
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.comparison.roundtrip import RoundTrip
+from maskfab.display.place import Populated
 from maskfab.errors import InputError, OutputError
 from maskfab.files.finished import RESULT_MARK, TIMES
 from maskfab.files.staging import put_back
@@ -25,6 +26,7 @@ from maskfab.geometry.plate_layout import clear_shapes
 from maskfab.job import Job, load_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box, sees_light
+from maskfab.measurement.verdicts import Verdicts
 from maskfab.measurement.view import layout_as_seen, plate_as_seen
 from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
 from maskfab.optics.numbers.metrics import fast_lens
@@ -62,15 +64,34 @@ _SCHEMA = "report_schema"
 _FORMER_UNITS = {"um^2": "um2"}
 """Units as reports of earlier versions spell them."""
 _PLACES = (("wavelength_nm", "nm"), ("level_db", "dB"))
-_PHOTOGRAPHED, _LAID = 3, 4
-"""Schemas of the first reports whose numbers of photographs are those of photographs, and whose lines may be laid
-across a panel."""
+_PHOTOGRAPHED, _LAID, _JUDGED = 3, 4, 5
+"""Schemas of the first reports whose numbers of photographs are those of photographs, whose lines may be laid across a
+panel, and which tell three verdicts."""
 _SAME = 1e-6
 """Relative difference that another machine's arithmetic may make to a number well above the rounding floor."""
 
 
+@dataclass(frozen=True)
+class Verified:
+    """A finished directory checked again.
+
+    Attributes:
+        checks: in the order in which they were made, notes among them.
+        verdicts: what they come to.
+    """
+
+    checks: tuple[Quantity, ...]
+    verdicts: Verdicts
+
+    @classmethod
+    def of(cls, checks: Sequence[Quantity], built: Populated | None = None) -> Verified:
+        """From the checks, and from the plate with its displays, where it could be laid out again."""
+        displays, dies = ({}, 0) if built is None else (built.found, len(built.plate.dies))
+        return cls(tuple(checks), Verdicts.of(checks, displays, dies))
+
+
 @one_thread
-def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity, ...]:
+def verify(directory: str | Path, progress: Progress = silent) -> Verified:
     """Repeat every check of an output directory: hashes, geometry, optics, and the numbers of its report.
 
     A file that changed, is missing or cannot be read is a failed check that names it; so is a polygon that moved, and a
@@ -94,7 +115,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         made = draw_files(job, plate)
         of_shop = shop_quantities(job, made)
     except InputError as error:
-        return (*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}"))
+        return Verified.of([*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}")])
     checks += fast_lens(job.camera)
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
     with crew_of(job) as crew:
@@ -105,7 +126,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
         trips, read = back.trips, [*back.quantities, *made.account(), *of_shop]
         checks += [quantity for quantity in read if quantity.passed is not None and quantity.die is None]
         if not trips:
-            return tuple(checks)
+            return Verified.of(checks, built)
         seen = [die for die in plate.dies if _sees_light(die, job.camera, trips[0])]
         lit = plate_as_seen(job, replace(plate, dies=tuple(seen)))
         layout = layout_as_seen(job, trips[0].layout)
@@ -132,7 +153,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> tuple[Quantity
             restored, written = photographs.result(progress), measure_process(job, plate_as_seen(job, plate), progress)
             found = Findings(job, built, read, optics, scenes, restored, written)
             checks += _made_again(folder, manifest, found, crew)
-    return tuple(checks)
+    return Verified.of(checks, built)
 
 
 def _made_again(folder: Path, manifest: Mapping[str, Any], found: Findings, crew: Alone) -> Iterator[Quantity]:
@@ -298,6 +319,7 @@ def _reported(folder: Path, now: report_data.Document) -> Iterator[Quantity]:
         ("report_photographs", _PHOTOGRAPHED, _of_photographs, "predicts photographs by a model"),
         ("report_wires", _LAID, _of_wires, "counts the wires of one pixel for all"),
         ("report_protocol", _LAID, _of_protocol, "does not name the protocol of designs"),
+        ("report_verdicts", _JUDGED, _of_verdicts, "has one verdict for files, optics and displays"),
     ):
         places = [place for place, _, _ in found if earlier and stated < since and of(place)]
         if places:
@@ -327,6 +349,11 @@ def _of_wires(place: Sequence[str]) -> bool:
 def _of_protocol(place: Sequence[str]) -> bool:
     """Whether a place in a report tells by which protocol a die was designed."""
     return "design" in place and place[-1] == "protocol"
+
+
+def _of_verdicts(place: Sequence[str]) -> bool:
+    """Whether a place in a report tells of its three verdicts."""
+    return place[0] == "verdicts"
 
 
 def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:

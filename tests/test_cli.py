@@ -106,7 +106,10 @@ def test_run_prints_paths_on_stdout_and_progress_on_stderr(capsys, tmp_path):
     }  # fmt: skip
     for stage in ("write files: 0/7", "read back: 4/4", "optics: 2/2", "figures: 1/1"):
         assert stage in answer.stderr
-    assert answer.stderr.splitlines()[-1].startswith("PASS: ")
+    files, optics, display = answer.stderr.splitlines()[-3:]
+    assert files.startswith("FILES: PASS, can be ordered: ")
+    assert optics.startswith("OPTICS: PASS, proved from the files: ")
+    assert display == "DISPLAY: NOT JUDGED: the job has no [emitters]"
 
 
 def test_the_report_keeps_its_contract(out):
@@ -211,13 +214,14 @@ def test_verify_tells_its_verdict_on_stderr(capsys, out):
     answer = command(capsys, "verify", out, "--quiet")
     assert answer.code == 0
     assert answer.stdout == ""
-    assert answer.stderr.startswith("PASS: ")
+    told = [line.partition(",")[0] for line in answer.stderr.splitlines()]
+    assert told == ["FILES: PASS", "OPTICS: PASS", "DISPLAY: NOT JUDGED: the job has no [emitters]"]
 
 
 def test_verify_prints_its_checks_as_json(capsys, out):
     answer = command(capsys, "verify", out, "--json")
     assert answer.code == 0
-    assert answer.document.keys() == {"verdict", "checks"}
+    assert answer.document.keys() == {"verdict", "verdicts", "checks"}
     assert answer.document["verdict"] == "pass"
     for quantity in answer.document["checks"]:
         check_quantity(quantity)

@@ -22,7 +22,10 @@ JOINED = ("model_", "field_mtf_", "order_zero_", "orders_lowest_five_", "rule_",
 """Beginnings of names that the program joins with a word."""
 
 
-SAMPLES = {"level": ("50", "12.5", "1e-05"), "entry": ("any text", ""), "gauge": ("a 1 x",), "picture": ("flat",)}
+SAMPLES = {
+    "level": ("50", "12.5", "1e-05"), "frequency": ("62.5", "1e-05"), "entry": ("any text", ""), "gauge": ("a 1 x",),
+    "picture": ("flat",),
+}  # fmt: skip
 """Of families without end."""
 
 

@@ -372,6 +372,34 @@ def check_order(spec: JobSpec, where: str) -> None:
         )
 
 
+def check_report(spec: JobSpec, where: str) -> None:
+    """A [report] that compares with a die of the job, at frequencies that the sensor samples.
+
+    Raises:
+        JobError: MF105 for a die that there is not, MF104 for a frequency beyond half a cycle per pixel.
+    """
+    report = spec.report
+    if report is None:
+        return
+    names = [die.name for die in spec.die]
+    if report.reference is not None and report.reference not in names:
+        raise JobError(
+            "MF105",
+            f"there is no die {report.reference!r} to compare with",
+            where=f"{where}: report.reference",
+            cure=f"Use one of {', '.join(names)}" if names else "Add a [[die]] of that name, or remove the key",
+        )
+    highest = spec.camera.camera().nyquist_cy_per_mm
+    for frequency in report.frequencies or ():
+        if frequency > highest * (1 + 1e-12):
+            raise JobError(
+                "MF104",
+                f"{frequency:g} cy/mm is beyond half a cycle per pixel, {highest:g} cy/mm",
+                where=f"{where}: report.frequencies",
+                cure=f"Use at most {highest:g} cy/mm",
+            )
+
+
 def check_film(spec: JobSpec, where: str) -> None:
     """Chrome that solids can show, as thick as they draw it.
 

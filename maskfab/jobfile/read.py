@@ -19,6 +19,7 @@ from maskfab.jobfile.checks import (
     check_film,
     check_method,
     check_order,
+    check_report,
     check_scene,
 )
 from maskfab.jobfile.problems import first_problem
@@ -73,6 +74,7 @@ def validate(document: object, *, where: str) -> JobSpec:
     check_scene(spec, where)
     check_film(spec, where)
     check_order(spec, where)
+    check_report(spec, where)
     return spec
 
 

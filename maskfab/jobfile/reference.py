@@ -37,6 +37,7 @@ FORMS: Mapping[str, str] = MappingProxyType(
         "ThreeColours": "three positive numbers: red, green, blue",
         "Corners": 'list of pairs of lengths, such as [["1 mm", "0 mm"], ...]',
         "Counts": "list of whole numbers, or { from, to, step }",
+        "Frequency": 'list of frequencies, such as ["30 cy/mm", "60 cy/mm"]',
         "Time": 'time with its unit, such as "10 ms"',
         "Accuracy": '"draft", "standard", "certify" or a number',
         "Depth": 'pair of distances, such as ["1 m", "inf"]',

@@ -23,6 +23,7 @@ from maskfab.jobfile.values import (
     Dpi,
     DrawnText,
     Formats,
+    Frequency,
     Kissing,
     Length,
     LengthOrZero,
@@ -672,6 +673,16 @@ class StudySection(Section):
     """Claims."""
 
 
+class ReportSection(Section):
+    """[report]: what dies are compared by. The data do not depend on it, nor does the hash on the plate."""
+
+    reference: Name | None = None
+    """Die that gains of restored photographs are over; default: the first that can be photographed."""
+    frequencies: Annotated[tuple[Frequency, ...], Field(min_length=1, max_length=3, strict=False)] | None = None
+    """Up to three frequencies on the sensor at which the MTF in its worst direction is told, at most half a cycle per
+    pixel; default: a tenth, a quarter and half of that."""
+
+
 class SpreadSection(Section):
     """[process.spread]: standard deviations over the displays that are made; a design is appraised over them."""
 
@@ -714,6 +725,7 @@ class JobSpec(Section):
     export: ExportSection | None = None
     order: OrderSection | None = None
     process: ProcessSection | None = None
+    report: ReportSection | None = None
     study: StudySection | None = None
     openings: dict[str, str] = Field(default_factory=dict)
     """Openings as text, by the names that dies use: a job is then self-contained."""
@@ -743,11 +755,19 @@ class JobSpec(Section):
         """Whether the data are the mirror image of the design; see :class:`maskfab.jobfile.order.OrderSection`."""
         return self.order is not None and self.order.mirrored
 
+    @property
+    def frequencies_cy_per_mm(self) -> tuple[float, ...]:
+        """At which the MTF in its worst direction is told."""
+        highest = self.camera.camera().nyquist_cy_per_mm
+        asked = None if self.report is None else self.report.frequencies
+        return asked or tuple(share * highest for share in (0.1, 0.25, 0.5))
+
     def drawn(self) -> dict[str, Any]:
-        """Content of the job's hash: :meth:`dump` without what [order] says on paper alone.
+        """Content of the job's hash: :meth:`dump` without what [order] says on paper alone, and without [report].
 
         The plate carries the hash in its marks, and an address or a purchase number must not change them.
         """
         data = self.dump()
+        data.pop("report", None)
         order = {key: value for key, value in data.pop("order", {}).items() if key in DATA_KEYS}
         return {**data, "order": order} if order else data

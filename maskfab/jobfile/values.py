@@ -242,6 +242,12 @@ Wavelength = Annotated[
     float, BeforeValidator(lambda v: refusing(units.parse_wavelength_nm, v)), PlainSerializer(_nm_text)
 ]
 DrawnText = Annotated[str, BeforeValidator(lambda v: refusing(_drawn, v))]
+Frequency = Annotated[
+    float,
+    BeforeValidator(lambda v: refusing(units.parse_frequency_cy_per_mm, v)),
+    PlainSerializer(lambda v: f"{v:.15g} cy/mm"),
+]
+"""On the sensor, in cycles per millimetre."""
 Names = Annotated[tuple[str, ...], BeforeValidator(_listed), Field(min_length=1, strict=False)]
 Name = Annotated[str, BeforeValidator(lambda v: refusing(check_name, v))]
 Area = Annotated[float, BeforeValidator(lambda v: refusing(_area, v)), PlainSerializer(_area_text)]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
 
@@ -35,7 +35,7 @@ class Restored:
         refused: why the die cannot be photographed; None if it can.
         scene: of the photographs that are shown; None if none are.
         truth: part of that scene, float32 [3, rows, columns], row 0 on top; None likewise.
-        shots: the same part of its restored photographs, in least light and in most.
+        shots: the same part of its restored photographs, at levels of light.
     """
 
     scores: tuple[Score, ...] = ()
@@ -58,10 +58,12 @@ class Photographs:
     Attributes:
         conditions: that they were taken under.
         dies: by name, in the plate's order.
+        stated: the die that the job wants gains to be over; None if it names none.
     """
 
     conditions: Conditions
     dies: Mapping[str, Restored]
+    stated: str | None = None
 
     @cached_property
     def table(self) -> ScoreTable:
@@ -70,8 +72,9 @@ class Photographs:
 
     @property
     def reference(self) -> str | None:
-        """The die that gains are over: the first that can be photographed."""
-        return next((name for name, die in self.dies.items() if die.scores), None)
+        """The die that gains are over: the one that the job names, or the first, if it can be photographed."""
+        asked = self.dies if self.stated is None else (self.stated,)
+        return next((name for name in asked if self.dies[name].scores), None)
 
     @cached_property
     def gains(self) -> Mapping[str, tuple[Gain, ...]]:
@@ -115,6 +118,11 @@ class Photographs:
         return (*means, *gains)
 
 
+def middle_level(levels_db: Sequence[float]) -> float:
+    """The level of light that stands for all where there is room for one."""
+    return sorted(levels_db)[len(levels_db) // 2]
+
+
 def photograph_die(conditions: Conditions, around: Surroundings, name: str, panel: Panel, shown: bool) -> Restored:
     """Photograph the drawn scenes through one die.
 
@@ -123,10 +131,12 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
         around: what lies about the die.
         name: of the die.
         panel: of it.
-        shown: keep part of the first scene.
+        shown: keep part of the first scene in least light and in most, not at the middle level alone.
     """
     scenes, shots = _drawn(bool(conditions.protocol.brackets)), list[Shot]()
-    levels = {min(conditions.levels), max(conditions.levels)} if shown else set()
+    levels = {middle_level(conditions.levels)}
+    if shown:
+        levels |= {min(conditions.levels), max(conditions.levels)}
 
     def keep(score: Score, whole: NDArray[np.float32]) -> None:
         if score.scene == scenes[0].name and score.level_db in levels:
@@ -140,8 +150,6 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
     except JobError as refusal:
         return Restored(refused=f"{refusal.code} {refusal.what}")
     told += design.told
-    if not shots:
-        return Restored(table.scores, told)
     return Restored(table.scores, told, None, scenes[0].name, truth_of(scenes[0], CROP), tuple(shots))
 
 

@@ -75,7 +75,7 @@ def test_everything_that_is_stated_is_told(run):
         "All rules together cost 0.125 dB.",
         "Dropping one rule alone gains: min feature 0.0500 dB , wires 0 dB .",
         "Through this die at 24 dB, restored: 20 dB, inner frame 21 dB",
-        "The truth: leaves1",
+        "The scene leaves1, which the front of the report shows as it is",
     ):
         assert said.replace(" ,", ",").replace(" .", ".") in words.replace(" ,", ",").replace(" .", "."), said
 
@@ -152,8 +152,10 @@ def test_dies_of_a_job_with_a_designed_opening_or_map_have_one():
 
 def test_photographs_are_png_of_the_codes_themselves():
     drawn = design_figures.pictures(restored())
-    assert list(drawn) == ["design_truth", "design_24", "design_40"]
+    assert list(drawn) == ["design_24", "design_40"]
     assert drawn == design_figures.pictures(restored())
+    assert list(design_figures.truth(restored())) == ["front_truth"]
+    assert design_figures.front(restored(), 40) == {"front": drawn["design_40"]}
     assert design_figures.pictures(Restored(())) == {}
 
 

@@ -30,7 +30,7 @@ def photographed(
 
 
 def compared(forged: Restored) -> list[str]:
-    pages = [design_figures.pictures(each) for each in (forged, photographed())]
+    pages = [design_figures.truth(each) | design_figures.pictures(each) for each in (forged, photographed())]
     then, now = ("<p>photographs</p>".join(each.values()) for each in pages)
     return list(differences.differences(then, now, {"A": pages[1]}))
 
@@ -87,6 +87,6 @@ def test_numbers_of_photographs_are_compared_within_their_noise(tmp_path, key, b
 
 
 def test_the_scene_itself_has_no_noise():
-    assert compared(photographed(truth=other_patch(slice(0, 8)))) == ["A design_truth"]
+    assert compared(photographed(truth=other_patch(slice(0, 8)))) == ["A front_truth"]
     grain = np.clip(TRUTH + GRAIN * RNG.standard_normal(TRUTH.shape), 0, 1).astype(np.float32)
-    assert compared(photographed(truth=grain)) == ["A design_truth"]
+    assert compared(photographed(truth=grain)) == ["A front_truth"]

@@ -27,6 +27,7 @@ def test_document_has_the_keys_of_the_contract_in_their_order(document):
         "title",
         "job_hash",
         "verdict",
+        "verdicts",
         "seeds",
         "camera",
         "dies",

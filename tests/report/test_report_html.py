@@ -69,8 +69,10 @@ def test_page_has_every_die_check_and_file(page, document):
     for die in document["dies"]:
         assert f'id="die-{die["name"]}"' in page
         assert die["label"] in words
-    every = page[page.index("<details open>") : page.rindex("</details>")]
-    assert every.count("<tr>") == len(document["checks"]) + 1
+    checks = page[page.index('<section id="checks"') : page.index('<section id="files"')]
+    failed, _, passed = checks.split("<details>")
+    judged = [check["passed"] for check in document["checks"]]
+    assert (failed.count("<tr>"), passed.count("<tr>")) == (judged.count(False) + 1, judged.count(True) + 1)
     for file in document["files"]:
         assert file["path"] in words
         assert file["sha256"] in words
@@ -79,18 +81,23 @@ def test_page_has_every_die_check_and_file(page, document):
 
 def test_front_says_fail_and_how_to_mend_it(page):
     front = page[: page.index("</header>")]
-    assert "✗ FAIL" in front
-    assert "2 of 5 checks failed" in front
-    assert "What failed" in front
-    assert "Do not send this plate" in front
+    words = " ".join(" ".join(read(front + "</header></body></html>").text).split())
+    assert "FILES ✓ CAN BE ORDERED 1 checks pass" in words
+    assert "OPTICS ✗ NOT PROVED 2 of 4 checks failed" in words
+    assert "DISPLAY ? NOT JUDGED the job has no [emitters]" in words
+    assert "What failed The written file differs from the design." in words
     assert "≤ 10⁻⁶" in front
+    assert "PASS" not in front
 
 
 def test_passing_report_says_pass_and_lists_no_failures(run, document):
     good = [check for check in document["checks"] if check["passed"]]
-    page = html.html_page({**document, "verdict": "pass", "checks": good}, {})
+    tally = {"checks": len(good), "failed": 0, "passed": True}
+    verdicts = {**document["verdicts"], "files": tally, "optics": tally}
+    page = html.html_page({**document, "verdict": "pass", "verdicts": verdicts, "checks": good}, {})
     front = page[: page.index("</header>")]
-    assert "✓ PASS" in front
+    assert "✓ CAN BE ORDERED" in front
+    assert "✓ PROVED" in front
     assert "What failed" not in front
 
 
@@ -100,7 +107,7 @@ def test_markup_in_a_label_is_inert(page):
 
 
 def test_tables_carry_full_values_and_units(page):
-    assert 'title="0.123456789 ± 1e-07">0.1235</td>' in page
+    assert 'title="0.123456789 ± 1e-07">0.123</td>' in page
     assert "furlong" in page
     assert "Shop rule: flashes" in page
 
@@ -171,7 +178,7 @@ def test_wavelengths_stand_side_by_side_and_rare_rows_are_folded_unless_they_fai
     ]
     die = {**document["dies"][0], "quantities": rows}
     page = html.html_page({**document, "dies": [die], "checks": []}, {})
-    section = page[page.index('<section class="die"') : page.index('<section id="checks"')]
+    section = page[page.index('<section class="die"') : page.index('<section id="plate"')]
     read(page)
     often, rarely = section.split("<details>")
     assert "Rarely read (2)" in rarely
@@ -205,15 +212,12 @@ def test_rows_of_files_are_folded_unless_they_failed(document):
     page = html.html_page({**document, "dies": [die], "plate": plate, "checks": []}, {})
     read(page)
     named = r'<td title="(\w+)">'
-    of_plate = page[page.index('<section id="plate"') : page.index('<section id="checks"')].split(
-        '<section class="die"'
-    )[0]
-    shown, passed, rare = of_plate.split("<details>")
+    of_plate = page[page.index('<section id="plate"') : page.index('<section id="checks"')]
+    shown, rare = of_plate.split("<details>")
     assert re.findall(named, shown) == ["polygons", "solid_strangers"]
-    assert re.findall(named, passed) == ["solid_dies"]
     assert "Rarely read (1)" in rare
     assert re.findall(named, rare.split("</details>")[0]) == ["drawn_holes"]
-    section = page[page.index('<section class="die"') : page.index('<section id="checks"')]
+    section = page[page.index('<section class="die"') : page.index('<section id="plate"')]
     often, rarely = section.split("<details>")
     assert re.findall(named, often) == ["open_ratio", "solid_volume_error", "bitmap_xor_area"]
     assert re.findall(named, rarely) == ["solid_wrong_cells", "bitmap_xor_area"]

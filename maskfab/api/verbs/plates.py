@@ -19,6 +19,7 @@ from maskfab.errors import JobError
 from maskfab.job import Job
 from maskfab.kept.store import Store
 from maskfab.mask_shops.profiles import load_shop
+from maskfab.measurement.verdicts import Verdicts
 from maskfab.model import Quantity
 from maskfab.pipeline import Result
 from maskfab.progress import Progress, silent
@@ -85,6 +86,7 @@ class Verification(Quantities):
     """Checks of a run, a package or a mask file; of a file also how it was read.
 
     Attributes:
+        verdicts: what the checks come to; displays are judged of a run alone.
         layer: of a layout, what was compared; None for a picture, a run or a package.
         tone: "clear" or "dark", what the file draws; None for a run or a package.
         other_layers: with shapes, which were not compared.
@@ -93,12 +95,14 @@ class Verification(Quantities):
     def __init__(
         self,
         checks: Iterable[Quantity],
+        verdicts: Verdicts | None = None,
         *,
         layer: str | None = None,
         tone: str | None = None,
         other_layers: Sequence[str] = (),
     ) -> None:
         super().__init__(checks)
+        self.verdicts = verdicts or Verdicts.of(self, {}, 0)
         self.layer, self.tone, self.other_layers = layer, tone, tuple(other_layers)
 
 
@@ -148,7 +152,8 @@ def verify(
         progress("package", 1, 1)
         return Verification(checks)
     if against is None:
-        return Verification(verification.verify(path, progress))
+        verified = verification.verify(path, progress)
+        return Verification(verified.checks, verified.verdicts)
     slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="tolerance")
     how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), _is_dark(tone), slivers * NM_PER_UM)
     found = verification.verify_file(path, job_of(against), die, how, progress)

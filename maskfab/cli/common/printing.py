@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import typer
 
 if TYPE_CHECKING:
+    from maskfab.measurement.verdicts import Verdicts
     from maskfab.model import Opening, Quantity
 
 
@@ -55,18 +56,16 @@ def print_methods(title: str, quantities: Sequence[Quantity]) -> None:
         typer.echo(one_line(f"{name.ljust(widths[0])}  {value.rjust(widths[1])}  {method}"))
 
 
-def summarise(checks: Sequence[Quantity]) -> None:
-    """Every failed check, every note, which has no verdict, and the verdict of all, on stderr."""
-    judged = [check for check in checks if check.passed is not None]
-    failed = [check for check in judged if not check.passed]
+def summarise(checks: Iterable[Quantity], verdicts: Verdicts) -> None:
+    """Every failed check, every note, which has no verdict, and the three verdicts, on stderr."""
     for check in checks:
         if check.passed is None:
             tell_notes([check])
         elif not check.passed:
             told = f"{check.name}{_place(check)} = {check.value} {check.unit} (limit {check.limit}): {check.method}"
             typer.echo(one_line(f"FAIL {told}"), err=True)
-    verdict = "FAIL" if failed else "PASS"
-    typer.echo(f"{verdict}: {len(judged) - len(failed)} of {len(judged)} checks pass", err=True)
+    for line in verdicts.lines:
+        typer.echo(line, err=True)
 
 
 def tell_notes(notes: Iterable[Quantity]) -> None:

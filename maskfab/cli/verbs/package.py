@@ -54,7 +54,9 @@ def package(
     else:
         print_findings(made.findings, profile.name, passed=made.path is not None)
         if made.checks:
-            summarise(made.checks)
+            from maskfab.measurement.verdicts import Verdicts
+
+            summarise(made.checks, Verdicts.of(made.checks, {}, 0))
         if made.missing:
             keys = ", ".join(each.key for each in made.missing)
             typer.echo(f"blank on the order sheet, for [order] does not state them: {keys}")

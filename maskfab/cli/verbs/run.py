@@ -41,7 +41,7 @@ def run(
     else:
         for path in sorted(result.directory.iterdir()):
             typer.echo(path)
-        summarise([*fast_lens(loaded.camera), *report.checks])
+        summarise([*fast_lens(loaded.camera), *report.checks], result.verdicts)
     leave(report.passed)
 
 

@@ -57,9 +57,10 @@ def verify(
     if as_json:
         names = {"package": subject, "against": against, "shop": shop} if is_package(subject) else {}
         said = {name: None if value is None else str(value) for name, value in names.items()}
-        print_json({"verdict": _verdict(found), **said, "checks": found.to_dict()})
+        told = {"verdict": _verdict(found), "verdicts": found.verdicts.to_dict()}
+        print_json({**told, **said, "checks": found.to_dict()})
     else:
-        summarise(found)
+        summarise(found, found.verdicts)
     leave(found.passed)
 
 
@@ -78,6 +79,7 @@ def _tell_file(found: Verification, path: Path, against: Path | None, die: str |
         print_json(
             {
                 "verdict": _verdict(found),
+                "verdicts": found.verdicts.to_dict(),
                 "layer": found.layer,
                 "tone": found.tone,
                 "other_layers": list(found.other_layers),
@@ -90,7 +92,7 @@ def _tell_file(found: Verification, path: Path, against: Path | None, die: str |
     else:
         typer.echo(one_line(_read_as(found, path)))
         print_table(found, dies=True)
-        summarise([quantity for quantity in found if quantity.passed is not None])
+        summarise([quantity for quantity in found if quantity.passed is not None], found.verdicts)
     leave(found.passed)
 
 

@@ -17,6 +17,7 @@ def photographs_document(taken: Photographs) -> Document:
         **taken.conditions.to_dict(),
         "told": list(taken.conditions.lines),
         "reference": taken.reference,
+        "reference_stated": taken.stated,
         "scenes": list(dict.fromkeys(score.scene for score in scores)),
         "dies": [
             {
@@ -69,7 +70,8 @@ def photographs_schema() -> Document:
             "scene": {"type": "object", "additionalProperties": {}},
             "unused": texts,
             "told": texts,
-            "reference": {"type": ["string", "null"]},
+            "reference": {"type": ["string", "null"], "description": "die that gains are over"},
+            "reference_stated": {"type": ["string", "null"], "description": "the one that the job names"},
             "scenes": texts,
             "dies": {"type": "array", "items": closed_object(die)},
         }

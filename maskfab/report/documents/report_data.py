@@ -12,10 +12,12 @@ from typing import Any, get_args
 import numpy as np
 
 from maskfab import __version__
+from maskfab.display.emitters.placement import Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InternalError
 from maskfab.export.images.psf_exr import stop_facts
 from maskfab.measurement.scene_result import PointView, SceneOptics
+from maskfab.measurement.verdicts import Verdicts
 from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
 from maskfab.optics.scene.plan import AT_MOST, plan_document
 from maskfab.report.documents.design_data import design_schema
@@ -25,7 +27,7 @@ from maskfab.report.documents.schema_terms import closed_object
 from maskfab.report.quantity_table import quantity_document
 from maskfab.units import NM_PER_UM
 
-SCHEMA_VERSION = 4
+SCHEMA_VERSION = 5
 
 Document = dict[str, Any]
 
@@ -63,6 +65,7 @@ def to_document(
         "title": report.title,
         "job_hash": report.job_hash,
         "verdict": "pass" if report.passed else "fail",
+        "verdicts": Verdicts.of(report.checks, displays, len(plate.dies)).to_dict(),
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
         **({} if photographs is None else {"photographs": photographs}),
@@ -159,7 +162,8 @@ def schema() -> Document:
                 "maskfab_version": text,
                 "title": text,
                 "job_hash": text,
-                "verdict": {"enum": ["pass", "fail"]},
+                "verdict": {"enum": ["pass", "fail"], "description": "whether no check failed"},
+                "verdicts": _verdicts_schema(),
                 "seeds": {"type": "object", "additionalProperties": integer},
                 "camera": camera,
                 "photographs": photographs_schema(),
@@ -175,6 +179,21 @@ def schema() -> Document:
         ),
         "$defs": {"quantity": quantity},
     }
+
+
+def _verdicts_schema() -> Document:
+    count, verdicts = {"type": "integer"}, [verdict.value for verdict in Verdict]
+    of_checks = {"checks": count, "failed": count, "passed": {"type": ["boolean", "null"]}}
+    of_dies = dict.fromkeys(("dies", "fits", "does_not_fit", "unknown"), count)
+    tally = closed_object(of_checks) | {"description": "null: nothing was checked"}
+    return closed_object(
+        {
+            "files": tally,
+            "optics": tally,
+            "display": closed_object({**of_dies, "verdict": {"enum": [*verdicts, None]}})
+            | {"description": "the worst answer of all dies; null: the job asks for no display"},
+        }
+    )
 
 
 def _scene_schema(quantities: Document) -> Document:

@@ -37,7 +37,7 @@ DECIBELS = 0.2
 """Of a restored photograph, from one draw of its noise to another."""
 TEXT = "text"
 NOISE = "the noise of photographs"
-_NOISY = re.compile(r" design_\d+$")
+_NOISY = re.compile(r" (design_\d+|front)$")
 
 
 def differences(then: str, now: str, pictures: Mapping[str, Mapping[str, str]]) -> Iterator[str]:

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
-from typing import Any, Literal
+from typing import Any
 
 from jinja2 import Environment, StrictUndefined, Template
 from markupsafe import Markup
@@ -15,54 +15,16 @@ from markupsafe import Markup
 from maskfab.measurement.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.quantities import QUANTITIES, Entry, registered
+from maskfab.report.page.die_table import die_table
+from maskfab.report.page.front import assumed, best, crops, stamps
 from maskfab.report.page.glossary import WORDS
-from maskfab.report.page.photograph_table import best_photographed, middle_level, photograph_table
+from maskfab.report.page.photograph_table import photograph_table
 from maskfab.report.plots import die_figures
 from maskfab.report.plots.number_text import rounded, short
 from maskfab.resources import template
 from maskfab.units import UM_PER_MM
 
 Row = Mapping[str, Any]
-
-
-@dataclass(frozen=True)
-class Headline:
-    """One number of the front page: the extreme of a quantity over all dies and wavelengths."""
-
-    title: str
-    name: str
-    pick: Callable[..., Row]
-
-
-_HEADLINES = (
-    Headline("Largest PSF difference, file against design", "readback_psf_difference", max),
-    Headline("Largest XOR area, file against design", "readback_xor_area", max),
-    Headline("Largest Strehl invariant error", "strehl_invariant_error", max),
-    Headline("Largest MTF volume invariant error", "mtf_volume_invariant_error", max),
-    Headline("Best area under radial-minimum MTF", "auc_radial_min", max),
-    Headline("Worst area under radial-minimum MTF", "auc_radial_min", min),
-)
-
-
-@dataclass(frozen=True)
-class Column:
-    """One column of the table that compares the dies.
-
-    Attributes:
-        lines: ``each`` wavelength has its own column, or the ``worst`` (largest) of them, or the ``middle`` one, stands
-            for all.
-        best: whether a larger value is better, so that the best is marked.
-        lit: whether it has a value for several levels of light, of which the middle one is shown.
-        level_db: that level.
-    """
-
-    name: str
-    title: str
-    lines: Literal["each", "middle", "worst"]
-    best: bool = False
-    lit: bool = False
-    wavelength_nm: float | None = None
-    level_db: float | None = None
 
 
 @dataclass(frozen=True)
@@ -97,17 +59,6 @@ _RARELY_READ = frozenset(
 
 _RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "psf_file_", "solid_")
 """Prefixes of further rows that it folds: a die has such rows for every file of its own."""
-
-_COLUMNS = (
-    Column("open_ratio", "Open ratio", "worst"),
-    Column("auc_radial_min", "AUC radial min", "each", best=True),
-    Column("mtf50", "MTF50", "middle", best=True),
-    Column("wiener_worst30", "Restored, worst 30 %", "middle", best=True),
-    Column("restored_psnr", "Restored PSNR", "worst", best=True, lit=True),
-    Column("psf_energy_in_window", "Energy in window", "middle"),
-    Column("readback_psf_difference", "Read-back difference", "worst"),
-    Column("corner_touches", "Corner touches", "worst"),
-)
 
 _UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²"})
 
@@ -157,14 +108,15 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         document=document,
         whole=drawn.get(die_figures.PLATE, {}),
         drawn=drawn,
-        headlines=list(_headlines(document)),
+        stamps=stamps(document),
+        best=(found := best(document)),
+        crops=list(crops(document, found)),
+        assumed=assumed(document),
         failures=_by_name(check for check in checks if not check["passed"]),
         summary=_by_name(checks),
         failed_dies={check["die"] for check in checks if not check["passed"] and "die" in check},
-        columns=_columns(document),
+        table=die_table(document),
         photographs=photograph_table(document["photographs"]) if "photographs" in document else None,
-        cell=_cell,
-        best=_best,
         wavelengths=_wavelengths,
         lines=_lines,
         plain=_plain,
@@ -222,16 +174,6 @@ def where(row: Row) -> str:
     return ", ".join(places + ([f"{row['level_db']:g} dB"] if "level_db" in row else []))
 
 
-def _headlines(document: Mapping[str, Any]) -> Iterable[tuple[str, Row]]:
-    rows = [{"die": die["name"], **row} for die in document["dies"] for row in die["quantities"]]
-    for headline in _HEADLINES:
-        known = [row for row in rows if row["name"] == headline.name and _is_number(row["value"])]
-        if known:
-            # A failed row is the one to show, whichever value is the extreme.
-            failed = [row for row in known if row["passed"] is False]
-            yield headline.title, headline.pick(failed or known, key=_value)
-
-
 def _glossary(document: Mapping[str, Any]) -> list[Entry]:
     """The registered quantities that the document has, families once."""
     rows = [*document["plate"], *document["checks"]]
@@ -247,40 +189,6 @@ def _by_name(checks: Iterable[Row]) -> list[tuple[str, list[Row], Row]]:
     for check in checks:
         groups.setdefault(check["name"], []).append(check)
     return [(name, rows, max(rows, key=lambda row: (not row["passed"], _value(row)))) for name, rows in groups.items()]
-
-
-def _columns(document: Mapping[str, Any]) -> list[Column]:
-    """The comparison's columns, one for each wavelength where they are told apart; none for a quantity nobody has."""
-    lines = document["camera"]["wavelengths_nm"]
-    present = {row["name"] for die in document["dies"] for row in die["quantities"]}
-    columns = []
-    for column in _COLUMNS:
-        if column.name in present:
-            chosen = {"each": lines, "middle": [lines[len(lines) // 2]], "worst": [None]}[column.lines]
-            level = middle_level(document["photographs"]) if column.lit else None
-            columns += [replace(column, wavelength_nm=line, level_db=level) for line in chosen]
-    return columns
-
-
-def _cell(die: Mapping[str, Any], column: Column) -> Row | None:
-    """The row of a die that a column shows; a row without a wavelength holds for all."""
-    rows = [row for row in die["quantities"] if row["name"] == column.name]
-    if column.wavelength_nm is not None:
-        rows = [row for row in rows if row.get("wavelength_nm", column.wavelength_nm) == column.wavelength_nm]
-    if column.level_db is not None:
-        rows = [row for row in rows if row.get("level_db") == column.level_db]
-    return max(rows, key=lambda row: (row["passed"] is False, _value(row)), default=None)
-
-
-def _best(document: Mapping[str, Any], column: Column) -> frozenset[str]:
-    """Dies with the largest value of a column that wants large ones, unless all are equal; photographs may tie."""
-    if not column.best:
-        return frozenset()
-    if column.level_db is not None:
-        return best_photographed(document["photographs"], column.level_db)
-    values = {die["name"]: _value(cell) for die in document["dies"] if (cell := _cell(die, column)) is not None}
-    largest = max(values.values(), default=0.0)
-    return frozenset(name for name, value in values.items() if value == largest and len(set(values.values())) > 1)
 
 
 def _wavelengths(die: Mapping[str, Any]) -> list[float]:

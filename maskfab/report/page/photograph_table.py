@@ -20,7 +20,7 @@ class Cell:
 
     Attributes:
         psnr: mean over the scenes, whole frame, dB.
-        gain: over the reference, with its interval; empty for the reference itself.
+        gain: as :func:`gain_words` tells it.
         best: whether no other die is better for sure.
     """
 
@@ -58,39 +58,48 @@ def photograph_table(taken: Document) -> Table:
         rows[name] = [
             Cell(
                 float(np.mean(own)),
-                "" if name == taken["reference"] else _difference(taken, level, name, taken["reference"]).told(""),
+                gain_words(taken, level, name),
                 name in best[level],
             )
             for level in levels
-            if (own := _scores(taken, level).get(name)) is not None
+            if (own := scores(taken, level).get(name)) is not None
         ]
     left_out = {die["name"]: die["left_out"] for die in taken["dies"] if not die["refused"]}
     refused = {die["name"]: die["refused"] for die in taken["dies"] if die["refused"]}
     return Table(levels, rows, refused, by_sentence(left_out), CONFIDENCE)
 
 
-def middle_level(taken: Document) -> float:
-    """The level of light that stands for all where there is room for one."""
-    levels: list[float] = sorted(taken["levels_db"])
-    return levels[len(levels) // 2]
-
-
 def best_photographed(taken: Document, level_db: float) -> frozenset[str]:
     """The die of the highest mean, and those whose difference to it is a tie; none where there is nothing to choose."""
-    scores = _scores(taken, level_db)
-    if len(scores) < 2:
+    known = scores(taken, level_db)
+    if len(known) < 2:
         return frozenset()
-    first = max(scores, key=lambda name: float(np.mean(scores[name])))
-    found = {name for name in scores if name == first or _difference(taken, level_db, name, first).tie}
-    return frozenset(found) if len(found) < len(scores) else frozenset()
+    first = max(known, key=lambda name: mean_psnr(taken, level_db, name))
+    found = {name for name in known if name == first or difference(taken, level_db, name, first).tie}
+    return frozenset(found) if len(found) < len(known) else frozenset()
 
 
-def _scores(taken: Document, level_db: float) -> dict[str, list[float]]:
+def scores(taken: Document, level_db: float) -> dict[str, list[float]]:
+    """PSNR of every photograph in dB, by die, of those that were photographed."""
     return {
         die["name"]: level["psnr"] for die in taken["dies"] for level in die["levels"] if level["level_db"] == level_db
     }
 
 
-def _difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
-    scores = _scores(taken, level_db)
-    return MeanDifference.of([one - two for one, two in zip(scores[name], scores[other], strict=True)])
+def mean_psnr(taken: Document, level_db: float, name: str) -> float:
+    """Over the photographs of a die, in dB."""
+    return float(np.mean(scores(taken, level_db)[name]))
+
+
+def difference(taken: Document, level_db: float, name: str, other: str) -> MeanDifference:
+    """Of two dies' photographs, scene by scene, in dB."""
+    known = scores(taken, level_db)
+    return MeanDifference.of([one - two for one, two in zip(known[name], known[other], strict=True)])
+
+
+def gain_words(taken: Document, level_db: float, name: str) -> str:
+    """The gain over the reference with its interval; a word where the die is the reference, or there is none."""
+    reference = taken["reference"]
+    if reference is None or name == reference:
+        return "–" if reference is None else "reference"
+    return difference(taken, level_db, name, reference).told("")

@@ -21,18 +21,35 @@ _LARGE, _SMALL = 20, 12.5  # points; on a telephone the sheet is a quarter as wi
 
 
 def pictures(restored: Restored) -> dict[str, str]:
-    """``<img>`` elements of what was photographed: ``design_truth``, and ``design_24`` and so on for every level.
+    """``<img>`` elements of what was photographed, in least light and in most: ``design_24`` and so on.
 
     Nothing if no photograph was taken. A pixel of the picture is a pixel of the sensor.
     """
+    levels = [shot.score.level_db for shot in restored.shots]
+    return {
+        f"design_{level:g}": _restored(shot)
+        for shot, level in zip(restored.shots, levels, strict=True)
+        if level in (min(levels), max(levels))
+    }
+
+
+def truth(restored: Restored) -> dict[str, str]:
+    """``front_truth``: what was photographed, as it is."""
     if restored.truth is None:
         return {}
-    drawn = {"design_truth": tile(restored.truth, f"part of the scene {restored.scene} as it is")}
-    for shot in restored.shots:
-        score = shot.score
-        words = f"the same through {score.design} at {score.level_db:g} dB, restored, {score.psnr:.2f} dB"
-        drawn[f"design_{score.level_db:g}"] = tile(shot.picture, words)
-    return drawn
+    return {"front_truth": tile(restored.truth, f"part of the scene {restored.scene} as it is")}
+
+
+def front(restored: Restored, level_db: float) -> dict[str, str]:
+    """``front``: the photograph at one level of light, restored."""
+    return {"front": _restored(next(shot for shot in restored.shots if shot.score.level_db == level_db))}
+
+
+def _restored(shot: Shot) -> str:
+    score = shot.score
+    words = f"the same through {score.design} at {score.level_db:g} dB, restored, {score.psnr:.2f} dB"
+    levels, palette = png.few_colours(_levels(shot.picture)[::-1])
+    return img(png.data_uri(png.png(levels, palette)), words, "photograph")
 
 
 @styled

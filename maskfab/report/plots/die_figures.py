@@ -68,8 +68,9 @@ def pictures(
         crew: who draws.
     """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
+    peak = max((float(_middle(_finest(item.psfs)).values.max()) for item in dies), default=1.0)
     drawn = [Figures(PLATE, of_plate, (plate, _failed_dies(document), dies))]
-    drawn += [Figures(item.die.name, of_die, (item, field_nm)) for item in dies]
+    drawn += [Figures(item.die.name, of_die, (item, field_nm, peak)) for item in dies]
     drawn += more
     found: dict[str, dict[str, str]] = {each.die: {} for each in drawn}
     tasks = (crew or Alone()).each([(each.function, each.arguments) for each in drawn])
@@ -105,15 +106,16 @@ def of_plate(plate: Plate, failed: frozenset[str], dies: Sequence[DieOptics]) ->
     return whole
 
 
-def of_die(item: DieOptics, field_nm: int) -> dict[str, str]:
-    """The figures of one die; ``field_nm`` is the side of its thumbnail, the same for all."""
+def of_die(item: DieOptics, field_nm: int, peak: float) -> dict[str, str]:
+    """The figures of one die; ``field_nm`` is the side of its thumbnail and ``peak`` the brightest of all PSFs, the
+    same for all dies."""
     return {
         "opening": opening(item.die.panel.opening, item.die.panel.dot_nm).img(),
         "panel": panel_close_up(item.die.panel).img(),
         "psf": psf(item.psfs).img(),
         "mtf": mtf(item.mtfs).img(),
         "panel_small": panel_thumbnail(item.die.panel, field_nm),
-        "psf_small": psf_thumbnail(_middle(_finest(item.psfs))),
+        "psf_small": psf_thumbnail(_middle(_finest(item.psfs)), peak),
     }
 
 
@@ -224,9 +226,9 @@ def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108, kind: str = "
     return img(png.data_uri(png.png(levels, _GREYS)), f"Cells of opening {panel.opening.name}", kind)
 
 
-def psf_thumbnail(psf: Psf, pixels: int = 97) -> str:
-    """A small picture of a PSF on the scale of :func:`psf`."""
-    levels = np.rint((png.log_intensity(psf, pixels) / png.DECADES + 1) * 255).astype(np.uint8)
+def psf_thumbnail(psf: Psf, peak: float, pixels: int = 97) -> str:
+    """A small picture of a PSF over the decades below ``peak``."""
+    levels = np.rint((png.log_intensity(psf, pixels, peak) / png.DECADES + 1) * 255).astype(np.uint8)
     magma = (mpl.colormaps["magma"](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
     return img(png.data_uri(png.png(levels, magma)), f"PSF at {psf.wavelength_nm:g} nm", "small")
 

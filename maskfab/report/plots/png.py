@@ -67,6 +67,37 @@ def png_of_colours(colours: NDArray[np.uint8]) -> bytes:
     return _png(colours.reshape(len(colours), -1), 2, ())
 
 
+def few_colours(colours: NDArray[np.uint8], most: int = 256) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """A colour picture [y, x, 3] in at most so many colours of its own: levels [y, x] and the palette [colours, 3].
+
+    The box of colours whose sum of squares is largest is cut at its mean, across its widest channel, until there are
+    enough (after Heckbert, Computer Graphics 16, 297, 1982); a third of the bytes then shows the same to the eye.
+    """
+    pixels = colours.reshape(-1, 3).astype(np.float64)
+    boxes = [np.arange(len(pixels))]
+    spread = [_spread(pixels)]
+    while len(boxes) < most and max(spread)[0] > 0:
+        widest = spread.index(max(spread))
+        box, (_, channel) = boxes[widest], spread[widest]
+        values = pixels[box, channel]
+        low = values <= values.mean()
+        boxes[widest], spread[widest] = box[low], _spread(pixels[box[low]])
+        boxes.append(box[~low])
+        spread.append(_spread(pixels[box[~low]]))
+    levels = np.empty(len(pixels), dtype=np.uint8)
+    for number, box in enumerate(boxes):
+        levels[box] = number
+    palette = np.array([pixels[box].mean(axis=0) for box in boxes]).round().astype(np.uint8)
+    return levels.reshape(colours.shape[:2]), palette
+
+
+def _spread(pixels: NDArray[np.float64]) -> tuple[float, int]:
+    """Largest sum of squares about the mean over the channels, and that channel."""
+    squares = pixels.var(axis=0) * len(pixels)
+    channel = int(squares.argmax())
+    return float(squares[channel]), channel
+
+
 def _png(samples: NDArray[np.uint8], kind: int, before: tuple[tuple[bytes, bytes], ...]) -> bytes:
     """A PNG of rows of bytes, the lowest first; ``kind`` 2 has three bytes a pixel, 3 one."""
     height, width = samples.shape

@@ -1,0 +1,151 @@
+"""The table that sets the dies side by side: photographs first, then what explains them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from maskfab.measurement.restored import middle_level
+from maskfab.report.page.photograph_table import best_photographed, gain_words, mean_psnr, scores
+from maskfab.report.plots.number_text import rounded
+
+Document = Mapping[str, Any]
+Row = Mapping[str, Any]
+
+_WORST = "mtf_worst_"
+_DIGITS = 3
+
+
+@dataclass(frozen=True)
+class Cell:
+    """One number of a die: as it is printed, with all its digits, and whether its check failed."""
+
+    text: str
+    full: str = ""
+    failed: bool = False
+
+
+@dataclass(frozen=True)
+class Line:
+    """One die.
+
+    Attributes:
+        name: of it.
+        psnr: mean of its restored photographs, dB.
+        gain: over the reference, with its interval.
+        best: whether no other die is better for sure, and some are worse.
+        display: verdict; None where no display was asked for.
+        cells: one for each column of the table, None where the die has no such number.
+    """
+
+    name: str
+    psnr: str
+    gain: str
+    best: bool
+    display: str | None
+    cells: tuple[Cell | None, ...]
+
+
+@dataclass(frozen=True)
+class Table:
+    """All dies, the highest mean PSNR first, those without photographs last.
+
+    Attributes:
+        columns: headings beside those that every table has, each in lines.
+        lines: of the dies.
+        level_db: light of the photographs; None without any.
+        reference: die that gains are over; None if there is none.
+    """
+
+    columns: tuple[tuple[str, ...], ...]
+    lines: tuple[Line, ...]
+    level_db: float | None
+    reference: str | None
+
+
+def die_table(document: Document) -> Table:
+    """From report.json."""
+    dies, taken = document["dies"], document.get("photographs")
+    columns = {
+        heading: cells
+        for heading, find in _columns(document).items()
+        if any((cells := {die["name"]: find(die) for die in dies}).values())
+    }
+    level = None if taken is None else middle_level(taken["levels_db"])
+    means: dict[str, float] = {}
+    if taken is not None and level is not None:
+        means = {name: mean_psnr(taken, level, name) for name in scores(taken, level)}
+    best = frozenset[str]() if taken is None or level is None else best_photographed(taken, level)
+    lines = [
+        Line(
+            name := die["name"],
+            f"{means[name]:.2f}" if name in means else "–",
+            gain_words(taken, level, name) if taken is not None and level is not None and name in means else "–",
+            name in best,
+            die["display"]["verdict"] if "display" in die else None,
+            tuple(cells[name] for cells in columns.values()),
+        )
+        for die in dies
+    ]
+    lines.sort(key=lambda line: -means.get(line.name, float("-inf")))
+    return Table(tuple(columns), tuple(lines), level if means else None, taken["reference"] if taken else None)
+
+
+def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], Cell | None]]:
+    """Functions that find the cell of a die, by heading."""
+    lines = document["camera"]["wavelengths_nm"]
+    middle = lines[len(lines) // 2]
+    names = dict.fromkeys(row["name"] for die in document["dies"] for row in die["quantities"])
+    worst = [name for name in names if name.startswith(_WORST)]
+    at = f"{middle:g} nm"
+    return {
+        ("Open", "ratio"): _number("open_ratio"),
+        **{
+            ("MTF, worst", f"{name.removeprefix(_WORST)} cy/mm"): _number(name, middle)
+            for name in sorted(worst, key=lambda each: float(each.removeprefix(_WORST)))
+        },
+        ("Halo, %", at): _number("halo_energy", middle, scale=100.0),
+        ("Emitters, %", "(margin)"): _footprint,
+        ("Wires", "x, y"): _wires,
+        ("Edge", "colour, ΔE"): _number("edge_colour_difference"),
+        ("AUC", at): _number("auc_radial_min", middle),
+    }
+
+
+def _number(name: str, wavelength_nm: float | None = None, scale: float = 1.0) -> Callable[[Document], Cell | None]:
+    def find(die: Document) -> Cell | None:
+        for row in die["quantities"]:
+            if row["name"] == name and row.get("wavelength_nm", wavelength_nm) == wavelength_nm:
+                return _cell(row, scale)
+        return None
+
+    return find
+
+
+def _cell(row: Row, scale: float) -> Cell | None:
+    value = row["value"]
+    if not isinstance(value, int | float):
+        return None
+    error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
+    return Cell(rounded(float(scale * value), _DIGITS), f"{value!r}{error}", row["passed"] is False)
+
+
+def _footprint(die: Document) -> Cell | None:
+    """Share of the pixel that one colour of the emitters covers, and by how much that is more than required."""
+    if "display" not in die:
+        return None
+    display = die["display"]
+    share, required = display["share"], display["required"]
+    if display["emitters"] is None:
+        return Cell("none", f"none drawn; at most {display['bound_share']!r}")
+    margin = f" ({100 * (share - required):+.1f})".replace("-", "−") if required else ""
+    return Cell(f"{100 * share:.1f}{margin}", f"{share!r}, required {required!r}", share < required)
+
+
+def _wires(die: Document) -> Cell | None:
+    wires = die.get("display", {}).get("wires")
+    if wires is None:
+        return None
+    lines, wanted = wires["lines"], wires["wanted"]
+    return Cell(f"{lines[0]:g}, {lines[1]:g} of {wanted}", "", min(lines) < wanted)

@@ -1,0 +1,200 @@
+"""The front of the report: three verdicts, the best die, how sure that is, and what its numbers assume."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from maskfab.camera.intervals import CONFIDENCE, MeanDifference
+from maskfab.display.emitters.placement import Verdict
+from maskfab.error_codes import explained
+from maskfab.errors import CATALOGUE
+from maskfab.measurement.restored import middle_level
+from maskfab.report.page.photograph_table import difference, mean_psnr, scores
+from maskfab.report.plots.number_text import short
+from maskfab.units import UM_PER_MM
+
+Document = Mapping[str, Any]
+Mood = Literal["good", "bad", "open"]
+
+_ADD = 'add a die as [[die]] to compare with, and name it in the job: [report] reference = "DIE"'
+
+
+@dataclass(frozen=True)
+class Stamp:
+    """One verdict: of what, in a word, good or bad or open, and what it rests on."""
+
+    name: str
+    word: str
+    mood: Mood
+    told: str
+
+    @property
+    def sign(self) -> str:
+        """Tells it where colours do not."""
+        return {"good": "✓", "bad": "✗", "open": "?"}[self.mood]
+
+
+@dataclass(frozen=True)
+class Best:
+    """The die of the highest mean PSNR of restored photographs.
+
+    Attributes:
+        name, label: of it.
+        level_db: of light.
+        psnr: its mean, in dB.
+        gain: over the reference; None where it is the reference, or there is none.
+        reference: die that gains are over; None if there is none.
+        stated: whether the job names the reference, which is else the first die.
+        scenes: photographs of each die.
+        others: dies that were photographed beside it.
+        ties: dies that cannot be told from it.
+        open_ratio: of it, as a row of the report.
+        display: verdict on its display; None if none was asked for.
+        missing: what is needed for a gain; empty where there is one.
+    """
+
+    name: str
+    label: str
+    level_db: float
+    psnr: float
+    gain: MeanDifference | None
+    reference: str | None
+    stated: bool
+    scenes: int
+    others: int
+    ties: tuple[str, ...]
+    open_ratio: Document | None
+    display: str | None
+    missing: str
+
+    @property
+    def gain_words(self) -> str:
+        """Interval and photographs of the gain, in words."""
+        if self.gain is None:
+            return ""
+        count = f"{self.scenes} photographs" if self.scenes > 1 else "one photograph, which gives no interval"
+        how = f"{100 * CONFIDENCE:g} % interval by Student's t of the paired differences over "
+        sure = how if self.scenes > 1 else ""
+        tie = "; a tie, for the interval holds 0" if self.scenes > 1 and self.gain.tie else ""
+        return f"{sure}{count}, at {self.level_db:g} dB of light{tie}"
+
+    @property
+    def tie_words(self) -> str:
+        """Dies that may be as good, in words."""
+        if not self.others:
+            return ""
+        if not self.ties:
+            return "Every other die is worse: no interval of its paired difference holds 0."
+        who = "all other dies" if len(self.ties) == self.others and self.others > 1 else ", ".join(self.ties)
+        return f"Tied with it: {who}. The intervals of their paired differences hold 0."
+
+
+def stamps(document: Document) -> tuple[Stamp, Stamp, Stamp]:
+    """Of files, optics and displays."""
+    verdicts = document["verdicts"]
+    shops = sorted({row["name"] for row in document["checks"] if row["name"].startswith("shop_")})
+    house = f"{len(shops)} rules of the mask house" if shops else "no mask house named"
+    return (
+        _of_checks("FILES", verdicts["files"], ("CAN BE ORDERED", "DO NOT ORDER"), f"; {house}"),
+        _of_checks("OPTICS", verdicts["optics"], ("PROVED", "NOT PROVED"), " on the files read back"),
+        _of_displays(verdicts["display"]),
+    )
+
+
+def best(document: Document) -> Best | str:
+    """The best die; in its place a sentence that says what is missing, and what to add."""
+    taken = document.get("photographs")
+    if taken is None or not document["dies"]:
+        return "No photographs: the plate has no die that could be photographed. Add one as [[die]]."
+    level = middle_level(taken["levels_db"])
+    found = scores(taken, level)
+    if not found:
+        return f"No photographs: {_refusal(next(die['refused'] for die in taken['dies']))}"
+    name = max(found, key=lambda each: mean_psnr(taken, level, each))
+    die = next(each for each in document["dies"] if each["name"] == name)
+    reference, stated = taken["reference"], taken["reference_stated"]
+    compared = reference is not None and reference != name
+    return Best(
+        name=name,
+        label=die["label"],
+        level_db=level,
+        psnr=mean_psnr(taken, level, name),
+        gain=difference(taken, level, name, reference) if compared else None,
+        reference=reference,
+        stated=stated is not None,
+        scenes=len(taken["scenes"]),
+        others=len(found) - 1,
+        ties=tuple(each for each in found if each != name and difference(taken, level, each, name).tie),
+        open_ratio=next((row for row in die["quantities"] if row["name"] == "open_ratio"), None),
+        display=die["display"]["verdict"] if "display" in die else None,
+        missing=_missing(taken, name, len(found)),
+    )
+
+
+def assumed(document: Document) -> str:
+    """Camera, light, spectrum and restorer that the numbers of the front rest on, in one line."""
+    camera = document["camera"]
+    focal, stop = camera["focal_um"], camera["stop"]["diameter_um"]
+    lines = ", ".join(f"{line:g}" for line in camera["wavelengths_nm"])
+    lens = f"f = {short(focal / UM_PER_MM)} mm, f/{short(focal / stop, 2)}"
+    said = [f"camera: {lens}, pixel {short(camera['pixel_um'])} µm"]
+    taken = document.get("photographs")
+    if taken is None:
+        return f"Assumed: {'; '.join([*said, f'spectrum: lines of {lines} nm'])}."
+    scene = taken["scene"]
+    said += [each for each in taken["told"] if each.startswith(("sensor", "light"))]
+    spectrum = f"as [scene] says ({scene['spectrum']})" if "spectrum" in scene else f"lines of {lines} nm"
+    said += [f"spectrum: {spectrum}", "restorer: Wiener filter", f"{len(taken['scenes'])} drawn scenes"]
+    rest = [key for key in scene if key not in {"spectrum", "accuracy"}]
+    said.append(f"[scene]: {', '.join(rest)}" if rest else "objects in focus, on the axis")
+    return f"Assumed: {'; '.join(said)}."
+
+
+def crops(document: Document, found: Best | str) -> Iterator[tuple[str, str]]:
+    """Dies whose restored photograph the front shows, each with its caption."""
+    if isinstance(found, str):
+        return
+    taken = document["photographs"]
+    names = dict.fromkeys(each for each in (found.reference, found.name) if each is not None)
+    for name in names:
+        role = "reference" if name == found.reference else "best"
+        yield name, f"{name} ({role}): {scores(taken, found.level_db)[name][0]:.1f} dB"
+
+
+def _of_checks(name: str, tally: Document, words: tuple[str, str], rest: str) -> Stamp:
+    if tally["passed"] is None:
+        return Stamp(name, "NOT CHECKED", "open", "no check was made")
+    if tally["passed"]:
+        return Stamp(name, words[0], "good", f"{tally['checks']} checks pass{rest}")
+    return Stamp(name, words[1], "bad", f"{tally['failed']} of {tally['checks']} checks failed{rest}")
+
+
+def _of_displays(counts: Document) -> Stamp:
+    verdict, dies = counts["verdict"], counts["dies"]
+    if verdict is None:
+        return Stamp("DISPLAY", "NOT JUDGED", "open", "the job has no [emitters]")
+    rest = [f"{counts[key]} {words}" for key, words in (("does_not_fit", "do not fit"), ("unknown", "unknown"))]
+    if verdict == Verdict.FITS:
+        return Stamp("DISPLAY", "FITS", "good", f"on {counts['fits']} of {dies} dies")
+    mood: Mood = "bad" if verdict == Verdict.DOES_NOT_FIT else "open"
+    return Stamp("DISPLAY", f"{counts['fits']} OF {dies} FIT", mood, ", ".join(rest))
+
+
+def _missing(taken: Document, name: str, photographed: int) -> str:
+    stated = taken["reference_stated"]
+    if taken["reference"] is None and stated is not None:
+        why = next(die["refused"] for die in taken["dies"] if die["name"] == stated)
+        return f"No gain: the reference {stated} was not photographed. {_refusal(why)}"
+    if photographed == 1:
+        return f"No gain, for no other die was photographed: {_ADD}."
+    if taken["reference"] == name:
+        return "It is the reference itself: no die has a higher mean."
+    return ""
+
+
+def _refusal(why: str) -> str:
+    """A refusal with its cure."""
+    code, _, what = why.partition(" ")
+    return f"{what}. {explained(code).cure}" if code in CATALOGUE else f"{why}."
