@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.beginning import new as new
     from maskfab.api.verbs.beginning import schema as schema
     from maskfab.api.verbs.benchmarking import bench as bench
+    from maskfab.api.verbs.citing import cite as cite
     from maskfab.api.verbs.designing import Design as Design
     from maskfab.api.verbs.designing import design as design
     from maskfab.api.verbs.displays import check as check
@@ -73,6 +74,7 @@ _WHERE = {
     "bench": "maskfab.api.verbs.benchmarking",
     "cache": "maskfab.api.verbs.keeping",
     "check": "maskfab.api.verbs.displays",
+    "cite": "maskfab.api.verbs.citing",
     "design": "maskfab.api.verbs.designing",
     "doctor": "maskfab.api.verbs.examining",
     "explain": "maskfab.api.verbs.explaining",
@@ -117,6 +119,7 @@ __all__ = [
     "bench",
     "cache",
     "check",
+    "cite",
     "design",
     "doctor",
     "explain",

@@ -17,6 +17,7 @@ from maskfab.files.staging import put_back
 from maskfab.pipeline import JOB_COPY, OVERVIEW, PAGE, REPORT, run
 from maskfab.progress import Progress, silent
 from maskfab.provenance import sha256_of_file
+from maskfab.verification import read_manifest
 
 _MADE_BY = {REPORT: "numbers", PAGE: "figures", OVERVIEW: "figures", RESULT_MARK: "hashes of the others"}
 _MASKS = "drawing and writing"
@@ -98,14 +99,13 @@ def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduc
     """
     folder = Path(directory)
     put_back(Path(os.path.realpath(folder)))
-    try:
-        manifest = json.loads((folder / RESULT_MARK).read_bytes())
-        names = [str(row["path"]) for row in manifest["files"]]
-        then = {str(name): str(number) for name, number in manifest["versions"].items()}
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+    manifest = read_manifest(folder)
+    names, versions = [str(row["path"]) for row in manifest["files"]], manifest.get("versions")
+    if not isinstance(versions, Mapping) or JOB_COPY not in names:
         raise OutputError(
-            "MF403", f"{folder} is not the result of a finished run", cure="Name a directory that maskfab run has made"
-        ) from error
+            "MF403", f"{folder} holds other results than a plate", cure="Name a directory that maskfab run has made"
+        )
+    then = {str(name): str(number) for name, number in versions.items()}
     with tempfile.TemporaryDirectory(prefix="maskfab-") as scratch:
         again = Path(scratch) / "again"
         run(folder / JOB_COPY, again, progress=progress)

@@ -102,7 +102,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
     """
     folder = Path(directory)
     put_back(Path(os.path.realpath(folder)))
-    manifest = _manifest(folder)
+    manifest = read_manifest(folder)
     checks = [*_hashes(folder, manifest), *_unlisted(folder, manifest)]
     try:
         job = load_job(folder / JOB_COPY)
@@ -251,7 +251,12 @@ def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:
     return sees_light(die, camera.stop, clear_shapes(trip.layout, light_box(die, camera.stop)))
 
 
-def _manifest(folder: Path) -> Mapping[str, Any]:
+def read_manifest(folder: Path) -> Mapping[str, Any]:
+    """The manifest of a finished output directory.
+
+    Raises:
+        OutputError: MF403 if there is none, or it lacks what every version writes.
+    """
     try:
         manifest = json.loads((folder / RESULT_MARK).read_text(encoding="utf-8"))
         listed = manifest["files"]

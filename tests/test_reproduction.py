@@ -81,6 +81,16 @@ def test_the_installation_is_examined_and_what_it_computes_wrong_is_told(capsys,
     assert "clear_stop_psf_error" in told.stdout
 
 
+def test_the_version_and_job_of_a_run_are_cited(capsys, small_result):
+    manifest = json.loads((small_result / "manifest.json").read_text())
+    program = command(capsys, "cite", small_result, "--json").document["program"]
+    assert f"version = {{{manifest['maskfab_version']}}}" in program
+    assert f"job {manifest['job_hash'][:16]}" in program
+    told = command(capsys, "cite").stdout
+    assert told.count("{") == told.count("}")
+    assert "Sankaranarayanan" in told
+
+
 def test_nothing_is_taken_from_the_cache(capsys, copy, tmp_path, monkeypatch):
     """A kept result would hide what this installation makes otherwise."""
     monkeypatch.setenv("MASKFAB_CACHE", str(tmp_path / "cache"))

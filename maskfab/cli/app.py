@@ -19,6 +19,7 @@ from maskfab.cli.verbs.analyse import analyse
 from maskfab.cli.verbs.bench import bench
 from maskfab.cli.verbs.cache import cache
 from maskfab.cli.verbs.check import check
+from maskfab.cli.verbs.cite import cite
 from maskfab.cli.verbs.design import design
 from maskfab.cli.verbs.doctor import doctor
 from maskfab.cli.verbs.explain import explain
@@ -129,6 +130,7 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
     (schema, "Example: maskfab schema job > job.schema.json"),
     (reproduce, "Example: maskfab reproduce build/upc12"),
     (doctor, "Example: maskfab doctor"),
+    (cite, "Examples: maskfab cite | maskfab cite build/upc12"),
     (cache, "Examples: maskfab cache | maskfab cache --limit '1 GB'"),
 )
 
