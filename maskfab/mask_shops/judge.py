@@ -59,6 +59,12 @@ class Finding:
     cure: str = ""
     source: str = ""
 
+    @property
+    def told(self) -> str:
+        """Value and limit alone, without place and cure."""
+        limit = "" if self.limit is None else f", {_shown(self.limit)} {self.unit}".rstrip() + " taken"
+        return f"{self.rule}: {_shown(self.value)} {self.unit}".rstrip() + limit
+
     def quantity(self, shop: str) -> Quantity:
         """The finding as a row of a report; the shop by its name, whose pages would fill a table."""
         published = f"A rule of {shop}, whose pages `maskfab shops {shop}` names"
@@ -67,10 +73,8 @@ class Finding:
 
     def __str__(self) -> str:
         verdict = {True: "PASS", False: "REFUSED", None: "note"}[self.passed]
-        limit = "" if self.limit is None else f", {_shown(self.limit)} {self.unit}".rstrip() + " taken"
-        text = f"{verdict} {self.rule}: {_shown(self.value)} {self.unit}".rstrip() + limit
         place = f" at {self.place}" if self.place else ""
-        return text + place + (f". {self.cure}" if self.cure else "")
+        return f"{verdict} {self.told}{place}" + (f". {self.cure}" if self.cure else "")
 
 
 def accepted(findings: Sequence[Finding]) -> bool:
@@ -293,14 +297,18 @@ def _of_blank(blank: Blank, shop: Shop) -> Iterator[Finding]:
     if glass is not None:
         thickness = None if blank.glass_nm is None else blank.glass_nm / NM_PER_MM
         named = _templates(lambda each: glass[0] <= each.thickness / 1000 <= glass[1])
-        cure = (
-            f"{named[0].upper()}{named[1:]}ask the house" if named else "No plate template is so thick: ask the house"
-        )
-        yield _within("glass", thickness, glass, "mm", cure)
+        cure = f"{named}set order.thickness to {span_text(glass)} mm, if the plate may be of such glass"
+        yield _within("glass", thickness, glass, "mm", cure[0].upper() + cure[1:])
+
+
+def span_text(limits: tuple[float, float]) -> str:
+    """Least and most, or the one number that both are."""
+    least, most = limits
+    return f"{least:g}" if least == most else f"{least:g} to {most:g}"
 
 
 def _within(rule: str, value: float | None, limits: tuple[float, float], unit: str, cure: str) -> Finding:
-    limit = f"{limits[0]:g} to {limits[1]:g}"
+    limit = span_text(limits)
     if value is None:
         return Finding(rule, None, "not stated by the job", f"{limit} {unit}", cure="State it in the order")
     fits = limits[0] - 1e-9 <= value <= limits[1] + 1e-9

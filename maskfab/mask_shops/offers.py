@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Shop
-from maskfab.mask_shops.judge import Finding
+from maskfab.mask_shops.judge import Finding, span_text
 from maskfab.model import Plate
 from maskfab.units import NM_PER_UM, UM_PER_MM
 
@@ -26,11 +26,14 @@ def check_ordered(found: Sequence[Finding], spec: JobSpec, plate: Plate, shop: S
     """
     touches = (None if spec.order is None else spec.order.corner_touches) or shop.order.default.corner_touches
     told = f"By the order they must {touches}"
+    offers = check_offers(spec, plate, shop)
+    twice = {"glass"} if any(each.rule == "order_thickness" for each in offers) else set()
     known = (
         replace(each, cure=told) if each.rule == "corner_touches" and each.passed is None and touches else each
         for each in found
+        if each.rule not in twice
     )
-    return (*known, *check_offers(spec, plate, shop))
+    return (*known, *offers)
 
 
 def check_offers(spec: JobSpec, plate: Plate, shop: Shop) -> tuple[Finding, ...]:
@@ -89,6 +92,6 @@ def _most(key: str, wish: float, most: float, unit: str) -> Finding:
 
 def _between(key: str, wish: float, limits: tuple[float, float], unit: str) -> Finding:
     fits = limits[0] - 1e-9 <= wish <= limits[1] + 1e-9
-    limit = f"{limits[0]:g} to {limits[1]:g}"
+    limit = span_text(limits)
     cure = "" if fits else f"Set order.{key} to {limit} {unit}".rstrip() + ", or choose another house"
     return Finding(f"order_{key}", fits, wish, limit, unit, cure=cure)

@@ -26,7 +26,7 @@ _CONTACT = {
     "email": "e-mail",
     "telephone": "telephone",
 }
-_NO_WISH = "as the house makes it"
+_NO_WISH = "the house's standard"
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ def _answers(spec: JobSpec, stated: OrderSection, plate: Plate, shop: Shop, touc
         _bias(spec, stated),
         wish.text("protection", "pellicle or coat", "none"),
         _touches(stated, usual, shop, touches),
-        wish.text("delivery", "delivery", _NO_WISH),
+        wish.text("delivery", "delivery", "by agreement"),
     ]
     contact = stated.contact or ContactSection()
     for key, label in _CONTACT.items():

@@ -22,6 +22,7 @@ from maskfab.units import NM_PER_UM, UM_PER_INCH
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
+_DATA, _MADE, _BUSINESS, _BUYER = "Data", "Plate", "Order", "Ordered by"
 _LABELS: Mapping[OrderField, str] = {
     "mask_name": "mask name",
     "tone": "tone",
@@ -48,7 +49,7 @@ class OrderSheet:
 
     Attributes:
         title: what the sheet is for.
-        rows: label and answer, those first for which the house's form asks, in its order.
+        groups: headings, each with rows of label and answer; first that for which the house's form asks, in its order.
         cds: name, axis, x and y in millimetres, drawn width in micrometres of every gauge.
         files: mask files that go with it, with their SHA-256.
         sources: pages on which the house's rules were read.
@@ -56,7 +57,7 @@ class OrderSheet:
     """
 
     title: str
-    rows: tuple[tuple[str, str], ...]
+    groups: tuple[tuple[str, tuple[tuple[str, str], ...]], ...]
     cds: tuple[tuple[str, str, str, str, str], ...]
     files: tuple[tuple[str, str], ...]
     sources: tuple[str, ...]
@@ -64,9 +65,10 @@ class OrderSheet:
 
     def text(self) -> str:
         """The sheet as plain text with a line for each row."""
-        wide = max((len(label) for label, _ in self.rows), default=0)
-        lines = [self.title, "=" * len(self.title), ""]
-        lines += [f"{label.ljust(wide)}  {answer}" for label, answer in self.rows]
+        wide = max((len(label) for _, rows in self.groups for label, _ in rows), default=0)
+        lines = [self.title, "=" * len(self.title)]
+        for heading, rows in self.groups:
+            lines += ["", heading, *(f"  {label.ljust(wide)}  {answer}" for label, answer in rows)]
         lines += ["", "CDs (clear width along the axis; plate centre = origin, x to the right, y up, chrome side)"]
         table = [("name", "axis", "x mm", "y mm", "width um"), *self.cds]
         widths = [max(len(row[k]) for row in table) for k in range(5)]
@@ -83,7 +85,8 @@ class OrderSheet:
         """The sheet's rows, CDs and files as a table for spreadsheets, which take nothing in it for a formula."""
         buffer = io.StringIO()
         writer = csv.writer(buffer, lineterminator="\n")
-        table = [(self.title,), *self.rows, ("name", "axis", "x mm", "y mm", "width um"), *self.cds,
+        rows = [row for heading, group in self.groups for row in ((heading,), *group)]
+        table = [(self.title,), *rows, ("name", "axis", "x mm", "y mm", "width um"), *self.cds,
                  ("file", "SHA-256"), *self.files]  # fmt: skip
         writer.writerows([_inert(printable(cell)) for cell in row] for row in table)
         return buffer.getvalue()
@@ -92,7 +95,7 @@ class OrderSheet:
         """The order sheet as an HTML page; names are escaped."""
         parts = [
             f"<h1>{escape(self.title)}</h1>",
-            _table((), self.rows),
+            *(f"<h2>{escape(heading)}</h2>" + _table((), rows) for heading, rows in self.groups),
             "<h2>CDs</h2><p>Clear width along the axis; the plate's centre is the origin, x to the right, y up, seen "
             "on the chrome side.</p>",
             _table(("name", "axis", "x mm", "y mm", "width µm"), self.cds),
@@ -105,6 +108,8 @@ class OrderSheet:
         style = (
             "body{font:14px system-ui,sans-serif;margin:2em auto;max-width:60em}table{border-collapse:collapse}"
             "td,th{border:1px solid #bbb;padding:.3em .7em;text-align:left;vertical-align:top;overflow-wrap:anywhere}"
+            "h1{font-size:1.5em}h2{font-size:1.1em;margin:1.2em 0 .4em;break-after:avoid}tr,li{break-inside:avoid}"
+            "li{overflow-wrap:anywhere}@page{size:A4;margin:15mm}@media print{body{font-size:9pt;margin:0}}"
         )
         return (
             f'<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8"><title>{escape(self.title)}</title>'
@@ -136,16 +141,18 @@ def order_sheet(
     if edges is not None and not set(formats) - set(PLATE_BITMAPS):
         answers["units"] = f"1 dot = {UM_PER_INCH / edges.dpi:g} um"
     fields = dict.fromkeys((*(each for each in shop.order.fields if each != "comments"), *_ALWAYS))
-    rows = [(_LABELS[each], answers[each]) for each in fields]
-    rows += [(each.label, each.text) for each in order.answers]
+    groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (_DATA, _MADE, _BUSINESS, _BUYER)}
+    groups[_DATA] = [(_LABELS[each], answers[each]) for each in fields]
     if edges is not None:
-        rows.append(("plotter's dots", f"{edges.dpi} dpi; 1 (white) is digitized data, as seen on the chrome side"))
-        rows.append(("edges of the bitmap", edges.said()))
-    rows += _promised(shop)
+        dots = f"{edges.dpi} dpi; 1 (white) is digitized data, as seen on the chrome side"
+        groups[_DATA] += [("plotter's dots", dots), ("edges of the bitmap", edges.said())]
+    for each in order.answers:
+        groups[_heading(each.key)].append((each.label, each.text))
+    groups[_MADE] += _promised(shop)
     plate = figures.plate
     return OrderSheet(
         f"Photomask order: {plate.name}, {shop.title}",
-        tuple(rows),
+        tuple((heading, tuple(rows)) for heading, rows in groups.items()),
         tuple(_cd(gauge) for gauge in plate.gauges),
         tuple(files),
         shop.sources,
@@ -153,8 +160,15 @@ def order_sheet(
     )
 
 
+def _heading(key: str) -> str:
+    """Group of a line of the order."""
+    if key.startswith("contact."):
+        return _BUYER
+    return _BUSINESS if key in {"revision", "date", "purchase_number", "quantity", "delivery"} else _MADE
+
+
 def _rules_heading(shop: Shop, order: Order) -> str:
-    read = "Rules of the house as read on" if shop.read_on is None else f"Rules of the house as read {shop.read_on} on"
+    read = "Rules of the house" + ("" if shop.read_on is None else f", read on {shop.read_on}")
     if order.day is None or not shop.outdated(order.day):
         return read
     return f"Ask whether they still hold, for they were read more than two years before this order. {read}"

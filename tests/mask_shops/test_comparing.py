@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import pytest
 from small_job import command, write_job
 
 import maskfab as mf
+from maskfab import resources
 from maskfab.mask_shops.profiles import shop_names
 
 
@@ -15,7 +17,8 @@ def test_a_comparison_says_of_each_house_what_its_package_would(capsys, tmp_path
     bids = {each["shop"]: each for each in found.document["shops"]}
     assert found.code == 0
     assert set(bids) == set(shop_names())
-    for name, bid in bids.items():
+    for name in ("compugraphics", "gesim", "jd_photo_data", "topro_film"):
+        bid = bids[name]
         package = ["package", job, "--shop", name, "--out", tmp_path / f"{name}.zip", "--json", "--quiet"]
         made = command(capsys, *package).document
         assert bid["taken"] == (made["verdict"] == "pass")
@@ -52,3 +55,29 @@ def test_a_house_of_the_jobs_own_is_compared_too(tmp_path):
     assert not bids["own"].taken
     assert bids["own"].changes == ("layers renamed",)
     assert [each.rule for each in bids["own"].refusals] == ["grid"]
+
+
+# Houses that take each kind of plate, of all that there are.
+ALWAYS = {
+    "compugraphics",
+    "generic-chrome",
+    "heidelberg_dwl66",
+    "jd_photo_data",
+    "mr_nanotec",
+    "photomask_portal",
+    "pog",
+}
+KINDS = {
+    "order_chrome": {*ALWAYS, "nippon_filcon", "topro_chrome", "ualberta_dwl200", "ualberta_mla150"},
+    "order_film": {*ALWAYS, "gesim", "jd_photo_data_film", "photoplotstore", "topro_film", "ualberta_mla150"},
+    "order_through_glass": {*ALWAYS, "nippon_filcon", "photoplotstore", "topro_chrome", "ualberta_mla150"},
+}
+
+
+@pytest.mark.parametrize(
+    "kind", ["order_chrome", "order_film", pytest.param("order_through_glass", marks=pytest.mark.slow)]
+)
+def test_a_filled_order_leaves_no_blank_at_any_house_that_takes_its_plate(kind):
+    bids = mf.shops(compare=resources.path(f"layouts/{kind}.toml"))
+    assert {bid.shop for bid in bids if bid.taken} == KINDS[kind]
+    assert all(bid.blanks == () for bid in bids)

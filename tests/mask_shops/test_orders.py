@@ -278,7 +278,7 @@ def test_a_profile_that_is_dated_says_so_on_the_sheet(tmp_path):
     made = pack(load_job(write_job(tmp_path)), shop, tmp_path / "p.zip", ("gdsii",))
     with zipfile.ZipFile(made.path) as archive:
         sheet = archive.read("SMALL_house/order.txt").decode()
-    assert "Rules of the house as read 2026-09-30 on\n  https://example.org/rules" in sheet
+    assert "Rules of the house, read on 2026-09-30\n  https://example.org/rules" in sheet
     assert all(check.passed for check in verify_package(made.path))
 
 

@@ -55,7 +55,7 @@ class Comparison(tuple[Bid, ...]):
         for bid in self:
             told = ", ".join(bid.changes) or "-"
             if not bid.taken:
-                told = "; ".join(str(each).removeprefix("REFUSED ") for each in bid.refusals)
+                told = "; ".join(each.told for each in bid.refusals)
             rows.append((bid.shop, "yes" if bid.taken else "no", bid.format, str(len(bid.blanks)), told))
         widths = [max(len(row[k]) for row in rows) for k in range(4)]
         room = max(_LINE - sum(widths) - 2 * len(widths), _LEAST)
@@ -68,6 +68,8 @@ class Comparison(tuple[Bid, ...]):
             at = [bid.shop for bid in self if bid.blanks == keys]
             told = f"blank at {'all' if len(at) == len(self) else ', '.join(at)}: {', '.join(keys)}"
             lines += ["", *textwrap.wrap(told, _LINE)]
+        if not all(bid.taken for bid in self):
+            lines += ["", "where, and what to do: maskfab check JOB --shop NAME"]
         return "\n".join(lines)
 
 
