@@ -8,13 +8,11 @@ from typing import Any
 
 from maskfab.measurement.restored import middle_level
 from maskfab.report.page.photograph_table import best_photographed, gain_words, mean_psnr, scores
-from maskfab.report.plots.number_text import rounded
 
 Document = Mapping[str, Any]
 Row = Mapping[str, Any]
 
 _WORST = "mtf_worst_"
-_DIGITS = 3
 
 
 @dataclass(frozen=True)
@@ -105,30 +103,32 @@ def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], C
             ("MTF, worst", f"{name.removeprefix(_WORST)} cy/mm"): _number(name, middle)
             for name in sorted(worst, key=lambda each: float(each.removeprefix(_WORST)))
         },
-        ("Halo, %", at): _number("halo_energy", middle, scale=100.0),
+        ("Halo, %", at): _number("halo_energy", middle, scale=100.0, decimals=1),
         ("Emitters, %", "(margin)"): _footprint,
         ("Wires", "x, y"): _wires,
-        ("Edge", "colour, ΔE"): _number("edge_colour_difference"),
+        ("Edge", "colour, ΔE"): _number("edge_colour_difference", decimals=1),
         ("AUC", at): _number("auc_radial_min", middle),
     }
 
 
-def _number(name: str, wavelength_nm: float | None = None, scale: float = 1.0) -> Callable[[Document], Cell | None]:
+def _number(
+    name: str, wavelength_nm: float | None = None, scale: float = 1.0, decimals: int = 3
+) -> Callable[[Document], Cell | None]:
     def find(die: Document) -> Cell | None:
         for row in die["quantities"]:
             if row["name"] == name and row.get("wavelength_nm", wavelength_nm) == wavelength_nm:
-                return _cell(row, scale)
+                return _cell(row, scale, decimals)
         return None
 
     return find
 
 
-def _cell(row: Row, scale: float) -> Cell | None:
+def _cell(row: Row, scale: float, decimals: int) -> Cell | None:
     value = row["value"]
     if not isinstance(value, int | float):
         return None
     error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
-    return Cell(rounded(float(scale * value), _DIGITS), f"{value!r}{error}", row["passed"] is False)
+    return Cell(f"{scale * value:.{decimals}f}", f"{value!r}{error}", row["passed"] is False)
 
 
 def _footprint(die: Document) -> Cell | None:
@@ -148,4 +148,4 @@ def _wires(die: Document) -> Cell | None:
     if wires is None:
         return None
     lines, wanted = wires["lines"], wires["wanted"]
-    return Cell(f"{lines[0]:g}, {lines[1]:g} of {wanted}", "", min(lines) < wanted)
+    return Cell(f"{lines[0]:g}, {lines[1]:g} / {wanted}", "", min(lines) < wanted)

@@ -146,10 +146,10 @@ def psf(psfs: Sequence[Psf]) -> Drawing:
     others = [item for item in dict.fromkeys((shown[0], shown[-1])) if item is not main]
     width = 6.2 if others else 4.5
     figure = Figure(figsize=(width, 3.8))
-    _draw_psf(place(figure, (0.6, 0.5, 3.0, 3.0)), main, 321)
+    _draw_psf(place(figure, (0.6, 0.5, 3.0, 3.0)), main, 257)
     for row, item in enumerate(others):
         axes = place(figure, (3.85, 2.15 - 1.65 * row, 1.35, 1.35))
-        _draw_psf(axes, item, 161)
+        _draw_psf(axes, item, 129)
         axes.set(xlabel="", ylabel="", xticks=[], yticks=[])
     draw_decades(place(figure, (width - 0.8, 0.5, 0.12, 3.0)), "intensity / peak (log)")
     lines = ", ".join(f"{item.wavelength_nm:g} nm" for item in shown)

@@ -11,6 +11,8 @@ from numpy.typing import NDArray
 
 from maskfab.model import Panel, Psf
 
+_STEPS = 10
+"""Shades of a decade: more are not told apart, and a picture of fewer is smaller."""
 DECADES = 6
 """Decades below the peak that every picture of a PSF shows; equal for all, so that pictures can be compared."""
 
@@ -51,7 +53,7 @@ def log_intensity(psf: Psf, pixels: int, peak: float | None = None) -> NDArray[n
         values = mean @ values @ mean.T
     if peak <= 0:
         return np.full(values.shape, -float(DECADES))
-    return np.log10(np.clip(values / peak, 10.0**-DECADES, 1.0))
+    return np.round(np.log10(np.clip(values / peak, 10.0**-DECADES, 1.0)) * _STEPS) / _STEPS
 
 
 def png(levels: NDArray[np.uint8], palette: NDArray[np.uint8]) -> bytes:
