@@ -26,7 +26,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF104": "A length, wavelength or ratio is zero, negative, NaN, infinite or out of its range.",
         "MF105": "A key is missing or has a value of the wrong type.",
         "MF106": "dots x dot + gutter differs from the stated pitch.",
-        "MF107": "A length does not lie on the database grid of 1 nm.",
+        "MF107": "A length does not lie on the grid of the data, 1 nm unless export.grid says otherwise.",
         "MF108": "A die, a panel or a mark is larger than the space available.",
         "MF109": "Two dies, or two different openings, maps or tables of curves, have one name.",
         "MF110": "Mask shops would refuse a name, or the plate's font lacks a character.",

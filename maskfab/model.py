@@ -415,9 +415,33 @@ class Note:
     position_nm: Point
 
 
+@dataclass(frozen=True)
+class Snapping:
+    """Movement of a plate's marks to the grid of its data.
+
+    Attributes:
+        grid_nm: of which every written vertex is a multiple.
+        vertices: that were moved.
+        farthest_nm: distance that none was moved beyond.
+    """
+
+    grid_nm: int
+    vertices: int
+    farthest_nm: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.vertices} vertices of marks moved by at most {self.farthest_nm:.3g} nm to the data grid of "
+            f"{self.grid_nm} nm"
+        )
+
+
 @dataclass(frozen=True, eq=False)
 class Plate:
-    """A photomask: blank, dies, marks, and the gauges at which its CDs are measured. Origin: the blank's centre."""
+    """A photomask: blank, dies, marks, and the gauges at which its CDs are measured. Origin: the blank's centre.
+
+    ``snapped`` is None where the grid of its data is 1 nm.
+    """
 
     name: str
     title: str
@@ -427,6 +451,7 @@ class Plate:
     furniture: tuple[Furniture, ...]
     gauges: tuple[Gauge, ...]
     notes: tuple[Note, ...]
+    snapped: Snapping | None = None
 
     def __post_init__(self) -> None:
         require.instance(self, "name", str)

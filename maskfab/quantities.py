@@ -827,6 +827,7 @@ _ENTRIES = (
     Entry("lens_view", "", "", "Seen from", "Side of the plate that the lens sees, and how the design reads there."),
     Entry("drawn_holes", "", "", "Outlines with holes", "Outlines whose holes were redrawn; their area is unchanged."),
     Entry("drawn_parted", "", "", "Outlines separated", "Outlines that touched themselves and were separated there."),
+    Entry("drawn_snapped", "", "", "Vertices moved to the grid", "Vertices of marks moved to the grid of the data."),
     Entry("drawn_split", "", "", "Outlines cut", "Outlines cut because they had more vertices than max_vertices."),
     Entry(
         "polygons",

@@ -28,7 +28,7 @@ from maskfab.geometry.plate_layout import (
 from maskfab.geometry.polygonize import Corners, Holes, Recut, exact, hull_points, recut, triangles
 from maskfab.geometry.unit_cell import unit_key, unit_shapes
 from maskfab.jobfile.order import Tone
-from maskfab.model import CHROME, CLEAR, LAYERS, NOTE, Box, Layer, Note, Plate, Point, Polygon
+from maskfab.model import CHROME, CLEAR, LAYERS, NOTE, Box, Layer, Note, Plate, Point, Polygon, Snapping
 
 Hierarchy: TypeAlias = Literal["cells", "flat", "merged"]
 Shapes: TypeAlias = Mapping[Layer, tuple[Polygon, ...]]
@@ -121,6 +121,7 @@ class Account:
         split: outlines cut for their number of vertices.
         paired: dies drawn with two pixels in each cell.
         options: what was asked for.
+        snapped: marks that were moved to the data grid.
     """
 
     polygons: int
@@ -132,6 +133,7 @@ class Account:
     split: int
     paired: tuple[str, ...]
     options: PolygonOptions
+    snapped: Snapping | None = None
 
     def lines(self) -> tuple[str, ...]:
         """For a file's comments and a manifest: nothing is changed without being said here."""
@@ -153,6 +155,8 @@ class Account:
             said.append(f"{self.split} outlines cut for having more than {self.options.max_vertices} vertices")
         if self.paired:
             said.append(f"two pixels in each cell of {', '.join(self.paired)}")
+        if self.snapped is not None:
+            said.append(str(self.snapped))
         return tuple(said)
 
 
@@ -290,8 +294,10 @@ class _Drawing:
             split=done.split,
             paired=tuple(self._paired),
             options=options,
+            snapped=plate.snapped,
         )
         figures = replace(figures, account=account)
+        _refuse_off_grid(figures)
         return self._told(figures) if CUT in figures.layers else figures
 
     def _told(self, figures: Figures) -> Figures:
@@ -471,6 +477,26 @@ def _merged(figures: Figures) -> tuple[Figures, _Done]:
     cells = {name: _unwritten(shapes) for name, shapes in figures.cells.items()}
     marks = tuple(MarkFigures(mark.name, _unwritten(mark.shapes)) for mark in figures.marks)
     return replace(figures, cells=cells, marks=marks, merged=merged), _Done.of(drawn)
+
+
+def _refuse_off_grid(figures: Figures) -> None:
+    """Refuse (MF413) what drawing has put off the data grid, such as a cut through slanted edges."""
+    grid = 1 if figures.plate.snapped is None else figures.plate.snapped.grid_nm
+    if grid == 1:
+        return
+    drawn = [*figures.cells.items(), *((mark.name, mark.shapes) for mark in figures.marks)]
+    drawn += [
+        (figures.top, {layer: tuple(map(hull_points, region.each()))}) for layer, region in figures.merged.items()
+    ]
+    for name, shapes in drawn:
+        for layer, polygons in shapes.items():
+            off = (point for polygon in polygons for point in polygon if point[0] % grid or point[1] % grid)
+            if layer.written and (point := next(off, None)) is not None:
+                raise OutputError(
+                    "MF413",
+                    f"{name} has a vertex at {point} nm, off the data grid of {grid} nm, where an outline is cut",
+                    cure='Use a finer export.grid, or holes = "bisect" and max_vertices = 4094',
+                )
 
 
 def _unwritten(shapes: Shapes) -> Shapes:

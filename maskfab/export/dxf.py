@@ -132,7 +132,7 @@ def write_dxf(
         stream = io.StringIO()
         drawing.write(stream)
     text = stream.getvalue()
-    said = figures.account.lines() if figures.options != PolygonOptions() else ()
+    said = figures.account.lines() if figures.options != PolygonOptions() or figures.account.snapped else ()
     lines = (f"Units: 1 drawing unit = 1 {style.unit_name}", *comments, *said)
     head = "".join(f"999\n{_one_line(line)}\n" for line in lines)
     with (

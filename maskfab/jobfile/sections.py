@@ -575,6 +575,8 @@ class ExportSection(Section):
     """Dots that touch at a corner: apart, or joined in one outline."""
     max_references: int | None = Field(default=None, ge=1)
     """References of a die above which two pixels share a cell."""
+    grid: Length | None = None
+    """Grid of the data: dies off it are refused, marks are moved to it; default: 1 nm, or the shop's."""
     dots_per_um: float = Field(default=0.125, gt=0, le=MOST_DOTS_PER_UM, allow_inf_nan=False)
     """Pixels per micrometre of PNG and TIFF."""
     dpi: Dpi | None = None

@@ -16,7 +16,8 @@ from maskfab.jobfile import DRAWING_KEYS, MASK_FORMATS, MEASURED_FORMATS, Export
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.counts import facing_dots
 from maskfab.mask_shops.stencil import stencilled
-from maskfab.model import CLEAR, Box, Die, Furniture, Plate, Polygon
+from maskfab.model import CLEAR, Box, Die, Furniture, Plate
+from maskfab.plate.data_grid import lies_on, snapped
 from maskfab.plate.marks.drawing import bounding_box
 from maskfab.plate.marks.template import plate_template
 from maskfab.units import NM_PER_MM, NM_PER_UM, to_nm
@@ -47,37 +48,19 @@ def suited(plate: Plate, shop: Shop, holes: Holes) -> Plate:
     if shop.polygons.shared_boundaries is False:
         narrowest = round((shop.limits.min_space_um or shop.limits.min_feature_um or 0) * NM_PER_UM)
         marks = [stencilled(mark, holes, narrowest) if mark.layer.written else mark for mark in marks]
-    grid = kept_grid_nm(plate, shop)
-    if grid > 1:
-        marks = [_snapped(mark, grid) if mark.layer.written else mark for mark in marks]
-    return replace(plate, furniture=tuple(marks))
+    grid, drawn = kept_grid_nm(plate, shop), replace(plate, furniture=tuple(marks))
+    return snapped(drawn, grid) if grid > 1 else drawn
 
 
 def kept_grid_nm(plate: Plate, shop: Shop) -> int:
-    """The coarsest of the shop's grids on which every dot of every die lies; 1 nm where it asks for none."""
-    kept = [grid for grid in shop.limits.grid_nm or () if all(_on_grid(die, grid) for die in plate.dies)]
+    """The coarsest of the shop's grids on which every dot of every die lies; 1 nm where it asks for none.
+
+    A job's own data grid comes first, and then 1 nm, where the shop has them.
+    """
+    kept = [grid for grid in shop.limits.grid_nm or () if all(lies_on(die, grid) for die in plate.dies)]
+    if plate.snapped is not None and plate.snapped.grid_nm in kept:
+        return plate.snapped.grid_nm
     return 1 if 1 in kept else max(kept, default=1)
-
-
-def _on_grid(die: Die, grid_nm: int) -> bool:
-    panel = die.panel
-    lengths = (panel.dot_nm, panel.pitch_nm, panel.gutter_nm // 2, *die.origin_nm)
-    return all(length % grid_nm == 0 for length in lengths)
-
-
-def _snapped(mark: Furniture, grid_nm: int) -> Furniture:
-    """The mark with every vertex on the nearest line of a grid; widths that are multiples of it stay."""
-
-    def nearest(value: int) -> int:
-        return (value + grid_nm // 2) // grid_nm * grid_nm
-
-    drawn = (tuple((nearest(x), nearest(y)) for x, y in polygon) for polygon in mark.polygons)
-    return replace(mark, polygons=tuple(map(_without_doubles, drawn)))
-
-
-def _without_doubles(polygon: Polygon) -> Polygon:
-    """The outline without vertices that follow themselves."""
-    return tuple(point for point, before in zip(polygon, (polygon[-1], *polygon), strict=False) if point != before)
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,8 @@ class PlateFiles:
             "drawn_parted": (said.parted, "outlines parted where they touched themselves"),
             "drawn_split": (said.split, f"outlines cut for more than {self.figures.options.max_vertices} vertices"),
         }
+        if said.snapped is not None:
+            counts["drawn_snapped"] = said.snapped.vertices, str(said.snapped)
         rows = tuple(Quantity(name, count, method) for name, (count, method) in counts.items())
         return rows if self.edges is None else (*rows, *self.edges.quantities())
 

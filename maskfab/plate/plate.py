@@ -14,6 +14,7 @@ from maskfab.drc.raster_rules import smallest_runs
 from maskfab.errors import JobError
 from maskfab.jobfile import JobSpec, PlateSection
 from maskfab.model import Die, Note, Opening, Panel, Plate, Point
+from maskfab.plate.data_grid import check_dies, snapped
 from maskfab.plate.marks.captions import LABEL_NM
 from maskfab.plate.marks.clearances import check_clearances
 from maskfab.plate.marks.drawing import Setting
@@ -38,9 +39,9 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
 
     Raises:
         JobError: MF105 if there is nothing to lay out, or neither a template nor a blank to do it on; MF106 or MF107 if
-            a die's pitch is not its dots and gutter, or off the grid; MF108 if something is larger than its room; MF114
-            if a stop is wider than its panel; MF124 to MF126 if the plate's template cannot be used, is unknown, or
-            contradicts the job.
+            a die's pitch is not its dots and gutter, or off the grid; MF104 for a data grid beyond 1 um; MF108 if
+            something is larger than its room; MF114 if a stop is wider than its panel; MF124 to MF126 if the plate's
+            template cannot be used, is unknown, or contradicts the job.
     """
     heading, section = laid_out(spec, where=where)
     template = None if section.template is None else plate_template(section.template, where=f"{where}: plate.template")
@@ -71,7 +72,14 @@ def compose(spec: JobSpec, openings: Mapping[str, tuple[Opening, ...]], signatur
     corner = writable_nm // 2 - MARGIN_NM
     note = Note(signature, (-corner, -corner - MARGIN_NM // 2))
     plate = Plate(heading.name, heading.title, blank_nm, writable_nm, dies, drawn.furniture, drawn.gauges, (note,))
-    return mirrored(plate) if spec.mirrored else plate
+    plate = mirrored(plate) if spec.mirrored else plate
+    grid_um = None if spec.export is None else spec.export.grid
+    if grid_um is None:
+        return plate
+    place = f"{where}: export.grid"
+    grid_nm = to_nm(grid_um, where=place, name="grid")
+    check_dies(plate.dies, grid_nm, where=place)
+    return snapped(plate, grid_nm) if grid_nm > 1 else plate
 
 
 def _side(section: PlateSection, template: PlateTemplate | None, key: str, where: str) -> int:
