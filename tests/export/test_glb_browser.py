@@ -10,40 +10,21 @@ from __future__ import annotations
 import base64
 import io
 import json
-import os
 import re
-import shutil
-import signal
 import struct
-import subprocess
 import zipfile
-from contextlib import suppress
 from dataclasses import dataclass
 from importlib.resources import files
 
 import matplotlib.image
 import numpy as np
 import pytest
+from browser import dumped, installed
 
 from maskfab.comparison.roundtrip import die_edges_nm, die_raster
 from maskfab.export.solid.mesh import write_glb
 
-BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
-FLAGS = (
-    "--headless",
-    "--no-sandbox",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--disable-dev-shm-usage",
-    "--use-gl=angle",
-    "--use-angle=swiftshader",
-    "--enable-unsafe-swiftshader",
-    "--dump-dom",
-)
-PATIENCE_S = 60
+WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 SIDE = 512
 EDGE_PX = 0.15
 """Pixels with their middle so near to an edge of the design are not compared; of the others not one may be wrong."""
@@ -153,30 +134,10 @@ def pale(document):
     document["materials"][0]["pbrMetallicRoughness"]["baseColorFactor"] = [0.7, 0.85, 0.9, 0.3]
 
 
-def dumped(browser, page, home):
-    """Text of a page after its scripts; skips where the browser itself does not work."""
-    command = [browser, *FLAGS, f"--user-data-dir={home}", page.as_uri()]
-    with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL, start_new_session=True
-    ) as process:
-        try:
-            text = process.communicate(timeout=PATIENCE_S)[0].decode(errors="replace")
-        except subprocess.TimeoutExpired:
-            # Its helpers hold the pipe open, so the whole of its own group goes.
-            with suppress(ProcessLookupError):
-                os.killpg(process.pid, signal.SIGKILL)
-            pytest.skip(f"{browser} showed no page within {PATIENCE_S} s")
-    if "</html>" not in text:
-        pytest.skip(f"{browser} shows no page here")
-    return text
-
-
 @pytest.fixture(scope="module")
 def pictures(small_plate, tmp_path_factory):
     """Every picture of this module, by name, from one start of the browser."""
-    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
-    if browser is None:
-        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
+    browser = installed()
     place = tmp_path_factory.mktemp("glb")
     jobs = []
 
@@ -200,7 +161,7 @@ def pictures(small_plate, tmp_path_factory):
     assert start
     page = place / "page.html"
     page.write_text(library + PAGE.replace("SIDE", str(SIDE)).replace("JOBS", json.dumps(jobs)) + end)
-    found = re.search(r'<pre id="told">(.*?)</pre>', dumped(browser, page, place / "home"), re.DOTALL)
+    found = re.search(r'<pre id="told">(.*?)</pre>', dumped(browser, page, place / "home", *WEBGL), re.DOTALL)
     assert found, "the page came to no end"
     told = json.loads(found[1])
     if told == "no WebGL":

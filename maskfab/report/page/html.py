@@ -19,6 +19,7 @@ from maskfab.report.page.die_table import die_table
 from maskfab.report.page.front import assumed, best, crops, stamps
 from maskfab.report.page.glossary import WORDS
 from maskfab.report.page.photograph_table import photograph_table
+from maskfab.report.page.stage_table import stage_table
 from maskfab.report.plots import die_figures
 from maskfab.report.plots.number_text import rounded, short
 from maskfab.resources import template
@@ -57,7 +58,7 @@ _RARELY_READ = frozenset(
 )
 """Rows that the page folds, unless they failed."""
 
-_RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "psf_file_", "solid_")
+_RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "psf_file_", "solid_", "written_")
 """Prefixes of further rows that it folds: a die has such rows for every file of its own."""
 
 _UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²"})
@@ -103,6 +104,8 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
     """
     drawn = {place: {name: Markup(image) for name, image in images.items()} for place, images in pictures.items()}
     checks: Sequence[Row] = document["checks"]
+    lines_nm = document["camera"]["wavelengths_nm"]
+    middle_nm = lines_nm[len(lines_nm) // 2]
     return _page().render(
         style=style(),
         document=document,
@@ -117,6 +120,8 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         failed_dies={check["die"] for check in checks if not check["passed"] and "die" in check},
         table=die_table(document),
         photographs=photograph_table(document["photographs"]) if "photographs" in document else None,
+        middle_nm=middle_nm,
+        stage_table=lambda die: stage_table(die, middle_nm),
         wavelengths=_wavelengths,
         lines=_lines,
         plain=_plain,

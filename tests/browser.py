@@ -1,0 +1,52 @@
+"""A browser without a window, which loads a page and prints what its scripts have made of it."""
+
+from __future__ import annotations
+
+import os
+import shutil
+import signal
+import subprocess
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+FLAGS = (
+    "--headless",
+    "--no-sandbox",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--disable-dev-shm-usage",
+    "--dump-dom",
+)
+PATIENCE_S = 60
+
+
+def installed() -> str:
+    """The browser's path; skips where there is none."""
+    browser = next(filter(None, map(shutil.which, BROWSERS)), None)
+    if browser is None:
+        pytest.skip(f"none of {', '.join(BROWSERS)} is installed")
+    return browser
+
+
+def dumped(browser: str, page: Path, home: Path, *flags: str) -> str:
+    """Text of a page after its scripts; skips where the browser itself does not work."""
+    command = [browser, *FLAGS, *flags, f"--user-data-dir={home}", page.as_uri()]
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL, start_new_session=True
+    ) as process:
+        try:
+            text = process.communicate(timeout=PATIENCE_S)[0].decode(errors="replace")
+        except subprocess.TimeoutExpired:
+            # Its helpers hold the pipe open, so the whole of its own group goes.
+            with suppress(ProcessLookupError):
+                os.killpg(process.pid, signal.SIGKILL)
+            pytest.skip(f"{browser} showed no page within {PATIENCE_S} s")
+    if "</html>" not in text:
+        pytest.skip(f"{browser} shows no page here")
+    return text
