@@ -40,7 +40,7 @@ from maskfab.kept.recall import Recalling
 from maskfab.kept.results import give_result, keep_result
 from maskfab.kept.store import Store
 from maskfab.mask_shops.adapt import ordered_blank, written_formats
-from maskfab.mask_shops.dot_edges import check_dpi, plotted_dpi
+from maskfab.mask_shops.dot_edges import check_plotter, plotted_dpi
 from maskfab.mask_shops.judge import check_written
 from maskfab.mask_shops.offers import check_ordered
 from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
@@ -487,7 +487,9 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
     if shop is None:
         return ()
     found = check_written(made.figures, shop, made.formats, ordered_blank(job.spec))
-    dots = check_dpi(made.settings.dpi, shop, made.formats)
+    # What dots do to edges are rows of their own, with or without a house.
+    plotter = check_plotter(made.plate, job.spec, shop, made.formats)
+    dots = (each for each in plotter if each.rule != "edge_error")
     return tuple(each.quantity(shop.name) for each in check_ordered((*found, *dots), job.spec, made.plate, shop))
 
 

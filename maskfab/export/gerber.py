@@ -1,7 +1,8 @@
 """Gerber X2: every opening a region (G36, G37), so that no aperture and no macro is needed.
 
 The Gerber layer format specification, revision 2024.05: coordinates of six decimals of a millimetre are whole
-nanometres, a coordinate that does not change is left out (4.2.2), attributes are those of chapter 5 only.
+nanometres, a coordinate that does not change is left out (4.2.2), attributes are those of chapter 5 only. They stand
+in comments of the form that the specification gives them (5.1.1), for older viewers warn of what they do not know.
 """
 
 from __future__ import annotations
@@ -52,7 +53,7 @@ def write_gerber(
         for text in chain(_head(figures, comments), _body(figures)):
             digest.update(text.replace("\n", "").encode("ascii"))
             file.write(text)
-        file.write(f"%TF.MD5,{digest.hexdigest()}*%\nM02*\n")
+        file.write(_attribute("MD5", digest.hexdigest()) + "M02*\n")
 
 
 def gerber_bytes(figures: Figures) -> int:
@@ -70,11 +71,16 @@ def _head(figures: Figures, comments: Sequence[str]) -> Iterator[str]:
         "Unit mm, six decimals: one step is one nanometre; origin is the centre of the blank",
     )
     yield from (f"G04 {_text(line)}*\n" for line in lines)
-    yield f"%TF.GenerationSoftware,maskfab,maskfab,{_field(__version__)}*%\n"
-    yield f"%TF.Part,Other,Photomask {_field(figures.plate.name)}*%\n"
-    yield "%TF.FileFunction,Other,Photomask*%\n"
+    yield _attribute("GenerationSoftware", "maskfab", "maskfab", _field(__version__))
+    yield _attribute("Part", "Other", f"Photomask {_field(figures.plate.name)}")
+    yield _attribute("FileFunction", "Other", "Photomask")
     # Regions need no aperture, and some readers warn of a file that defines none.
     yield "%FSLAX46Y46*%\n%MOMM*%\n%ADD10C,0.001*%\nG01*\n"
+
+
+def _attribute(name: str, *fields: str) -> str:
+    """An attribute of the file."""
+    return f"G04 #@! TF.{','.join((name, *fields))}*\n"
 
 
 def _body(figures: Figures) -> Iterator[str]:
@@ -88,8 +94,8 @@ def _body(figures: Figures) -> Iterator[str]:
 
 
 def _text(line: str) -> str:
-    """The line as comments take it: ASCII, and none of the characters that end a block."""
-    return re.sub(r"[^ -~]|[*%\\]", "_", " ".join(line.split()))
+    """The line as comments take it: ASCII, none of the characters that end a block, and no attribute."""
+    return re.sub(r"[^ -~]|[*%\\]|^#(?=@!)", "_", " ".join(line.split()))
 
 
 def _field(value: str) -> str:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from klayout import db
@@ -153,14 +153,28 @@ def dot_edges(
     return DotEdges(dpi, found, limit, by, _even_dpi(judged, plate, dpi))
 
 
-def check_dpi(dpi: int | None, shop: Shop, formats: Sequence[str]) -> tuple[Finding, ...]:
-    """Judge dots per inch by those that a house states; nothing where it states none, or is sent no bitmap."""
-    offered = shop.accepts.dpi
-    if dpi is None or offered is None or not set(PLATE_BITMAPS) & set(formats):
+def check_plotter(plate: Plate, spec: JobSpec, shop: Shop, formats: Sequence[str]) -> tuple[Finding, ...]:
+    """Judge a bitmap that a house is sent: its dots per inch by those that the house states, and what they do to edges.
+
+    Nothing where no bitmap is sent, or nobody states dots per inch.
+
+    Args:
+        plate: what is plotted.
+        spec: of its job.
+        shop: the house.
+        formats: of the files.
+    """
+    dpi, offered = plotted_dpi(spec.export, shop), shop.accepts.dpi
+    edges = dot_edges(plate, spec, shop, formats, dpi)
+    if edges is None:
         return ()
-    known = " ".join(map(str, sorted(offered)))
-    cure = "" if dpi in offered else f'Set dpi = "{max(offered)} dpi" in [export]'
-    return (Finding("dpi", dpi in offered, dpi, known, "dpi", cure=cure),)
+    found = [edges.finding()]
+    if offered is not None:
+        known = " ".join(map(str, sorted(offered)))
+        cure = "" if dpi in offered else f'Set dpi = "{max(offered)} dpi" in [export]'
+        found.append(Finding("dpi", dpi in offered, edges.dpi, known, "dpi", cure=cure))
+    source = " ".join(shop.sources)
+    return tuple(replace(each, source=source) for each in found)
 
 
 def _limit(plate: Plate, spec: JobSpec, shop: Shop | None) -> tuple[float | None, str]:

@@ -49,12 +49,12 @@ def test_an_independent_reader_finds_the_design(small_plate, tmp_path, options):
 def text(small_plate, tmp_path):
     path = tmp_path / "x.gbr"
     plate = replace(small_plate, name="a,b*c%d\\µ")
-    write_gerber(plate, path, ["job 0123, seeds a=1", "M02*\n%FSLAX24Y24*%"])
+    write_gerber(plate, path, ["job 0123, seeds a=1", "M02*\n%FSLAX24Y24*%", " #@! TF.FilePolarity,Negative"])
     return path.read_text(encoding="ascii")
 
 
 def test_attributes_are_those_of_the_specification(text):
-    found = dict(re.findall(r"^%TF(\.[A-Za-z0-9]+),(.*)\*%$", text, re.MULTILINE))
+    found = dict(re.findall(r"^G04 #@! TF(\.[A-Za-z0-9]+),(.*)\*$", text, re.MULTILINE))
     assert set(found) == {".GenerationSoftware", ".Part", ".FileFunction", ".MD5"}
     assert found[".FileFunction"] == "Other,Photomask"
     assert found[".Part"] == "Other,Photomask a_b_c_d__"
@@ -62,9 +62,9 @@ def test_attributes_are_those_of_the_specification(text):
 
 
 def test_the_hash_is_of_all_before_it_without_line_ends(text):
-    before, _, after = text.partition("%TF.MD5,")
+    before, _, after = text.partition("G04 #@! TF.MD5,")
     assert after.split("*")[0] == hashlib.md5(before.replace("\n", "").encode()).hexdigest()
-    assert after.endswith("*%\nM02*\n")
+    assert after.endswith("*\nM02*\n")
 
 
 def test_a_comment_cannot_end_the_file(text):

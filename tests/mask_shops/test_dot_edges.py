@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 import zipfile
 from dataclasses import replace
 
@@ -11,10 +12,13 @@ import pytest
 from small_job import command, write_job
 
 from maskfab.comparison.files import read_back
+from maskfab.comparison.plate_dots import check_plate_dots
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import JobError
+from maskfab.export.images.plate_bitmap import write_plate_tiff
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
+from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import parse_shop
 from maskfab.mask_shops.dot_edges import dot_edges
@@ -150,3 +154,13 @@ def test_dots_that_lose_openings_fill_no_file_or_are_not_told_are_refused_before
     assert made.code == 2
     assert not (tmp_path / "out").exists()
     assert re.search(said, made.stderr)
+
+
+@pytest.mark.slow
+def test_sixteen_thousand_million_dots_are_written_and_read_back_in_a_minute(tmp_path):
+    job = load_job("layouts/upc12.toml")
+    plate, path = job.plate(), tmp_path / "plate.tif"
+    started = time.process_time()
+    assert write_plate_tiff(plate, path, 25_400).side == 127_000
+    assert check_plate_dots(plate, plate_layout(plate), path, 25_400, "clear").value == 0
+    assert time.process_time() - started < 60

@@ -20,6 +20,7 @@ from maskfab.eye.side_by_side import SeenPanel, judge, target_pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import drawing_options, fitted, ordered_blank
+from maskfab.mask_shops.dot_edges import check_plotter
 from maskfab.mask_shops.judge import Finding, accepted, check_shop
 from maskfab.mask_shops.offers import check_ordered
 from maskfab.mask_shops.profiles import load_shop
@@ -167,9 +168,11 @@ def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Pr
     loaded = job_of(job)
     progress("rules", 0, 1)
     plate = loaded.plate()
-    options = replace(drawing_options(fitted(plate, profile), profile), tone=loaded.spec.tone)
+    sendable = fitted(plate, profile)
+    options = replace(drawing_options(sendable, profile), tone=loaded.spec.tone)
     found = check_shop(plate, profile, sent, options, ordered_blank(loaded.spec))
-    findings = check_ordered(found, loaded.spec, plate, profile)
+    plotter = check_plotter(sendable, loaded.spec, profile, sent or profile.formats[:1])
+    findings = check_ordered((*found, *plotter), loaded.spec, plate, profile)
     progress("rules", 1, 1)
     return ShopCheck(profile, findings, loaded.digest)
 
