@@ -21,7 +21,7 @@ from once import figures_in_words
 from small_job import command, listing, write_job
 from sweeps import sweep
 
-from maskfab.delivery.pack import PACKED, pack, verify_package
+from maskfab.delivery.pack import pack, verify_package
 from maskfab.job import load_job
 from maskfab.mask_shops.profiles import load_shop, shop_names
 
@@ -56,10 +56,10 @@ fields = ["mask_name", "tone", "design_layers"]
 
 
 def sent_to(name: str) -> tuple[str, ...]:
-    """Formats in which the small plate goes to a house."""
+    """Formats of polygons in which the small plate goes to a house."""
     shop = load_shop(name)
     known = shop.accepts.formats or shop.accepts.ruled or ALL[:2]
-    return tuple(each for each in known if each in PACKED)
+    return tuple(each for each in known if each in ALL)
 
 
 def as_options(formats) -> list[str]:
