@@ -108,7 +108,8 @@ def test_a_package_holds_the_bitmap_and_the_sheet_its_edges(tmp_path):
     assert [check.name for check in made.checks] == ["plate_bitmap_wrong_dots"]
     with zipfile.ZipFile(target) as archive:
         (sheet,) = (archive.read(name).decode() for name in archive.namelist() if name.endswith("order.txt"))
-    said = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in sheet.splitlines() if "  " in line}
+    lines = [line.strip() for line in sheet.splitlines() if "  " in line.strip()]
+    said = {line.split("  ")[0]: line.split("  ", 1)[1].strip() for line in lines}
     assert said["plotter's dots"].startswith("12700 dpi; 1 (white) is digitized data")
     assert said["edges of the bitmap"].startswith("at most 0 um from where they are drawn, rms 0 um; at most 0.25 um")
     assert said["units"] == "1 dot = 2 um"
