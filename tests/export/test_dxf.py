@@ -1,10 +1,11 @@
 from __future__ import annotations
 
+import logging
 from dataclasses import replace
 
 import ezdxf
 import pytest
-from ezdxf import bbox
+from ezdxf import bbox, recover
 from ezdxf.entitydb import EntityDB
 from klayout import db
 
@@ -23,11 +24,13 @@ def path(small_plate, tmp_path, version):
     return path
 
 
-def test_audit_finds_nothing(path, version):
+def test_audit_finds_nothing(path, version, caplog):
     drawing = ezdxf.readfile(path)
-    audit = drawing.audit()
-    assert not audit.errors
-    assert not audit.fixes
+    _, recovered = recover.readfile(path)
+    for audit in (drawing.audit(), recovered):
+        assert not audit.errors
+        assert not audit.fixes
+    assert [record for record in caplog.records if record.levelno >= logging.WARNING] == []
     assert drawing.dxfversion == {"R12": "AC1009", "R2010": "AC1024"}[version]
 
 
