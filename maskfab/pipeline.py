@@ -499,9 +499,9 @@ def check_processes(job: Job, plate: Plate) -> None:
     Raises:
         JobError: MF104 or MF127.
     """
-    if job.spec.process is not None:
+    if job.spec.written is not None:
         for die in plate.dies:
-            check_process(job.spec.process.process(), die.panel, f"{job.where}: process, die {die.name}")
+            check_process(job.spec.written, die.panel, f"{job.where}: process, die {die.name}")
 
 
 def check_pictures(job: Job, plate: Plate) -> None:
@@ -546,9 +546,9 @@ def measure_process(
     Raises:
         JobError: MF104, MF127 or MF115 for a process that does not go with a die.
     """
-    if job.spec.process is None:
+    process, do = job.spec.written, (crew or Alone()).do
+    if process is None:
         return {}
-    process, do = job.spec.process.process(), (crew or Alone()).do
 
     def one(die: Die) -> Written:
         return do(measure_written, _mask(die), job.camera, process, job.where)

@@ -703,10 +703,6 @@ class ProcessSection(Section):
     """Change of width of a clear line; positive widens what is clear."""
     spread: SpreadSection | None = None
 
-    def process(self) -> Process:
-        """The process of the model."""
-        return Process(self.corner_radius, self.cd_bias)
-
 
 class JobSpec(Section):
     """A whole job file."""
@@ -763,6 +759,14 @@ class JobSpec(Section):
         highest = self.camera.camera().nyquist_cy_per_mm
         asked = None if self.report is None else self.report.frequencies
         return asked or tuple(share * highest for share in (0.1, 0.25, 0.5))
+
+    @property
+    def written(self) -> Process | None:
+        """The process as the finished plate shows it, without a bias that the house is asked to make good; or None."""
+        if self.process is None:
+            return None
+        made_good = self.order is not None and self.order.bias == "house"
+        return Process(self.process.corner_radius, 0.0 if made_good else self.process.cd_bias)
 
     def drawn(self) -> dict[str, Any]:
         """Content of the job's hash: :meth:`dump` without what [order] says on paper alone, and without [report].

@@ -79,7 +79,7 @@ def _bid(spec: JobSpec, plate: Plate, shop: Shop) -> Bid:
     drawn = fitted(plate, shop)
     options = replace(drawing_options(drawn, shop), tone=spec.tone)
     sent = shop.formats[0]
-    found = check_shop(plate, shop, (sent,), options, ordered_blank(spec))
+    found = check_shop(plate, shop, (sent,), options, ordered_blank(spec), counted=False)
     findings = check_ordered(found, spec, plate, shop)
     touches = next((int(each.value) for each in findings if each.rule == "corner_touches"), 0)
     order = order_of(spec, drawn, shop, touches)

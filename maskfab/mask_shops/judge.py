@@ -88,6 +88,8 @@ def check_shop(
     formats: Sequence[Format] = (),
     options: PolygonOptions | None = None,
     blank: Blank | None = None,
+    *,
+    counted: bool = True,
 ) -> tuple[Finding, ...]:
     """Judge what a package of a composed plate would hold by every rule that a shop publishes; nothing is written.
 
@@ -97,6 +99,8 @@ def check_shop(
         formats: what is to be sent; the shop's first format if empty.
         options: how polygons are drawn; None chooses as a package does.
         blank: what the job says of chrome and glass; None leaves them to the order.
+        counted: whether to count all places of a die that are too narrow, which takes longest; the narrowest is found
+            either way.
     """
     sent, drawn = tuple(formats) or shop.formats[:1], fitted(plate, shop)
     names = plate_names(drawn)
@@ -108,7 +112,7 @@ def check_shop(
         *_of_files(shop, drawn, sent, drawn_by.tone, noted=False),
         *_of_plate(drawn, shop),
         *_of_blank(blank or Blank(None, None), shop),
-        *_of_features(drawn, shop),
+        *_of_features(drawn, shop, counted=counted),
         *(refusal if figures is None else _of_figures(figures, shop, layers)),
         *_of_names(plate.name, sorted(cells), [*layers, *_texted(drawn, shop, sent)], shop),
     )
@@ -315,29 +319,29 @@ def _within(rule: str, value: float | None, limits: tuple[float, float], unit: s
     return Finding(rule, fits, value, limit, unit, cure="" if fits else cure)
 
 
-def _of_features(plate: Plate, shop: Shop) -> Iterator[Finding]:
+def _of_features(plate: Plate, shop: Shop, *, counted: bool = True) -> Iterator[Finding]:
     limits = shop.limits
     least = limits.min_feature_um
     if least is not None:
-        yield _feature(plate, least, limits.min_feature_on_request_um)
+        yield _feature(plate, least, limits.min_feature_on_request_um, counted)
     space = limits.min_space_um if limits.min_space_um is not None else least
     if space is not None:
-        yield _space(plate, space, limits.min_feature_on_request_um)
+        yield _space(plate, space, limits.min_feature_on_request_um, counted)
     if limits.grid_nm is not None:
         yield _grid(plate, shop, limits.grid_nm)
 
 
-def _feature(plate: Plate, least_um: float, on_request_um: float | None) -> Finding:
-    worst = _worst(plate, DesignRules(min_width_nm=_nm(least_um), kissing=False), "clear")
+def _feature(plate: Plate, least_um: float, on_request_um: float | None, counted: bool) -> Finding:
+    worst = _worst(plate, DesignRules(min_width_nm=_nm(least_um), kissing=False), "clear", counted)
     return _narrow("min_feature", "clear", worst, least_um, on_request_um)
 
 
-def _space(plate: Plate, least_um: float, on_request_um: float | None) -> Finding:
-    worst = _worst(plate, DesignRules(min_space_nm=_nm(least_um), kissing=False), "opaque")
+def _space(plate: Plate, least_um: float, on_request_um: float | None, counted: bool) -> Finding:
+    worst = _worst(plate, DesignRules(min_space_nm=_nm(least_um), kissing=False), "opaque", counted)
     return _narrow("min_space", "opaque", worst, least_um, on_request_um)
 
 
-def _worst(plate: Plate, rules: DesignRules, tone: Tone) -> tuple[float, str] | None:
+def _worst(plate: Plate, rules: DesignRules, tone: Tone, counted: bool) -> tuple[float, str] | None:
     """The narrowest place in micrometres, and where; None where nothing is too narrow.
 
     Corners that kiss are a rule of their own. Test figures and codes are fine on purpose.
@@ -345,7 +349,7 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone) -> tuple[float, str] | 
     marks = tuple(mark for mark in plate.furniture if mark.kind not in _FINE_ON_PURPOSE)
     coarse = replace(plate, furniture=marks)
     if dies_apart(coarse, rules.reach_nm):
-        found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone)]
+        found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone, counted)]
         found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
     else:
         found = list(_too_narrow(check_plate(coarse, rules)))
@@ -353,12 +357,12 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone) -> tuple[float, str] | 
     return (value / NM_PER_UM, place) if found else None
 
 
-def _of_die(die: Die, plate: Plate, rules: DesignRules, tone: Tone) -> Iterator[tuple[float, str]]:
+def _of_die(die: Die, plate: Plate, rules: DesignRules, tone: Tone, counted: bool) -> Iterator[tuple[float, str]]:
     """The narrowest place of a die, in nanometres, if it breaks the rule."""
     least = rules.reach_nm
     if narrowest(die, tone).value_nm >= least:
         return
-    if 2 * least < die.panel.pitch_nm:
+    if counted and 2 * least < die.panel.pitch_nm:
         yield from _too_narrow(check_plate(replace(plate, dies=(die,), furniture=()), rules))
         return
     # Where every cell meets its neighbours' neighbours, counting all places takes minutes.

@@ -106,7 +106,8 @@ class OrderSheet:
             listed = "".join(f"<li>{escape(source)}</li>" for source in self.sources)
             parts.append(f"<h2>{escape(self.rules_heading)}</h2><ul>{listed}</ul>")
         style = (
-            "body{font:14px system-ui,sans-serif;margin:2em auto;max-width:60em}table{border-collapse:collapse}"
+            "body{font:14px system-ui,sans-serif;margin:2em auto;max-width:60em}"
+            "table{border-collapse:collapse;width:100%}td:first-child{width:12em}"
             "td,th{border:1px solid #bbb;padding:.3em .7em;text-align:left;vertical-align:top;overflow-wrap:anywhere}"
             "h1{font-size:1.5em}h2{font-size:1.1em;margin:1.2em 0 .4em;break-after:avoid}tr,li{break-inside:avoid}"
             "li{overflow-wrap:anywhere}@page{size:A4;margin:15mm}@media print{body{font-size:9pt;margin:0}}"

@@ -199,7 +199,7 @@ def test_a_job_without_export_or_process_says_nothing_of_them():
     assert (spec.export, spec.process) == (None, None)
     assert not {"export", "process"} & spec.dump().keys()
     assert spec_of(with_export("")).export.formats == ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
-    assert spec_of(with_process("")).process.process() == Process(0.0, 0.0)
+    assert spec_of(with_process("")).written == Process(0.0, 0.0)
 
 
 ALL_FORMATS = (
@@ -280,7 +280,7 @@ def test_what_export_refuses(text, code, key):
 )
 def test_a_bias_has_a_sign(text, um):
     spec = spec_of(with_process(f"cd_bias = {text}"))
-    assert spec.process.process().cd_bias_um == pytest.approx(um, abs=1e-15)
+    assert spec.written.cd_bias_um == pytest.approx(um, abs=1e-15)
     again = validate(spec.dump(), where="again")
     assert again == spec
 

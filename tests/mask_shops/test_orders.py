@@ -26,7 +26,7 @@ from maskfab.mask_shops.order import BLANK, order_of
 from maskfab.mask_shops.plate_files import files_of_job
 from maskfab.mask_shops.profiles import load_shop, shop_names
 from maskfab.model import CHROME, CLEAR, LAYERS
-from maskfab.pipeline import run
+from maskfab.pipeline import measure_process, run
 from maskfab.plate.mirrored import mirrored
 
 ALL = 'formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg"]'
@@ -335,3 +335,24 @@ def test_each_revision_has_a_package_of_its_own_and_none_is_overwritten(capsys, 
     assert command(capsys, *words, tmp_path / "plain.zip").code == 0
     job.write_text(plain + "\n[order]\nquantity = 2\n")
     assert command(capsys, *words, tmp_path / "plain.zip", "--force").code == 0
+
+
+def test_a_bias_that_the_house_makes_good_is_not_on_the_plate(tmp_path):
+    """The sheet asks for it, and the optics as written are those of edges where they were drawn."""
+    seen, told = {}, {}
+    for name, line, bias in (
+        ("plain", "", 0.0),
+        ("written", 'bias = "none"', 0.8),
+        ("made good", 'bias = "house"', 0.8),
+    ):
+        process = f'[process]\ncorner_radius = "0.5 um"\ncd_bias = "{bias} um"\n'
+        job = ordered(tmp_path / name, line, extra=process)
+        plate = job.plate()
+        written = measure_process(job, replace(plate, dies=plate.dies[:1]), lambda *_: None)["PLAIN"]
+        seen[name] = {q.name: q.value for q in written.quantities if isinstance(q.value, float)}
+        told[name] = next(
+            each.text for each in order_of(job.spec, plate, load_shop("pog")).answers if each.key == "bias"
+        )
+    assert seen["made good"] == seen["plain"] != seen["written"]
+    assert told["made good"].startswith("to be made good by the house")
+    assert "+0.8 um" in told["written"]

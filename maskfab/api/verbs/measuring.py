@@ -138,8 +138,8 @@ def measure(
     wanted = dies_of(die, panels)
     stated = None if times is None else [parse_time_s(each, where="times") for each in times]
     line_nm = None if line is None else parse_wavelength_nm(wavelength_text(line), where="line")
-    process = None if known.spec.process is None else known.spec.process.process()
-    promise = Promise(0.0 if process is None else process.cd_bias_um, shop_of(known.spec, known.where))
+    written = known.spec.written
+    promise = Promise(0.0 if written is None else written.cd_bias_um, shop_of(known.spec, known.where))
     sensor = stated_sensor(known.spec.sensor)
     if not pair:
         _noise(gain, read_noise, None)
@@ -211,7 +211,7 @@ def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...
     if idle:
         notes.append(f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms.")
     process, plate = job.spec.process, job.spec.plate
-    unfitted = ["corner_radius of [process]"] if process is not None and process.process().corner_radius_um else []
+    unfitted = ["corner_radius of [process]"] if process is not None and process.corner_radius else []
     unfitted += ["[process.spread]"] if process is not None and process.spread is not None else []
     unfitted += ["optical_density of [plate]"] if plate is not None and plate.optical_density is not None else []
     if unfitted:
