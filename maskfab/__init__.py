@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.beginning import schema as schema
     from maskfab.api.verbs.benchmarking import bench as bench
     from maskfab.api.verbs.citing import cite as cite
+    from maskfab.api.verbs.comparing import compare as compare
     from maskfab.api.verbs.designing import Design as Design
     from maskfab.api.verbs.designing import design as design
     from maskfab.api.verbs.displays import check as check
@@ -75,6 +76,7 @@ _WHERE = {
     "cache": "maskfab.api.verbs.keeping",
     "check": "maskfab.api.verbs.displays",
     "cite": "maskfab.api.verbs.citing",
+    "compare": "maskfab.api.verbs.comparing",
     "design": "maskfab.api.verbs.designing",
     "doctor": "maskfab.api.verbs.examining",
     "explain": "maskfab.api.verbs.explaining",
@@ -120,6 +122,7 @@ __all__ = [
     "cache",
     "check",
     "cite",
+    "compare",
     "design",
     "doctor",
     "explain",

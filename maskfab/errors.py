@@ -111,6 +111,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF404": "The output place was changed by another program during the run.",
         "MF405": "The old result was changed by another program while it was replaced.",
         "MF406": "A package would take the place of another revision, or of other contents of its own.",
+        "MF407": "A report that is to be compared was edited, is damaged, or is of another version.",
         "MF410": "A cell has no chrome, so there is no solid to write.",
         "MF411": "An STL would be larger than its limit.",
         "MF412": "A die has more cells or vertices than this solid format supports.",

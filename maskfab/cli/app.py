@@ -20,6 +20,7 @@ from maskfab.cli.verbs.bench import bench
 from maskfab.cli.verbs.cache import cache
 from maskfab.cli.verbs.check import check
 from maskfab.cli.verbs.cite import cite
+from maskfab.cli.verbs.compare import compare
 from maskfab.cli.verbs.design import design
 from maskfab.cli.verbs.doctor import doctor
 from maskfab.cli.verbs.explain import explain
@@ -125,6 +126,11 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         study,
         "Examples: maskfab study layouts/studies/fig7.toml -o build/fig7 | "
         "maskfab study layouts/studies/*.toml --images photographs -o build/studies",
+    ),
+    (
+        compare,
+        "Examples: maskfab compare build/upc12 | "
+        "maskfab compare build/upc12 build/mine --reference upc12:TOLED_P150 --out build/side_by_side",
     ),
     (explain, "Example: maskfab explain MF106"),
     (schema, "Example: maskfab schema job > job.schema.json"),

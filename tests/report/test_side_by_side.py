@@ -1,0 +1,161 @@
+"""Finished reports side by side: what is ranked, what is refused, and what is said of the rest."""
+
+from __future__ import annotations
+
+import copy
+import json
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from small_job import command, finished
+
+import maskfab as mf
+from maskfab.camera.intervals import MeanDifference
+from maskfab.errors import JobError, OutputError
+from maskfab.report.side_by_side.compared import Compared, compare_reports
+from maskfab.report.side_by_side.finished_report import FinishedReport
+from maskfab.report.side_by_side.page import compare_page, verdict
+
+
+@pytest.fixture(scope="module")
+def other(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The small plate with another seed, and one die of another name."""
+    edits = ("seed = 3", "seed = 4"), ('name = "PLAIN"', 'name = "EVEN"')
+    return finished(tmp_path_factory.mktemp("other"), *edits)
+
+
+@pytest.fixture(scope="module")
+def document(small_result: Path) -> Mapping[str, Any]:
+    read: Mapping[str, Any] = json.loads((small_result / "report.json").read_text())
+    return read
+
+
+def report(name: str, document: Mapping[str, Any], **scores: list[float]) -> FinishedReport:
+    """A report with photographs of these dies; every level of light has the same."""
+    told = copy.deepcopy(dict(document))
+    by_name = {die["name"]: die for die in told["photographs"]["dies"]}
+    for die, given in scores.items():
+        row = {"epsilon": 0.01, "psnr": given, "psnr_inner": given}
+        by_name[die] |= {
+            "refused": None,
+            "levels": [{"level_db": level, **row} for level in told["photographs"]["levels_db"]],
+        }
+    told["photographs"]["reference"] = "PLAIN"
+    told["photographs"]["scenes"] = [f"scene {number}" for number in range(len(next(iter(scores.values()))))]
+    return FinishedReport(name, told, None, True)
+
+
+def ranked(found: Compared) -> list[tuple[str, bool]]:
+    return [(row["name"], row["best"]) for row in found.to_dict()["levels"][0]["dies"]]
+
+
+def test_differences_are_paired_and_ties_are_named(document):
+    """All scenes of one die are better by a decibel, give or take .1, though scenes differ by twenty."""
+    base = [20.0, 30.0, 40.0, 25.0]
+    one = report(
+        "one",
+        document,
+        PLAIN=base,
+        TURNED=[each + 1 + step for each, step in zip(base, (0.1, -0.1, 0, 0), strict=True)],
+    )
+    two = report("two", document, PLAIN=[each + 1 for each in base], TURNED=[each - 3 for each in base])
+    found = compare_reports([one, two])
+    assert ranked(found) == [
+        ("one:TURNED", True),
+        ("two:PLAIN", True),
+        ("one:PLAIN", False),
+        ("two:TURNED", False),
+    ] or (ranked(found) == [("two:PLAIN", True), ("one:TURNED", True), ("one:PLAIN", False), ("two:TURNED", False)])
+    row = next(row for row in found.to_dict()["levels"][0]["dies"] if row["name"] == "one:TURNED")
+    exact = MeanDifference.of([1.1, 0.9, 1.0, 1.0])
+    assert row["gain"]["mean"] == pytest.approx(exact.mean)
+    assert row["gain"]["half_width"] == pytest.approx(exact.half_width)
+    assert "tied with" in verdict(found)
+    assert "over 4 photographs" in verdict(found)
+
+
+def test_the_order_of_reports_changes_names_alone(document):
+    rng = np.random.default_rng(1)
+    scores = rng.uniform(20, 30, (4, 5)).tolist()
+    one = report("one", document, PLAIN=scores[0], TURNED=scores[1])
+    two = report("two", document, PLAIN=scores[2], TURNED=scores[3])
+    there, back = (
+        compare_reports(order, reference="one:PLAIN").to_dict()["levels"] for order in ([one, two], [two, one])
+    )
+    assert there == back
+
+
+def test_other_scenes_light_or_camera_are_left_out_and_said(document):
+    one = report("one", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.0])
+    two = report("two", document, PLAIN=[30.0, 31.0, 32.0], TURNED=[30.0, 31.0, 32.0])
+    found = compare_reports([one, two])
+    assert {name for name, _ in ranked(found)} == {"one:PLAIN", "one:TURNED"}
+    assert any("scenes" in each and "not compared" in each for each in found.left_out)
+    light = report("two", document, PLAIN=[30.0, 31.0], TURNED=[30.0, 31.0])
+    light.document["photographs"]["sensor"]["read_noise"] = 99.0
+    assert any("sensor" in each for each in compare_reports([one, light]).left_out)
+    lens = report("two", document, PLAIN=[30.0, 31.0], TURNED=[30.0, 31.0])
+    lens.document["camera"]["focal_um"] = 1.0
+    found = compare_reports([one, lens])
+    assert any("another camera" in each and "focal" in each for each in found.left_out)
+    dies = {die["name"]: {row["name"] for row in die["quantities"]} for die in found.document["dies"]}
+    assert dies["two:PLAIN"] <= {"open_ratio", "min_feature", "min_gap"}
+    assert "auc_radial_min" in dies["one:PLAIN"]
+
+
+def test_two_runs_from_files_to_a_page(capsys, small_result, other, tmp_path):
+    told = command(capsys, "compare", small_result, other, "--json", "--out", tmp_path / "page")
+    assert told.code == 0
+    fields = {each["field"]: each["values"] for each in told.document["job_differences"]}
+    assert fields["die.TURNED.seed"] == ["3", "4"]
+    assert fields["die.PLAIN"] == ["periodic", None]
+    assert fields["die.EVEN"] == [None, "periodic"]
+    assert len(fields) == 3
+    page = (tmp_path / "page" / "compare.html").read_text()
+    assert "<script" not in page
+    assert "http" not in page.replace("http://www.w3.org", "")
+    text = command(capsys, "compare", small_result).stdout
+    assert text.splitlines()[0].startswith("die ")
+    assert {"PLAIN", "TURNED"} <= {line.split()[0] for line in text.splitlines()}
+
+
+def test_names_from_elsewhere_are_inert(document):
+    wild = report("<script>alert(1)</script>", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.5])
+    page = compare_page(compare_reports([wild, report("two", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.0])]))
+    assert "<script" not in page
+
+
+@pytest.mark.parametrize("damage", ["edited", "truncated", "version", "empty", "list", "long name"])
+def test_what_is_no_report_any_more_is_refused(small_result, tmp_path, damage):
+    folder = Path(shutil.copytree(small_result, tmp_path / "copy"))
+    file = folder / "report.json"
+    text = file.read_text()
+    changed = {
+        "edited": text.replace("SMALL PLATE", "LARGE PLATE"),
+        "truncated": text[:-100],
+        "version": text.replace('"schema_version": ', '"schema_version": 9'),
+        "empty": "",
+        "list": "[]",
+        "long name": text,
+    }[damage]
+    file.write_text(changed)
+    place = folder if damage != "long name" else tmp_path / ("x" * 300)
+    with pytest.raises(OutputError, match="MF403" if damage == "long name" else "MF407"):
+        mf.compare(place)
+
+
+def test_a_report_alone_is_compared_but_not_vouched_for(small_result, tmp_path):
+    shutil.copy(small_result / "report.json", tmp_path)
+    found = mf.compare(tmp_path / "report.json")
+    assert any("no manifest" in each for each in found.compared.left_out)
+
+
+def test_dies_are_named_with_or_without_their_report(small_result, other):
+    assert [line.name for line in mf.compare(small_result, other, dies=["PLAIN", "EVEN"]).compared.table.lines] != []
+    for wrong in (["TURNED", "PLAIN"], ["NOBODY", "PLAIN"], ["PLAIN"]):
+        with pytest.raises(JobError, match="MF105"):
+            mf.compare(small_result, other, dies=wrong)
