@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import tempfile
 from collections.abc import Mapping
 from pathlib import Path
@@ -20,7 +21,7 @@ def package_stem(plate: str, shop: str, revision: str | None) -> str:
 
 def placed(target: Path, stem: str) -> Path:
     """The file to write: ``target`` itself, or in the folder that it is."""
-    return target / f"{stem}.zip" if target.is_dir() else target
+    return target / f"{stem}.zip" if os.path.isdir(target) else target
 
 
 def check_earlier(target: Path, revision: str | None) -> None:
@@ -62,7 +63,7 @@ def _told(revision: object) -> str:
 
 def _manifest(target: Path) -> dict[str, Any] | None:
     """The manifest of a package that is there; None where there is none, or another file."""
-    if not target.is_file() or not is_package(target):
+    if not os.path.isfile(target) or not is_package(target):
         return None
     try:
         with tempfile.TemporaryDirectory(prefix="maskfab-package-") as folder:
