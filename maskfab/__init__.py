@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.displays import render as render
     from maskfab.api.verbs.examining import doctor as doctor
     from maskfab.api.verbs.explaining import explain as explain
+    from maskfab.api.verbs.job_sweeps import sweep as sweep
     from maskfab.api.verbs.keeping import cache as cache
     from maskfab.api.verbs.learning import learn as learn
     from maskfab.api.verbs.measuring import measure as measure
@@ -102,6 +103,7 @@ _WHERE = {
     "shops": "maskfab.api.verbs.shops",
     "simulate": "maskfab.api.verbs.photographs",
     "study": "maskfab.api.verbs.studying",
+    "sweep": "maskfab.api.verbs.job_sweeps",
     "verify": "maskfab.api.verbs.plates",
 }
 """Module of every public name."""
@@ -148,6 +150,7 @@ __all__ = [
     "shops",
     "simulate",
     "study",
+    "sweep",
     "verify",
 ]
 

@@ -1,4 +1,4 @@
-"""Tasks that this process shares with a second one, so that two processors are kept busy.
+"""Tasks that this process shares with a second one, or several, so that all processors are kept busy.
 
     with Pair() as crew:
         photographs = crew.submit(restore_photographs, lambda: (plate, camera))
@@ -156,21 +156,26 @@ class Alone(AbstractContextManager["Alone"]):
 
 
 class Pair(Alone):
-    """This process and a second one, which begins what is submitted while this one goes on."""
+    """This process and a second one, or several, which begin what is submitted while this one goes on.
+
+    Args:
+        others: processes besides this one.
+    """
+
+    def __init__(self, others: int = 1) -> None:
+        self._others = others
 
     def __enter__(self) -> Pair:
         self._waiting: deque[Task[Any]] = deque()
         self._changed = Condition()
         self._closed = False
         with ExitStack() as stack:
-            self._said = stack.enter_context(tempfile.TemporaryFile())
-            command = [sys.executable, "-P", "-c", f"from {__name__} import work; work()"]
-            pipe = subprocess.PIPE
-            self._process = stack.enter_context(subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._said))
-            stack.callback(self._process.kill)
-            thread = Thread(target=self._lend, daemon=True)
-            thread.start()
-            stack.callback(thread.join)
+            self._processes = [stack.enter_context(_Other()) for _ in range(self._others)]
+            for other in self._processes:
+                thread = Thread(target=self._lend, args=(other,), daemon=True)
+                thread.start()
+                stack.callback(thread.join)
+                stack.callback(other.kill)
             self._left = stack.pop_all()
         return self
 
@@ -180,8 +185,9 @@ class Pair(Alone):
         with self._changed:
             self._closed = True
             self._waiting.clear()
-            self._changed.notify()
-        self._process.kill()
+            self._changed.notify_all()
+        for other in self._processes:
+            other.kill()
         self._left.close()
 
     def _offered(self, task: Task[Found]) -> Task[Found]:
@@ -196,8 +202,8 @@ class Pair(Alone):
             return True
         return False
 
-    def _lend(self) -> None:
-        """Hand tasks to the second process, one after the other."""
+    def _lend(self, other: _Other) -> None:
+        """Hand tasks to another process, one after the other."""
         while True:
             with self._changed:
                 self._changed.wait_for(lambda: self._waiting or self._closed)
@@ -213,21 +219,49 @@ class Pair(Alone):
                 task.tell("raised", error)
                 continue
             try:
-                self._hand_over(task, message)
+                task.tell(*other.answer(message))
             except (OSError, EOFError):
-                task.tell("raised", InternalError("MF901", f"the second process ended with {self._last_words()}"))
+                task.tell("raised", InternalError("MF901", f"another process ended with {other.last_words()}"))
                 return
             except Exception as error:
                 task.tell("raised", error)
 
-    def _hand_over(self, task: Task[Any], message: bytes) -> None:
+
+class _Other(AbstractContextManager["_Other"]):
+    """Another process, which answers one message after the other."""
+
+    def __enter__(self) -> _Other:
+        with ExitStack() as stack:
+            self._said = stack.enter_context(tempfile.TemporaryFile())
+            command = [sys.executable, "-P", "-c", f"from {__name__} import work; work()"]
+            pipe = subprocess.PIPE
+            self._process = stack.enter_context(subprocess.Popen(command, stdin=pipe, stdout=pipe, stderr=self._said))
+            stack.callback(self._process.kill)
+            self._left = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._left.close()
+
+    def kill(self) -> None:
+        self._process.kill()
+
+    def answer(self, message: bytes) -> tuple[_Kind, Any]:
+        """Its news of a task.
+
+        Raises:
+            OSError, EOFError: if it has ended.
+        """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         self._process.stdin.write(message)
         self._process.stdin.flush()
-        task.tell(*pickle.load(self._process.stdout))
+        return pickle.load(self._process.stdout)  # type: ignore[no-any-return]
 
-    def _last_words(self) -> str:
+    def last_words(self) -> str:
+        """The last line of what it printed."""
         self._said.seek(0)
         lines = self._said.read().decode(errors="replace").strip().splitlines()
         return lines[-1] if lines else "nothing"

@@ -519,6 +519,15 @@ _ENTRIES = (
         "Choose one compact opening with a designed orientation map, or raise the open ratio.",
     ),
     Entry(
+        "expected_psnr",
+        "PSNR",
+        "dB",
+        "Expected PSNR",
+        "Estimate of the restored PSNR from one opening alone, as if its cells were tiled at random anew for every "
+        "photograph; for comparing many openings.",
+        "Choose a compact opening, or raise the open ratio.",
+    ),
+    Entry(
         "restored_gain",
         "ΔPSNR",
         "dB",
@@ -642,6 +651,15 @@ _ENTRIES = (
         _FINER_SPOT,
     ),
     Entry(
+        "written_psf_shape_{reading}",
+        "δ_p",
+        "1",
+        "PSF shape as written, {reading}",
+        "The same difference with both PSFs scaled to a peak of 1, as far as neither exposure nor total light tell: "
+        "what the writer does to the PSF's shape.",
+        _FINER_SPOT,
+    ),
+    Entry(
         "written_auc_radial_min_{reading}",
         "AUC",
         "1",
@@ -655,6 +673,22 @@ _ENTRIES = (
         "cy/mm",
         "MTF50 as written, {reading}",
         "MTF50 of the written mask; fused: touching corners merge, open: they separate.",
+        _FINER_SPOT,
+    ),
+    Entry(
+        "written_min_feature",
+        "w_w",
+        "um",
+        "Minimum feature as written",
+        "Narrowest clear width once the writer's bias has moved its edges.",
+        _FINER_SPOT,
+    ),
+    Entry(
+        "written_min_space",
+        "s_w",
+        "um",
+        "Minimum space as written",
+        "Narrowest chrome between two clear shapes once the writer's bias has moved their edges.",
         _FINER_SPOT,
     ),
     # Emitters, circuits and wires

@@ -40,6 +40,7 @@ from maskfab.cli.verbs.shape import shape
 from maskfab.cli.verbs.shops import shops
 from maskfab.cli.verbs.simulate import simulate
 from maskfab.cli.verbs.study import study
+from maskfab.cli.verbs.sweep import sweep
 from maskfab.cli.verbs.verify import verify
 from maskfab.errors import InternalError, JobError, MaskfabError
 
@@ -131,6 +132,11 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         compare,
         "Examples: maskfab compare build/upc12 | "
         "maskfab compare build/upc12 build/mine --reference upc12:TOLED_P150 --out build/side_by_side",
+    ),
+    (
+        sweep,
+        "Examples: maskfab sweep layouts/sweeps/bias.toml -o build/bias | "
+        "maskfab sweep layouts/sweeps/shapes.toml -o build/shapes --engine dask --scheduler tcp://127.0.0.1:8786",
     ),
     (explain, "Example: maskfab explain MF106"),
     (schema, "Example: maskfab schema job > job.schema.json"),

@@ -37,31 +37,43 @@ def read(path: Path) -> JobSpec:
         SourceError: MF301, MF302, MF303 or MF308 if the file cannot be read.
         JobError: MF101 to MF115 for the first thing that is wrong with its content.
     """
+    return validate(document(path, "job"), where=str(path))
+
+
+def document(path: Path, kind: str) -> object:
+    """Plain data of a file that a user writes, unchecked.
+
+    Args:
+        path: of a .toml, or of the .json that a run keeps.
+        kind: of file, in words.
+
+    Raises:
+        SourceError: MF301, MF302, MF303, MF304 or MF308 if the file cannot be read.
+        JobError: MF101 for what is no TOML.
+    """
     if not os.path.isfile(path):
         raise SourceError(
             "MF301",
-            f"there is no job file {path}",
-            cure=f"Give the path of a job file (.toml); the shipped ones are in {resources.path('layouts')}",
+            f"there is no {kind} file {path}",
+            cure=f"Give the path of a {kind} file (.toml); the shipped ones are in {resources.path('layouts')}",
         )
     data = path.read_bytes()
     if not data.strip():
-        raise SourceError("MF302", f"the job file {path} is empty", cure="Start from layouts/upc12.toml")
+        raise SourceError("MF302", f"the {kind} file {path} is empty", cure="Start from a shipped one, in layouts")
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise SourceError("MF304", f"the job file {path} is not text: {error}", cure="Save it as UTF-8") from error
+        raise SourceError("MF304", f"the {kind} file {path} is not text: {error}", cure="Save it as UTF-8") from error
     if path.suffix == ".json":
         try:
-            document = json.loads(text)
+            return json.loads(text)
         except (ValueError, RecursionError) as error:
             raise SourceError(
                 "MF303", f"{path} is not valid JSON: {error}", cure="Run the job again to rewrite it"
             ) from error
-    elif path.suffix == ".toml":
-        document = _toml(text, str(path))
-    else:
-        raise SourceError("MF308", f"{path} has the suffix {path.suffix!r}", cure="A job file ends in .toml")
-    return validate(document, where=str(path))
+    if path.suffix != ".toml":
+        raise SourceError("MF308", f"{path} has the suffix {path.suffix!r}", cure=f"A {kind} file ends in .toml")
+    return _toml(text, str(path))
 
 
 def validate(document: object, *, where: str) -> JobSpec:

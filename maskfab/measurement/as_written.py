@@ -441,6 +441,14 @@ def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOpti
             die=die.name,
             wavelength_nm=written.psf.wavelength_nm,
         ),
+        Quantity(
+            f"written_psf_shape_{reading}",
+            metrics.relative_difference(_to_peak(written.psf), _to_peak(drawn)),
+            f"the same of both PSFs over their values on the axis: {how}",
+            uncertainty=_PATH_ERROR + _ARC_ERROR * difference,
+            die=die.name,
+            wavelength_nm=written.psf.wavelength_nm,
+        ),
     ]
     for mtf, radial, area in zip(written.mtfs, written.radial_errors, written.auc_errors, strict=True):
         known = replace(mtf, falls=replace(mtf.falls, error=mtf.falls.error + radial))
@@ -448,3 +456,8 @@ def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOpti
         for each in (replace(told["auc_radial_min"], uncertainty=area), told["mtf50"]):
             found.append(replace(each, name=f"written_{each.name}_{reading}", method=f"{each.method}; {how}"))
     return found
+
+
+def _to_peak(psf: Psf) -> Psf:
+    """The PSF with a peak of 1."""
+    return replace(psf, values=psf.values / psf.values.max())

@@ -8,7 +8,7 @@ from dataclasses import replace
 from maskfab.drc import DesignRules, narrowest
 from maskfab.drc.panel_rules import Tone
 from maskfab.jobfile import LimitsSection
-from maskfab.model import Die, Quantity
+from maskfab.model import Die, Process, Quantity
 from maskfab.units import NM_PER_UM
 
 
@@ -25,6 +25,23 @@ def _smallest(die: Die, name: str, tone: Tone) -> Quantity:
     return Quantity(name, value, method, die=die.name)
 
 
+def written_features(drawn: tuple[Quantity, Quantity], process: Process) -> tuple[Quantity, ...]:
+    """The smallest features as drawn, and as a process writes straight edges: wider by its bias, spaces narrower."""
+    told = "less" if process.cd_bias_um < 0 else "more"
+    found = []
+    for quantity, sign in zip(drawn, (1, -1), strict=True):
+        value = quantity.value
+        found.append(
+            replace(
+                quantity,
+                name=f"written_{quantity.name}",
+                value=value + sign * process.cd_bias_um if isinstance(value, float) else None,
+                method=f"{quantity.name} by a bias of {abs(process.cd_bias_um):g} um, {told} of what is clear",
+            )
+        )
+    return (*drawn, *found)
+
+
 def limits_as_rules(limits: LimitsSection) -> DesignRules:
     """Width and space by the job's limits, and no corners that only touch, which are no width or space of nothing."""
     width, space = (
@@ -39,6 +56,8 @@ def judged(quantity: Quantity, limits: LimitsSection) -> Quantity:
         "corner_touches": limits.corner_touches,
         "min_feature": limits.min_feature,
         "min_space": limits.min_space,
+        "written_min_feature": limits.min_feature,
+        "written_min_space": limits.min_space,
     }.get(quantity.name)
     if limit is None or isinstance(quantity.value, str):
         return quantity

@@ -165,7 +165,7 @@ def test_wires_do_not_count(written):
 
 def test_every_number_has_unit_method_and_error(written):
     places = [(q.name, q.wavelength_nm) for q in written.quantities]
-    assert len(set(places)) == len(places) == 2 * (2 + 2 * 3)
+    assert len(set(places)) == len(places) == 2 * (3 + 2 * 3)
     for quantity in written.quantities:
         assert quantity.die == "W"
         assert quantity.unit

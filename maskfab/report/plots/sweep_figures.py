@@ -1,0 +1,91 @@
+"""The figures of a sweep: one for each quantity, with a field of the sweep along each axis and a curve for each die."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from maskfab.quantities import registered
+from maskfab.report.plots.die_figures import OKABE_ITO
+from maskfab.report.plots.sheet import QUIET, Drawing, place, styled
+from maskfab.sweeps.numbers import Series, Swept, axis
+
+Floats = NDArray[np.float64]
+
+BAND = (0.05, 0.95)
+"""Shares of the cases between which a band lies."""
+_MARKS = "osD^vPX"
+_LEFT, _WIDE, _HIGH, _FOOT, _TOP, _GAP, _LEGEND = 0.75, 2.9, 2.1, 0.5, 0.3, 0.7, 1.9
+_MOST_AXES = 4
+
+
+def shown(found: Swept, name: str) -> list[Series]:
+    """Series of one quantity for every die: at the middle one of its wavelengths, and of its levels of light."""
+    own = [series for series in found.series if series.of.name == name]
+    lines = sorted({series.of.wavelength_nm or 0.0 for series in own})
+    levels = sorted({series.of.level_db or 0.0 for series in own})
+    if not own:
+        return []
+    wanted = lines[len(lines) // 2], levels[len(levels) // 2]
+    return [series for series in own if (series.of.wavelength_nm or 0.0, series.of.level_db or 0.0) == wanted]
+
+
+@styled
+def quantity_figure(found: Swept, name: str) -> Drawing | None:
+    """One quantity along every numeric field, or, if there is none, how its values are spread; None without values."""
+    own = [series for series in shown(found, name) if series.known.size]
+    if not own:
+        return None
+    plan = found.plan
+    axes = {
+        field.name + (f" ({field.unit})" if field.unit else ""): numbers
+        for i, field in enumerate(plan.fields)
+        if (numbers := axis(field, [case.levels[i] for case in plan.cases])) is not None and np.ptp(numbers) > 0
+    }
+    along: list[tuple[str, Floats | None]] = [*list(axes.items())[:_MOST_AXES]] or [("share of the cases", None)]
+    figure = Figure(figsize=(_LEFT + len(along) * (_WIDE + _GAP) + _LEGEND, _TOP + _HIGH + _FOOT))
+    entry = registered(name)
+    unit = own[0].unit if own[0].unit not in ("", "1") else ""
+    for column, (label, numbers) in enumerate(along):
+        sheet = place(figure, (_LEFT + column * (_WIDE + _GAP), _FOOT, _WIDE, _HIGH))
+        for number, series in enumerate(own):
+            _curve(sheet, numbers, series, number)
+        sheet.set_xlabel(label)
+        sheet.grid(color=QUIET, alpha=0.2, linewidth=0.5)
+        sheet.spines[["top", "right"]].set_visible(False)
+        if column == 0:
+            sheet.set_ylabel(f"{entry.title}{f' ({unit})' if unit else ''}")
+    handles, told = figure.axes[0].get_legend_handles_labels()
+    beside = (1 - _LEGEND / figure.get_size_inches()[0], 0.5)
+    figure.legend(handles, told, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
+    return Drawing(figure, f"{entry.title} of {len(own)} dies in {len(plan.cases)} cases")
+
+
+def _curve(sheet: Axes, numbers: Floats | None, series: Series, number: int) -> None:
+    """Median and band where several cases share a value, points where hardly any do, or the sorted values."""
+    colour, mark = OKABE_ITO[number % len(OKABE_ITO)], _MARKS[number % len(_MARKS)]
+    label = series.of.die or ""
+    known = np.isfinite(series.values)
+    values = series.values[known]
+    if numbers is None:
+        share = (np.arange(values.size) + 0.5) / values.size
+        sheet.plot(share, np.sort(values), marker=mark, markersize=2.5, linewidth=0.9, color=colour, label=label)
+        return
+    at = numbers[known]
+    places = np.unique(at)
+    if (places.size > max(2, values.size // 2) and places.size < values.size) or places.size == values.size > 40:
+        sheet.plot(at, values, mark, markersize=2.5, alpha=0.6, markeredgewidth=0, color=colour, label=label)
+        return
+    groups = [values[at == here] for here in places]
+    sheet.plot(places, _quantiles(groups, 0.5), marker=mark, markersize=3, linewidth=1.1, color=colour, label=label)
+    if any(group.size > 1 for group in groups):
+        low, high = (_quantiles(groups, share) for share in BAND)
+        sheet.fill_between(places, low, high, color=colour, alpha=0.15, linewidth=0)
+
+
+def _quantiles(groups: Sequence[Floats], share: float) -> list[float]:
+    return [float(np.quantile(group, share)) for group in groups]

@@ -1,0 +1,217 @@
+"""The numbers that a sweep can ask of a case, each with the least work that gives it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from difflib import get_close_matches
+from functools import cached_property, lru_cache
+from types import MappingProxyType
+
+from maskfab.camera import scenes as scene_sets
+from maskfab.camera.photo_camera import PhotoCamera
+from maskfab.camera.transfer import lattice
+from maskfab.errors import JobError
+from maskfab.job import Job
+from maskfab.measurement.as_written import measure_written
+from maskfab.measurement.conditions import Conditions, Surroundings
+from maskfab.measurement.features import judged, smallest_features, written_features
+from maskfab.measurement.restored import Photographs, photograph_die
+from maskfab.measurement.scene_rows import measure_scene, scene_plan, scene_reach_um
+from maskfab.model import ORIENTATIONS, Camera, Die, Opening, Panel, Process, Quantity, Tiling
+from maskfab.optics.image.lag_table import LagTable, lag_table
+from maskfab.optics.image.mtf import LEVELS, longest_lag_um, presampled_mtf
+from maskfab.optics.numbers import metrics
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
+from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate_of
+from maskfab.optimiser.model.scene_statistics import scene_statistics
+from maskfab.optimiser.model.taking import Taking
+from maskfab.optimiser.rules.footprints import Footprints
+
+_SURROGATES = 8
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """One die of one case.
+
+    Attributes:
+        job: of the case.
+        name: of the die.
+        panel: of the die, without wires.
+    """
+
+    job: Job
+    name: str
+    panel: Panel
+
+    @cached_property
+    def die(self) -> Die:
+        """The die by itself."""
+        return Die(self.name, self.name, self.panel, (0, 0), max(self.panel.size_nm))
+
+    @property
+    def camera(self) -> Camera:
+        return self.job.camera
+
+    @property
+    def process(self) -> Process:
+        """Of the writer; one that changes nothing where the job states none."""
+        section = self.job.spec.process
+        return Process(0.0, 0.0) if section is None else section.process()
+
+    @cached_property
+    def table(self) -> LagTable:
+        """Lags of the panel as designed."""
+        stop = self.camera.stop
+        return lag_table(cut(panel_aperture(self.panel, stop.diameter_um / 2), stop), longest_lag_um(self.camera))
+
+
+Measure = Callable[[Subject], Iterable[Quantity]]
+
+
+def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
+    """The quantities wanted of every die of a job, judged by its [limits].
+
+    Raises:
+        JobError: for what cannot be measured.
+    """
+    functions = list(dict.fromkeys(MEASURES[name] for name in wanted))
+    return [
+        judged(quantity, job.spec.limits)
+        for name, panel in job.panels().items()
+        for subject in (Subject(job, name, panel),)
+        for function in functions
+        for quantity in function(subject)
+        if quantity.name in wanted
+    ]
+
+
+def require_known(names: Sequence[str], where: str) -> None:
+    """Refuse quantities that no case has.
+
+    Raises:
+        JobError: MF161, with those that look like it.
+    """
+    for name in names:
+        if name not in MEASURES:
+            near = get_close_matches(name, MEASURES, n=3) or list(MEASURES)
+            raise JobError(
+                "MF161", f"a sweep cannot find the quantity {name!r}", where=where, cure=f"Use one of {', '.join(near)}"
+            )
+    if len(set(names)) < len(names):
+        raise JobError("MF161", "a quantity is named twice", where=where, cure="Name each once")
+
+
+def _open_ratio(subject: Subject) -> Iterable[Quantity]:
+    how = "clear share of one cell of the design, exact"
+    return [Quantity("open_ratio", subject.panel.open_ratio, how, die=subject.name)]
+
+
+def _mtfs(subject: Subject) -> Iterable[Quantity]:
+    for line in subject.camera.wavelengths_nm:
+        mtf = presampled_mtf(subject.table, subject.camera, line)
+        yield from metrics.mtf_quantities(mtf, subject.camera.pixel_um, subject.name)
+
+
+def _restoration(subject: Subject) -> Iterable[Quantity]:
+    for line in subject.camera.wavelengths_nm:
+        yield from metrics.restoration_quantities(subject.table, subject.camera, line, subject.name)
+
+
+def _features(subject: Subject) -> Iterable[Quantity]:
+    return written_features(smallest_features(subject.die), subject.process)
+
+
+def _written(subject: Subject) -> Iterable[Quantity]:
+    where = f"{subject.job.where}: process"
+    return measure_written(subject.die, subject.camera, subject.process, where).quantities
+
+
+def _photographs(subject: Subject) -> Iterable[Quantity]:
+    conditions, around = Conditions.of(subject.job, "camera"), Surroundings.of(subject.job)
+    found = photograph_die(conditions, around, subject.name, subject.panel, False)
+    if found.refused is not None:
+        code, _, what = found.refused.partition(" ")
+        raise JobError(code, what, where=f"die {subject.name}", cure="See maskfab explain")
+    return Photographs(conditions, {subject.name: found}).quantities(subject.name)
+
+
+def _expected(subject: Subject) -> Iterable[Quantity]:
+    from maskfab.optimiser.design import taking_of  # which loads torch
+
+    opening = _only_opening(subject)
+    taking = taking_of(subject.job.spec)
+    known = _surrogate(subject.camera, opening.dots, subject.panel.dot_nm, taking)
+    found = known(opening.mask, periodic=subject.panel.tiling is Tiling.PERIODIC, levels=taking.levels)
+    how = "surrogate: photographs of the bundled scenes through any random tiling of the opening, no gutters"
+    for level, psnr in zip(taking.levels, found, strict=True):
+        yield Quantity("expected_psnr", psnr, how, die=subject.name, level_db=level)
+
+
+def _footprint(subject: Subject) -> Iterable[Quantity]:
+    rules, opening = subject.job.display_rules, _only_opening(subject)
+    if rules is None:
+        where = subject.job.where
+        raise JobError("MF105", "a footprint is of emitters, and the job has no [emitters]", where=where, cure="Add it")
+    turned = (0,) if subject.panel.tiling is Tiling.PERIODIC else tuple(range(ORIENTATIONS))
+    places = Footprints(rules.emitters, opening.dots, subject.panel.dot_nm, turned)
+    found, bound = places(opening.mask), float(places.bounds(opening.mask[None])[0])
+    name = subject.name
+    yield Quantity(
+        "led_footprint_largest", found, "of rectangles and straight cuts; crooked emitters may exceed it", die=name
+    )
+    how = "free squares of the least width, swept by the gap; the gap across borders is free in it"
+    yield Quantity("led_footprint_bound", max(bound, found), how, die=name, at_most=True)
+
+
+def _scene(subject: Subject) -> Iterable[Quantity]:
+    job, section, scene = subject.job, subject.job.spec.scene, subject.job.scene
+    if section is None or scene is None:
+        raise JobError("MF105", "the job has no [scene]", where=job.where, cure="Add one, or vary a key of it")
+    plan = scene_plan(subject.die, job.camera, scene, section.accuracy, job.where)
+    openings = panel_aperture(subject.panel, scene_reach_um(job.camera, scene))
+    return measure_scene(subject.die, job.camera, scene, openings, plan, job.blank).quantities
+
+
+def _only_opening(subject: Subject) -> Opening:
+    """The opening of all cells.
+
+    Raises:
+        JobError: MF161 for cells of several.
+    """
+    if subject.panel.others:
+        what = f"die {subject.name} has several openings, of which no surrogate knows"
+        raise JobError("MF161", what, where=subject.job.where, cure="Ask for restored_psnr instead of expected_psnr")
+    return subject.panel.opening
+
+
+@lru_cache(maxsize=_SURROGATES)
+def _surrogate(camera: Camera, dots: int, dot_nm: int, taking: Taking) -> Surrogate:
+    """Of cells of such dots, for all cases of a process."""
+    room = lattice(dots, dot_nm, camera=PhotoCamera.of(camera), where="die.dot")
+    return surrogate_of(scene_statistics(scene_sets.bundled(), taking=taking), room)
+
+
+_FRACTIONS = tuple(f"mtf{level:g}" for level in LEVELS)
+_READINGS = ("fused", "open")
+_OF: Mapping[Measure, tuple[str, ...]] = MappingProxyType(
+    {
+        _open_ratio: ("open_ratio",),
+        _mtfs: ("auc_radial_min", *_FRACTIONS, *(f"{name}_per_pixel" for name in _FRACTIONS)),
+        _restoration: ("wiener_worst30", "wiener_noise_gain"),
+        _features: ("min_feature", "min_space", "written_min_feature", "written_min_space"),
+        _written: tuple(
+            f"written_{name}_{reading}"
+            for name in ("open_ratio", "psf_difference", "psf_shape", "auc_radial_min", "mtf50")
+            for reading in _READINGS
+        ),
+        _expected: ("expected_psnr",),
+        _footprint: ("led_footprint_largest", "led_footprint_bound"),
+        _scene: ("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
+        _photographs: ("restored_psnr",),
+    }
+)
+MEASURES: Mapping[str, Measure] = MappingProxyType({name: each for each, names in _OF.items() for name in names})
+"""Function that finds a quantity, by the quantity's name, the cheapest first."""
