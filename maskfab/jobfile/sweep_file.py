@@ -117,7 +117,7 @@ class SweepSection(Section):
     title: str = Field(max_length=200)
     """Heading of its page."""
     about: str = Field(default="", max_length=1500)
-    """What it is about, in a few sentences."""
+    """Its subject, in a few sentences."""
     job: str
     """Path of the job file, relative to this one."""
     quantities: Names

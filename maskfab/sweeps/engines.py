@@ -106,7 +106,7 @@ def _by_cluster(
             ]
 
         progress("cases", 0, len(cases))
-        running = distributed.as_completed(begin(_AT_ONCE * max(1, len(client.nthreads()))))
+        running = distributed.as_completed(begin(_AT_ONCE * len(client.nthreads())), loop=client.loop)
         for future in running:
             case = by_key[future.key.removeprefix("maskfab-")]
             try:

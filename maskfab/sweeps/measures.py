@@ -58,8 +58,7 @@ class Subject:
     @property
     def process(self) -> Process:
         """Of the writer; one that changes nothing where the job states none."""
-        section = self.job.spec.process
-        return Process(0.0, 0.0) if section is None else section.process()
+        return self.job.spec.written or Process(0.0, 0.0)
 
     @cached_property
     def table(self) -> LagTable:

@@ -195,7 +195,7 @@ def _names_files(field: Field) -> bool:
 def _used(spec: JobSpec) -> Document:
     """Plain data of a job without openings that no die has, such as those that another was put in place of."""
     used = {name for die in spec.die for name in (die.opening, *(die.others or ()))}
-    return spec.model_copy(update={"openings": {k: v for k, v in spec.openings.items() if k in used}}).drawn()
+    return spec.model_copy(update={"openings": {k: v for k, v in spec.openings.items() if k in used}}).dump()
 
 
 def _key(document: Mapping[str, Any], quantities: tuple[str, ...]) -> str:

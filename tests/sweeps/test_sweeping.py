@@ -147,7 +147,7 @@ def test_a_number_that_is_none_fails_its_case(tmp_path, monkeypatch):
     real = finding.measured
 
     def measured(job, wanted):
-        process = job.spec.process.process()
+        process = job.spec.written
         return [replace(each, value=math.nan) if process.cd_bias_um > 0 else each for each in real(job, wanted)]
 
     monkeypatch.setattr(finding, "measured", measured)
