@@ -183,7 +183,7 @@ def run(
     job = job if isinstance(job, Job) else load_job(job)
     place = check_target(Path(out), force=force)
     named_shop(job)
-    key = fingerprint(of_installation(), run, job.spec)
+    key = fingerprint(of_installation(), run, _job_text(job))
     if cache is None or cache.get(key) is None:
         report, verdicts = _make(job, staged(place), progress, cache, key)
     else:
@@ -371,9 +371,13 @@ def aids(job: Job, plate: Plate) -> dict[str, tuple[str, Callable[[Path], object
         ),
         JOB_COPY: (
             "resolved job",
-            lambda path: path.write_text(json.dumps(job.spec.dump(), indent=1) + "\n", encoding="utf-8"),
+            lambda path: path.write_text(_job_text(job), encoding="utf-8"),
         ),
     }
+
+
+def _job_text(job: Job) -> str:
+    return json.dumps(job.spec.dump(), indent=1) + "\n"
 
 
 def psfs_as_files(

@@ -7,6 +7,7 @@ import hashlib
 import struct
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
+from datetime import date
 from enum import Enum
 from itertools import chain
 from pathlib import Path
@@ -65,6 +66,8 @@ def _add(found: _Sum, value: object) -> None:
 def _leaf(value: object) -> tuple[str, bytes] | None:
     """Kind and content of a value that has no parts; None of one that has."""
     match value:
+        case date():
+            return type(value).__name__, value.isoformat().encode()
         case Enum():
             return _name(type(value)), value.name.encode()
         case None | bool() | int():

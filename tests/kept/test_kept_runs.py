@@ -19,7 +19,6 @@ from small_job import listing, write_job
 from maskfab import pipeline
 from maskfab.cli.app import run_command_line
 from maskfab.files.finished import TIMES
-from maskfab.job import load_job
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import recall
 from maskfab.kept.results import give_result, keep_result
@@ -77,7 +76,7 @@ def test_damage_of_any_kept_file_is_noticed(made, tmp_path):
     """One byte of any entry that makes up a result: either it does not matter, or nothing is given and it is gone."""
     folder, store = made
     draw = Random(1)
-    key = fingerprint(of_installation(), pipeline.run, load_job(folder / "job.toml").spec)
+    key = fingerprint(of_installation(), pipeline.run, (folder / "out" / "job.json").read_text())
     hashes, _ = store.get(key)[0]
     own = [entry.path for entry in store.entries() if entry.path.name in {key, *hashes.values()}]
     given = 0
