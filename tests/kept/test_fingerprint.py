@@ -42,7 +42,8 @@ class Weight:
 DISTINCT: tuple[Any, ...] = (
     None, 0, 0.0, -0.0, False, "", b"", "0", (), [], (0,), [0], ((0,),), (0, 0), ((0, 0),), ((0,), (0,)), frozenset(),
     {}, {"a": 1, "b": 2}, {"b": 2, "a": 1}, Side.LEFT, Size(1.0), Weight(1.0), Size(2.0), "a", fingerprint,
-    date(2026, 1, 2), date(2026, 1, 3), pytest.fixture, partial(fingerprint, 1), partial(fingerprint, 2), np.zeros(4), np.zeros((2, 2)), np.zeros(4, int),
+    date(2026, 1, 2), date(2026, 1, 3), pytest.fixture, partial(fingerprint, 1),
+    partial(fingerprint, 2), np.zeros(4), np.zeros((2, 2)), np.zeros(4, int),
     np.float32(0), np.asfortranarray(np.arange(4.0).reshape(2, 2)), np.arange(4.0).reshape(2, 2), db.Region(),
     db.Region(db.Box(0, 0, 1, 1)), db.Region(db.Box(0, 0, 2, 1)), Size, Side, ("a", "b"), ("a, b",), (True,), (1,),
 )  # fmt: skip
