@@ -18,20 +18,20 @@ from maskfab.delivery.extents import file_box
 from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
 from maskfab.delivery.revision import check_earlier, check_same, package_stem, placed
 from maskfab.errors import InputError, JobError, OutputError, SourceError
-from maskfab.export.cell_polygons import CUT, PolygonOptions
+from maskfab.export.cell_polygons import CUT
 from maskfab.export.outputs import MASK_TAILS, PLATE_BITMAP_TAILS
 from maskfab.files.staging import check_file, write_bytes, write_text
 from maskfab.job import Job, load_job
 from maskfab.jobfile import PLATE_BITMAPS, is_table
 from maskfab.jobfile import read as read_spec
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop, parse_shop
-from maskfab.mask_shops.adapt import drawing_options, extent_nm, fitted, ordered_blank
-from maskfab.mask_shops.dot_edges import check_plotter, plotted_dpi
-from maskfab.mask_shops.judge import Finding, accepted, check_shop, extent
-from maskfab.mask_shops.offers import check_ordered
+from maskfab.mask_shops.adapt import extent_nm, fitted
+from maskfab.mask_shops.dot_edges import plotted_dpi
+from maskfab.mask_shops.judge import Finding, accepted, extent
 from maskfab.mask_shops.order import Answer
+from maskfab.mask_shops.package_rules import check_package
 from maskfab.mask_shops.plate_files import PlateFiles, files_for_shop
-from maskfab.model import Box, Plate, Quantity, WrittenFile
+from maskfab.model import Box, Quantity, WrittenFile
 from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
@@ -101,12 +101,11 @@ def pack(
     if "gerber" in sent:
         require_gerbonara(zipped.name, where="format", cure="choose other formats")
     plate = fitted(whole, shop)
-    options = replace(drawing_options(plate, shop), tone=job.spec.tone)
     dpi = plotted_dpi(job.spec.export, shop)
     if dpi is not None and set(PLATE_BITMAPS) & set(sent):
         check_dots(plate.dies, dpi, job.where)
     progress("rules", 0, 1)
-    findings = _judged(job, whole, shop, sent, options)
+    findings = check_package(job.spec, whole, shop, sent)
     progress("rules", 1, 1)
     if not accepted(findings):
         return Package(None, findings)
@@ -141,13 +140,6 @@ def pack(
         _make_parents(zipped)
         write_package(zipped, folder, [MANIFEST, *names, *made], stem, replace=force)
     return Package(zipped, findings, judged, files, ordered.order.missing)
-
-
-def _judged(job: Job, whole: Plate, shop: Shop, sent: Sequence[Format], options: PolygonOptions) -> tuple[Finding, ...]:
-    """The house's rules, what its plotter does to the plate, and what it offers."""
-    found = check_shop(whole, shop, sent, options, ordered_blank(job.spec))
-    plotted = check_plotter(fitted(whole, shop), job.spec, shop, sent)
-    return check_ordered((*found, *plotted), job.spec, whole, shop)
 
 
 def _measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
@@ -261,7 +253,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
         formats = tuple(kinds[file.path] for file in sent)
         edges = drawn.edges if set(PLATE_BITMAPS) & set(formats) else None
-        findings = _judged(made, whole, house, formats, drawn.figures.options)
+        findings = check_package(made.spec, whole, house, formats)
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
         findings = _measured(findings, house, tuple(boxes.values()))
         ordered = MaskOrder(

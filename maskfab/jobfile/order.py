@@ -47,6 +47,25 @@ Line = Annotated[str, BeforeValidator(lambda v: refusing(_line, v))]
 """One printable line of at most 200 characters."""
 
 
+def _email(text: object) -> object:
+    """An address of mail: one @ between two words. Whether anybody reads it, the house will find out.
+
+    Raises:
+        JobError: MF105 for a text that is none, MF110 as :func:`_line`.
+    """
+    line = _line(text)
+    if isinstance(line, str):
+        name, _, host = line.partition("@")
+        if not name or not host or "@" in host or any(letter.isspace() for letter in line):
+            what = f"{line!r} is no address of mail: one @ stands between two words without spaces"
+            raise JobError("MF105", what, cure='Write it as "ada@example.org"')
+    return line
+
+
+Email = Annotated[str, BeforeValidator(lambda v: refusing(_email, v))]
+"""An address of mail, such as ada@example.org."""
+
+
 def _day(value: object) -> object:
     """A day, also from its text, which JSON has instead.
 
@@ -74,7 +93,7 @@ class ContactSection(Section):
     """Firm or institute that pays."""
     address: Line | None = None
     """To which the plate is sent, in one line."""
-    email: Line | None = None
+    email: Email | None = None
     """Address of mail."""
     telephone: Line | None = None
     """Number, with the code of the country."""

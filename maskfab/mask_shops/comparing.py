@@ -6,15 +6,15 @@ JobSpec + Plate + Shops -> Bids, judged as their packages would be.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from maskfab.export.cell_polygons import PolygonOptions
 from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
-from maskfab.mask_shops.adapt import drawing_options, extent_nm, fitted, kept_grid_nm, ordered_blank
-from maskfab.mask_shops.judge import Finding, accepted, check_shop
-from maskfab.mask_shops.offers import check_ordered
+from maskfab.mask_shops.adapt import extent_nm, fitted, kept_grid_nm
+from maskfab.mask_shops.judge import DieFacts, Finding, accepted
 from maskfab.mask_shops.order import order_of
+from maskfab.mask_shops.package_rules import check_package, package_options
 from maskfab.model import Plate
 from maskfab.progress import Progress, silent
 
@@ -67,20 +67,18 @@ def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: 
         shops: to compare.
         progress: told where the work stands.
     """
-    bids = []
+    bids, facts = [], DieFacts()
     for done, shop in enumerate(shops):
         progress("rules", done, len(shops))
-        bids.append(_bid(spec, plate, shop))
+        bids.append(_bid(spec, plate, shop, facts))
     progress("rules", len(shops), len(shops))
     return tuple(bids)
 
 
-def _bid(spec: JobSpec, plate: Plate, shop: Shop) -> Bid:
-    drawn = fitted(plate, shop)
-    options = replace(drawing_options(drawn, shop), tone=spec.tone)
-    sent = shop.formats[0]
-    found = check_shop(plate, shop, (sent,), options, ordered_blank(spec), counted=False)
-    findings = check_ordered(found, spec, plate, shop)
+def _bid(spec: JobSpec, plate: Plate, shop: Shop, facts: DieFacts) -> Bid:
+    drawn, sent = fitted(plate, shop), shop.formats[0]
+    options = package_options(spec, drawn, shop)
+    findings = check_package(spec, plate, shop, (sent,), facts)
     touches = next((int(each.value) for each in findings if each.rule == "corner_touches"), 0)
     order = order_of(spec, drawn, shop, touches)
     changes = tuple(_changes(drawn, shop, options, sent))

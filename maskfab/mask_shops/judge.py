@@ -8,9 +8,9 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
-from maskfab.drc import DesignRules, RuleResult, check_plate, narrowest
+from maskfab.drc import DesignRules, Narrowest, RuleResult, check_plate, narrowest
 from maskfab.drc.panel_rules import Tone
 from maskfab.drc.plate_rules import dies_apart
 from maskfab.errors import OutputError
@@ -77,6 +77,40 @@ class Finding:
         return f"{verdict} {self.told}{place}" + (f". {self.cure}" if self.cure else "")
 
 
+@dataclass(frozen=True)
+class DieFacts:
+    """Facts of one plate's dies that every house's rules ask for, each found once, however many houses there are.
+
+    Dies are told apart by name, for what a house is sent differs only in what is not written.
+
+    Attributes:
+        narrow: the narrowest places by name of the die, tone, and whether the place was asked for.
+        kissing: corners that meet, by name of the die.
+    """
+
+    narrow: dict[tuple[str, Tone, bool], Narrowest] = field(default_factory=dict)
+    kissing: dict[str, list[RuleResult]] = field(default_factory=dict)
+
+    def narrowest(self, die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
+        """As :func:`maskfab.drc.narrowest`."""
+        key = die.name, tone, placed
+        if key not in self.narrow:
+            self.narrow[key] = narrowest(die, tone, placed=placed)
+        return self.narrow[key]
+
+    def touching(self, plate: Plate) -> list[RuleResult]:
+        """Where clear shapes meet by a corner only, die by die and then on the marks."""
+        rules = DesignRules(no_corner_touch=True)
+        if not dies_apart(plate, rules.reach_nm):
+            return list(check_plate(plate, rules))
+        for die in plate.dies:
+            if die.name not in self.kissing:
+                alone = check_plate(replace(plate, dies=(die,), furniture=()), rules)
+                self.kissing[die.name] = [each for each in alone if each.die is not None]
+        marks = check_plate(replace(plate, dies=()), rules)
+        return [*(each for die in plate.dies for each in self.kissing[die.name]), *marks]
+
+
 def accepted(findings: Sequence[Finding]) -> bool:
     """Whether no rule is broken."""
     return all(finding.passed is not False for finding in findings)
@@ -89,7 +123,7 @@ def check_shop(
     options: PolygonOptions | None = None,
     blank: Blank | None = None,
     *,
-    counted: bool = True,
+    facts: DieFacts | None = None,
 ) -> tuple[Finding, ...]:
     """Judge what a package of a composed plate would hold by every rule that a shop publishes; nothing is written.
 
@@ -99,8 +133,8 @@ def check_shop(
         formats: what is to be sent; the shop's first format if empty.
         options: how polygons are drawn; None chooses as a package does.
         blank: what the job says of chrome and glass; None leaves them to the order.
-        counted: whether to count all places of a die that are too narrow, which takes longest; the narrowest is found
-            either way.
+        facts: of this plate, shared by the houses that it is judged by: then places of a die that are too narrow are
+            not counted, which takes longest. None counts them.
     """
     sent, drawn = tuple(formats) or shop.formats[:1], fitted(plate, shop)
     names = plate_names(drawn)
@@ -112,8 +146,8 @@ def check_shop(
         *_of_files(shop, drawn, sent, drawn_by.tone, noted=False),
         *_of_plate(drawn, shop),
         *_of_blank(blank or Blank(None, None), shop),
-        *_of_features(drawn, shop, counted=counted),
-        *(refusal if figures is None else _of_figures(figures, shop, layers)),
+        *_of_features(drawn, shop, facts),
+        *(refusal if figures is None else _of_figures(figures, shop, layers, facts)),
         *_of_names(plate.name, sorted(cells), [*layers, *_texted(drawn, shop, sent)], shop),
     )
     return _sourced(findings, shop)
@@ -319,29 +353,29 @@ def _within(rule: str, value: float | None, limits: tuple[float, float], unit: s
     return Finding(rule, fits, value, limit, unit, cure="" if fits else cure)
 
 
-def _of_features(plate: Plate, shop: Shop, *, counted: bool = True) -> Iterator[Finding]:
+def _of_features(plate: Plate, shop: Shop, facts: DieFacts | None = None) -> Iterator[Finding]:
     limits = shop.limits
     least = limits.min_feature_um
     if least is not None:
-        yield _feature(plate, least, limits.min_feature_on_request_um, counted)
+        yield _feature(plate, least, limits.min_feature_on_request_um, facts)
     space = limits.min_space_um if limits.min_space_um is not None else least
     if space is not None:
-        yield _space(plate, space, limits.min_feature_on_request_um, counted)
+        yield _space(plate, space, limits.min_feature_on_request_um, facts)
     if limits.grid_nm is not None:
         yield _grid(plate, shop, limits.grid_nm)
 
 
-def _feature(plate: Plate, least_um: float, on_request_um: float | None, counted: bool) -> Finding:
-    worst = _worst(plate, DesignRules(min_width_nm=_nm(least_um), kissing=False), "clear", counted)
+def _feature(plate: Plate, least_um: float, on_request_um: float | None, facts: DieFacts | None) -> Finding:
+    worst = _worst(plate, DesignRules(min_width_nm=_nm(least_um), kissing=False), "clear", facts)
     return _narrow("min_feature", "clear", worst, least_um, on_request_um)
 
 
-def _space(plate: Plate, least_um: float, on_request_um: float | None, counted: bool) -> Finding:
-    worst = _worst(plate, DesignRules(min_space_nm=_nm(least_um), kissing=False), "opaque", counted)
+def _space(plate: Plate, least_um: float, on_request_um: float | None, facts: DieFacts | None) -> Finding:
+    worst = _worst(plate, DesignRules(min_space_nm=_nm(least_um), kissing=False), "opaque", facts)
     return _narrow("min_space", "opaque", worst, least_um, on_request_um)
 
 
-def _worst(plate: Plate, rules: DesignRules, tone: Tone, counted: bool) -> tuple[float, str] | None:
+def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: DieFacts | None) -> tuple[float, str] | None:
     """The narrowest place in micrometres, and where; None where nothing is too narrow.
 
     Corners that kiss are a rule of their own. Test figures and codes are fine on purpose.
@@ -349,7 +383,7 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone, counted: bool) -> tuple
     marks = tuple(mark for mark in plate.furniture if mark.kind not in _FINE_ON_PURPOSE)
     coarse = replace(plate, furniture=marks)
     if dies_apart(coarse, rules.reach_nm):
-        found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone, counted)]
+        found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone, facts)]
         found += _too_narrow(check_plate(replace(coarse, dies=()), rules))
     else:
         found = list(_too_narrow(check_plate(coarse, rules)))
@@ -357,16 +391,19 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone, counted: bool) -> tuple
     return (value / NM_PER_UM, place) if found else None
 
 
-def _of_die(die: Die, plate: Plate, rules: DesignRules, tone: Tone, counted: bool) -> Iterator[tuple[float, str]]:
+def _of_die(
+    die: Die, plate: Plate, rules: DesignRules, tone: Tone, facts: DieFacts | None
+) -> Iterator[tuple[float, str]]:
     """The narrowest place of a die, in nanometres, if it breaks the rule."""
     least = rules.reach_nm
-    if narrowest(die, tone).value_nm >= least:
+    known = facts or DieFacts()
+    if known.narrowest(die, tone).value_nm >= least:
         return
-    if counted and 2 * least < die.panel.pitch_nm:
+    if facts is None and 2 * least < die.panel.pitch_nm:
         yield from _too_narrow(check_plate(replace(plate, dies=(die,), furniture=()), rules))
         return
     # Where every cell meets its neighbours' neighbours, counting all places takes minutes.
-    worst = narrowest(die, tone, placed=True)
+    worst = known.narrowest(die, tone, placed=True)
     at = "" if worst.place is None else f"({worst.place[0] / NM_PER_UM:.3f}, {worst.place[1] / NM_PER_UM:.3f}) um in "
     yield worst.value_nm, f"{at}die {die.name}"
 
@@ -420,7 +457,9 @@ def _drawn(plate: Plate, shop: Shop, options: PolygonOptions) -> tuple[Figures |
     return figures, ()
 
 
-def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterator[Finding]:
+def _of_figures(
+    figures: Figures, shop: Shop, layers: Sequence[Layer], facts: DieFacts | None = None
+) -> Iterator[Finding]:
     limits, outlines, options, plate = shop.limits, shop.polygons, figures.options, figures.plate
     if limits.max_vertices is not None:
         most = counts.longest(figures)
@@ -454,7 +493,7 @@ def _of_figures(figures: Figures, shop: Shop, layers: Sequence[Layer]) -> Iterat
         yield Finding("doubled_vertices", True, "none", "none")
     if outlines.shared_boundaries is False:
         yield _boundaries(plate, figures)
-    yield _touches(plate, outlines.corner_touches)
+    yield _touches(plate, outlines.corner_touches, facts or DieFacts())
 
 
 def _references(figures: Figures, most: int) -> Finding:
@@ -494,15 +533,11 @@ def _boundaries(plate: Plate, figures: Figures) -> Finding:
 
 def corner_touches(plate: Plate) -> int:
     """Places of a plate at which clear shapes meet by a corner only."""
-    return sum(result.count for result in _touching(plate))
+    return sum(result.count for result in DieFacts().touching(plate))
 
 
-def _touching(plate: Plate) -> list[RuleResult]:
-    return list(check_plate(plate, DesignRules(no_corner_touch=True)))
-
-
-def _touches(plate: Plate, allowed: bool | None) -> Finding:
-    results = _touching(plate)
+def _touches(plate: Plate, allowed: bool | None, facts: DieFacts) -> Finding:
+    results = facts.touching(plate)
     count = sum(result.count for result in results)
     bad = next((result for result in results if not result.passed), None)
     if allowed is False:

@@ -14,8 +14,9 @@ from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.jobfile import PLATE_BITMAPS, ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
-from maskfab.mask_shops.adapt import blank_of, drawing_options, drawing_style, suited, written_formats, written_options
+from maskfab.mask_shops.adapt import blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.mask_shops.dot_edges import DotEdges, dot_edges, plotted_dpi
+from maskfab.mask_shops.package_rules import package_options
 from maskfab.model import Plate, Quantity
 from maskfab.units import NM_PER_UM
 
@@ -124,7 +125,7 @@ def files_for_shop(
     dpi = plotted_dpi(spec.export, shop)
     _check_stated(dpi, formats)
     settings = FileSettings(dpi=dpi, drawing=drawing_style(plate, shop))
-    figures = draw(plate, replace(drawing_options(plate, shop), tone=spec.tone))
+    figures = draw(plate, package_options(spec, plate, shop))
     made = products(figures, formats, comments, settings, stem)
     edges = dot_edges(plate, spec, shop, formats, dpi)
     return PlateFiles(plate, plate_layout(plate), figures, made, settings, tuple(formats), edges)

@@ -21,6 +21,7 @@ from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import parse_shop
+from maskfab.mask_shops.comparing import compare_shops
 from maskfab.mask_shops.dot_edges import dot_edges
 from maskfab.mask_shops.plate_files import files_of_job
 from maskfab.mask_shops.profiles import load_shop
@@ -95,8 +96,14 @@ def test_a_house_states_the_dots_of_its_plotter(tmp_path):
     )
     made = pack(plotted(tmp_path, None), house, tmp_path / "film.zip")
     assert made.path is not None
-    refused = pack(plotted(tmp_path, "8000 dpi"), house, tmp_path / "film8.zip")
+    coarse = plotted(tmp_path, "8000 dpi")
+    refused = pack(coarse, house, tmp_path / "film8.zip")
     assert refused.path is None
+    (bid,) = compare_shops(coarse.spec, coarse.plate(), [house])
+    assert [each for each in bid.findings if each.rule in ("dpi", "edge_error")] == [
+        each for each in refused.findings if each.rule in ("dpi", "edge_error")
+    ]
+    assert not bid.taken
     (row,) = (each for each in refused.findings if each.rule == "dpi")
     assert (row.passed, row.value, row.limit) == (False, 8000, "6350 12700")
 

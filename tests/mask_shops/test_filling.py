@@ -87,6 +87,7 @@ def test_without_a_terminal_blanks_are_named_and_answers_taken_from_options(caps
         ("contact.address=" + "x" * 10_000, "MF110"),
         ("contact.address=a\nb", "MF110"),
         ("contact=me", "MF105"),
+        ("contact.email=me", "MF105"),
         ("glass.kind=quartz", "MF105"),
         ("bias=house", "MF128"),
         ("thickness=9 mm", "MF128"),

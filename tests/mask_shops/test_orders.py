@@ -242,6 +242,7 @@ def test_what_a_house_does_not_offer_is_refused_with_what_it_does(tmp_path, line
         ('purchase_number = "a\\nb"', "MF110"),
         (f'contact = {{ address = "{"x" * 10_000}" }}', "MF110"),
         ('contact = { address = " " }', "MF110"),
+        *((f'contact = {{ email = "{said}" }}', "MF105") for said in ("ada", "@b", "a@", "a@b@c", "a b@c", "a@b c")),
         ('contact = { adress = "x" }', "MF102"),
         ('thickness = "2.3"', "MF103"),
         ('date = "soon"', "MF105"),

@@ -19,10 +19,8 @@ from maskfab.eye.picture import read_picture
 from maskfab.eye.side_by_side import SeenPanel, judge, target_pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
-from maskfab.mask_shops.adapt import drawing_options, fitted, ordered_blank
-from maskfab.mask_shops.dot_edges import check_plotter
-from maskfab.mask_shops.judge import Finding, accepted, check_shop
-from maskfab.mask_shops.offers import check_ordered
+from maskfab.mask_shops.judge import Finding, accepted
+from maskfab.mask_shops.package_rules import check_package
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.pipeline import crew_of
 from maskfab.progress import Progress, silent
@@ -167,12 +165,7 @@ def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Pr
     profile, sent = load_shop(shop), formats_of(formats)
     loaded = job_of(job)
     progress("rules", 0, 1)
-    plate = loaded.plate()
-    sendable = fitted(plate, profile)
-    options = replace(drawing_options(sendable, profile), tone=loaded.spec.tone)
-    found = check_shop(plate, profile, sent, options, ordered_blank(loaded.spec))
-    plotter = check_plotter(sendable, loaded.spec, profile, sent or profile.formats[:1])
-    findings = check_ordered((*found, *plotter), loaded.spec, plate, profile)
+    findings = check_package(loaded.spec, loaded.plate(), profile, sent)
     progress("rules", 1, 1)
     return ShopCheck(profile, findings, loaded.digest)
 
