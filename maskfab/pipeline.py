@@ -64,6 +64,8 @@ from maskfab.processes import Alone, Given, Pair, Task
 from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
 from maskfab.report.documents import design_data, photograph_data, report_data
+from maskfab.report.documents.measured_data import Beside, measured_beside
+from maskfab.report.measured_files import DOCUMENT as MEASURED
 from maskfab.report.page import front, html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.quantity_table import Quantities
@@ -183,13 +185,14 @@ def run(
     job = job if isinstance(job, Job) else load_job(job)
     place = check_target(Path(out), force=force)
     named_shop(job)
-    key = fingerprint(of_installation(), run, _job_text(job))
+    measured = measured_beside(job)
+    key = fingerprint(of_installation(), run, _job_text(job), *(() if measured is None else (measured.content,)))
     if cache is None or cache.get(key) is None:
-        report, verdicts = _make(job, staged(place), progress, cache, key)
+        report, verdicts = _make(job, staged(place), progress, cache, key, measured)
     else:
         with staged(place) as folder:
             taken = _taken(job, folder, cache, key)
-            report, verdicts = taken or _make(job, nullcontext(folder), progress, cache, key)
+            report, verdicts = taken or _make(job, nullcontext(folder), progress, cache, key, measured)
     return Result(place.asked, report, verdicts)
 
 
@@ -206,7 +209,12 @@ def _taken(job: Job, folder: Path, cache: Store, key: str) -> tuple[Report, Verd
 
 
 def _make(
-    job: Job, aside: AbstractContextManager[Path], progress: Progress, cache: Store | None, key: str
+    job: Job,
+    aside: AbstractContextManager[Path],
+    progress: Progress,
+    cache: Store | None,
+    key: str,
+    measured: Beside | None,
 ) -> tuple[Report, Verdicts]:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
     clock = _Clock()
@@ -230,7 +238,7 @@ def _make(
             written = measure_process(job, seen, progress, clock.seconds, crew)
         with aside as folder:
             with clock.stage("write"):
-                files = write_files(job, made, folder, progress)
+                files = write_files(job, made, folder, progress, measured)
             with clock.stage("read back"):
                 back = read_back(made, folder, progress)
             layout = layout_as_seen(job, back.trips[0].layout)
@@ -243,7 +251,7 @@ def _make(
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
             restored = photographs.result(progress, clock.seconds)
-            found = Findings(job, built, read, optics, scenes, restored, written)
+            found = Findings(job, built, read, optics, scenes, restored, written, measured)
             report = found.report(files, clock.seconds)
             with clock.stage("figures"):
                 progress("figures", 0, 1)
@@ -285,6 +293,7 @@ class Findings:
         scenes: through every die; none for a job without a scene.
         restored: photographs through all dies.
         written: dies as their writer makes them, by name.
+        measured: the measurement beside the job; None if there is none.
     """
 
     job: Job
@@ -294,6 +303,7 @@ class Findings:
     scenes: Sequence[SceneOptics]
     restored: Photographs
     written: Mapping[str, Written]
+    measured: Beside | None = None
 
     @property
     def plate(self) -> Plate:
@@ -316,6 +326,8 @@ class Findings:
             if name in of_dies:
                 of_dies[name] += (note,)
         of_plate += tuple(view_rows(job))
+        if self.measured is not None:
+            of_plate += self.measured.note(job.digest)
         everything = [*of_plate]
         of_scenes = {scene.die.name: scene.quantities for scene in self.scenes}
         for name, quantities in of_dies.items():
@@ -335,8 +347,14 @@ class Findings:
         }
         photographs = photograph_data.photographs_document(self.restored)
         return report_data.to_document(
-            report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs
+            report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs, self._of_dies()
         )
+
+    def _of_dies(self) -> dict[str, report_data.Document]:
+        """The measurement, by the die that it is of."""
+        names = () if self.measured is None else [die.name for die in self.plate.dies]
+        told = {name: self.measured.of_die(name, self.job.digest) for name in names if self.measured is not None}
+        return {name: document for name, document in told.items() if document is not None}
 
 
 def draw_files(job: Job, plate: Plate) -> PlateFiles:
@@ -344,11 +362,13 @@ def draw_files(job: Job, plate: Plate) -> PlateFiles:
     return files_of_job(plate, job.spec, [job.signature, plate.title], named_shop(job))
 
 
-def write_files(job: Job, made: PlateFiles, folder: Path, progress: Progress) -> tuple[WrittenFile, ...]:
-    """Write the files of a plate, markers of its rules, the layer colours for KLayout, and the resolved job."""
+def write_files(
+    job: Job, made: PlateFiles, folder: Path, progress: Progress, measured: Beside | None = None
+) -> tuple[WrittenFile, ...]:
+    """Write the files of a plate, and those of :func:`aids`."""
     steps: dict[str, tuple[str, Callable[[Path], object]]] = {
         **{product.name: (product.title, product.write) for product in made.products},
-        **aids(job, made.plate),
+        **aids(job, made.plate, measured),
     }
     for done, (name, (_, write)) in enumerate(steps.items()):
         progress("write files", done, len(steps))
@@ -358,9 +378,12 @@ def write_files(job: Job, made: PlateFiles, folder: Path, progress: Progress) ->
     return tuple(provenance.file_record(folder, folder / name, kind) for name, (kind, _) in steps.items())
 
 
-def aids(job: Job, plate: Plate) -> dict[str, tuple[str, Callable[[Path], object]]]:
-    """Auxiliary files of a plate: markers of its rules, KLayout's colours, the resolved job; title and writer."""
+def aids(job: Job, plate: Plate, measured: Beside | None = None) -> dict[str, tuple[str, Callable[[Path], object]]]:
+    """Auxiliary files of a plate, title and writer: markers of its rules, KLayout's colours, the resolved job, and the
+    measurement beside it, which is then beside the job that is kept."""
+    more = {} if measured is None else {MEASURED: ("measurement", lambda path: path.write_bytes(measured.content))}
     return {
+        **more,
         f"{plate.name}.lyrdb": (
             "KLayout markers",
             lambda path: write_markers(check_rules(job, plate), plate_names(plate).top, path),

@@ -1244,6 +1244,13 @@ _ENTRIES = (
     ),
     # Finished folders and packages
     Entry(
+        "measurement_left_out",
+        "",
+        "",
+        "Measurement left out",
+        "Why the measurement beside the job is not shown.",
+    ),
+    Entry(
         "sha256",
         "",
         "",

@@ -28,7 +28,7 @@ from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box, sees_light
 from maskfab.measurement.verdicts import Verdicts
 from maskfab.measurement.view import layout_as_seen, plate_as_seen
-from maskfab.model import Camera, Die, Plate, Quantity, WrittenFile
+from maskfab.model import Camera, Die, Quantity, WrittenFile
 from maskfab.optics.numbers.metrics import fast_lens
 from maskfab.pipeline import (
     JOB_COPY,
@@ -56,6 +56,8 @@ from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES
 from maskfab.readers.sandbox.bounded import bounded
 from maskfab.report.documents import report_data
+from maskfab.report.documents.measured_data import measured_beside
+from maskfab.report.measured_files import DOCUMENT as MEASURED
 from maskfab.report.page import differences, html
 from maskfab.threads import one_thread
 
@@ -148,10 +150,17 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         checks += [
             _failed("optics", f"{trips[0].path.name}: nothing of {name} is clear before the stop") for name in blind
         ]
+        beside = None
+        if any(file["path"] == MEASURED for file in manifest["files"]):
+            try:
+                beside = measured_beside(job)
+            except InputError as error:
+                refused.append((MEASURED, error))
+                checks.append(_failed("readable", f"{MEASURED}: {error}"))
         if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
             # Of files that differ from the design the numbers differ as well; what differs is told above.
             restored, written = photographs.result(progress), measure_process(job, plate_as_seen(job, plate), progress)
-            found = Findings(job, built, read, optics, scenes, restored, written)
+            found = Findings(job, built, read, optics, scenes, restored, written, beside)
             checks += _made_again(folder, manifest, found, crew)
     return Verified.of(checks, built)
 
@@ -166,7 +175,7 @@ def _made_again(folder: Path, manifest: Mapping[str, Any], found: Findings, crew
     alike = alike and not any(each.name == _SCHEMA for each in told)
     overview, pictures = draw_pictures(found, now, crew)
     for name, differs in (
-        *_aids_differ(folder, found.job, found.plate),
+        *_aids_differ(folder, found),
         *_page_differs(folder, now, pictures, held=all(each.passed is not False for each in told)),
         *_overview_differs(folder, overview),
     ):
@@ -205,10 +214,10 @@ def verify_file(
     return bounded(path, checked, progress)
 
 
-def _aids_differ(folder: Path, job: Job, plate: Plate) -> Iterator[tuple[str, str]]:
+def _aids_differ(folder: Path, found: Findings) -> Iterator[tuple[str, str]]:
     """Each of the smaller files, and how it differs from the same made again; empty if it does not."""
     with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
-        for name, (_, write) in aids(job, plate).items():
+        for name, (_, write) in aids(found.job, found.plate, found.measured).items():
             write(Path(aside) / name)
             yield name, "" if _bytes(folder / name) == (Path(aside) / name).read_bytes() else "its bytes differ"
 

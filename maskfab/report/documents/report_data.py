@@ -22,6 +22,7 @@ from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tilin
 from maskfab.optics.scene.plan import AT_MOST, plan_document
 from maskfab.report.documents.design_data import design_schema
 from maskfab.report.documents.display_data import display_document, display_schema
+from maskfab.report.documents.measured_data import measured_schema
 from maskfab.report.documents.photograph_data import photographs_schema
 from maskfab.report.documents.schema_terms import closed_object
 from maskfab.report.quantity_table import quantity_document
@@ -43,12 +44,14 @@ def to_document(
     displays: Mapping[str, Feasibility] = NO_DISPLAYS,
     designs: Mapping[str, Document] = NO_DESIGNS,
     photographs: Document | None = None,
+    measured: Mapping[str, Document] = NO_DESIGNS,
 ) -> Document:
     """The report.json of one run, of plain Python types throughout.
 
-    ``scenes``, ``displays`` and ``designs`` are those of dies that have one; a design is a document of
-    :func:`maskfab.report.documents.design_data.design_document`, and ``photographs`` one of
-    :func:`maskfab.report.documents.photograph_data.photographs_document`.
+    ``scenes``, ``displays``, ``designs`` and ``measured`` are those of dies that have one; a design is a document of
+    :func:`maskfab.report.documents.design_data.design_document`, ``photographs`` one of
+    :func:`maskfab.report.documents.photograph_data.photographs_document`, and a measurement one of
+    :meth:`maskfab.report.documents.measured_data.Beside.of_die`.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
 
@@ -71,6 +74,7 @@ def to_document(
         **({} if photographs is None else {"photographs": photographs}),
         "dies": [
             _die(die, report.dies[die.name], of_die.get(die.name), displays.get(die.name), designs.get(die.name))
+            | ({"measured": measured[die.name]} if die.name in measured else {})
             for die in plate.dies
         ],
         "plate": [quantity_document(quantity) for quantity in report.plate],
@@ -131,8 +135,9 @@ def schema() -> Document:
             "scene": _scene_schema(quantities),
             "display": display_schema(),
             "design": design_schema(),
+            "measured": measured_schema(),
         },
-        optional=("scene", "display", "design"),
+        optional=("scene", "display", "design", "measured"),
     )
     camera = closed_object(
         {

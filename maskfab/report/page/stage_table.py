@@ -15,16 +15,16 @@ _HEADINGS: Mapping[str, str] = MappingProxyType(
     {Reading.FUSED: "As written, touching dots fused", Reading.OPEN: "As written, touching dots apart"}
 )
 _NUMBERS = (
-    ("Open ratio in the stop", "", "stop_open_ratio", "open_ratio"),
-    ("Area under the radial-minimum MTF", "", "auc_radial_min", "auc_radial_min"),
-    ("MTF50", "cy/mm", "mtf50", "mtf50"),
+    ("Open ratio in the stop", "stop_open_ratio", "open_ratio"),
+    ("Area under the radial-minimum MTF", "auc_radial_min", "auc_radial_min"),
+    ("MTF50", "mtf50", "mtf50"),
 )
-"""Heading, unit, name as read back, and as written."""
+"""Heading, name as read back, and as written."""
 
 
 @dataclass(frozen=True)
 class Line:
-    """One number of the die at every stage; None where it has none."""
+    """One number of the die at every stage, in the unit that report.json spells; None where it has none."""
 
     title: str
     unit: str
@@ -51,13 +51,19 @@ def stage_table(die: Document, wavelength_nm: float) -> Table | None:
         return None
     readings = [each for each in _HEADINGS if value(f"written_psf_difference_{each}") is not None]
 
-    def line(title: str, unit: str, drawn: float | None, read: str, written: str) -> Line:
-        return Line(title, unit, (drawn, value(read), *(value(f"written_{written}_{each}") for each in readings)))
+    units = {row["name"]: row["unit"] for row in die["quantities"]}
+
+    def line(title: str, drawn: float | None, read: str, written: str) -> Line:
+        return Line(
+            title,
+            units.get(read, "1"),
+            (drawn, value(read), *(value(f"written_{written}_{each}") for each in readings)),
+        )
 
     lines = [
-        line("Area that differs from the drawing", "µm²", 0.0, "readback_xor_area", "xor_area"),
-        line("PSF that differs from the drawing's", "", 0.0, "readback_psf_difference", "psf_difference"),
-        *(line(title, unit, None if xor else value(read), read, written) for title, unit, read, written in _NUMBERS),
+        line("Area that differs from the drawing", 0.0, "readback_xor_area", "xor_area"),
+        line("PSF that differs from the drawing's", 0.0, "readback_psf_difference", "psf_difference"),
+        *(line(title, None if xor else value(read), read, written) for title, read, written in _NUMBERS),
     ]
     return Table(("Drawn", "Read back", *(_HEADINGS[each] for each in readings)), tuple(lines))
 
