@@ -35,5 +35,5 @@ def check_package(
 
 
 def package_options(spec: JobSpec, plate: Plate, shop: Shop) -> PolygonOptions:
-    """How a package draws a plate that is :func:`maskfab.mask_shops.adapt.fitted`."""
+    """Drawing of a package for a plate that is :func:`maskfab.mask_shops.adapt.fitted`."""
     return replace(drawing_options(plate, shop), tone=spec.tone)

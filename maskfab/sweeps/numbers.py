@@ -71,7 +71,7 @@ class Series:
 
 @dataclass(frozen=True)
 class Sensitivity:
-    """How a number depends on a field.
+    """Dependence of a number on a field.
 
     Attributes:
         of: the number.
