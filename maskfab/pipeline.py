@@ -54,6 +54,7 @@ from maskfab.measurement.optics import measure_with_bar, reach_box, read_opening
 from maskfab.measurement.restored import Photographs, Restored, photograph_die
 from maskfab.measurement.scene_result import SceneOptics
 from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
+from maskfab.measurement.tolerance import ProcessSpread, band_quantities, check_spread
 from maskfab.measurement.verdicts import Verdicts
 from maskfab.measurement.view import layout_as_seen, plate_as_seen, view_rows
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
@@ -528,7 +529,9 @@ def check_processes(job: Job, plate: Plate) -> None:
     """
     if job.spec.written is not None:
         for die in plate.dies:
-            check_process(job.spec.written, die.panel, f"{job.where}: process, die {die.name}")
+            place = f"{job.where}: process, die {die.name}"
+            check_process(job.spec.written, die.panel, place)
+            check_spread(job.spec.written, process_spread(job), die.panel, place)
 
 
 def check_pictures(job: Job, plate: Plate) -> None:
@@ -568,7 +571,7 @@ def measure_process(
     seconds: dict[str, float] | None = None,
     crew: Alone | None = None,
 ) -> dict[str, Written]:
-    """Optics of every die as written, by the job's [process]; nothing for a job without one.
+    """Optics of every die as written, by the job's [process], with bands over its spread; nothing without a process.
 
     Raises:
         JobError: MF104, MF127 or MF115 for a process that does not go with a die.
@@ -577,12 +580,22 @@ def measure_process(
     if process is None:
         return {}
 
+    spread = process_spread(job)
+
     def one(die: Die) -> Written:
-        return do(measure_written, _mask(die), job.camera, process, job.where)
+        written = do(measure_written, _mask(die), job.camera, process, job.where)
+        bands = do(band_quantities, written, job.camera, spread, job.where)
+        return replace(written, quantities=(*written.quantities, *bands))
 
     # One after another: a die takes up to a gigabyte.
     found = _each(plate.dies, one, "process", progress, seconds, 1)
     return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
+
+
+def process_spread(job: Job) -> ProcessSpread:
+    """Standard deviations of the job's process over the displays that are made; zeros where it states none."""
+    stated = None if job.spec.process is None else job.spec.process.spread
+    return ProcessSpread() if stated is None else ProcessSpread(stated.bias or 0.0, stated.radius or 0.0)
 
 
 @dataclass(frozen=True)

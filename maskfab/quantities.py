@@ -691,6 +691,39 @@ _ENTRIES = (
         "Narrowest chrome between two clear shapes once the writer's bias has moved their edges.",
         _FINER_SPOT,
     ),
+    # Displays that are made, over the spread of the process
+    Entry(
+        "band_open_ratio",
+        "±η_w",
+        "1",
+        "Band of the open ratio",
+        "Half the interval that holds the open ratio in the stop of 95 % of the displays made.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
+    Entry(
+        "band_auc_radial_min",
+        "±AUC",
+        "1",
+        "Band of the AUC",
+        "Half the interval that holds auc_radial_min of 95 % of the displays made.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
+    Entry(
+        "band_mtf50",
+        "±ν50",
+        "cy/mm",
+        "Band of MTF50",
+        "Half the interval that holds MTF50 of 95 % of the displays made.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
+    Entry(
+        "band_psf_shape",
+        "δ₉₅",
+        "1",
+        "Band of the PSF's shape",
+        "Change of the PSF's shape, both peaks scaled to 1, that 95 % of the displays made stay below.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
     # Emitters, circuits and wires
     Entry(
         "led_footprint",

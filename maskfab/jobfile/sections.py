@@ -686,10 +686,13 @@ class ReportSection(Section):
 
 
 class SpreadSection(Section):
-    """[process.spread]: standard deviations over the displays that are made; a design is appraised over them."""
+    """[process.spread]: standard deviations over the displays that are made; a design is appraised over them, and the
+    numbers of a report get bands of bias and radius."""
 
     bias: Length | None = None
     """Of the width of clear features."""
+    radius: Length | None = None
+    """Of the radius to which corners are rounded; a ``design`` does not use it."""
     centre: Length | None = None
     """Of the stop's centre from the orientation map's, along x and along y."""
 

@@ -174,8 +174,7 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
         JobError: MF104, MF127 for a process that dots or gutters do not bear; MF115 for too many dots across the stop.
     """
     check_process(process, die.panel, where)
-    bare = replace(die.panel, tracks=())
-    designed = panel_aperture(bare, camera.stop.diameter_um / 2 + 2 * bare.dot_nm / NM_PER_UM)
+    designed = _designed(die, camera)
     vertices = _vertices(designed)
     parts = _parts(vertices, die, process, where)
     pupil = cut(designed, camera.stop)
@@ -196,6 +195,30 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
         quantities += _quantities(die, camera, process, readings[reading], drawn_psf)
     close_up = _close_up(designed, corner)
     return Written(die, process, drawn_psf, drawn.mtfs, readings, kissing, close_up, tuple(quantities))
+
+
+def fused_optics(die: Die, camera: Camera, process: Process, like: Psf, where: str = "") -> WrittenOptics:
+    """A written die, kissing corners fused, for the comparison of processes that differ a little.
+
+    Args:
+        die, camera, process, where: as for :func:`measure_written`.
+        like: on whose grid the PSF is.
+
+    Raises:
+        JobError: as :func:`measure_written`.
+    """
+    check_process(process, die.panel, where)
+    vertices = _vertices(_designed(die, camera))
+    parts = _parts(vertices, die, process, where)
+    stop_share = _stop_share(_part_lattices(vertices, parts, _margin(vertices, process)), camera.stop)
+    corners = written_corners(vertices.dot_um, process, Reading.FUSED, parts, _ARC_SIDES)
+    return _optics(vertices, corners, stop_share, camera, Reading.FUSED, like)
+
+
+def _designed(die: Die, camera: Camera) -> Aperture:
+    """The drawing before the stop and a little beyond, without wires."""
+    bare = replace(die.panel, tracks=())
+    return panel_aperture(bare, camera.stop.diameter_um / 2 + 2 * bare.dot_nm / NM_PER_UM)
 
 
 def _optics(

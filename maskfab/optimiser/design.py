@@ -209,6 +209,9 @@ def design(
     notes = (*found.notes, *notes_of(spec, source, taking, seen), *display_notes(spec))
     if found.robust is None and spread_of(spec, where) != EXACT:
         notes += ("Not used of the job, for a descent and a short budget are not appraised over it: [process.spread].",)
+    stated = None if spec.process is None else spec.process.spread
+    if stated is not None and stated.radius is not None:
+        notes += ("Not used of the job, for dots are designed with sharp corners: radius of [process.spread].",)
     return replace(found, notes=notes)
 
 
