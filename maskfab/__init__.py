@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.shops import shops as shops
     from maskfab.api.verbs.studying import study as study
     from maskfab.api.verbs.sweeping import pareto as pareto
+    from maskfab.api.verbs.viewing import view as view
     from maskfab.errors import MaskfabError as MaskfabError
     from maskfab.job import load_job as load_job
     from maskfab.plate.maps import read_map as read_map
@@ -105,6 +106,7 @@ _WHERE = {
     "study": "maskfab.api.verbs.studying",
     "sweep": "maskfab.api.verbs.job_sweeps",
     "verify": "maskfab.api.verbs.plates",
+    "view": "maskfab.api.verbs.viewing",
 }
 """Module of every public name."""
 
@@ -152,6 +154,7 @@ __all__ = [
     "study",
     "sweep",
     "verify",
+    "view",
 ]
 
 

@@ -42,6 +42,7 @@ from maskfab.cli.verbs.simulate import simulate
 from maskfab.cli.verbs.study import study
 from maskfab.cli.verbs.sweep import sweep
 from maskfab.cli.verbs.verify import verify
+from maskfab.cli.verbs.view import view
 from maskfab.errors import InternalError, JobError, MaskfabError
 
 _EPILOG = (
@@ -138,6 +139,7 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
         "Examples: maskfab sweep layouts/sweeps/bias.toml -o build/bias | "
         "maskfab sweep layouts/sweeps/shapes.toml -o build/shapes --engine dask --scheduler tcp://127.0.0.1:8786",
     ),
+    (view, "Examples: maskfab view build/upc12 | maskfab view build/upc12 --out plate.html --force"),
     (explain, "Example: maskfab explain MF106"),
     (schema, "Example: maskfab schema job > job.schema.json"),
     (reproduce, "Example: maskfab reproduce build/upc12"),
