@@ -3,6 +3,8 @@
 
 const MOST_COPIED_PX = 256;
 const TINY_PX = 8;
+const SMALL_PX = 24;
+const SMALL_FINER = 8;
 const MANY = 64;
 const MOST_PICTURE_PX = 4096;
 const COPIES_KEPT_PX = 16e6;
@@ -42,8 +44,13 @@ function newCanvas(width, height) {
   return canvas;
 }
 
+const colours = new Map();
+
+/** Of a name of the style sheet, which is asked once for each scheme; other colours as they are. */
 function colour(name) {
-  return name.startsWith("--") ? getComputedStyle(document.documentElement).getPropertyValue(name).trim() : name;
+  if (!name.startsWith("--")) return name;
+  if (!colours.has(name)) colours.set(name, getComputedStyle(document.documentElement).getPropertyValue(name).trim());
+  return colours.get(name);
 }
 
 function hatching(kind) {
@@ -130,10 +137,26 @@ class Painter {
     }
     const turn = [a, b, c, d].map(Math.sign).join("");
     const copy = this.kept(`${cell.place},${look.place},${width},${height},${turn}`, width, height, (canvas) => {
-      this.cell(canvas, cell, look, own, [width, height]);
+      const finer = Math.max(width, height) < SMALL_PX ? SMALL_FINER : 1;
+      if (finer === 1) this.cell(canvas, cell, look, own, [width, height]);
+      else this.averaged(canvas, cell, look, own.map((each) => each * finer), [width, height], finer);
     });
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.drawImage(copy, x, y);
+  }
+
+  /** Browsers count what a pixel is covered by coarsely, so that details smaller than that are painted large first. */
+  averaged(context, cell, look, matrix, [width, height], finer) {
+    let painted = newCanvas(width * finer, height * finer);
+    this.cell(painted.getContext("2d"), cell, look, matrix, [painted.width, painted.height]);
+    while (painted.width > width) {
+      // Halved step by step, which every browser's smoothing does exactly.
+      const half = newCanvas(painted.width / 2, painted.height / 2);
+      half.getContext("2d").drawImage(painted, 0, 0, half.width, half.height);
+      painted = half;
+    }
+    context.setTransform(1, 0, 0, 1, 0, 0);
+    context.drawImage(painted, 0, 0);
   }
 
   /** A cell of many small ones by itself, whole pixels for each; null where they are few, or large. */

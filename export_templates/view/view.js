@@ -31,6 +31,7 @@ function redraw() {
 }
 
 function restyle() {
+  colours.clear();
   looks = looksOf(told.layers);
   listLayers(told.layers, looks, shown, retile);
   retile();

@@ -284,7 +284,7 @@ def test_a_browser_draws_the_dots_of_the_mask_file(answers, hostile, name):
     assert set(np.unique(fine)) == {0, 255}
     assert np.array_equal(fine > 127, [[each in lit for each in row] for row in middles])
     coarse = np.reshape(answers[f"{name} 56000"], (140, 140))[:10, :10] / 255
-    assert coarse == pytest.approx(DRAWING.count("#") / 49, abs=0.03)  # of which browsers count some 64 steps
+    assert coarse == pytest.approx(DRAWING.count("#") / 49, abs=0.02)
 
 
 def test_the_ruler_snaps_to_corners_then_edges_of_the_file(answers, hostile):
