@@ -5,14 +5,13 @@ corner radius,
 
     f = f0 + a x + c x² + b y + d y²,
 
-from central differences at one deviation either way; where a radius cannot be less by one, from one and two more. Its
-band lies between the quantiles of 2.5 and 97.5 % of the expansion over two independent normal distributions, a radius
-below zero counting as zero. The PSF is expanded in the same way, point by point, and the change of its shape is the
-distance that the expansion goes; its band is the quantile of 95 %.
+from full cases at two deviations either way, where the edges of a band are; where a radius cannot be less by two, from
+rounder ones by one and by two. Its band lies between the quantiles of 2.5 and 97.5 % of the expansion over two
+independent normal distributions, a radius below zero counting as zero. The PSF is expanded in the same way, point by
+point, and the change of its shape is the distance that the expansion goes; its band is the quantile of 95 %.
 
-A full case with both one deviation up tells the expansion's error: what it misses there are products of x and y and
-third powers. An edge lies at about two deviations, where products are up to twice as large as there, both being at
-1.4; twice the miss is the band's error.
+A full case wider and rounder, as far from the process stated as the edges are, tells the error: what the expansion
+misses of it are products of x and y and higher powers.
 """
 
 from __future__ import annotations
@@ -37,6 +36,9 @@ SHARE = 0.95
 """Of the displays, within a band."""
 _STEPS = 201
 _CASES = 5
+_SIDES = (-2.0, 2.0)
+_CORNER = (math.sqrt(2), math.sqrt(2))
+"""Deviations of bias and radius, together as far off as an edge."""
 
 
 @dataclass(frozen=True)
@@ -81,9 +83,9 @@ class _Cases:
 
     Attributes:
         nominal: as stated.
-        bias: one deviation narrower and wider; the nominal one twice without a spread.
-        radius: sharper and rounder likewise, or rounder by one and by two.
-        one_sided: whether it is the latter.
+        bias: narrower and wider, by :data:`_SIDES`; the nominal one twice without a spread.
+        radius: sharper and rounder likewise, or rounder twice.
+        sides: their deviations.
         corner: wider and rounder.
         least_radius: deviations from the nominal radius to zero, negative.
     """
@@ -91,21 +93,22 @@ class _Cases:
     nominal: WrittenOptics
     bias: tuple[WrittenOptics, WrittenOptics]
     radius: tuple[WrittenOptics, WrittenOptics]
-    one_sided: bool
+    sides: tuple[float, float]
     corner: WrittenOptics
     least_radius: float
 
     def terms(self, number: Callable[[WrittenOptics], Floats]) -> tuple[Floats, Floats, Floats, Floats]:
         """a, c, b and d of a number, or of an array of them."""
         f0 = number(self.nominal)
-        low, high = map(number, self.bias)
-        near, far = map(number, self.radius)
-        if self.one_sided:
-            square = (far - 2 * near + f0) / 2
-            linear = near - f0 - square
-        else:
-            square, linear = (near + far) / 2 - f0, (far - near) / 2
-        return (high - low) / 2, (high + low) / 2 - f0, linear, square
+        bias = _parabola(_SIDES, *(number(each) - f0 for each in self.bias))
+        return (*bias, *_parabola(self.sides, *(number(each) - f0 for each in self.radius)))
+
+
+def _parabola(places: tuple[float, float], near: Floats, far: Floats) -> tuple[Floats, Floats]:
+    """Linear and square term of the parabola through 0 at 0 and through two values at two places."""
+    p, q = places
+    square = (near / p - far / q) / (p - q)
+    return near / p - square * p, square
 
 
 def band_quantities(written: Written, camera: Camera, spread: ProcessSpread, where: str = "") -> tuple[Quantity, ...]:
@@ -143,13 +146,13 @@ def check_spread(process: Process, spread: ProcessSpread, panel: Panel, where: s
     Raises:
         JobError: MF104, MF127.
     """
-    for x, y in ((-1, 0), (1, 0), (0, max(_sides(process, spread))), (1, 1)):
+    for x, y in ((-2, 0), (2, 0), (0, 2), _CORNER):
         check_process(_moved(process, spread, x, y), panel, f"{where}, with process.spread")
 
 
-def _sides(process: Process, spread: ProcessSpread) -> tuple[int, int]:
-    """Deviations of the radius in full cases: to either side, or rounder alone where it cannot be less by one."""
-    return (1, 2) if process.corner_radius_um < spread.radius_um else (-1, 1)
+def _sides(process: Process, spread: ProcessSpread) -> tuple[float, float]:
+    """Deviations of the radius in full cases: to either side, or rounder alone where it cannot be less by as much."""
+    return (1.0, 2.0) if process.corner_radius_um < 2 * spread.radius_um else _SIDES
 
 
 def _moved(process: Process, spread: ProcessSpread, x: float, y: float) -> Process:
@@ -183,7 +186,8 @@ def _cases(written: Written, camera: Camera, spread: ProcessSpread, where: str) 
     sides = _sides(process, spread)
     least = -process.corner_radius_um / spread.radius_um if spread.radius_um else 0.0
     near, far = (at(0, side) for side in sides)
-    return _Cases(nominal, (at(-1, 0), at(1, 0)), (near, far), sides[0] > 0, at(1, 1), least)
+    narrow, wide = (at(side, 0) for side in _SIDES)
+    return _Cases(nominal, (narrow, wide), (near, far), sides, at(*_CORNER), least)
 
 
 def _deviations(spread: ProcessSpread, least_radius: float) -> tuple[Floats, Floats]:
@@ -207,8 +211,9 @@ def _band(
     a, c, b, d = (float(term) for term in cases.terms(number))
     f0 = float(number(cases.nominal))
     low, high = _edges(f0 + a * x + c * x**2 + b * y + d * y**2)
-    missed = abs(float(number(cases.corner)) - (f0 + a + c + b + d))
-    return Band(name, line, f0, low, high, 2 * missed, a, b)
+    across, down = _CORNER
+    missed = abs(float(number(cases.corner)) - (f0 + a * across + c * across**2 + b * down + d * down**2))
+    return Band(name, line, f0, low, high, missed, a, b)
 
 
 def _shape_band(cases: _Cases, x: Floats, y: Floats) -> Band:
@@ -224,9 +229,11 @@ def _shape_band(cases: _Cases, x: Floats, y: Floats) -> Band:
     share = np.stack([x, x**2, y, y**2]).reshape(4, -1)
     squares = np.einsum("ik,ij,jk->k", share, angles, share)
     high = float(np.quantile(np.sqrt(np.maximum(squares, 0)), SHARE)) / size
-    missed = float(np.linalg.norm(to_peak(cases.corner) - f0 - sum(terms))) / size
+    across, down = _CORNER
+    told = sum(term * by for term, by in zip(terms, (across, across**2, down, down**2), strict=True))
+    missed = float(np.linalg.norm(to_peak(cases.corner) - f0 - told)) / size
     first = [math.sqrt(max(0.0, angles[k, k])) / size for k in (0, 2)]
-    return Band("band_psf_shape", cases.nominal.psf.wavelength_nm, 0.0, 0.0, high, 2 * missed, *first)
+    return Band("band_psf_shape", cases.nominal.psf.wavelength_nm, 0.0, 0.0, high, missed, *first)
 
 
 def _row(band: Band, written: Written, spread: ProcessSpread) -> Quantity:
@@ -243,7 +250,7 @@ def _row(band: Band, written: Written, spread: ProcessSpread) -> Quantity:
         band.name,
         band.high if band.name == "band_psf_shape" else (band.high - band.low) / 2,
         f"{SHARE:.0%} of displays lie {between}: expansion to second order from {_CASES} full cases about the process "
-        f"stated, {said}; error: what it misses of a case with both up",
+        f"stated, {said}; error: what it misses of a case wider and rounder",
         uncertainty=band.error,
         die=written.die.name,
         wavelength_nm=band.wavelength_nm,

@@ -12,8 +12,9 @@ from maskfab.errors import JobError, OutputError
 from maskfab.kept.fingerprint import of_installation
 from maskfab.processes import Alone, Pair
 from maskfab.progress import Progress
-from maskfab.sweeps.finding import Record, find, find_and_keep, keep
+from maskfab.sweeps.finding import Record, find_and_keep, find_by_one_thread, keep
 from maskfab.sweeps.plan import Case
+from maskfab.threads import one_thread
 
 Engine: TypeAlias = Literal["processes", "serial", "dask"]
 ENGINES: tuple[str, ...] = get_args(Engine)
@@ -24,6 +25,7 @@ _AT_ONCE = 4
 """Cases that wait at each worker of a cluster, so that none is idle while the next is on its way."""
 
 
+@one_thread
 def map_cases(
     cases: Sequence[Case],
     quantities: tuple[str, ...],
@@ -101,7 +103,9 @@ def _by_cluster(
         def begin(many: int) -> list[Any]:
             some = [case for _, case in zip(range(many), waiting, strict=False)]
             return [
-                client.submit(find, case.key, case.document, quantities, key=f"maskfab-{case.key}", pure=False)
+                client.submit(
+                    find_by_one_thread, case.key, case.document, quantities, key=f"maskfab-{case.key}", pure=False
+                )
                 for case in some
             ]
 

@@ -21,7 +21,6 @@ Record: TypeAlias = Mapping[str, Any]
 """Of a case: its key, rows of numbers, and why it failed, or None."""
 
 
-@one_thread
 def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
     """The numbers of a case, or why it has none.
 
@@ -36,6 +35,12 @@ def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> 
     except InputError as refusal:
         return {"key": key, "failed": f"{refusal.code} {refusal.what}", "rows": []}
     return {"key": key, "failed": None, "rows": rows}
+
+
+@one_thread
+def find_by_one_thread(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
+    """:func:`find` in a process that others have set up, which may use more threads."""
+    return find(key, document, quantities)
 
 
 def find_and_keep(folder: Path, key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
