@@ -82,6 +82,7 @@ function tellDie(dies, place) {
     picture.src = die.psf;
     picture.alt = `${die.name}: ${die.psf_words}`;
   }
+  byId("chosen").scrollIntoView({ block: "nearest" });
   byId("chosen-words").textContent = die.psf ? die.psf_words : "The report holds no PSF of this die.";
 }
 

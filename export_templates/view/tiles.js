@@ -6,17 +6,22 @@ const TILES_KEPT = 500;
 const PAINTING_MS = 9;
 const MOST_LEVELS_UP = 8;
 
+/** The coarsest level with at least so many pixels for a nanometre. */
+function levelOf(scale) {
+  return Math.ceil(Math.log2(scale) - 1e-9);
+}
+
 class Tiles {
-  constructor(painter, cell, shown) {
+  /** Tiles of the scale at which the whole is seen, and of coarser ones, stay. */
+  constructor(painter, cell, shown, wholeScale) {
     [this.painter, this.cell, this.shown] = [painter, cell, shown];
     this.kept = new Map();
-    this.lasting = null;
+    this.lasting = levelOf(wholeScale);
   }
 
   /** Draw what a view shows; true if nothing is missing. `view`: x, y of the middle in nm, scale in pixels per nm. */
   draw(context, view, width, height) {
-    const level = Math.ceil(Math.log2(view.scale) - 1e-9);
-    if (this.lasting === null) this.lasting = level;
+    const level = levelOf(view.scale);
     const side = TILE_PX / 2 ** level;
     const x0 = view.x - width / 2 / view.scale, y0 = -view.y - height / 2 / view.scale;
     const wanted = [];
@@ -68,7 +73,7 @@ class Tiles {
     this.kept.set(`${level},${i},${j}`, canvas.transferToImageBitmap ? canvas.transferToImageBitmap() : canvas);
     for (const [name, old] of this.kept) {
       if (this.kept.size <= TILES_KEPT) break;
-      if (Number(name.split(",")[0]) === this.lasting) continue;
+      if (Number(name.split(",")[0]) <= this.lasting) continue;
       this.kept.delete(name);
       if (old.close) old.close();
     }

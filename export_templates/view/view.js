@@ -22,7 +22,7 @@ let chosen = null, hovered = null, pointer = null, ruler = null, placeAt = null;
 // --- What is seen ---------------------------------------------------------------------------------------------------
 
 function redraw() {
-  if (asked) return;
+  if (asked || !tiles) return;
   asked = true;
   requestAnimationFrame(() => {
     asked = false;
@@ -39,7 +39,7 @@ function restyle() {
 
 function retile() {
   if (tiles) tiles.forget();
-  tiles = new Tiles(new Painter(looks), top_, shown);
+  tiles = new Tiles(new Painter(looks), top_, shown, wholeScale() * ratio);
   redraw();
 }
 
@@ -56,9 +56,9 @@ function resize() {
   redraw();
 }
 
-function smallestScale() {
-  const wide = Math.min(size[0] / (plateBox[2] - plateBox[0] || 1), size[1] / (plateBox[3] - plateBox[1] || 1));
-  return wide / 3;
+function wholeScale() {
+  const [wide, high] = [plateBox[2] - plateBox[0] || 1, plateBox[3] - plateBox[1] || 1];
+  return Math.max(1, Math.min(size[0], size[1])) / Math.max(wide, high);
 }
 
 function frame(box, share) {
@@ -79,7 +79,7 @@ function toScreen(x, y) {
 
 function zoom(factor, x = size[0] / 2, y = size[1] / 2) {
   const [px, py] = toPlate(x, y);
-  view.scale = Math.min(FINEST_PX_PER_NM, Math.max(smallestScale(), view.scale * factor));
+  view.scale = Math.min(FINEST_PX_PER_NM, Math.max(wholeScale() / 3, view.scale * factor));
   view.x = px - (x - size[0] / 2) / view.scale;
   view.y = py + (y - size[1] / 2) / view.scale;
   redraw();
@@ -99,7 +99,7 @@ function drawFrame() {
   context.fillRect(0, 0, canvas.width, canvas.height);
   const seen = { x: view.x, y: view.y, scale: view.scale * ratio };
   const whole = tiles.draw(context, seen, canvas.width, canvas.height);
-  canvas.setAttribute("aria-busy", String(!whole));
+  if (canvas.getAttribute("aria-busy") !== String(!whole)) canvas.setAttribute("aria-busy", String(!whole));
   context.setTransform(ratio, 0, 0, ratio, 0, 0);
   drawTexts();
   drawDies();
@@ -136,7 +136,7 @@ function drawDies() {
     context.strokeRect(x0 - 2, y0 - 2, x1 - x0 + 4, y1 - y0 + 4);
     context.setLineDash([]);
     if (y0 > 20 && (x1 - x0 > NAMED_FROM_PX || place === chosen || place === hovered)) {
-      label(`${die.best ? "★ " : ""}${die.name}`, Math.max(x0, 4), y0 - 6);
+      label(`${die.best ? "★ " : ""}${die.name.slice(0, 40)}`, Math.max(x0, 4), y0 - 6);
     }
   });
 }
@@ -158,7 +158,13 @@ function drawRules() {
       } else clusters.set(key, { count: 1, sums: [x0, y0, x1, y1] });
     }
   });
-  const means = [...clusters.values()].map(({ count, sums }) => ({ count, box: sums.map((sum) => sum / count) }));
+  const means = [];
+  for (const { count, sums } of clusters.values()) {
+    const box = sums.map((sum) => sum / count);
+    const near = means.find((each) => Math.hypot(each.box[0] - box[0], each.box[1] - box[1]) < CLUSTER_PX * 0.8);
+    if (near) near.count += count;
+    else means.push({ count, box });
+  }
   for (const { box } of means) mark(box);
   for (const { box, count } of means) {
     if (count > 1) label(String(count), (box[0] + box[2]) / 2 - 4 * String(count).length, (box[1] + box[3]) / 2 + 19);
@@ -257,7 +263,7 @@ function hover(place, x, y) {
   box.hidden = place === null || ruler !== null;
   if (box.hidden) return;
   const die = told.dies[place];
-  box.replaceChildren(element("strong", die.name), ...die.rows.slice(0, 4).map((row) => element("div", row.join(": "))));
+  box.replaceChildren(element("strong", die.name.slice(0, 80)), ...die.rows.slice(0, 4).map((row) => element("div", row.join(": "))));
   box.style.left = `${Math.max(4, Math.min(x + 16, size[0] - box.offsetWidth - 4))}px`;
   box.style.top = `${y + 18 + box.offsetHeight > size[1] ? Math.max(4, y - box.offsetHeight - 12) : y + 18}px`;
 }
@@ -397,7 +403,7 @@ for (const [name, wanted] of [["mask-only", (layer) => layer.written || layer.na
 listDies(told.dies, (place) => choose(place, true));
 listRules(told, rules, stepPlace, redraw);
 tellFile(told);
+resize();
 restyle();
 matchMedia("(prefers-color-scheme: dark)").addEventListener("change", restyle);
 new ResizeObserver(resize).observe(canvas);
-resize();

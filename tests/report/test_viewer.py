@@ -14,7 +14,7 @@ from browser import dumped, installed
 from hypothesis import given
 from hypothesis import strategies as st
 from klayout import db
-from small_job import DRAWING, command, finished
+from small_job import DRAWING, command, edited, finished
 
 import maskfab as mf
 from maskfab.drc import RuleResult
@@ -29,6 +29,7 @@ from maskfab.report.viewer.drawn_cells import drawn_cells
 from maskfab.report.viewer.page import inert_json
 from maskfab.report.viewer.psf_pictures import psf_pictures
 from maskfab.report.viewer.rule_places import rule_places
+from maskfab.report.viewer.shown_run import shown_run
 from maskfab.report.viewer.varints import packed
 
 HOSTILE = 'A</script><script>alert("x")</script><!-- é'
@@ -214,6 +215,19 @@ def test_what_a_page_would_show_must_be_as_the_run_wrote_it(small_result, tmp_pa
     (run / "SMALL.gds").unlink()
     with pytest.raises(OutputError, match=r"MF407.*cannot be read"):
         mf.view(run)
+
+
+def test_a_flat_file_is_shown_with_its_dies_where_they_were(small_result, tmp_path):
+    run = shutil.copytree(small_result, tmp_path / "run")
+    before = shown_run(run).document
+    edited(run / "SMALL.gds", run / "SMALL.gds", lambda layout: layout.top_cell().flatten(True))
+    manifest = json.loads((run / "manifest.json").read_text())
+    next(row for row in manifest["files"] if row["path"] == "SMALL.gds")["sha256"] = sha256_of_file(run / "SMALL.gds")
+    (run / "manifest.json").write_text(json.dumps(manifest))
+    after = shown_run(run).document
+    assert (len(before["cells"]) > 10, sum(bool(cell["shapes"]) for cell in after["cells"])) == (True, 1)
+    assert [die["box"] for die in after["dies"]] == [die["box"] for die in before["dies"]]
+    assert differences(rebuilt(after), rebuilt(before)) == 0
 
 
 def test_a_run_without_polygons_is_refused_with_the_format_to_add(small_result, tmp_path):
