@@ -5,8 +5,10 @@ from __future__ import annotations
 import csv
 import json
 import math
+import sys
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from small_job import command, write_job
@@ -15,8 +17,9 @@ import maskfab as mf
 from maskfab import resources
 from maskfab.api.verbs.job_sweeps import Sweep
 from maskfab.errors import JobError, OutputError
+from maskfab.kept.fingerprint import of_installation
 from maskfab.sweeps import finding
-from maskfab.sweeps.engines import map_cases
+from maskfab.sweeps.engines import _same_version, map_cases
 from maskfab.sweeps.plan import MOST_CASES, planned
 from maskfab.sweeps.sweeping import made
 
@@ -226,3 +229,24 @@ def test_a_scheduler_that_does_not_answer_is_refused_before_any_case(tmp_path, m
     monkeypatch.setattr("maskfab.sweeps.engines._ANSWERS_WITHIN_S", 0.5)
     with pytest.raises(JobError, match="MF164"):
         made(planned(write_study(tmp_path)), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")
+
+
+def test_workers_of_another_version_are_refused_before_any_case():
+    def cluster(versions: dict[str, object]) -> SimpleNamespace:
+        return SimpleNamespace(run=lambda function, on_error: versions)
+
+    _same_version(cluster({"tcp://a": of_installation()}), "tcp://s")
+    for versions, words in (
+        ({}, "no workers"),
+        ({"tcp://a": of_installation(), "tcp://b": "another"}, "tcp://b runs another maskfab"),
+        ({"tcp://a": ModuleNotFoundError("maskfab")}, "ModuleNotFoundError"),
+    ):
+        with pytest.raises(JobError, match="MF164") as refused:
+            _same_version(cluster(versions), "tcp://s")
+        assert words in str(refused.value)
+
+
+def test_without_dask_a_cluster_is_refused_with_what_to_install(tmp_path, monkeypatch):
+    monkeypatch.setitem(sys.modules, "distributed", None)
+    with pytest.raises(OutputError, match=r"MF431.*maskfab\[cluster\]"):
+        mf.sweep(write_study(tmp_path), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from textwrap import fill
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -21,6 +22,8 @@ BAND = (0.05, 0.95)
 _MARKS = "osD^vPX"
 _LEFT, _WIDE, _HIGH, _FOOT, _TOP, _GAP, _LEGEND = 0.75, 2.9, 2.1, 0.5, 0.3, 0.7, 1.9
 _MOST_AXES = 4
+_LABEL = 30
+"""Characters in a line of a label."""
 
 
 def shown(found: Swept, name: str) -> list[Series]:
@@ -58,7 +61,7 @@ def quantity_figure(found: Swept, name: str) -> Drawing | None:
         sheet.grid(color=QUIET, alpha=0.2, linewidth=0.5)
         sheet.spines[["top", "right"]].set_visible(False)
         if column == 0:
-            sheet.set_ylabel(f"{entry.title}{f' ({unit})' if unit else ''}")
+            sheet.set_ylabel(fill(f"{entry.title}{f' ({unit})' if unit else ''}", _LABEL))
     handles, told = figure.axes[0].get_legend_handles_labels()
     beside = (1 - _LEGEND / figure.get_size_inches()[0], 0.5)
     figure.legend(handles, told, loc="center left", bbox_to_anchor=beside, borderaxespad=0, fontsize=7.5)
