@@ -188,7 +188,10 @@ def _sensitivities(series: Series, plan: Plan) -> list[Sensitivity]:
     by_field = dict(zip(numeric, slopes, strict=True))
     found = []
     for i, field in enumerate(plan.fields):
-        if axes[i] is None and len({case.stated[i] for case in plan.cases}) == len(plan.cases) and len(axes) > 1:
+        different = len({case.stated[i] for case in plan.cases})
+        if different < 2:
+            continue
+        if axes[i] is None and different == len(plan.cases) and len(axes) > 1:
             continue  # every case has its own, so that all that differs would be its doing
         means = _means(axes[i], field, [case.levels[i].stated for case in plan.cases], series.values)
         extent = float(np.ptp(means)) if means.size else 0.0
