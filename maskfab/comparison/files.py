@@ -8,9 +8,9 @@ from __future__ import annotations
 import os
 import tempfile
 from collections import deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
@@ -33,7 +33,7 @@ from maskfab.mask_shops.plate_files import PlateFiles
 from maskfab.model import CLEAR, Quantity
 from maskfab.progress import Progress
 from maskfab.readers.layout_file import find_cell, read_layout
-from maskfab.readers.sandbox.bounded import bounded, library_errors, seconds_of
+from maskfab.readers.sandbox.bounded import begun, library_errors, seconds_of
 from maskfab.readers.svg import read_svg
 
 _WRITTEN_ALONE = (".gbr", ".svg")
@@ -44,6 +44,12 @@ _READ_AHEAD = (".gbr", ".step")
 
 _MOST_AHEAD = 3
 """A process takes up to half a gigabyte."""
+
+_ASIDE = (".dxf",)
+"""Formats that take long in this process, but need not take place in it: copies of it read and compare them."""
+
+_LARGE_BYTES = 1_000_000
+"""Of a file that takes longer than to copy a process."""
 
 _LIKE = 2
 """A file of more vertices than so many times the design's is not looked through."""
@@ -91,10 +97,15 @@ def read_back(
     def take(number: int, *, dots: bool) -> _Taken:
         product = made.products[number]
         if refused is not None and product.kind == "mask":
-            return _within_limits(made, product, folder, dots=dots)
+            with _within_limits(made, product, folder, dots=dots) as answer:
+                return answer()
         return _take(made, product, folder)
 
-    with _ahead(made, lambda number: take(number, dots=number == first)) as coming:
+    slow = [number for number, each in waiting if Path(each.name).suffix in _READ_AHEAD]
+    aside = [number for number, each in waiting if number != first and _aside(folder / each.name)]
+    if refused is not None or (os.cpu_count() or 1) < 2:
+        aside = []  # a foreign file is read in a copy anyhow, one after the other
+    with _ahead(made, slow, aside, lambda number: take(number, dots=number == first), folder) as coming:
         while waiting:
             number, product = waiting.popleft()
             taken = coming.get(product.name)
@@ -129,15 +140,42 @@ def read_back(
 
 
 @contextmanager
-def _ahead(made: PlateFiles, take: Callable[[int], _Taken]) -> Iterator[dict[str, Future[_Taken]]]:
-    """Start slow reads in background threads; yields futures by file name. Unstarted reads are cancelled on exit."""
+def _ahead(
+    made: PlateFiles, slow: Sequence[int], aside: Sequence[int], take: Callable[[int], _Taken], folder: Path
+) -> Iterator[dict[str, Future[_Taken]]]:
+    """Start slow reads in background threads and in copies of this process; yields futures by file name.
+
+    Unstarted reads are cancelled on exit, and copies ended.
+    """
     workers = min(_MOST_AHEAD, max(1, (os.cpu_count() or 1) - 1))
-    with ThreadPoolExecutor(workers) as pool:
-        slow = [number for number, each in enumerate(made.products) if Path(each.name).suffix in _READ_AHEAD]
-        try:
-            yield {made.products[number].name: pool.submit(take, number) for number in slow}
-        finally:
-            pool.shutdown(wait=False, cancel_futures=True)
+    with ExitStack() as stack:
+        # Copied before there are threads that read: what those hold would be held in the copy for ever.
+        copies = {
+            number: stack.enter_context(_within_limits(made, made.products[number], folder, dots=False))
+            for number in aside[: os.cpu_count()]
+        }
+        pool = stack.enter_context(ThreadPoolExecutor(workers + len(copies)))
+        stack.callback(pool.shutdown, wait=False, cancel_futures=True)
+        reads = {made.products[number].name: pool.submit(take, number) for number in slow}
+        yield reads | {
+            made.products[number].name: pool.submit(_answer, made, made.products[number], folder, answer)
+            for number, answer in copies.items()
+        }
+
+
+def _aside(path: Path) -> bool:
+    """Whether a file is better read and compared in a copy of this process."""
+    return path.suffix in _ASIDE and path.is_file() and path.stat().st_size > _LARGE_BYTES
+
+
+def _answer(made: PlateFiles, product: Product, folder: Path, answer: Callable[[], RoundTrip]) -> _Taken:
+    """What a copy of this process has found, or if that was ended for its limits, the file itself: it is ours."""
+    try:
+        return answer()
+    except SourceError as error:
+        if error.code != "MF322":
+            raise
+        return _take(made, product, folder)
 
 
 def _take(made: PlateFiles, product: Product, folder: Path) -> _Taken:
@@ -180,8 +218,11 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
         )
 
 
-def _within_limits(made: PlateFiles, product: Product, folder: Path, *, dots: bool) -> RoundTrip:
-    """A layout that anybody may have written, read and compared in a copy of this process.
+@contextmanager
+def _within_limits(
+    made: PlateFiles, product: Product, folder: Path, *, dots: bool
+) -> Iterator[Callable[[], RoundTrip]]:
+    """A layout that anybody may have written, read and compared in a copy of this process; yields who waits for that.
 
     What comes back holds no differing shapes, and a layout only if ``dots``: the design where they are equal.
 
@@ -202,12 +243,17 @@ def _within_limits(made: PlateFiles, product: Product, folder: Path, *, dots: bo
 
     with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
         differing = Path(aside) / "differing.oas"
-        told: dict[str, Any] = bounded(path, work, seconds=seconds_of(made.figures.account.polygons))
-        layout = made.design if dots else db.Layout()
-        if differing.is_file():
-            layout = db.Layout()
-            layout.read(str(differing))
-    return RoundTrip(layout=layout, differing=db.Region(), slivers=Sifted(db.Region(), db.Region()), **told)
+        with begun(path, work, seconds=seconds_of(made.figures.account.polygons)) as answer:
+
+            def found() -> RoundTrip:
+                told: dict[str, Any] = answer()
+                layout = made.design if dots else db.Layout()
+                if differing.is_file():
+                    layout = db.Layout()
+                    layout.read(str(differing))
+                return RoundTrip(layout=layout, differing=db.Region(), slivers=Sifted(db.Region(), db.Region()), **told)
+
+            yield found
 
 
 def _clear_alone(read: db.Layout) -> db.SaveLayoutOptions:

@@ -236,14 +236,17 @@ def compare_layout(
     a file without cells has millions of edges there.
     """
     _settle(read, layer_names)
-    polygons = _count_polygons(read)
+    polygons = _written(read, _counts(read))
     if read.find_layer(layer_info(CHROME)) is not None:
         read = cleared(read, plate)
     compared = (layer for layer in LAYERS if layer is not NOTE and (layer_names is None or layer.name in layer_names))
     by_dots = [_compare_dots(die, read, tolerance_nm) if dots else None for die in plate.dies]
     alike = [die for die, found in zip(plate.dies, by_dots, strict=True) if found and found.alike and dots_prove]
+    in_design, in_read = _counts(design), _counts(read)
     differing = {
-        layer: _xor(design, read, layer, alike if layer is CLEAR else ())
+        layer: db.Region()
+        if layer is not CLEAR and _same_polygons((design, in_design), (read, in_read), layer)
+        else _xor(design, read, layer, alike if layer is CLEAR else ())
         for layer in (*compared, *_further_layers(read))
     }
     clear = differing.get(CLEAR, db.Region())
@@ -256,7 +259,7 @@ def compare_layout(
         path=path,
         layout=read,
         polygons=polygons,
-        drawn_polygons=_count_polygons(design) if drawn_polygons is None else drawn_polygons,
+        drawn_polygons=_written(design, in_design) if drawn_polygons is None else drawn_polygons,
         rounding_nm=rounding_nm(read),
         differences=differences,
         dies=tuple(_check_die(die, found, differing) for die, found in zip(plate.dies, by_dots, strict=True)),
@@ -281,11 +284,8 @@ def _xor(design: db.Layout, read: db.Layout, layer: Layer, alike: Sequence[Die] 
     """Symmetric difference of two layouts, merged; compared in hierarchy, for most cells are alike.
 
     Where dies are known to be alike, only what lies between them is compared. A file without references is compared as
-    it is drawn: the search for cells in it would take longer than they save. Nor are few polygons laid over each other
-    if one by one they are the same: those of wires reach across a die.
+    it is drawn: the search for cells in it would take longer than they save.
     """
-    if layer is not CLEAR and _same_polygons(design, read, layer):
-        return db.Region()
     if alike:
         around = db.Region([(each.top_cell().bbox() + db.Box(*alike[0].box_nm)) for each in (design, read)]).merged()
         places = around - db.Region([db.Box(*die.box_nm) for die in alike])
@@ -296,12 +296,17 @@ def _xor(design: db.Layout, read: db.Layout, layer: Layer, alike: Sequence[Die] 
     return db.Region(list((one ^ other).each())).merged(True, 1)
 
 
-def _same_polygons(design: db.Layout, read: db.Layout, layer: Layer) -> bool:
-    """Whether two layouts draw a layer with the same polygons, which are few enough to be told one by one."""
+def _same_polygons(
+    design: tuple[db.Layout, Mapping[int, int]], read: tuple[db.Layout, Mapping[int, int]], layer: Layer
+) -> bool:
+    """Whether two layouts draw a layer with the same polygons, which are few enough to be told one by one.
+
+    Those of wires reach across a die, and take long to be laid over each other. Layouts come with their counts.
+    """
     drawn: list[list[db.Polygon]] = []
-    for layout in (design, read):
+    for layout, counts in (design, read):
         index = layout.find_layer(layer_info(layer))
-        if index is None or _count(layout, [index]) > _FEW_POLYGONS:
+        if index is None or counts[index] > _FEW_POLYGONS:
             return False
         whole = db.Region(layout.top_cell().begin_shapes_rec(index))
         whole.merged_semantics = False
@@ -417,17 +422,23 @@ def _read_raster(die: Die, read: db.Layout) -> NDArray[np.float64]:
     return coverage(_exposed(read, die.box_nm) if boxes is None else boxes, *die_edges_nm(die))
 
 
-def _count_polygons(layout: db.Layout) -> int:
-    """Polygons on written layers as drawn, every reference followed."""
+def _written(layout: db.Layout, counts: Mapping[int, int]) -> int:
+    """Polygons on written layers as drawn, of a layout that comes with its counts."""
     wanted = [layout.find_layer(layer_info(layer)) for layer in DRAWN_LAYERS if layer.written]
-    return _count(layout, [index for index in wanted if index is not None])
+    return sum(counts[index] for index in wanted if index is not None)
 
 
-def _count(layout: db.Layout, indices: Sequence[int]) -> int:
-    """Shapes on some layers, every reference followed."""
-    counts: dict[int, int] = {}
-    for cell_index in layout.each_cell_bottom_up():
-        cell = layout.cell(cell_index)
-        own = sum(cell.shapes(index).size() for index in indices)
-        counts[cell_index] = own + sum(each.cell_inst.size() * counts[each.cell_index] for each in cell.each_inst())
-    return counts[layout.top_cell().cell_index()]
+def _counts(layout: db.Layout) -> dict[int, int]:
+    """Shapes by index of layer, every reference followed."""
+    times = dict.fromkeys(layout.each_cell_top_down(), 0)
+    times[layout.top_cell().cell_index()] = 1
+    for index, placed in times.items():
+        for each in layout.cell(index).each_inst():
+            times[each.cell_index] += placed * each.size()
+    layers = layout.layer_indexes()
+    found = dict.fromkeys(layers, 0)
+    for index, placed in times.items():
+        shapes = layout.cell(index)
+        for layer in layers:
+            found[layer] += placed * shapes.shapes(layer).size()
+    return found

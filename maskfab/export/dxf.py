@@ -47,6 +47,11 @@ _REFERENCE = {
 }
 _OUTLINE = "  0\nPOLYLINE\n  5\n{handle}\n  8\n{layer}\n 66\n1\n 10\n0.0\n 20\n0.0\n 30\n0.0\n 70\n1\n"
 _VERTEX = "  0\nVERTEX\n  5\n{handle}\n  8\n{layer}\n 10\n{x}\n 20\n{y}\n 30\n0.0\n 70\n0\n"
+_LIGHT = (
+    "  0\nLWPOLYLINE\n  5\n{handle}\n330\n{owner}\n100\nAcDbEntity\n  8\n{layer}\n100\nAcDbPolyline\n"
+    " 90\n{count}\n 70\n1\n"
+)
+_LIGHT_VERTEX = " 10\n%s\n 20\n%s\n"
 _END = "  0\nSEQEND\n  5\n{handle}\n  8\n{layer}\n"
 # Bytes of a polygon and of a vertex, coordinates of up to nine characters.
 _OUTLINE_BYTES = {"R12": (80, 46), "R2010": (90, 28)}
@@ -286,9 +291,32 @@ class _Outline(DXFGraphic):  # type: ignore[misc]
     def export_dxf(self, tagwriter: AbstractTagWriter) -> None:
         layer = self._layer
         tagwriter.write_str(_OUTLINE.format(handle=self.dxf.handle, layer=layer))
-        for handle, (x, y) in zip(self._below[1:], self._points, strict=True):
-            tagwriter.write_str(_VERTEX.format(handle=handle, layer=layer, x=x, y=y))
+        # Layers have no name with a percent sign.
+        vertex = _VERTEX.format(handle="%s", layer=layer, x="%s", y="%s")
+        own = zip(self._below[1:], self._points, strict=True)
+        tagwriter.write_str("".join([vertex % (handle, x, y) for handle, (x, y) in own]))
         tagwriter.write_str(_END.format(handle=self._below[0], layer=layer))
+
+
+class _LightOutline(DXFGraphic):  # type: ignore[misc]
+    """The light-weight polyline of later versions, which writes itself at once too: ezdxf's own packs every vertex.
+
+    Args:
+        points: its vertices, in the drawing's unit.
+        layer: name of its layer.
+    """
+
+    DXFTYPE = "LWPOLYLINE"
+
+    def __init__(self, points: Sequence[tuple[float, float]], layer: str) -> None:
+        super().__init__()
+        self._points = points
+        self._layer = layer
+
+    def export_dxf(self, tagwriter: AbstractTagWriter) -> None:
+        own, count = self.dxf, len(self._points)
+        head = _LIGHT.format(handle=own.handle, owner=own.owner, layer=self._layer, count=count)
+        tagwriter.write_str(head + "".join([_LIGHT_VERTEX % point for point in self._points]))
 
 
 def _checked_names(figures: Figures, wanted: Mapping[str, str] | None, *, noted: bool) -> dict[Layer, str]:
@@ -398,7 +426,7 @@ def _add_shapes(
                 if space.dxfversion == _R12:  # it lacks the light-weight polyline
                     space.add_entity(_Outline(points, names[layer], handles))
                 else:
-                    space.add_lwpolyline(points, close=True, dxfattribs={"layer": names[layer]})
+                    space.add_entity(_LightOutline(points, names[layer]))
 
 
 def _one_line(text: str) -> str:

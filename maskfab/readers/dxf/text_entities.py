@@ -6,7 +6,8 @@ import math
 import re
 from collections.abc import Iterator
 
-_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*((?:3D)?[A-Za-z][^\r\n]*)\r?(?=\n)")
+# Most of a plate are vertices, which belong to their polyline.
+_ENTITY = re.compile(rb"(?:^|\n)[ \t]*0[ \t]*\r?\n[ \t]*(?!(?i:vertex)[ \t]*\r?\n)((?:3D)?[A-Za-z][^\r\n]*)\r?(?=\n)")
 _SECTION = re.compile(rb"\s*2[ \t]*\r?\n[ \t]*(\w+)")
 _DRAWN = {b"BLOCKS", b"ENTITIES"}
 _TAG = re.compile(rb"\n[ \t]*(\d{1,4})[ \t]*\r?\n[ \t]*([^\r\n]*)")
@@ -98,8 +99,6 @@ def entities(data: bytes) -> Iterator[Entity]:
     previous: tuple[str, int] | None = None
     for match in _ENTITY.finditer(data):
         kind = match[1].decode("latin-1").rstrip(" \t").upper()
-        if kind == "VERTEX":
-            continue
         if previous is not None:
             entity = Entity(previous[0], block, data[previous[1] : match.start()])
             if entity.kind == "BLOCK":

@@ -52,8 +52,22 @@ def bounded(
         SourceError: MF322 if it takes longer, or more memory, or ends the process; MF323 if a library throws.
         Exception: whatever the work raises.
     """
+    with begun(path, work, progress, seconds=seconds) as answer:
+        return answer()
+
+
+@contextmanager
+def begun(
+    path: Path, work: Callable[[Progress], Answer], progress: Progress = silent, *, seconds: int | None = None
+) -> Iterator[Callable[[], Answer]]:
+    """Work of :func:`bounded` that goes on beside other work here, until its answer is asked for or nobody wants it.
+
+    Yields:
+        The answer, waited for; called once, it raises as :func:`bounded`.
+    """
     if "fork" not in multiprocessing.get_all_start_methods():
-        return work(progress)
+        yield lambda: work(progress)
+        return
     size = path.stat().st_size if os.path.isfile(path) else 0
     limit = math.ceil((SECONDS if seconds is None else seconds) + size / BYTES_PER_SECOND)
     here, there = multiprocessing.Pipe(duplex=False)
@@ -65,28 +79,34 @@ def bounded(
         warnings.simplefilter("ignore", DeprecationWarning)
         copy.start()
     there.close()
-    stage, ended = "read", None
+
+    def answer() -> Answer:
+        stage, ended = "read", None
+        try:
+            while here.poll(_WALL_PER_PROCESSOR * limit):
+                kind, told = here.recv()
+                if kind == "progress":
+                    stage = told[0]
+                    progress(*told)
+                elif kind == "raised":
+                    raise _said(path, told)
+                else:
+                    found: Answer = told
+                    return found
+        except EOFError:
+            copy.join()
+            ended = copy.exitcode
+        if ended is None or -ended in _OUT_OF_TIME:
+            what = f"does not come to an end of the stage {stage!r} in the processor time that it may take"
+            raise _too_much(path, what)
+        raise _too_much(path, f"ends the process in the stage {stage!r}, or needs more memory than it may take")
+
     try:
-        while here.poll(_WALL_PER_PROCESSOR * limit):
-            kind, told = here.recv()
-            if kind == "progress":
-                stage = told[0]
-                progress(*told)
-            elif kind == "raised":
-                raise _said(path, told)
-            else:
-                answer: Answer = told
-                return answer
-    except EOFError:
-        copy.join()
-        ended = copy.exitcode
+        yield answer
     finally:
         copy.kill()
         copy.join()
         here.close()
-    if ended is None or -ended in _OUT_OF_TIME:
-        raise _too_much(path, f"does not come to an end of the stage {stage!r} in the processor time that it may take")
-    raise _too_much(path, f"ends the process in the stage {stage!r}, or needs more memory than it may take")
 
 
 def seconds_of(shapes: int) -> int:
