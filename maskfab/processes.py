@@ -112,6 +112,11 @@ class Alone(AbstractContextManager["Alone"]):
     ) -> None:
         """Nothing is left behind."""
 
+    @property
+    def tally(self) -> tuple[int, int]:
+        """Findings that need not be found again, and all findings that are kept, so far."""
+        return 0, 0
+
     def do(self, function: Callable[..., Found], *given: Any) -> Found:
         """Do one thing now and in this process, and return its finding."""
         return function(*given)

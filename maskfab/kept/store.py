@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 import pickle
 from collections.abc import Iterator
@@ -38,12 +39,16 @@ class Entry:
         what: it is, in words.
         bytes: of the file.
         used: when it was used last, seconds since 1970.
+        seconds: of a processor that finding it took; None if it does not say.
+        expected_s: that it was expected to take on the machine of the reference numbers; None likewise.
     """
 
     path: Path
     what: str
     bytes: int
     used: float
+    seconds: float | None = None
+    expected_s: float | None = None
 
 
 @dataclass(frozen=True)
@@ -69,6 +74,10 @@ class Store:
         foreign = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & 0o022)
         return None if foreign else cls(folder)
 
+    def has(self, key: str) -> bool:
+        """Whether something is kept under a fingerprint, which may yet turn out to be damaged."""
+        return self._path(key).is_file()
+
     def get(self, key: str) -> Any:
         """The finding kept under a fingerprint, in a tuple of one; None if there is none, or only a damaged one."""
         path = self._path(key)
@@ -87,13 +96,16 @@ class Store:
             return None
         return found
 
-    def put(self, key: str, what: str, content: object) -> None:
-        """Keep a finding; one that no other process can be given is not kept."""
+    def put(
+        self, key: str, what: str, content: object, seconds: float | None = None, expected_s: float | None = None
+    ) -> None:
+        """Keep a finding, and what it took; one that no other process can be given is not kept."""
         try:
             body = pickled(content)
         except (TypeError, AttributeError, pickle.PicklingError):
             return
-        head = {"form": _FORM, "what": what, "sha256": hashlib.sha256(body).hexdigest()}
+        head: dict[str, Any] = {"form": _FORM, "what": what, "sha256": hashlib.sha256(body).hexdigest()}
+        head |= {} if seconds is None else {"seconds": round(seconds, 4), "expected_s": expected_s}
         with suppress(OSError, OutputError):
             path = self._path(key)
             path.parent.mkdir(exist_ok=True)
@@ -142,7 +154,8 @@ class Store:
         for path in sorted(self.folder.glob("[0-9a-f][0-9a-f]/" + "[0-9a-f]" * 64)):
             with suppress(OSError):
                 status = path.stat()
-                yield Entry(path, _what(path), status.st_size, status.st_mtime)
+                what, seconds, expected_s = _told(path)
+                yield Entry(path, what, status.st_size, status.st_mtime, seconds, expected_s)
 
     def prune(self, limit_bytes: int = LIMIT_BYTES) -> tuple[Entry, ...]:
         """Remove what was used longest ago, until the rest takes no more than so many bytes.
@@ -176,11 +189,16 @@ def _sweep(left: Path) -> None:
             os.close(descriptor)
 
 
-def _what(path: Path) -> str:
-    """Words in which an entry says what it is; a kept file says nothing."""
+def _told(path: Path) -> tuple[str, float | None, float | None]:
+    """Words in which an entry says what it is, and seconds; a kept file says nothing."""
     with path.open("rb") as stream:
         head = stream.readline(_MOST_HEADER)
     try:
-        return str(json.loads(head)["what"])
-    except (ValueError, KeyError, TypeError):
-        return "file"
+        told = json.loads(head)
+        return str(told["what"]), _number(told.get("seconds")), _number(told.get("expected_s"))
+    except (ValueError, KeyError, TypeError, AttributeError):
+        return "file", None, None
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and 0 <= value < math.inf else None

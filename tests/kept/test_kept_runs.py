@@ -20,7 +20,7 @@ from maskfab import pipeline
 from maskfab.cli.app import run_command_line
 from maskfab.files.finished import TIMES
 from maskfab.kept.fingerprint import fingerprint, of_installation
-from maskfab.kept.recall import recall
+from maskfab.kept.recall import recalled
 from maskfab.kept.results import give_result, keep_result
 from maskfab.kept.store import Store
 
@@ -100,13 +100,13 @@ def test_damage_of_any_kept_file_is_noticed(made, tmp_path):
 
 
 def test_a_damaged_finding_is_found_again(store):
-    assert recall(store, printed, 3) == 3
+    assert recalled(store, None, printed, 3).found == 3
     (entry,) = store.entries()
     for place in range(entry.bytes):
         body = bytearray(entry.path.read_bytes())
         body[place] ^= 0x55
         entry.path.write_bytes(body)
-        assert recall(store, printed, 3) == 3
+        assert recalled(store, None, printed, 3).found == 3
     (entry,) = store.entries()
     assert store.get(entry.path.name) == (3,)
 
@@ -130,7 +130,7 @@ def test_what_a_killed_process_left_is_swept(store):
 def test_a_cache_that_cannot_be_written_changes_nothing(tmp_path):
     (tmp_path / "cache").write_text("a file")
     store = Store(tmp_path / "cache")
-    assert recall(store, printed, 3) == 3
+    assert recalled(store, None, printed, 3).found == 3
     store.keep_file("0" * 64, Path(__file__))
     assert not list(store.entries())
 
