@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from maskfab.api.verbs.displays import render as render
     from maskfab.api.verbs.examining import doctor as doctor
     from maskfab.api.verbs.explaining import explain as explain
+    from maskfab.api.verbs.forecasting import forecast as forecast
     from maskfab.api.verbs.job_sweeps import sweep as sweep
     from maskfab.api.verbs.keeping import cache as cache
     from maskfab.api.verbs.learning import learn as learn
@@ -76,6 +77,7 @@ _WHERE = {
     "analyse": "maskfab.api.verbs.analysing",
     "bench": "maskfab.api.verbs.benchmarking",
     "cache": "maskfab.api.verbs.keeping",
+    "forecast": "maskfab.api.verbs.forecasting",
     "check": "maskfab.api.verbs.displays",
     "cite": "maskfab.api.verbs.citing",
     "compare": "maskfab.api.verbs.comparing",
@@ -130,6 +132,7 @@ __all__ = [
     "design",
     "doctor",
     "explain",
+    "forecast",
     "learn",
     "load_job",
     "measure",

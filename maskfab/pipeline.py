@@ -70,6 +70,7 @@ from maskfab.report.measured_files import DOCUMENT as MEASURED
 from maskfab.report.page import front, html
 from maskfab.report.plots import design_figures, die_figures, display_figures, scene_figures, written_figures
 from maskfab.report.quantity_table import Quantities
+from maskfab.task_costs import expected
 from maskfab.threads import one_thread
 
 if TYPE_CHECKING:
@@ -104,11 +105,13 @@ class Result:
         directory: of its files.
         report: all that was found out.
         verdicts: whether the plate can be ordered, its optics are proved, and displays fit.
+        taken: how many findings earlier runs had kept, and how many there are; None for a run without a cache.
     """
 
     directory: Path
     report: Report
     verdicts: Verdicts
+    taken: tuple[int, int] | None = None
 
     @property
     def passed(self) -> bool:
@@ -187,18 +190,37 @@ def run(
     place = check_target(Path(out), force=force)
     named_shop(job)
     measured = measured_beside(job)
-    key = fingerprint(of_installation(), run, _job_text(job), *(() if measured is None else (measured.content,)))
+    key = key_of(job, measured)
     if cache is None or cache.get(key) is None:
-        report, verdicts = _make(job, staged(place), progress, cache, key, measured)
+        made = _make(job, staged(place), progress, cache, key, measured)
     else:
         with staged(place) as folder:
-            taken = _taken(job, folder, cache, key)
-            report, verdicts = taken or _make(job, nullcontext(folder), progress, cache, key, measured)
-    return Result(place.asked, report, verdicts)
+            taken = _taken(job, folder, cache, key, progress)
+            made = taken or _make(job, nullcontext(folder), progress, cache, key, measured)
+    return Result(place.asked, made.report, made.verdicts, None if cache is None else made.taken)
 
 
-def _taken(job: Job, folder: Path, cache: Store, key: str) -> tuple[Report, Verdicts] | None:
-    """Report and verdicts of an earlier run, whose files are now in the folder; None if they are lost or damaged."""
+def key_of(job: Job, measured: Beside | None) -> str:
+    """Fingerprint of everything that the files of a run depend on.
+
+    Args:
+        job: that asks for it.
+        measured: beside it, see :func:`measured_beside`.
+    """
+    return fingerprint(of_installation(), run, _job_text(job), *(() if measured is None else (measured.content,)))
+
+
+@dataclass(frozen=True)
+class _Made:
+    """A report, verdicts, and how many findings of how many were kept."""
+
+    report: Report
+    verdicts: Verdicts
+    taken: tuple[int, int]
+
+
+def _taken(job: Job, folder: Path, cache: Store, key: str, progress: Progress) -> _Made | None:
+    """What an earlier run made, whose files are now in the folder; None if they are lost or damaged."""
     clock = _Clock()
     with clock.stage("taken from the cache"):
         kept = give_result(cache, key, folder)
@@ -206,7 +228,8 @@ def _taken(job: Job, folder: Path, cache: Store, key: str) -> tuple[Report, Verd
         return None
     report, verdicts = kept[0]
     (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
-    return replace(report, seconds=clock.seconds), verdicts
+    progress("run taken from the cache", 1, 1)
+    return _Made(replace(report, seconds=clock.seconds), verdicts, (1, 1))
 
 
 def _make(
@@ -216,11 +239,11 @@ def _make(
     cache: Store | None,
     key: str,
     measured: Beside | None,
-) -> tuple[Report, Verdicts]:
+) -> _Made:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
     clock = _Clock()
     with crew_of(job, cache) as crew:
-        with clock.stage("layout"):
+        with clock.stage("layout"), _told("displays", crew, progress):
             plate = job.plate()
             check_processes(job, plate)
             check_pictures(job, plate)
@@ -235,7 +258,7 @@ def _make(
         with clock.stage("plan"):
             plans = plan_scenes(job, seen, progress)
         # Before anything is written, for it takes the most memory, and libraries of solids and what is read back stay.
-        with clock.stage("process"):
+        with clock.stage("process"), _told("process", crew, progress):
             written = measure_process(job, seen, progress, clock.seconds, crew)
         with aside as folder:
             with clock.stage("write"):
@@ -243,18 +266,18 @@ def _make(
             with clock.stage("read back"):
                 back = read_back(made, folder, progress)
             layout = layout_as_seen(job, back.trips[0].layout)
-            with clock.stage("optics"):
+            with clock.stage("optics"), _told("optics", crew, progress):
                 optics = measure_dies(seen, job.camera, layout, progress, clock.seconds, job.blank, crew)
                 psfs = psfs_as_files(job, made, optics)
                 files += write_psfs(psfs, folder)
-            with clock.stage("scene"):
+            with clock.stage("scene"), _told("scene", crew, progress):
                 scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds, crew)
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
             restored = photographs.result(progress, clock.seconds)
             found = Findings(job, built, read, optics, scenes, restored, written, measured)
             report = found.report(files, clock.seconds)
-            with clock.stage("figures"):
+            with clock.stage("figures"), _told("figures", crew, progress):
                 progress("figures", 0, 1)
                 document = found.document(report)
                 overview, pictures = draw_pictures(found, document, crew)
@@ -268,7 +291,17 @@ def _make(
             if cache is not None:
                 keep_result(cache, key, folder, (report, found.verdicts(report)))
                 cache.prune()
-    return report, found.verdicts(report)
+    return _Made(report, found.verdicts(report), crew.tally)
+
+
+@contextmanager
+def _told(stage: str, crew: Alone, progress: Progress) -> Iterator[None]:
+    """Tell how much of a stage was kept, once it is done."""
+    taken, asked = crew.tally
+    yield
+    now, of = crew.tally
+    if now > taken:
+        progress(f"{stage} taken from the cache", now - taken, of - asked)
 
 
 def crew_of(job: Job, cache: Store | None = None) -> Alone:
@@ -279,7 +312,7 @@ def crew_of(job: Job, cache: Store | None = None) -> Alone:
         cache: what they need not find, and where they keep what they find.
     """
     crew = Pair() if (os.cpu_count() or 1) > 1 and len(job.spec.die) >= _FEWEST_SHARED else Alone()
-    return crew if cache is None else Recalling(crew, cache)
+    return crew if cache is None else Recalling(crew, cache, expected)
 
 
 @dataclass(frozen=True, eq=False)
@@ -606,21 +639,24 @@ class Begun:
         conditions: of all.
         tasks: by die.
         reference: die that the job names as such.
+        crew: takes them.
     """
 
     conditions: Conditions
     tasks: Mapping[str, Task[Restored]]
     reference: str | None
+    crew: Alone
 
     def result(self, progress: Progress, seconds: dict[str, float] | None = None) -> Photographs:
         """All of them; the time of every die is added to ``seconds``."""
         dies = {}
-        for done, (name, task) in enumerate(self.tasks.items()):
-            progress("photographs", done, len(self.tasks))
-            dies[name] = task.result()
-            if seconds is not None:
-                seconds[f"photographs {name}"] = round(task.seconds, 3)
-        progress("photographs", len(dies), len(dies))
+        with _told("photographs", self.crew, progress):
+            for done, (name, task) in enumerate(self.tasks.items()):
+                progress("photographs", done, len(self.tasks))
+                dies[name] = task.result()
+                if seconds is not None:
+                    seconds[f"photographs {name}"] = round(task.seconds, 3)
+            progress("photographs", len(dies), len(dies))
         return Photographs(self.conditions, dies, self.reference)
 
 
@@ -637,7 +673,7 @@ def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
 
     dies = plate_as_seen(job, plate).dies
     reference = None if job.spec.report is None else job.spec.report.reference
-    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies}, reference)
+    return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies}, reference, crew)
 
 
 def _mask(die: Die) -> Die:

@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from maskfab.cli.common.options import JobFile, Json, Quiet
-from maskfab.cli.common.printing import leave, summarise
+from maskfab.cli.common.printing import leave, print_json, summarise
 from maskfab.cli.common.watch import watched
 
 
@@ -20,10 +20,16 @@ def run(
     no_cache: Annotated[
         bool, typer.Option("--no-cache", help="Find everything anew, and keep nothing; see maskfab cache.")
     ] = False,
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Tell stages, what of them is kept, time and memory; write nothing.")
+    ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
     """Make a plate: write the mask files, read them back, measure them, check them against [export] shop, report."""
+    if dry_run:
+        _foresee(job, out, force=force, cache=not no_cache, as_json=as_json)
+        return
     from maskfab.job import load_job
     from maskfab.kept.store import Store
     from maskfab.optics.numbers.metrics import fast_lens
@@ -42,7 +48,21 @@ def run(
         for path in sorted(result.directory.iterdir()):
             typer.echo(path)
         summarise([*fast_lens(loaded.camera), *report.checks], result.verdicts)
+    if result.taken is not None and not quiet:
+        whole = "taken from the cache" in report.seconds
+        told = "the whole run" if whole else "{} of {} findings".format(*result.taken)
+        typer.echo(f"{told} taken from the cache", err=True)
     leave(report.passed)
+
+
+def _foresee(job: Path, out: Path, *, force: bool, cache: bool, as_json: bool) -> None:
+    from maskfab.api.verbs.forecasting import forecast
+
+    found = forecast(job, out=out, force=force, cache=cache)
+    if as_json:
+        print_json(found.to_dict())
+    else:
+        typer.echo(found)
 
 
 def _tell_times(seconds: Mapping[str, float]) -> None:

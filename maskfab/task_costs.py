@@ -1,0 +1,237 @@
+"""Seconds of a processor, and bytes, that the tasks and stages of a run are expected to take.
+
+Notes:
+    Constants are those of one thread of the machine of the reference numbers. What another machine takes follows from
+    what its earlier tasks took, see :class:`Pace`, or, where it has done none, from a probe of it.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from klayout import db
+
+from maskfab.kept.recall import words
+from maskfab.kept.store import Entry
+from maskfab.mask_shops.plate_files import PlateFiles
+from maskfab.measurement.scene_rows import peak_bytes
+from maskfab.units import NM_PER_UM
+
+PROBE_S = 0.1
+"""That :func:`probe` takes there."""
+STARTED_S = 1.3
+"""Of a process, for its imports."""
+HELD = 330e6
+"""Bytes of a process that has imported what it needs."""
+SCENES_S = 2.0
+"""Of each process that takes photographs, for drawing their scenes."""
+_PROBED = 512
+_TIMES = 3
+
+_COLOURS = _LEVELS = 3
+"""Of light, in what a photographed die takes; a die that is not seen in so many colours is not photographed."""
+_DRAWN_WINDOW_PX = 128.0
+"""Side of the window in what the optics of a die take for each wavelength."""
+
+
+def _of_photographs(conditions: Any, around: Any, *_: Any) -> float:
+    bands = () if around.scene is None else around.scene.bands
+    seen = len(bands or conditions.camera.wavelengths_nm)
+    return 4.5 * float(len(conditions.levels)) / _LEVELS if seen == _COLOURS else 0.0
+
+
+def _of_optics(die: Any, camera: Any, *_: Any) -> float:
+    """Dots in the stop set the transform's length, pixels of the window its points."""
+    side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
+    dots = camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
+    return float(len(camera.wavelengths_nm)) * (0.02 + 0.15 * side**2 + 0.1 * (dots / 500) ** 2)
+
+
+def _of_scene(_die: Any, _camera: Any, _scene: Any, _openings: Any, plan: Any, *_: Any) -> float:
+    return 1.0 + 5.0 * float(plan.price.seconds)
+
+
+_MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
+    {
+        "display.feasibility.feasibility": lambda *_, **__: 2.0,
+        "measurement.restored.photograph_die": _of_photographs,
+        "measurement.optics.measure_with_bar": _of_optics,
+        "measurement.scene_rows.measure_scene": _of_scene,
+        "measurement.as_written.measure_written": lambda *_: 1.5,
+        "report.plots.die_figures.overview": lambda *_: 0.5,
+        "report.plots.die_figures.of_plate": lambda *_: 0.3,
+        "report.plots.die_figures.of_die": lambda *_: 0.4,
+        "report.plots.scene_figures.pictures": lambda *_: 0.5,
+        "report.plots.display_figures.pictures": lambda *_: 0.3,
+        "report.plots.design_figures.pictures": lambda *_: 0.3,
+        "report.plots.design_figures.truth": lambda *_: 0.05,
+        "report.plots.design_figures.front": lambda *_: 0.05,
+        "report.plots.written_figures.pictures": lambda *_: 0.35,
+    }
+)
+
+
+_HELD: Mapping[str, Callable[..., float]] = MappingProxyType(
+    {
+        "measurement.restored.photograph_die": lambda *_: 200e6,
+        "measurement.as_written.measure_written": lambda *_: 400e6,
+        "measurement.scene_rows.measure_scene": lambda die, camera, scene, _, plan, *__: peak_bytes(
+            die, camera, scene, plan
+        ),
+    }
+)
+"""Bytes of tasks that hold more than others."""
+
+
+def expected(function: Callable[..., Any], given: tuple[Any, ...]) -> float | None:
+    """Seconds that a function of a module is expected to take; None for one of which nothing is known."""
+    model = _MODELS.get(words(function))
+    return None if model is None else float(model(*given))
+
+
+@dataclass(frozen=True)
+class Pace:
+    """How much longer than the machine of the reference numbers this one takes.
+
+    Attributes:
+        of_all: tasks without one of their own.
+        of_kind: tasks, by the name of their function.
+        source: of the numbers, in words.
+    """
+
+    of_all: float
+    of_kind: Mapping[str, float]
+    source: str
+
+    @classmethod
+    def of(cls, entries: Iterable[Entry]) -> Pace:
+        """By what earlier tasks took; by a probe where there are none."""
+        took: dict[str, list[tuple[float, float]]] = defaultdict(list)
+        for entry in entries:
+            if entry.seconds is not None and entry.expected_s:
+                took[entry.what].append((entry.seconds, entry.expected_s))
+        if not took:
+            return cls(probe() / PROBE_S, {}, "by constants, and a probe of this machine")
+        number = sum(map(len, took.values()))
+        of_kind = {what: _ratio(each) for what, each in took.items()}
+        every = [pair for each in took.values() for pair in each]
+        return cls(_ratio(every), of_kind, f"by {number} earlier tasks on this machine")
+
+    def seconds(self, function: Callable[..., Any], given: tuple[Any, ...]) -> float:
+        """That a task is expected to take here."""
+        own = expected(function, given)
+        return 0.0 if own is None else own * self.of_kind.get(words(function), self.of_all)
+
+
+@dataclass(frozen=True)
+class _FileCost:
+    """Seconds that a kind of file takes, written and read back: for each vertex that stands in a cell, for each
+    reference, for each vertex with all references followed, and for each file."""
+
+    vertex: tuple[float, float] = (0.0, 0.0)
+    reference: tuple[float, float] = (0.0, 0.0)
+    drawn: tuple[float, float] = (0.0, 0.0)
+    file: tuple[float, float] = (0.03, 0.05)
+
+
+_FILES: Mapping[str, _FileCost] = MappingProxyType(
+    {
+        ".gds": _FileCost((0.6e-6, 1e-6), (1.4e-6, 25e-6)),
+        ".oas": _FileCost((1e-6, 1e-6), (1.6e-6, 32e-6)),
+        "_R12.dxf": _FileCost((1.9e-6, 4.8e-6), (5.8e-6, 38e-6)),
+        "_R2010.dxf": _FileCost((1e-6, 2.8e-6), (4.5e-6, 35e-6)),
+        ".gbr": _FileCost(drawn=(0.46e-6, 11e-6)),
+        ".cif": _FileCost((1e-6, 2e-6), (1e-6, 26e-6)),
+        ".svg": _FileCost(reference=(0.6e-6, 17e-6)),
+        ".step": _FileCost(file=(0.35, 2.2)),
+    }
+)
+"""By how a file's name ends."""
+_OTHER = _FileCost(file=(0.3, 0.8))
+"""Solids and pictures of a die."""
+_DOTS_S = 0.08
+"""Of comparing a die dot by dot."""
+_VERTEX_BYTES = 500.0
+_DRAWN_BYTES = 450.0
+
+
+def layout_s(dies: int) -> float:
+    """Of laying out so many dies."""
+    return 0.1 + 0.01 * dies
+
+
+def draw_s(made: PlateFiles) -> float:
+    """Of drawing the polygons that the files are written from."""
+    vertices, references = _counts(made)
+    return 0.05 + 1.5e-6 * vertices + 3e-6 * references
+
+
+def write_s(made: PlateFiles) -> float:
+    """Of writing every file."""
+    return _files_s(made, 0)
+
+
+def read_s(made: PlateFiles) -> float:
+    """Of reading every file back, and comparing it with the design."""
+    return _files_s(made, 1) + _DOTS_S * len(made.plate.dies)
+
+
+def read_bytes(made: PlateFiles) -> float:
+    """Of memory, for the design and a file that is held against it."""
+    flat = any(product.name.endswith(".gbr") for product in made.products)
+    return _VERTEX_BYTES * _counts(made)[0] + _DRAWN_BYTES * made.figures.account.vertices * flat
+
+
+def figures_s(tasks: int) -> float:
+    """Of drawing so many pages of figures."""
+    return 0.25 + 0.3 * tasks
+
+
+def task_bytes(function: Callable[..., Any], given: tuple[Any, ...]) -> float:
+    """Of memory that a task holds at its most."""
+    held = _HELD.get(words(function))
+    return 0.0 if held is None else float(held(*given))
+
+
+def _files_s(made: PlateFiles, way: int) -> float:
+    amounts = *_counts(made), made.figures.account.vertices
+    total = 0.0
+    for product in made.products:
+        cost = next((cost for ending, cost in _FILES.items() if product.name.endswith(ending)), _OTHER)
+        each = (cost.vertex[way], cost.reference[way], cost.drawn[way])
+        total += cost.file[way] + sum(one * amount for one, amount in zip(each, amounts, strict=True))
+    return total
+
+
+def _counts(made: PlateFiles) -> tuple[int, int]:
+    """Vertices that stand in cells, and references, of the design."""
+    vertices = references = 0
+    for cell in made.design.each_cell():
+        references += cell.child_instances()
+        for layer in made.design.layer_indexes():
+            drawn = db.Region(cell.shapes(layer))
+            drawn.merged_semantics = False
+            vertices += drawn.edges().count()
+    return vertices, references
+
+
+def _ratio(pairs: Iterable[tuple[float, float]]) -> float:
+    seconds, expected_s = (sum(each) for each in zip(*pairs, strict=True))
+    return seconds / expected_s
+
+
+def probe() -> float:
+    """Seconds of a processor for a fixed piece of work of the kind that tasks do, a quarter of a second at most."""
+    values = np.random.default_rng(1).random((_PROBED, _PROBED))
+    begun = time.thread_time()
+    for _ in range(_TIMES):
+        np.fft.ifft2(np.fft.fft2(values))
+        values @ values
+        sorted(values.ravel().tolist()[:20_000])
+    return time.thread_time() - begun

@@ -1,0 +1,103 @@
+"""A run foreseen: the very findings that it will ask for, and nothing written."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from small_job import command, listing, write_job
+
+import maskfab as mf
+from maskfab import pipeline
+from maskfab.dry_run import dry_run
+from maskfab.errors import OutputError
+from maskfab.job import load_job
+from maskfab.kept.store import Entry, Store
+from maskfab.task_costs import _FILES, _HELD, _MODELS, PROBE_S, Pace, probe
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Store]:
+    """A small plate that was made with an empty cache: its folder, and what is kept."""
+    folder = tmp_path_factory.mktemp("foreseen")
+    (folder / "cache").mkdir(mode=0o700)
+    pipeline.run(write_job(folder), folder / "out", cache=Store(folder / "cache"))
+    return folder, Store(folder / "cache")
+
+
+def test_what_is_foreseen_as_kept_is_taken(made, tmp_path):
+    """Of a plate with another title every finding about a die is kept; a run of it takes as many as were told."""
+    folder, store = made
+    job = folder / "titled.toml"
+    job.write_text((folder / "job.toml").read_text().replace("SMALL PLATE", "ANOTHER"))
+    before = listing(folder)
+    told = dry_run(load_job(job), tmp_path / "new" / "out", cache=store)
+    assert listing(folder) == before
+    assert listing(tmp_path) == {}
+    stages = {stage.name: stage for stage in told.stages}
+    for name in ("photographs", "optics"):
+        assert (stages[name].kept, stages[name].tasks, stages[name].seconds) == (2, 2, 0.0)
+    assert stages["figures"].kept is None
+    taken = {}
+    pipeline.run(job, tmp_path / "out", cache=store, progress=lambda *said: taken.update({said[0]: said[1:]}))
+    for name in ("photographs", "optics"):
+        assert taken[f"{name} taken from the cache"] == (2, 2)
+
+
+def test_an_empty_cache_keeps_nothing_and_all_takes_time(made, tmp_path):
+    folder, _ = made
+    stages = {stage.name: stage for stage in dry_run(load_job(folder / "job.toml"), tmp_path / "out").stages}
+    assert list(stages) == ["layout", "photographs", "draw", "write", "read back", "optics", "figures"]
+    assert stages["optics"].kept == 0
+    assert stages["optics"].seconds > 0
+    # Photographs have three colours, which this camera lacks: those of two dies take what drawing the scenes takes.
+    assert stages["photographs"].seconds > 0
+
+
+def test_the_command_tells_a_whole_run_and_refuses_what_a_run_refuses(made, tmp_path, monkeypatch, capsys):
+    folder, store = made
+    monkeypatch.setenv("MASKFAB_CACHE", str(store.folder))
+    whole = command(capsys, "run", folder / "job.toml", "--out", tmp_path / "x", "--dry-run", "--json")
+    assert (whole.code, whole.document["whole"], whole.document["stages"]) == (0, True, [])
+    anew = command(capsys, "run", folder / "job.toml", "--out", tmp_path / "x", "--dry-run", "--no-cache")
+    assert (anew.code, "read back" in anew.stdout) == (0, True)
+    refused = command(capsys, "run", folder / "job.toml", "--out", folder / "out", "--dry-run")
+    assert (refused.code, "MF402" in refused.stderr) == (2, True)
+    with pytest.raises(OutputError, match="not empty"):
+        mf.forecast(folder / "job.toml", out=folder / "out")
+    assert mf.forecast(folder / "job.toml", out=folder / "out", force=True).whole
+    again = command(capsys, "run", folder / "job.toml", "--out", tmp_path / "x")
+    assert again.stderr.splitlines()[-1] == "the whole run taken from the cache"
+
+
+def test_every_model_is_of_a_function_that_there_is():
+    from importlib import import_module
+
+    for name in {*_MODELS, *_HELD}:
+        module, _, function = name.rpartition(".")
+        assert callable(getattr(import_module(f"maskfab.{module}"), function))
+    assert {".gds", ".oas", "_R12.dxf", "_R2010.dxf"} <= set(_FILES)
+
+
+def test_earlier_tasks_set_the_pace():
+    def entry(what: str, seconds: float | None, expected_s: float | None) -> Entry:
+        return Entry(Path(), what, 1, 0.0, seconds, expected_s)
+
+    pace = Pace.of([entry("a", 2.0, 1.0), entry("a", 4.0, 1.0), entry("b", 1.0, 2.0), entry("c", 9.0, None)])
+    assert (pace.of_kind, pace.of_all) == ({"a": 3.0, "b": 0.5}, 7 / 4)
+    assert "3 earlier tasks" in pace.source
+
+
+def test_the_probe_is_short():
+    assert 0 < probe() < 20 * PROBE_S
+
+
+def test_what_a_task_took_is_kept_with_it(made):
+    _, store = made
+    told = {entry.what: entry for entry in store.entries()}
+    optics = told["measurement.optics.measure_with_bar"]
+    assert 0 < optics.seconds < 30
+    assert 0 < optics.expected_s < 30
+    assert told["run"].seconds is None
+    assert json.loads(optics.path.read_bytes().partition(b"\n")[0])["form"] == 1
