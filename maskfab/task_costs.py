@@ -50,7 +50,7 @@ def _of_optics(die: Any, camera: Any, *_: Any) -> float:
     """Dots in the stop set the transform's length, pixels of the window its points."""
     side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     dots = camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
-    return float(len(camera.wavelengths_nm)) * (0.02 + 0.15 * side**2 + 0.1 * (dots / 500) ** 2)
+    return float(len(camera.wavelengths_nm) * (0.02 + 0.15 * side**2 + 0.1 * (dots / 500) ** 2))
 
 
 def _of_scene(_die: Any, _camera: Any, _scene: Any, _openings: Any, plan: Any, *_: Any) -> float:
@@ -222,8 +222,8 @@ def _counts(made: PlateFiles) -> tuple[int, int]:
 
 
 def _ratio(pairs: Iterable[tuple[float, float]]) -> float:
-    seconds, expected_s = (sum(each) for each in zip(*pairs, strict=True))
-    return seconds / expected_s
+    known = list(pairs)
+    return sum(seconds for seconds, _ in known) / sum(expected_s for _, expected_s in known)
 
 
 def probe() -> float:
