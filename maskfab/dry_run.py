@@ -150,9 +150,14 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
         pipeline.measure_dies(seen, job.camera, layout, silent, None, job.blank, crew)
     optics = crew.stage("optics")
     plans = pipeline.plan_scenes(job, seen, silent)
-    pipeline.measure_scenes(job, seen, plans, layout, silent, None, crew)
+    alone = [replace(seen, dies=(die,)) for die in seen.dies]
+    for die in alone:
+        with suppress(_NotKeptError):
+            pipeline.measure_scenes(job, die, plans, layout, silent, None, crew)
     scenes = crew.stage("scene")
-    pipeline.measure_process(job, seen, silent, None, crew)
+    for die in alone:
+        with suppress(_NotKeptError):
+            pipeline.measure_process(job, die, silent, None, crew)
     process = crew.stage("process")
     if displays.kept != displays.tasks:
         photographed = (optics, scenes, process)
@@ -198,9 +203,15 @@ class _Foreseeing(Alone):
         self._seen: list[tuple[bool, float, float]] = []
 
     def do(self, function: Callable[..., Found], *given: Any) -> Found:
-        """A kept finding; nothing in place of one that is not."""
+        """A kept finding.
+
+        Raises:
+            _NotKeptError: if it is not.
+        """
         kept = self._look(function, given)
-        return cast(Found, None if kept is None else kept[0])
+        if kept is None:
+            raise _NotKeptError
+        return cast(Found, kept[0])
 
     def submit(self, function: Callable[..., Found], given: Given) -> Task[Found]:
         """A task that nobody may ask for its finding."""

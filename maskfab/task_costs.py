@@ -27,7 +27,7 @@ PROBE_S = 0.1
 """That :func:`probe` takes there."""
 STARTED_S = 1.3
 """Of a process, for its imports."""
-HELD = 330e6
+HELD = 400e6
 """Bytes of a process that has imported what it needs."""
 SCENES_S = 2.0
 """Of each process that takes photographs, for drawing their scenes."""
@@ -64,6 +64,7 @@ _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
         "measurement.optics.measure_with_bar": _of_optics,
         "measurement.scene_rows.measure_scene": _of_scene,
         "measurement.as_written.measure_written": lambda *_: 1.5,
+        "measurement.tolerance.band_quantities": lambda *_: 1.0,
         "report.plots.die_figures.overview": lambda *_: 0.5,
         "report.plots.die_figures.of_plate": lambda *_: 0.3,
         "report.plots.die_figures.of_die": lambda *_: 0.4,
@@ -157,7 +158,7 @@ _OTHER = _FileCost(file=(0.3, 0.8))
 """Solids and pictures of a die."""
 _DOTS_S = 0.08
 """Of comparing a die dot by dot."""
-_VERTEX_BYTES = 500.0
+_VERTEX_BYTES = 900.0
 _DRAWN_BYTES = 450.0
 
 
