@@ -60,7 +60,7 @@ class Stage:
 
 @dataclass(frozen=True, repr=False)
 class Forecast:
-    """What a run would do.
+    """A run foreseen.
 
     Attributes:
         stages: in their order; none for a run that is taken whole from the cache.
@@ -232,7 +232,7 @@ class _Foreseeing(Alone):
         return [_done(each[0]) for each in found if each is not None]
 
     def stage(self, name: str) -> Stage:
-        """What was asked since the last stage."""
+        """Everything that was asked since the last stage."""
         seen, self._seen = self._seen, []
         kept = sum(each for each, _, _ in seen)
         seconds = sum(took for each, took, _ in seen if not each)

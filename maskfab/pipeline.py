@@ -220,7 +220,7 @@ class _Made:
 
 
 def _taken(job: Job, folder: Path, cache: Store, key: str, progress: Progress) -> _Made | None:
-    """What an earlier run made, whose files are now in the folder; None if they are lost or damaged."""
+    """The result of an earlier run, whose files are now in the folder; None if they are lost or damaged."""
     clock = _Clock()
     with clock.stage("taken from the cache"):
         kept = give_result(cache, key, folder)

@@ -98,7 +98,7 @@ def expected(function: Callable[..., Any], given: tuple[Any, ...]) -> float | No
 
 @dataclass(frozen=True)
 class Pace:
-    """How much longer than the machine of the reference numbers this one takes.
+    """Time that this machine takes over that of the machine of the reference numbers.
 
     Attributes:
         of_all: tasks without one of their own.

@@ -169,7 +169,7 @@ def _aside(path: Path) -> bool:
 
 
 def _answer(made: PlateFiles, product: Product, folder: Path, answer: Callable[[], RoundTrip]) -> _Taken:
-    """What a copy of this process has found, or if that was ended for its limits, the file itself: it is ours."""
+    """The finding of a copy of this process; the file itself if that was ended for its limits, for it is ours."""
     try:
         return answer()
     except SourceError as error:
