@@ -9,6 +9,7 @@ const MANY = 64;
 const MOST_PICTURE_PX = 4096;
 const COPIES_KEPT_PX = 16e6;
 const HATCH_FROM_PX = 40;
+const LATE = Symbol("no time for another copy");
 
 // Colours after Okabe and Ito; hatching tells layers apart where colours do not. Those further down are painted later.
 const LOOKS = {
@@ -84,6 +85,13 @@ class Painter {
     this.looks = looks;
     this.copies = new Map();
     this.keptPx = 0;
+    this.begin(Infinity);
+  }
+
+  /** After the deadline no second copy is made; one always is, lest the same be begun for ever. */
+  begin(deadline) {
+    this.deadline = deadline;
+    this.made = 0;
   }
 
   /** Paint those layers of a cell; a canvas of that size is seen. */
@@ -167,18 +175,24 @@ class Painter {
     const columns = (cell.box[2] - cell.box[0]) / grid.x, rows = (cell.box[3] - cell.box[1]) / grid.y;
     const pixels = scale * Math.max(grid.x, grid.y);
     if (pixels > TINY_PX || cell.references < Math.max(MANY, columns * rows / 4)) return null;
-    let each = Math.min(TINY_PX, Math.max(1, 2 ** Math.ceil(Math.log2(pixels))));
-    while (each > 1 && Math.max(columns, rows) * each > MOST_PICTURE_PX) each /= 2;
-    if (Math.max(columns, rows) * each > MOST_PICTURE_PX) return null;
+    let finest = TINY_PX;
+    while (finest > 1 && Math.max(columns, rows) * finest > MOST_PICTURE_PX) finest /= 2;
+    if (Math.max(columns, rows) * finest > MOST_PICTURE_PX) return null;
+    const each = Math.min(finest, Math.max(1, 2 ** Math.ceil(Math.log2(pixels))));
     const left = Math.floor((cell.box[0] - grid.origin[0]) / grid.x) * grid.x + grid.origin[0];
     const top = Math.ceil((cell.box[3] - grid.origin[1]) / grid.y) * grid.y + grid.origin[1];
-    const width = Math.ceil((cell.box[2] - left) / grid.x) * each;
-    const height = Math.ceil((top - cell.box[1]) / grid.y) * each;
-    const inward = [each / grid.x, 0, 0, -each / grid.y, (-left * each) / grid.x, (top * each) / grid.y];
-    const canvas = this.kept(`${cell.place},${look.place},${each}`, width, height, (context) => {
-      this.inside(context, cell, look, inward, [width, height]);
+    const inward = (size) => [size / grid.x, 0, 0, -size / grid.y, (-left * size) / grid.x, (top * size) / grid.y];
+    const fields = [Math.ceil((cell.box[2] - left) / grid.x), Math.ceil((top - cell.box[1]) / grid.y)];
+    return { canvas: this.pictureOf(cell, look, inward, fields, each, finest), placed: inverse(inward(each)) };
+  }
+
+  /** The finest is painted; each coarser one is that before it, halved. */
+  pictureOf(cell, look, inward, fields, each, finest) {
+    const [width, height] = fields.map((count) => count * each);
+    return this.kept(`${cell.place},${look.place},${each}`, width, height, (context) => {
+      if (each === finest) this.inside(context, cell, look, inward(each), [width, height]);
+      else context.drawImage(this.pictureOf(cell, look, inward, fields, 2 * each, finest), 0, 0, width, height);
     });
-    return { canvas, placed: inverse(inward) };
   }
 
   fill(context, some, look, matrix, size) {
@@ -201,7 +215,7 @@ class Painter {
     }
   }
 
-  /** A canvas under a name, painted once; those used longest ago make room. */
+  /** A canvas under a name, painted once; those used longest ago make room. Throws LATE after the deadline. */
   kept(name, width, height, paint) {
     const found = this.copies.get(name);
     if (found) {
@@ -209,8 +223,10 @@ class Painter {
       this.copies.set(name, found);
       return found;
     }
+    if (this.made > 0 && performance.now() > this.deadline) throw LATE;
     const canvas = newCanvas(width, height);
     paint(canvas.getContext("2d"));
+    this.made++;
     const copy = canvas.transferToImageBitmap ? canvas.transferToImageBitmap() : canvas;
     this.copies.set(name, copy);
     this.keptPx += width * height;

@@ -4,6 +4,7 @@
 const TILE_PX = 256;
 const TILES_KEPT = 500;
 const PAINTING_MS = 9;
+const FIRST_PAINTING_MS = 150;
 const MOST_LEVELS_UP = 8;
 
 /** The coarsest level with at least so many pixels for a nanometre. */
@@ -17,6 +18,7 @@ class Tiles {
     [this.painter, this.cell, this.shown] = [painter, cell, shown];
     this.kept = new Map();
     this.lasting = levelOf(wholeScale);
+    this.patience = FIRST_PAINTING_MS;
   }
 
   /** Draw what a view shows; true if nothing is missing. `view`: x, y of the middle in nm, scale in pixels per nm. */
@@ -31,11 +33,14 @@ class Tiles {
     const missing = wanted.filter(([i, j]) => !this.use(level, i, j));
     const away = ([i, j]) => Math.hypot((i + 0.5) * side - view.x, (j + 0.5) * side + view.y);
     missing.sort((one, other) => away(one) - away(other));
-    const begun = performance.now();
+    const deadline = performance.now() + this.patience;
+    this.painter.begin(deadline);
     let painted = 0;
-    while (painted < missing.length && (painted === 0 || performance.now() - begun < PAINTING_MS)) {
-      this.paint(level, ...missing[painted++]);
+    while (painted < missing.length && (painted === 0 || performance.now() < deadline)) {
+      if (!this.paint(level, ...missing[painted])) break;
+      painted++;
     }
+    if (painted === missing.length) this.patience = PAINTING_MS;
     context.setTransform(1, 0, 0, 1, 0, 0);
     for (const [i, j] of wanted) {
       const left = Math.round((i * side - x0) * view.scale), top = Math.round((j * side - y0) * view.scale);
@@ -66,10 +71,16 @@ class Tiles {
     return true;
   }
 
+  /** Paint one tile; false if its copies take more time than a frame has, of which those that were made are kept. */
   paint(level, i, j) {
     const scale = 2 ** level, canvas = newCanvas(TILE_PX, TILE_PX), context = canvas.getContext("2d");
     const matrix = [scale, 0, 0, -scale, -i * TILE_PX, -j * TILE_PX];
-    this.painter.paint(context, this.cell, matrix, [TILE_PX, TILE_PX], this.shown);
+    try {
+      this.painter.paint(context, this.cell, matrix, [TILE_PX, TILE_PX], this.shown);
+    } catch (reason) {
+      if (reason !== LATE) throw reason;
+      return false;
+    }
     this.kept.set(`${level},${i},${j}`, canvas.transferToImageBitmap ? canvas.transferToImageBitmap() : canvas);
     for (const [name, old] of this.kept) {
       if (this.kept.size <= TILES_KEPT) break;
@@ -77,6 +88,7 @@ class Tiles {
       this.kept.delete(name);
       if (old.close) old.close();
     }
+    return true;
   }
 
   forget() {
