@@ -370,7 +370,7 @@ class Furniture:
     Attributes:
         name: identifier, also its cell's name.
         kind: title, label, fiducial, alignment (cross), parity, cd (bars), resolution (test figures), map (of dies),
-            code (data matrix), outline, or wires across a die.
+            code (data matrix), outline (of dies, or of what a drawing spans), or wires across a die.
         layer: where it is drawn.
         polygons: simple, hole-free outlines in plate coordinates, nanometres.
     """

@@ -30,6 +30,7 @@ from maskfab.export.outputs import PLATE_BITMAP_TAILS, TITLES
 from maskfab.files.finished import RESULT_MARK, TIMES, times_text
 from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
+from maskfab.geometry.data_bias import check_bias
 from maskfab.geometry.plate_layout import clear_shapes, plate_names
 from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load_job
@@ -43,7 +44,7 @@ from maskfab.mask_shops.adapt import ordered_blank, written_formats
 from maskfab.mask_shops.dot_edges import check_plotter, plotted_dpi
 from maskfab.mask_shops.judge import check_written
 from maskfab.mask_shops.offers import check_ordered
-from maskfab.mask_shops.plate_files import PlateFiles, files_of_job
+from maskfab.mask_shops.plate_files import PlateFiles, check_polygons, files_of_job
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box
 from maskfab.measurement.as_written import Written, measure_written
@@ -555,24 +556,26 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
 
 
 def check_processes(job: Job, plate: Plate) -> None:
-    """Refuse a [process] that the dots of a die do not bear, before anything is drawn.
+    """Refuse a [process] that the dots of a die do not bear, or biased data of it, before anything is drawn.
 
     Raises:
-        JobError: MF104 or MF127.
+        JobError: MF104, MF107 or MF127.
     """
     if job.spec.written is not None:
         for die in plate.dies:
             place = f"{job.where}: process, die {die.name}"
             check_process(job.spec.written, die.panel, place)
             check_spread(job.spec.written, process_spread(job), die.panel, place)
+    if job.spec.data_bias_nm:
+        check_bias(plate, job.spec.data_bias_nm, f"{job.where}: process.cd_bias")
 
 
 def check_pictures(job: Job, plate: Plate) -> None:
-    """Refuse pixels and dots that are larger than the smallest feature of a die, and dots of which there are too many,
-    before anything is drawn.
+    """Refuse pixels and dots that are larger than the smallest feature of a die, dots of which there are too many, and
+    either of biased data, before anything is drawn.
 
     Raises:
-        JobError: MF104.
+        JobError: MF104, MF128.
         OutputError: MF415.
     """
     section = job.spec.export
@@ -580,6 +583,7 @@ def check_pictures(job: Job, plate: Plate) -> None:
         check_pixels(plate.dies, section.dots_per_um, job.where)
     shop = named_shop(job)
     dpi, written = plotted_dpi(section, shop), written_formats(section or ExportSection(), shop)
+    check_polygons(job.spec, written, job.where)
     asked = [each for each in PLATE_BITMAPS if each in written]
     if dpi is not None and asked:
         check_dots(plate.dies, dpi, job.where)

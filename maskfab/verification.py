@@ -19,7 +19,7 @@ from maskfab.comparison.foreign.layer_choice import StatedLayers
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.comparison.roundtrip import RoundTrip
 from maskfab.display.place import Populated
-from maskfab.errors import InputError, OutputError
+from maskfab.errors import InputError, JobError, OutputError
 from maskfab.files.finished import RESULT_MARK, TIMES
 from maskfab.files.staging import put_back
 from maskfab.geometry.plate_layout import clear_shapes
@@ -191,6 +191,13 @@ def verify_file(
     Raises:
         SourceError, JobError: as :func:`maskfab.comparison.foreign.foreign_mask.check_foreign`; MF322 beyond limits.
     """
+    if job.spec.data_bias_nm:
+        raise JobError(
+            "MF128",
+            "files from elsewhere are held against designs as drawn, and this job has its data biased",
+            where=f"{job.where}: order.bias",
+            cure='Verify the directory or the package that holds the file, or hold it against a job of bias = "none"',
+        )
     house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export
     stated = drawing is not None and "max_vertices" in drawing.model_fields_set

@@ -12,12 +12,14 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
 from klayout import db
 
+from maskfab.comparison.biased import compare_biased
 from maskfab.comparison.bitmaps import check_bitmap
 from maskfab.comparison.plate_dots import check_plate_dots
 from maskfab.comparison.roundtrip import RoundTrip, compare_layout
@@ -211,11 +213,10 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
             named_chrome(read)
     elif path.suffix == ".dxf":
         names = made.settings.drawing.layer_names
-    polygons = made.figures.account.polygons
+    polygons, bias = made.figures.account.polygons, made.figures.options.bias_nm
+    compare = partial(compare_biased, bias_nm=bias) if bias else compare_layout
     with library_errors(path):
-        return compare_layout(
-            made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names
-        )
+        return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
 
 
 @contextmanager
@@ -238,7 +239,7 @@ def _within_limits(
         trip = compare_mask(made, read, path, dots=dots)
         if dots and trip.differences:
             _refuse_many_vertices(made, read, path)
-            read.write(str(differing), _clear_alone(read))
+            trip.layout.write(str(differing), _clear_alone(trip.layout))
         return {name: value for name, value in vars(trip).items() if name not in {"layout", "differing", "slivers"}}
 
     with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:

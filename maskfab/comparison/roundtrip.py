@@ -108,6 +108,7 @@ class RoundTrip:
         cds: in the order of the plate's gauges.
         differing: all that only one of file and plate makes clear, merged.
         slivers: of that, what is no wider than the tolerance and so no difference.
+        data: rows of biased data before they are sized back; all else is of them sized back.
     """
 
     path: Path
@@ -120,6 +121,7 @@ class RoundTrip:
     cds: tuple[CdCheck, ...]
     differing: db.Region
     slivers: Sifted
+    data: tuple[Quantity, ...] = ()
 
     @property
     def xor_area_um2(self) -> float:
@@ -132,6 +134,7 @@ class RoundTrip:
 
     def _of_plate(self) -> Iterator[Quantity]:
         name = self.path.name
+        yield from (row for row in self.data if row.die is None)
         where = "; ".join(map(str, self.differences))
         yield Quantity(
             "readback_xor_area",
@@ -158,6 +161,7 @@ class RoundTrip:
             )
 
     def _of_dies(self) -> Iterator[Quantity]:
+        yield from (row for row in self.data if row.die is not None)
         for die in self.dies:
             yield Quantity(
                 "readback_xor_area",

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from maskfab.errors import OutputError
 from maskfab.export.paired_cells import pairs
 from maskfab.geometry.cell_grid import CellArray, placed
+from maskfab.geometry.data_bias import biased_data, check_bias
 from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import (
     CellNames,
@@ -29,6 +30,7 @@ from maskfab.geometry.polygonize import Corners, Holes, Recut, exact, hull_point
 from maskfab.geometry.unit_cell import unit_key, unit_shapes
 from maskfab.jobfile.order import Tone
 from maskfab.model import CHROME, CLEAR, LAYERS, NOTE, Box, Layer, Note, Plate, Point, Polygon, Snapping
+from maskfab.units import NM_PER_UM
 
 Hierarchy: TypeAlias = Literal["cells", "flat", "merged"]
 Shapes: TypeAlias = Mapping[Layer, tuple[Polygon, ...]]
@@ -59,6 +61,8 @@ class PolygonOptions:
         corners: whether dots that only share a corner stay ``apart`` or are ``joined`` in one outline.
         max_references: a die with more draws two pixels in each cell.
         notes: notes for people as ``text``, as ``polygons`` on their layer, or ``none``.
+        bias_nm: by which the writer makes clear widths wider, taken out of the data, see
+            :mod:`maskfab.geometry.data_bias`; even. Shapes are then merged.
     """
 
     hierarchy: Hierarchy = "cells"
@@ -68,6 +72,7 @@ class PolygonOptions:
     max_references: int | None = None
     notes: Literal["text", "polygons", "none"] = "text"
     tone: Tone = "clear"
+    bias_nm: int | None = None
 
     def __post_init__(self) -> None:
         choices: tuple[tuple[str, str, tuple[str, ...]], ...] = (
@@ -87,6 +92,12 @@ class PolygonOptions:
                 "MF413",
                 f"max_vertices = {self.max_vertices} is not between {_FEWEST_VERTICES} and {MAX_VERTICES}",
                 cure="4094 suits every reader of today, 200 those of 1978",
+            )
+        if self.bias_nm is not None and (self.bias_nm % 2 or self.hierarchy != "merged"):
+            raise OutputError(
+                "MF413",
+                f"bias_nm = {self.bias_nm} with hierarchy = {self.hierarchy!r} is not drawn",
+                cure='Use an even number of nanometres and hierarchy = "merged"',
             )
         if self.max_references is not None and self.max_references < 1:
             raise OutputError(
@@ -145,6 +156,11 @@ class Account:
             "layer": f"filled, their holes on layer {CUT.name}; what counts is {written} minus {CUT.name}",
         }
         said = [f"{self.polygons} polygons, {self.vertices} vertices, {self.options.hierarchy}"]
+        if self.options.bias_nm:
+            said.append(
+                f"the data are already biased by {-self.options.bias_nm / NM_PER_UM:+g} um per clear width, but for "
+                "letters, stars and squares at the corners, which are as designed; do not bias"
+            )
         if self.options.tone == "dark":
             said.append("digitized data are dark: polygons are the chrome of the writable area, and beyond it is none")
         if self.holed:
@@ -249,8 +265,12 @@ def draw(plate: Plate, options: PolygonOptions | None = None) -> Figures:
 
     Raises:
         OutputError: MF413 if no cut on the grid draws a polygon, MF416 if a die needs too many references.
+        JobError: MF107 or MF127 for a bias that the plate does not bear.
     """
-    return _Drawing(plate, options or PolygonOptions()).figures()
+    chosen = options or PolygonOptions()
+    if chosen.bias_nm:
+        check_bias(plate, chosen.bias_nm)
+    return _Drawing(plate, chosen).figures()
 
 
 class _Drawing:
@@ -384,7 +404,7 @@ class _Drawing:
         half = self._plate.writable_nm // 2
         field = db.Region(db.Box(-half, -half, half, half))
         field -= db.Region([db.Box(*die.box_nm) for die in self._plate.dies])
-        round_slants = db.Region([mark.bbox() for mark in marks if not mark.non_rectilinear().is_empty()]) & field
+        round_slants = _round_slants(self._plate) & field
         clear = sum(marks, start=db.Region())
         drawn = _checked(field - round_slants - clear, self._options, name)
         corners = triangles(round_slants - clear)
@@ -466,17 +486,41 @@ def _polygons(polygons: Sequence[Polygon]) -> db.Region:
 
 def _merged(figures: Figures) -> tuple[Figures, _Done]:
     """Written layers joined across pixels and marks, and what that took."""
-    layout = replace(figures, options=replace(figures.options, hierarchy="cells")).layout()
+    layout = replace(figures, options=replace(figures.options, hierarchy="cells", bias_nm=None)).layout()
     layer = figures.options.layer
     written = db.Region(layout.top_cell().begin_shapes_rec(layout.layer(layer_info(layer))))
     cut = layout.find_layer(layer_info(CUT))
     if cut is not None:
         written = written.merged() - db.Region(layout.top_cell().begin_shapes_rec(cut))
-    drawn = _checked(written, figures.options, figures.top)
-    merged = {layer: drawn.pieces} if drawn.holes.is_empty() else {layer: drawn.pieces, CUT: drawn.holes}
+    if figures.options.bias_nm:
+        written = _biased(written, figures, figures.options.bias_nm)
+    # As between dies that are not merged, chrome round slanted edges is drawn as triangles.
+    slants = _round_slants(figures.plate) if figures.options.tone == "dark" else db.Region()
+    drawn = _checked(written - slants, figures.options, figures.top)
+    corners = triangles(written & slants)
+    merged = {layer: drawn.pieces + corners}
+    if not drawn.holes.is_empty():
+        merged[CUT] = drawn.holes
     cells = {name: _unwritten(shapes) for name, shapes in figures.cells.items()}
     marks = tuple(MarkFigures(mark.name, _unwritten(mark.shapes)) for mark in figures.marks)
-    return replace(figures, cells=cells, marks=marks, merged=merged), _Done.of(drawn)
+    return replace(figures, cells=cells, marks=marks, merged=merged), _Done.of(drawn) + _Done(
+        corners.count(), 3 * corners.count()
+    )
+
+
+def _round_slants(plate: Plate) -> db.Region:
+    """Boxes of written marks with slanted edges."""
+    marks = (_polygons(mark.polygons) for mark in plate.furniture if mark.layer.written)
+    return db.Region([mark.bbox() for mark in marks if not mark.non_rectilinear().is_empty()])
+
+
+def _biased(written: db.Region, figures: Figures, bias_nm: int) -> db.Region:
+    """What is written, as data out of which the bias is taken; dark data are what that leaves of the writable area."""
+    plate, half = figures.plate, figures.plate.writable_nm // 2
+    if figures.options.tone == "clear":
+        return biased_data(written, plate, bias_nm)
+    whole = db.Region(db.Box(-half, -half, half, half))
+    return whole - biased_data(whole - written, plate, bias_nm)
 
 
 def _refuse_off_grid(figures: Figures) -> None:

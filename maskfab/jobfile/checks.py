@@ -15,6 +15,7 @@ from maskfab.units import NM_PER_UM, UM_PER_NM
 _MOST_DOTS_ACROSS_STOP = 6000
 _MOST_SAMPLES = 4096
 _SOLIDS = frozenset({"step", "glb", "3mf", "stl"})
+_ROUNDING_NM = 1e-6
 _FILM_UM = (0.01, 1e6)
 """Films that solids show: STEP, to which 0.1 nm is nothing, cuts thinner ones wrongly; thicker ones dwarf any plate."""
 
@@ -363,12 +364,32 @@ def check_order(spec: JobSpec, where: str) -> None:
                 where=f"{where}: order.{key}",
                 cure="State it once: leave it out of [order]",
             )
-    if order.bias == "house" and (spec.process is None or not spec.process.cd_bias):
+    if order.bias in ("house", "data") and (spec.process is None or not spec.process.cd_bias):
+        by = "the house is" if order.bias == "house" else "the data are"
         raise JobError(
             "MF128",
-            "the house is to make good a bias that [process] does not state",
+            f"{by} to make good a bias that [process] does not state",
             where=f"{where}: order.bias",
             cure='Add cd_bias = "0.2 um" to [process], by which clear widths come out wider, or set bias = "none"',
+        )
+    if order.bias == "data":
+        _check_biased_data(spec, where)
+
+
+def _check_biased_data(spec: JobSpec, where: str) -> None:
+    """Data that can be biased, by whole nanometres at either edge.
+
+    Raises:
+        JobError: MF107 for a bias of other than an even number of nanometres.
+    """
+    bias_nm = 0.0 if spec.process is None else spec.process.cd_bias * NM_PER_UM
+    if abs(bias_nm - 2 * round(bias_nm / 2)) > _ROUNDING_NM:
+        near = 2 * max(1, round(abs(bias_nm) / 2))
+        raise JobError(
+            "MF107",
+            f"a bias of {bias_nm:g} nm moves edges by {bias_nm / 2:g} nm, off the data's grid of 1 nm",
+            where=f"{where}: process.cd_bias",
+            cure=f'Use an even number of nanometres, such as "{math.copysign(near, bias_nm):g} nm"',
         )
 
 

@@ -146,8 +146,9 @@ class OrderSection(Section):
     """Most by which a feature may be from its place."""
     defects: DefectsSection | None = None
     """Defects that are accepted."""
-    bias: Literal["none", "house"] | None = None
-    """"house" asks the house to make good the ``cd_bias`` of [process]; "none" has the data written as they are."""
+    bias: Literal["none", "house", "data"] | None = None
+    """"house" asks the house to make good the ``cd_bias`` of [process]; "data" has it taken out of the data, which the
+    house then writes as they are; "none" has data as drawn written as they are."""
     protection: Protection | None = None
     """Pellicle or coat over the chrome."""
     corner_touches: Touches | None = None

@@ -41,6 +41,7 @@ from maskfab.jobfile.values import (
     Weight,
 )
 from maskfab.model import Camera, Glass, MaskBlank, Process, Stop, StopShape, Tiling
+from maskfab.units import NM_PER_UM
 
 
 class JobSection(Section):
@@ -765,11 +766,18 @@ class JobSpec(Section):
 
     @property
     def written(self) -> Process | None:
-        """The process as the finished plate shows it, without a bias that the house is asked to make good; or None."""
+        """The process as the finished plate shows it, without a bias that the house or the data make good; or None."""
         if self.process is None:
             return None
-        made_good = self.order is not None and self.order.bias == "house"
+        made_good = self.order is not None and self.order.bias in ("house", "data")
         return Process(self.process.corner_radius, 0.0 if made_good else self.process.cd_bias)
+
+    @property
+    def data_bias_nm(self) -> int | None:
+        """By which clear widths of the data are narrower than the plate's, if the data make the bias good; or None."""
+        if self.order is None or self.order.bias != "data" or self.process is None:
+            return None
+        return round(self.process.cd_bias * NM_PER_UM)
 
     def drawn(self) -> dict[str, Any]:
         """Content of the job's hash: :meth:`dump` without what [order] says on paper alone, and without [report].
@@ -778,5 +786,7 @@ class JobSpec(Section):
         """
         data = self.dump()
         data.pop("report", None)
-        order = {key: value for key, value in data.pop("order", {}).items() if key in DATA_KEYS}
+        biased = ("bias", "data")
+        stated = data.pop("order", {}).items()
+        order = {key: value for key, value in stated if key in DATA_KEYS or (key, value) == biased}
         return {**data, "order": order} if order else data

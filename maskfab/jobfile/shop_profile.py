@@ -366,7 +366,7 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
         OutputError: MF421 for the first thing that is wrong: no TOML, an unknown key, a value of the wrong type.
     """
     try:
-        return Shop.model_validate({**loads(text), "name": name})
+        shop = Shop.model_validate({**loads(text), "name": name})
     except ValidationError as error:
         problem: JobError = first_problem(error, where)
         raise OutputError("MF421", problem.what, where=problem.where, cure=problem.cure) from error
@@ -377,6 +377,11 @@ def parse_shop(text: str, name: str, *, where: str) -> Shop:
             where=where,
             cure="Correct the TOML there: close quotes and brackets, give every key one value",
         ) from error
+    if shop.order.default.bias == "data":
+        what = 'the default of bias is "data", and the data are the job\'s'
+        cure = 'Set bias = "house" where the house makes its bias good by itself, else leave it out'
+        raise OutputError("MF421", what, where=f"{where}: order.default.bias", cure=cure)
+    return shop
 
 
 def dump_shop(shop: Shop) -> str:

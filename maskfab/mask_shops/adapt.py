@@ -159,6 +159,14 @@ def drawing_options(plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None
     return options if hierarchy else replace(options, hierarchy="flat")
 
 
+def as_ordered(options: PolygonOptions, spec: JobSpec) -> PolygonOptions:
+    """Drawing options under a job's [order]: its tone, and data out of which it has the bias taken."""
+    bias = spec.data_bias_nm
+    if not bias:
+        return replace(options, tone=spec.tone)
+    return replace(options, tone=spec.tone, bias_nm=bias, hierarchy="merged", max_references=None)
+
+
 def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileFormat, ...]:
     """The formats that a job writes: those it asks for, or else its shop's first.
 
@@ -211,7 +219,7 @@ def _corner_squares(shop: Shop) -> tuple[Furniture, ...]:
     corners = {"SW": (-x, -y), "SE": (x - side, -y), "NW": (-x, y - side), "NE": (x - side, y - side)}
     return tuple(
         Furniture(
-            f"CORNER_{name}", "fiducial", CLEAR, (((x0, y0), (x0, y0 + side), (x0 + side, y0 + side), (x0 + side, y0)),)
+            f"CORNER_{name}", "outline", CLEAR, (((x0, y0), (x0, y0 + side), (x0 + side, y0 + side), (x0 + side, y0)),)
         )
         for name, (x0, y0) in corners.items()
     )

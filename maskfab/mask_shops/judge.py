@@ -10,12 +10,16 @@ import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
+from klayout import db
+
 from maskfab.drc import DesignRules, Narrowest, RuleResult, check_plate, narrowest
+from maskfab.drc.flat import flat_results, merged
 from maskfab.drc.panel_rules import Tone
 from maskfab.drc.plate_rules import dies_apart
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
-from maskfab.geometry.plate_layout import plate_names
+from maskfab.geometry.data_bias import biased_data
+from maskfab.geometry.plate_layout import plate_layout, plate_names, region, simple_polygon
 from maskfab.jobfile import FileFormat
 from maskfab.jobfile.order import Tone as DataTone
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
@@ -27,8 +31,10 @@ from maskfab.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 
 _BLANK_TOLERANCE_NM = 500_000
 _FINE_ON_PURPOSE = ("resolution", "code")
+_KISSING = DesignRules(no_corner_touch=True)
 _LEVELS = 3
 """Plate, die, unit cell: references are never nested deeper."""
+_UNBIASED = 'Set order.bias = "house" or "none", or use coarser dots, whose biased data keep the rule'
 _PACKAGE = "send what maskfab package makes for the house"
 
 
@@ -39,8 +45,8 @@ class Finding:
     Attributes:
         rule: format, tone, drawing_unit, text, text_charset, text_style, text_layer, one_mask_per_layer, blank, chrome,
             glass, plot_area, extent, coordinates, min_feature, min_space, grid, vertices, references, depth, layers,
-            layer_number, unwritten_layers, flashes, drawing, name, layer_name, block_name, block_transforms,
-            self_crossing, self_touching, doubled_vertices, shared_boundaries or corner_touches.
+            layer_number, biased_format, unwritten_layers, flashes, drawing, name, layer_name, block_name,
+            block_transforms, self_crossing, self_touching, doubled_vertices, shared_boundaries or corner_touches.
         passed: whether the plate keeps it; None where the house decides, or publishes nothing to judge by.
         value: what the plate has.
         limit: what the house takes.
@@ -100,7 +106,7 @@ class DieFacts:
 
     def touching(self, plate: Plate) -> list[RuleResult]:
         """Where clear shapes meet by a corner only, die by die and then on the marks."""
-        rules = DesignRules(no_corner_touch=True)
+        rules = _KISSING
         if not dies_apart(plate, rules.reach_nm):
             return list(check_plate(plate, rules))
         for die in plate.dies:
@@ -146,7 +152,7 @@ def check_shop(
         *_of_files(shop, drawn, sent, drawn_by.tone, noted=False),
         *_of_plate(drawn, shop),
         *_of_blank(blank or Blank(None, None), shop),
-        *_of_features(drawn, shop, facts),
+        *_of_features(drawn, shop, facts, figures),
         *(refusal if figures is None else _of_figures(figures, shop, layers, facts)),
         *_of_names(plate.name, sorted(cells), [*layers, *_texted(drawn, shop, sent)], shop),
     )
@@ -175,7 +181,7 @@ def check_written(
         *_of_files(shop, plate, sent, figures.options.tone, noted=bool(figures.notes)),
         *_of_plate(plate, shop, _reach(plate)),
         *_of_blank(blank or Blank(None, None), shop),
-        *_of_features(plate, shop),
+        *_of_features(plate, shop, None, figures),
         *_of_figures(figures, shop, layers),
         *_unwritten(layers),
         *_of_names(plate.name, cells, [*layers, *texted], shop),
@@ -353,26 +359,53 @@ def _within(rule: str, value: float | None, limits: tuple[float, float], unit: s
     return Finding(rule, fits, value, limit, unit, cure="" if fits else cure)
 
 
-def _of_features(plate: Plate, shop: Shop, facts: DieFacts | None = None) -> Iterator[Finding]:
+def _of_features(
+    plate: Plate, shop: Shop, facts: DieFacts | None = None, figures: Figures | None = None
+) -> Iterator[Finding]:
+    """Widths, spaces and grid: of the plate, or of the figures where they are biased data."""
     limits = shop.limits
+    bias = 0 if figures is None else figures.options.bias_nm or 0
+    coarse = None if figures is None or not bias else _biased_clear(figures) - _fine(figures.plate)
     least = limits.min_feature_um
-    if least is not None:
-        yield _feature(plate, least, limits.min_feature_on_request_um, facts)
     space = limits.min_space_um if limits.min_space_um is not None else least
-    if space is not None:
-        yield _space(plate, space, limits.min_feature_on_request_um, facts)
+    wanted: tuple[tuple[str, Tone, float | None], ...] = (
+        ("min_feature", "clear", least),
+        ("min_space", "opaque", space),
+    )
+    for rule, tone, least_um in wanted:
+        if least_um is None:
+            continue
+        clear = tone == "clear"
+        rules = DesignRules(
+            min_width_nm=_nm(least_um) if clear else None,
+            min_space_nm=None if clear else _nm(least_um),
+            kissing=False,
+        )
+        worst = _worst(plate, rules, tone, facts) if coarse is None else _worst_biased(coarse, rules)
+        found = _narrow(rule, tone, worst, least_um, limits.min_feature_on_request_um)
+        refused = coarse is not None and found.passed is False
+        yield replace(found, cure=_UNBIASED) if refused else found
     if limits.grid_nm is not None:
-        yield _grid(plate, shop, limits.grid_nm)
+        yield _grid(plate, shop, limits.grid_nm, bias)
 
 
-def _feature(plate: Plate, least_um: float, on_request_um: float | None, facts: DieFacts | None) -> Finding:
-    worst = _worst(plate, DesignRules(min_width_nm=_nm(least_um), kissing=False), "clear", facts)
-    return _narrow("min_feature", "clear", worst, least_um, on_request_um)
+def _biased_clear(figures: Figures) -> db.Region:
+    """Biased data as clear shapes, also where they draw chrome."""
+    layout = plate_layout(figures.plate)
+    return biased_data(region(layout, CLEAR), figures.plate, figures.options.bias_nm or 0)
 
 
-def _space(plate: Plate, least_um: float, on_request_um: float | None, facts: DieFacts | None) -> Finding:
-    worst = _worst(plate, DesignRules(min_space_nm=_nm(least_um), kissing=False), "opaque", facts)
-    return _narrow("min_space", "opaque", worst, least_um, on_request_um)
+def _fine(plate: Plate) -> db.Region:
+    """Marks that are fine on purpose."""
+    marks = (mark for mark in plate.furniture if mark.kind in _FINE_ON_PURPOSE and mark.layer.written)
+    return db.Region([db.Polygon(simple_polygon(each)) for mark in marks for each in mark.polygons])
+
+
+def _worst_biased(clear: db.Region, rules: DesignRules) -> tuple[float, str] | None:
+    """As :func:`_worst`, of data that no panel tells."""
+    found = list(_too_narrow(flat_results(merged(clear), (), rules, 1)))
+    value, place = min(found, default=(math.inf, ""))
+    return (value / NM_PER_UM, place.replace("the marks", "the data")) if found else None
 
 
 def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: DieFacts | None) -> tuple[float, str] | None:
@@ -427,8 +460,11 @@ def _narrow(
     return Finding(rule, False, value, least_um, "um", place, cure)
 
 
-def _grid(plate: Plate, shop: Shop, grids_nm: Sequence[int]) -> Finding:
+def _grid(plate: Plate, shop: Shop, grids_nm: Sequence[int], bias_nm: int = 0) -> Finding:
     offered, kept = " ".join(map(str, grids_nm)), kept_grid_nm(plate, shop)
+    if bias_nm // 2 % kept:
+        cure = f"Use a cd_bias that is a multiple of {2 * kept} nm, of which each edge takes half"
+        return Finding("grid", False, math.gcd(bias_nm // 2, kept), offered, "nm", "edges of biased data", cure)
     if kept in grids_nm and (kept == 1 or not _off_grid(plate, kept)):
         return Finding("grid", True, kept, offered, "nm")
     least = min(grids_nm)
@@ -446,7 +482,7 @@ def _off_grid(plate: Plate, grid_nm: int) -> list[RuleResult]:
 
 def _drawn(plate: Plate, shop: Shop, options: PolygonOptions) -> tuple[Figures | None, tuple[Finding, ...]]:
     """A plate that is not drawn yet, drawn; or why it cannot be."""
-    merging = options.hierarchy == "merged" and shop.polygons.shared_boundaries is False
+    merging = options.hierarchy == "merged" and shop.polygons.shared_boundaries is False and not options.bias_nm
     try:
         figures = draw(plate, replace(options, hierarchy="cells") if merging else options)
         if merging and not {*counts.cut_cells(figures)} & {*figures.cells}:
@@ -493,7 +529,10 @@ def _of_figures(
         yield Finding("doubled_vertices", True, "none", "none")
     if outlines.shared_boundaries is False:
         yield _boundaries(plate, figures)
-    yield _touches(plate, outlines.corner_touches, facts or DieFacts())
+    if options.bias_nm:
+        yield _touches(flat_results(merged(_biased_clear(figures)), (), _KISSING, 1), outlines.corner_touches)
+    else:
+        yield _touches((facts or DieFacts()).touching(plate), outlines.corner_touches)
 
 
 def _references(figures: Figures, most: int) -> Finding:
@@ -536,8 +575,7 @@ def corner_touches(plate: Plate) -> int:
     return sum(result.count for result in DieFacts().touching(plate))
 
 
-def _touches(plate: Plate, allowed: bool | None, facts: DieFacts) -> Finding:
-    results = facts.touching(plate)
+def _touches(results: Sequence[RuleResult], allowed: bool | None) -> Finding:
     count = sum(result.count for result in results)
     bad = next((result for result in results if not result.passed), None)
     if allowed is False:

@@ -51,6 +51,18 @@ def _choices(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
     if spec.order is not None and spec.order.bias == "house" and shop.offers.biased is not None:
         cure = "" if shop.offers.biased else 'Set order.bias = "none", or choose another house'
         yield Finding("order_bias", shop.offers.biased, "by the house", "not made", cure=cure)
+    yield from _bias_twice(spec, shop)
+
+
+def _bias_twice(spec: JobSpec, shop: Shop) -> Iterator[Finding]:
+    """A bias of the job's process at a house that makes its bias good by itself: only one of them may."""
+    if shop.order.default.bias != "house" or spec.process is None or not spec.process.cd_bias:
+        return
+    stated = None if spec.order is None else spec.order.bias
+    if stated in (None, "data"):
+        value = "in the data" if stated else "not said by whom"
+        cure = 'Set order.bias = "house", or "none" for data as drawn; or choose another house'
+        yield Finding("order_bias", False, value, "by the house, unless the order says otherwise", cure=cure)
 
 
 def _numbers(spec: JobSpec, plate: Plate, shop: Shop) -> Iterator[Finding]:

@@ -115,7 +115,7 @@ def _answers(spec: JobSpec, stated: OrderSection, plate: Plate, shop: Shop, touc
         Answer("cd", "CD", *_cd(stated.cd, usual.cd, plate, published=bool(shop.tolerance.cd_um))),
         wish.length("registration", "registration", _NO_WISH, "within +-"),
         Answer("defects", "defects", *_defects(stated.defects, usual.defects)),
-        _bias(spec, stated),
+        _bias(spec, stated, usual),
         wish.text("protection", "pellicle or coat", "none"),
         _touches(stated, usual, shop, touches),
         wish.text("delivery", "delivery", "by agreement"),
@@ -191,15 +191,23 @@ def _defects(stated: DefectsSection | None, usual: DefectsSection | None) -> tup
     return f"of {section.size:g} um or more: {most}", "house" if stated is None else "job"
 
 
-def _bias(spec: JobSpec, stated: OrderSection) -> Answer:
+def _bias(spec: JobSpec, stated: OrderSection, usual: OrderSection) -> Answer:
     change = 0.0 if spec.process is None else spec.process.cd_bias
+    source: Source = "job" if stated.bias is not None or change else "design"
     if stated.bias == "house":
         text = f"to be made good by the house: clear widths come out {change:+g} um, and should as drawn"
+    elif stated.bias == "data":
+        text = (
+            f"none: the data are already biased by {-change:+g} um per clear width; do not bias. Clear widths are "
+            f"expected to come out {change:+g} um from the data, which is as designed"
+        )
+    elif stated.bias is None and not change and usual.bias == "house":
+        text, source = "the house's own, made good by the house: clear widths should come out as drawn", "house"
     elif change:
         text = f"none: data as drawn; clear widths are expected to come out {change:+g} um"
     else:
         text = "none: data as drawn"
-    return Answer("bias", "bias", text, "job" if stated.bias is not None or change else "design")
+    return Answer("bias", "bias", text, source)
 
 
 def _touches(stated: OrderSection, usual: OrderSection, shop: Shop, touches: int) -> Answer:

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Iterator, Sequence
 
 from maskfab.export.cell_polygons import PolygonOptions
-from maskfab.jobfile import JobSpec
+from maskfab.jobfile import PLATE_BITMAPS, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
-from maskfab.mask_shops.adapt import drawing_options, fitted, ordered_blank
+from maskfab.mask_shops.adapt import as_ordered, drawing_options, fitted, ordered_blank
 from maskfab.mask_shops.dot_edges import check_plotter
 from maskfab.mask_shops.judge import DieFacts, Finding, check_shop
 from maskfab.mask_shops.offers import check_ordered
@@ -31,9 +30,17 @@ def check_package(
     options = package_options(spec, fitted(plate, shop), shop)
     found = check_shop(plate, shop, sent, options, ordered_blank(spec), facts=facts)
     plotted = check_plotter(fitted(plate, shop), spec, shop, sent)
-    return check_ordered((*found, *plotted), spec, plate, shop)
+    return check_ordered((*found, *_of_dots(spec, sent), *plotted), spec, plate, shop)
+
+
+def _of_dots(spec: JobSpec, formats: Sequence[str]) -> Iterator[Finding]:
+    """A plotter's dots are far coarser than a bias that they should be short of."""
+    for each in PLATE_BITMAPS if spec.data_bias_nm else ():
+        if each in formats:
+            cure = 'Send polygons, or set order.bias = "house" or "none"'
+            yield Finding("biased_format", False, each, "polygons, for the data are biased", cure=cure)
 
 
 def package_options(spec: JobSpec, plate: Plate, shop: Shop) -> PolygonOptions:
     """Drawing of a package for a plate that is :func:`maskfab.mask_shops.adapt.fitted`."""
-    return replace(drawing_options(plate, shop), tone=spec.tone)
+    return as_ordered(drawing_options(plate, shop), spec)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from klayout import db
 
@@ -14,7 +14,7 @@ from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.jobfile import PLATE_BITMAPS, ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
-from maskfab.mask_shops.adapt import blank_of, drawing_style, suited, written_formats, written_options
+from maskfab.mask_shops.adapt import as_ordered, blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.mask_shops.dot_edges import DotEdges, dot_edges, plotted_dpi
 from maskfab.mask_shops.package_rules import package_options
 from maskfab.model import Plate, Quantity
@@ -82,7 +82,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
         dpi,
         drawing_style(plate, shop),
     )
-    options = replace(written_options(plate, section, shop), tone=spec.tone)
+    options = as_ordered(written_options(plate, section, shop), spec)
     taken = plate if shop is None else suited(plate, shop, options.holes)
     figures = draw(taken, options)
     made = products(figures, formats, comments, settings)
@@ -103,6 +103,22 @@ def _check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
             f"{asked[0]} is made of a plotter's dots, and nobody says how many there are to the inch",
             where="export.dpi",
             cure='Set dpi = "25400 dpi" or what your house plots at in [export], or leave the format out',
+        )
+
+
+def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> None:
+    """Refuse biased data as pictures, whose dots are far coarser than a bias.
+
+    Raises:
+        JobError: MF128.
+    """
+    dots = [each for each in formats if each in (*PLATE_BITMAPS, "png", "tiff")]
+    if spec.data_bias_nm and dots:
+        raise JobError(
+            "MF128",
+            f"{dots[0]} is made of dots, which are far coarser than the bias that the data should be short of",
+            where=f"{where}: export.formats",
+            cure=f'Leave {" and ".join(dots)} out of formats, or let the house make it good: order.bias = "house"',
         )
 
 
