@@ -559,7 +559,7 @@ def check_processes(job: Job, plate: Plate) -> None:
     """Refuse a [process] that the dots of a die do not bear, or biased data of it, before anything is drawn.
 
     Raises:
-        JobError: MF104, MF107 or MF127.
+        JobError: MF104 or MF127.
     """
     if job.spec.written is not None:
         for die in plate.dies:

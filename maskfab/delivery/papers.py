@@ -80,7 +80,8 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     files = [(mask.path, mask.sha256) for mask in ordered.masks]
     sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks, ordered.edges)
     revision = next(each.text for each in order.answers if each.key == "revision")
-    notes = (f"for {shop.title}", f"revision: {revision}", order.tone, order.parity, ordered.signature)
+    bias = [each.text for each in order.answers if each.key == "bias" and ordered.job.spec.data_bias_nm]
+    notes = (f"for {shop.title}", f"revision: {revision}", order.tone, order.parity, *bias, ordered.signature)
     reads_up = not ordered.job.spec.mirrored
     return {
         "order.txt": sheet.text().encode(),

@@ -265,11 +265,18 @@ def draw(plate: Plate, options: PolygonOptions | None = None) -> Figures:
 
     Raises:
         OutputError: MF413 if no cut on the grid draws a polygon, MF416 if a die needs too many references.
-        JobError: MF107 or MF127 for a bias that the plate does not bear.
+        JobError: MF127 for a bias that the plate does not bear; MF413 for one off its data grid.
     """
     chosen = options or PolygonOptions()
     if chosen.bias_nm:
         check_bias(plate, chosen.bias_nm)
+        grid = 1 if plate.snapped is None else plate.snapped.grid_nm
+        if chosen.bias_nm // 2 % grid:
+            raise OutputError(
+                "MF413",
+                f"half a bias of {chosen.bias_nm} nm moves edges off the data grid of {grid} nm",
+                cure=f"Use a process.cd_bias that is a multiple of {2 * grid} nm",
+            )
     return _Drawing(plate, chosen).figures()
 
 
@@ -515,7 +522,7 @@ def _round_slants(plate: Plate) -> db.Region:
 
 
 def _biased(written: db.Region, figures: Figures, bias_nm: int) -> db.Region:
-    """What is written, as data out of which the bias is taken; dark data are what that leaves of the writable area."""
+    """Written shapes as data out of which the bias is taken; dark data are what that leaves of the writable area."""
     plate, half = figures.plate, figures.plate.writable_nm // 2
     if figures.options.tone == "clear":
         return biased_data(written, plate, bias_nm)

@@ -40,7 +40,7 @@ def biased_data(clear: db.Region, plate: Plate, bias_nm: int) -> db.Region:
 
 
 def written_of(data: db.Region, plate: Plate, bias_nm: int) -> db.Region:
-    """What the writer makes of biased data: the way back of :func:`biased_data`, exact where that closes no gap."""
+    """Shapes that the writer makes of biased data, exactly those of :func:`biased_data` where no gap was closed."""
     return _resized(data, plate, bias_nm)
 
 
@@ -64,17 +64,8 @@ def check_bias(plate: Plate, bias_nm: int, where: str = "process.cd_bias") -> No
     """Refuse a bias at which shapes vanish from the data, or gaps between them close.
 
     Raises:
-        JobError: MF127 for the first die, gutter or mark that does not bear it; MF107 where half of it is off the
-            plate's data grid.
+        JobError: MF127 for the first die, gutter or mark that does not bear it.
     """
-    if plate.snapped is not None and bias_nm // 2 % plate.snapped.grid_nm:
-        grid = plate.snapped.grid_nm
-        raise JobError(
-            "MF107",
-            f"half a bias of {bias_nm} nm moves edges off the data grid of {grid} nm",
-            where=where,
-            cure=f"Use a cd_bias that is a multiple of {2 * grid} nm, or a finer export.grid",
-        )
     reach, cure = abs(bias_nm), 'let the house make it good: order.bias = "house"'
     told = f"data biased by {bias_nm / NM_PER_UM:g} um"
     for die in plate.dies:

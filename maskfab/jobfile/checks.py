@@ -377,19 +377,21 @@ def check_order(spec: JobSpec, where: str) -> None:
 
 
 def _check_biased_data(spec: JobSpec, where: str) -> None:
-    """Data that can be biased, by whole nanometres at either edge.
+    """Data that can be biased, by a multiple of their grid at either edge.
 
     Raises:
-        JobError: MF107 for a bias of other than an even number of nanometres.
+        JobError: MF107.
     """
+    grid = 1 if spec.export is None or spec.export.grid is None else max(1, round(spec.export.grid * NM_PER_UM))
     bias_nm = 0.0 if spec.process is None else spec.process.cd_bias * NM_PER_UM
-    if abs(bias_nm - 2 * round(bias_nm / 2)) > _ROUNDING_NM:
-        near = 2 * max(1, round(abs(bias_nm) / 2))
+    step = 2 * grid
+    if abs(bias_nm - step * round(bias_nm / step)) > _ROUNDING_NM:
+        near = math.copysign(step * max(1, round(abs(bias_nm) / step)), bias_nm)
         raise JobError(
             "MF107",
-            f"a bias of {bias_nm:g} nm moves edges by {bias_nm / 2:g} nm, off the data's grid of 1 nm",
+            f"a bias of {bias_nm:g} nm moves edges by {bias_nm / 2:g} nm, off the data's grid of {grid} nm",
             where=f"{where}: process.cd_bias",
-            cure=f'Use an even number of nanometres, such as "{math.copysign(near, bias_nm):g} nm"',
+            cure=f'Use a multiple of {step} nm, such as "{near:g} nm"',
         )
 
 

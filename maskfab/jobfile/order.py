@@ -22,7 +22,7 @@ Protection: TypeAlias = Literal["none", "pellicle", "coat"]
 Touches: TypeAlias = Literal["join", "stay apart"]
 
 DATA_KEYS = ("tone", "parity", "chrome")
-"""Keys that change the data that are written; the others are for the papers."""
+"""Keys that change the data that are written, as ``bias`` does where it is "data"; the others are for the papers."""
 _LONGEST = 200
 
 
@@ -122,7 +122,7 @@ class DefectsSection(Section):
 class OrderSection(Section):
     """[order]: what the mask house is asked for.
 
-    Tone, parity and side change the data; nothing else does.
+    Tone, parity, side and a bias taken out of the data change these; nothing else does.
     """
 
     tone: Tone | None = None

@@ -17,6 +17,7 @@ from maskfab.mask_shops.order import order_of
 from maskfab.mask_shops.package_rules import check_package, package_options
 from maskfab.model import Plate
 from maskfab.progress import Progress, silent
+from maskfab.units import NM_PER_UM
 
 _HOLES = {"keyhole": "holes as keyholes", "trapezoids": "holes as trapezoids", "layer": "holes on a layer of their own"}
 
@@ -88,6 +89,8 @@ def _bid(spec: JobSpec, plate: Plate, shop: Shop, facts: DieFacts) -> Bid:
 def _changes(drawn: Plate, shop: Shop, options: PolygonOptions, sent: Format) -> Iterator[str]:
     if sent.startswith("dxf") and shop.accepts.drawing_unit == "mm":
         yield "drawn in mm"
+    if options.bias_nm:
+        yield f"data biased by {-options.bias_nm / NM_PER_UM:+g} um"
     if options.hierarchy != "cells":
         yield "openings merged across cells" if options.hierarchy == "merged" else "without cells"
     if options.max_references is not None:

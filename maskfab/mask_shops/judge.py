@@ -364,8 +364,8 @@ def _of_features(
 ) -> Iterator[Finding]:
     """Widths, spaces and grid: of the plate, or of the figures where they are biased data."""
     limits = shop.limits
-    bias = 0 if figures is None else figures.options.bias_nm or 0
-    coarse = None if figures is None or not bias else _biased_clear(figures) - _fine(figures.plate)
+    biased = figures is not None and figures.options.bias_nm is not None
+    coarse = _biased_clear(figures) - _fine(figures.plate) if figures is not None and biased else None
     least = limits.min_feature_um
     space = limits.min_space_um if limits.min_space_um is not None else least
     wanted: tuple[tuple[str, Tone, float | None], ...] = (
@@ -386,7 +386,7 @@ def _of_features(
         refused = coarse is not None and found.passed is False
         yield replace(found, cure=_UNBIASED) if refused else found
     if limits.grid_nm is not None:
-        yield _grid(plate, shop, limits.grid_nm, bias)
+        yield _grid(plate, shop, limits.grid_nm)
 
 
 def _biased_clear(figures: Figures) -> db.Region:
@@ -460,11 +460,8 @@ def _narrow(
     return Finding(rule, False, value, least_um, "um", place, cure)
 
 
-def _grid(plate: Plate, shop: Shop, grids_nm: Sequence[int], bias_nm: int = 0) -> Finding:
+def _grid(plate: Plate, shop: Shop, grids_nm: Sequence[int]) -> Finding:
     offered, kept = " ".join(map(str, grids_nm)), kept_grid_nm(plate, shop)
-    if bias_nm // 2 % kept:
-        cure = f"Use a cd_bias that is a multiple of {2 * kept} nm, of which each edge takes half"
-        return Finding("grid", False, math.gcd(bias_nm // 2, kept), offered, "nm", "edges of biased data", cure)
     if kept in grids_nm and (kept == 1 or not _off_grid(plate, kept)):
         return Finding("grid", True, kept, offered, "nm")
     least = min(grids_nm)
