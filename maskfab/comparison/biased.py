@@ -13,13 +13,18 @@ from pathlib import Path
 
 import numpy as np
 from klayout import db
+from numpy.typing import NDArray
 
 from maskfab.comparison.roundtrip import RoundTrip, compare_layout
 from maskfab.export.cell_polygons import CUT
-from maskfab.geometry.data_bias import biased_data, biased_raster, written_of
+from maskfab.geometry.data_bias import biased_data, written_of
+from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.plate_layout import coverage, layer_info, region
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.units import NM_PER_UM
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 
 def compare_biased(
@@ -67,6 +72,22 @@ def compare_biased(
     )
 
 
+def biased_raster(die: Die, bias_nm: int) -> tuple[Floats, Floats, Mask]:
+    """A die in biased data, without polygons: lines along x and y, and which parts between them are clear.
+
+    A line between two dots becomes two, half the bias to either side of it; what lies between them is clear if both
+    dots are (positive bias: shapes shrink), or if one is (negative: they grow), and so along x and then along y.
+
+    Returns:
+        float64 [nx + 1] and [ny + 1] lines in plate nanometres, bool [ny, nx].
+    """
+    clear = np.pad(die_raster(die), 1)
+    x, y = die_edges_nm(die)
+    clear, x = _between(clear, x, bias_nm)
+    turned, y = _between(clear.T, y, bias_nm)
+    return x, y, turned.T
+
+
 def _with_clear(layout: db.Layout, clear: db.Region) -> db.Layout:
     """A layout whose layer CLEAR holds these shapes instead, in its top cell."""
     found = layout.dup()
@@ -111,3 +132,16 @@ def _wrong_parts(die: Die, data: db.Region, bias_nm: int) -> int:
     if min(x.size, y.size) < 2:
         return 0 if inside.is_empty() else 1
     return int(np.count_nonzero(coverage(inside, x, y) != clear))
+
+
+def _between(clear: Mask, lines_nm: Floats, bias_nm: int) -> tuple[Mask, Floats]:
+    """Columns with those between them; ``clear`` has one more on either side than the lines bound."""
+    # A line along which nothing changes, such as between two halves of a gutter, would be crossed by its neighbours.
+    edges = (clear[:, 1:] != clear[:, :-1]).any(axis=0)
+    columns = clear[:, np.concatenate([[True], edges])]
+    lines, half = lines_nm[edges], abs(bias_nm) / 2
+    joined = np.logical_and if bias_nm > 0 else np.logical_or
+    parts = np.empty((clear.shape[0], 2 * columns.shape[1] - 1), dtype=bool)
+    parts[:, ::2] = columns
+    parts[:, 1::2] = joined(columns[:, :-1], columns[:, 1:])
+    return parts[:, 1:-1], np.stack([lines - half, lines + half], axis=1).ravel()

@@ -9,18 +9,12 @@ and marks of an extent stay as drawn: sizing has no exact way back for slanted o
 
 from __future__ import annotations
 
-import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
 from maskfab.errors import JobError
-from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.plate_layout import simple_polygon
-from maskfab.model import Die, Furniture, Plate
+from maskfab.model import Furniture, Plate
 from maskfab.units import NM_PER_UM
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 SIZED = ("cd", "resolution", "fiducial", "alignment", "parity", "code")
 """Kinds of marks whose widths count."""
@@ -42,22 +36,6 @@ def biased_data(clear: db.Region, plate: Plate, bias_nm: int) -> db.Region:
 def written_of(data: db.Region, plate: Plate, bias_nm: int) -> db.Region:
     """Shapes that the writer makes of biased data, exactly those of :func:`biased_data` where no gap was closed."""
     return _resized(data, plate, bias_nm)
-
-
-def biased_raster(die: Die, bias_nm: int) -> tuple[Floats, Floats, Mask]:
-    """A die in biased data, without polygons: lines along x and y, and which parts between them are clear.
-
-    A line between two dots becomes two, half the bias to either side of it; what lies between them is clear if both
-    dots are (positive bias: shapes shrink), or if one is (negative: they grow), and so along x and then along y.
-
-    Returns:
-        float64 [nx + 1] and [ny + 1] lines in plate nanometres, bool [ny, nx].
-    """
-    clear = np.pad(die_raster(die), 1)
-    x, y = die_edges_nm(die)
-    clear, x = _between(clear, x, bias_nm)
-    turned, y = _between(clear.T, y, bias_nm)
-    return x, y, turned.T
 
 
 def check_bias(plate: Plate, bias_nm: int, where: str = "process.cd_bias") -> None:
@@ -121,16 +99,3 @@ def _sized(mark: Furniture) -> bool:
 
 def _region(mark: Furniture) -> db.Region:
     return db.Region([db.Polygon(simple_polygon(each)) for each in mark.polygons])
-
-
-def _between(clear: Mask, lines_nm: Floats, bias_nm: int) -> tuple[Mask, Floats]:
-    """Columns with those between them; ``clear`` has one more on either side than the lines bound."""
-    # A line along which nothing changes, such as between two halves of a gutter, would be crossed by its neighbours.
-    edges = (clear[:, 1:] != clear[:, :-1]).any(axis=0)
-    columns = clear[:, np.concatenate([[True], edges])]
-    lines, half = lines_nm[edges], abs(bias_nm) / 2
-    joined = np.logical_and if bias_nm > 0 else np.logical_or
-    parts = np.empty((clear.shape[0], 2 * columns.shape[1] - 1), dtype=bool)
-    parts[:, ::2] = columns
-    parts[:, 1::2] = joined(columns[:, :-1], columns[:, 1:])
-    return parts[:, 1:-1], np.stack([lines - half, lines + half], axis=1).ravel()

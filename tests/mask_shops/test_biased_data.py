@@ -12,12 +12,13 @@ from klayout import db
 from once import figures_in_words
 from small_job import write_job
 
+from maskfab.comparison.biased import biased_raster
 from maskfab.comparison.files import compare_mask, read_mask
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import JobError, OutputError
 from maskfab.export.cell_polygons import PolygonOptions, draw
 from maskfab.export.outputs import mask_writer
-from maskfab.geometry.data_bias import biased_data, biased_raster, written_of
+from maskfab.geometry.data_bias import biased_data, written_of
 from maskfab.geometry.plate_layout import coverage, plate_layout, region
 from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import parse_shop
