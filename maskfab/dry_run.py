@@ -243,7 +243,8 @@ class _Foreseeing(Alone):
         if self._cache is not None:
             with suppress(TypeError):
                 kept = self._cache.get(fingerprint(of_installation(), function, given))
-        self._seen.append((kept is not None, self._pace.seconds(function, given), task_bytes(function, given)))
+        held = task_bytes(function, given) if kept is None else 0.0
+        self._seen.append((kept is not None, self._pace.seconds(function, given), held))
         return kept
 
 
