@@ -124,14 +124,22 @@ def compared_once() -> Iterator[None]:
     """Within this, a layout of the same bytes is read and compared with the same plate once."""
     compare = files._within_limits
 
-    def remembered(made: Any, product: Any, folder: Path, *, dots: bool) -> Any:
+    @contextmanager
+    def remembered(made: Any, product: Any, folder: Path, *, dots: bool) -> Iterator[Callable[[], Any]]:
         path = folder / product.name
         if not path.is_file():
-            return compare(made, product, folder, dots=dots)
+            with compare(made, product, folder, dots=dots) as answer:
+                yield answer
+            return
         key = "compared", _digest((made.plate, made.settings, product.name, sha256_of_file(path), dots))
-        if key not in _KNOWN:
-            _KNOWN[key] = compare(made, product, folder, dots=dots)
-        return replace(_KNOWN[key], path=path)
+
+        def found() -> Any:
+            if key not in _KNOWN:
+                with compare(made, product, folder, dots=dots) as answer:
+                    _KNOWN[key] = answer()
+            return replace(_KNOWN[key], path=path)
+
+        yield found
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(files, "_within_limits", remembered)
