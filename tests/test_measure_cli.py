@@ -63,6 +63,7 @@ def test_a_stack_tells_the_die_its_stand_and_its_width(captured, capsys, tmp_pat
     assert listed | {"manifest.json"} == {path.name for path in out.iterdir()}
 
 
+@pytest.mark.slow
 def test_python_measures_as_the_command_does(captured):
     job, frames = captured
     times = [f"{time:g} ms" for time in TIMES]

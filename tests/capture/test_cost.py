@@ -44,6 +44,7 @@ def test_a_die_as_drawn_costs_nothing_wherever_its_light_lies():
         assert (each.mean, each.half_width) == (0, 0)
 
 
+@pytest.mark.slow
 def test_aberrations_cost_what_photographs_by_another_path_lose():
     """Point spreads of a phase on exact dots, the Wiener filter, and the scene itself for the truth."""
     found = priced(Setting(terms=COMA))

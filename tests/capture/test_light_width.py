@@ -44,6 +44,7 @@ def fit_of(picture, times=STACK, seed=1):
     return fit, width
 
 
+@pytest.mark.slow
 def test_the_width_of_a_blurred_picture_is_found_beside_all_else():
     sigma_um, terms = 3.0, {"z4": 0.05, "z7": 0.04}
     fit, width = fit_of(phased_picture(DIE, CAMERA, ((4, 0.05), (7, 0.04)), sigma_um))
@@ -55,6 +56,7 @@ def test_the_width_of_a_blurred_picture_is_found_beside_all_else():
         assert abs(values[name] - value) < 4 * fit.errors[name], name
 
 
+@pytest.mark.slow
 def test_points_are_never_told_to_be_wide(picture):
     aberrated = phased_picture(DIE, CAMERA, ((7, 0.02), (12, 0.02), (14, -0.02)))
     untold = phased_picture(DIE, CAMERA, ((4, 0.05), (22, 0.03), (28, 0.03)))

@@ -78,6 +78,7 @@ def test_without_noise_nothing_is_left():
     assert found.correlation > 0.9999
 
 
+@pytest.mark.slow
 def test_stated_intervals_hold_the_truth():
     misses = []
     for seed in range(4):

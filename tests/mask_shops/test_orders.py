@@ -331,11 +331,6 @@ def test_each_revision_has_a_package_of_its_own_and_none_is_overwritten(capsys, 
     with zipfile.ZipFile(tmp_path / "SMALL_generic-chrome_revB.zip") as archive:
         assert "revision" in archive.read("SMALL_generic-chrome_revB/order.txt").decode()
     assert command(capsys, "verify", tmp_path / "SMALL_generic-chrome_revB.zip", "--quiet").code == 0
-    # Without a revision, --force replaces what it did.
-    job.write_text(plain)
-    assert command(capsys, *words, tmp_path / "plain.zip").code == 0
-    job.write_text(plain + "\n[order]\nquantity = 2\n")
-    assert command(capsys, *words, tmp_path / "plain.zip", "--force").code == 0
 
 
 def test_a_bias_that_the_house_makes_good_is_not_on_the_plate(tmp_path):

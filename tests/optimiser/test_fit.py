@@ -126,6 +126,7 @@ def test_groups_that_cannot_share_so_are_refused_at_once(tmp_path: Path, most: i
         check_possible(read(path), where=str(path))
 
 
+@pytest.mark.slow
 def test_two_openings_and_their_map_fit_the_display_in_the_job_that_holds_them(tmp_path: Path, monkeypatch) -> None:
     monkeypatch.setattr("maskfab.camera.scenes.bundled", lambda count=4: (leaves(1),))
     monkeypatch.setattr("maskfab.optimiser.search.finish._KICKS", 0)

@@ -171,6 +171,7 @@ def test_the_mean_over_layouts_is_the_same_across_a_gap(known):
     assert max(map(abs, change)) > 1e-4
 
 
+@pytest.mark.slow
 def test_openings_rank_over_a_depth_as_simulated_photographs_do():
     """Photographs of both distances by protocol camera, each restored by the blur of its own, of another scene."""
     dots, room = 7, lattice(7, 24_000, camera=F1)

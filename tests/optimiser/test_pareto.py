@@ -176,6 +176,7 @@ def uneven(scenes: tuple[Photograph, ...], **more: object) -> tuple[FrontCurve, 
     return curve, designs(found, spec, "x")
 
 
+@pytest.mark.slow
 def test_uneven_light_is_that_of_its_curve_and_fits(
     scenes: tuple[Photograph, ...], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -237,6 +238,7 @@ def job() -> JobSpec:
     )
 
 
+@pytest.mark.slow
 def test_more_shapes_and_annealing_never_lose(scenes: tuple[Photograph, ...], free: Pareto) -> None:
     few = {"lines": [1], "points": 100}
     wide = swept(asked(12, **few), section(families=["bars", "l_shapes"]), scenes)

@@ -106,6 +106,7 @@ def test_a_map_is_designed_for_the_opening(scenes: tuple[Photograph, ...]) -> No
         assert room > 0
 
 
+@pytest.mark.slow
 def test_opening_and_map_in_turns_never_lose(scenes: tuple[Photograph, ...]) -> None:
     wanted = {"pitch": "336 um", "map": "equal_light", "shortlist": 1, "rules": {"kissing": "neighbours"}}
     alone, both = (search(section(**wanted, joint=rounds), scenes, "x") for rounds in (0, 1))
