@@ -4,15 +4,21 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import typer
 
 if TYPE_CHECKING:
     from maskfab.measurement.verdicts import Verdicts
     from maskfab.model import Opening, Quantity
+
+
+class Found(Protocol):
+    """Anything with a text for people, which is ``str()`` of it, and a document for machines."""
+
+    def to_dict(self) -> Mapping[str, Any]: ...
 
 
 # Controls of terminals, C1 included, marks that turn the direction of text or have no width, and breaks of lines.
@@ -32,10 +38,19 @@ def leave(passed: bool) -> None:
         raise typer.Exit(1)
 
 
-def print_json(document: dict[str, Any]) -> None:
+def print_json(document: Mapping[str, Any]) -> None:
     """The one JSON document of a command."""
     text = json.dumps(document, indent=1, ensure_ascii=False, allow_nan=False)
     typer.echo("\n".join(map(one_line, text.split("\n"))))
+
+
+def print_found(found: Found, as_json: bool) -> None:
+    """Print the finding of a verb: its JSON document, or its text line by line."""
+    if as_json:
+        print_json(found.to_dict())
+        return
+    for line in str(found).split("\n"):
+        typer.echo(one_line(line))
 
 
 def print_table(quantities: Iterable[Quantity], *, dies: bool = False) -> None:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from maskfab.cli.common.options import Json, named_as_options
-from maskfab.cli.common.printing import one_line, print_json
+from maskfab.cli.common.printing import print_found
 
 
 def cache(
@@ -23,8 +23,4 @@ def cache(
 
     with named_as_options(context):
         found = kept(limit)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        for line in str(found).split("\n"):
-            typer.echo(one_line(line))
+    print_found(found, as_json)

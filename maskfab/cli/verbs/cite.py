@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from maskfab.cli.common.options import Json
-from maskfab.cli.common.printing import one_line, print_json
+from maskfab.cli.common.printing import print_found
 
 
 def cite(
@@ -21,8 +21,4 @@ def cite(
     from maskfab.api.verbs.citing import cite as entries
 
     found = entries(directory)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        for line in str(found).split("\n"):
-            typer.echo(one_line(line))
+    print_found(found, as_json)

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from maskfab.cli.common.options import Json
-from maskfab.cli.common.printing import one_line, print_json
+from maskfab.cli.common.printing import print_found
 
 
 def compare(
@@ -31,10 +31,6 @@ def compare(
     if out is not None:
         check_target(out, force=False)
     found = side_by_side(*reports, dies=die or (), reference=reference)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        for line in str(found).split("\n"):
-            typer.echo(one_line(line))
+    print_found(found, as_json)
     if out is not None:
         typer.echo(found.save(out), err=as_json)

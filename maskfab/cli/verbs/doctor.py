@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import typer
-
 from maskfab.cli.common.options import Json, Quiet
-from maskfab.cli.common.printing import leave, one_line, print_json
+from maskfab.cli.common.printing import leave, print_found
 from maskfab.cli.common.watch import watched
 
 
@@ -15,9 +13,5 @@ def doctor(as_json: Json = False, quiet: Quiet = False) -> None:
 
     with watched(quiet) as progress:
         found = examine(progress=progress)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        for line in str(found).split("\n"):
-            typer.echo(one_line(line))
+    print_found(found, as_json)
     leave(found.passed)

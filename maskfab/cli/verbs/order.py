@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from maskfab.cli.common.options import JobFile, Json
-from maskfab.cli.common.printing import leave, one_line, print_json
+from maskfab.cli.common.printing import leave, one_line, print_found
 from maskfab.cli.common.shop_verdict import tell_age
 from maskfab.errors import JobError
 
@@ -42,11 +42,7 @@ def order(
         answers = _asked(found.form)
         if answers:
             found = order_job(job, shop, answers)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        for line in str(found).split("\n"):
-            typer.echo(one_line(line))
+    print_found(found, as_json)
     leave(found.passed)
 
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from maskfab.cli.common.options import Json, Quiet
-from maskfab.cli.common.printing import leave, one_line, print_json
+from maskfab.cli.common.printing import leave, print_found
 from maskfab.cli.common.watch import watched
 
 
@@ -22,9 +22,5 @@ def reproduce(
 
     with watched(quiet) as progress:
         found = remake(directory, progress=progress)
-    if as_json:
-        print_json(found.to_dict())
-    else:
-        for line in str(found).split("\n"):
-            typer.echo(one_line(line))
+    print_found(found, as_json)
     leave(found.passed)

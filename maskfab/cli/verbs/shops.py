@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from maskfab.cli.common.options import Json, Quiet
-from maskfab.cli.common.printing import leave, one_line, print_json
+from maskfab.cli.common.printing import leave, one_line, print_found, print_json
 from maskfab.cli.common.shop_verdict import tell_age
 from maskfab.cli.common.watch import watched
 
@@ -36,11 +36,7 @@ def shops(
     if compare is not None:
         with watched(quiet) as progress:
             found = known(name, compare=compare, progress=progress)
-        if as_json:
-            print_json(found.to_dict())
-        else:
-            for line in str(found).split("\n"):
-                typer.echo(one_line(line))
+        print_found(found, as_json)
         leave(found.passed)
         return
     if name is not None:
