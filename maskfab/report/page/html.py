@@ -9,13 +9,14 @@ from functools import cache
 from types import MappingProxyType
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup
 
 from maskfab.measurement.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.quantities import QUANTITIES, Entry, registered
 from maskfab.report.page.die_table import die_table
+from maskfab.report.page.environment import page_environment
 from maskfab.report.page.front import assumed, best, crops, stamps
 from maskfab.report.page.glossary import WORDS
 from maskfab.report.page.photograph_table import photograph_table
@@ -67,10 +68,7 @@ _UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm
 @cache
 def _page() -> Template:
     """The template of the page, compiled once for all reports of a process."""
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    environment.filters.update(
+    environment = page_environment(
         number=rounded,
         short=short,
         amount=amount,

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from functools import cache
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 
+from maskfab.report.page.environment import page_environment
 from maskfab.report.plots.number_text import rounded
 from maskfab.resources import template
 
@@ -13,8 +14,4 @@ from maskfab.resources import template
 @cache
 def measured_template(name: str) -> Template:
     """A page by its file in export_templates/; ``number`` rounds."""
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    environment.filters.update(number=rounded)
-    return environment.from_string(template(name))
+    return page_environment(number=rounded).from_string(template(name))

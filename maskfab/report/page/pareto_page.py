@@ -7,11 +7,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup
 
 from maskfab.optimiser.pareto.designs import FrontDesign
 from maskfab.optimiser.pareto.front import Pareto
+from maskfab.report.page.environment import page_environment
 from maskfab.report.page.html import style
 from maskfab.report.plots.pareto_figure import pareto_drawing
 from maskfab.report.plots.png import data_uri, png
@@ -54,7 +55,4 @@ def _drawing(each: FrontDesign) -> Markup:
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    return environment.from_string(template("pareto.html.j2"))
+    return page_environment().from_string(template("pareto.html.j2"))

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import Any
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup
 
 from maskfab.camera.intervals import CONFIDENCE
@@ -16,6 +16,7 @@ from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.measurement.claims import Claim, Finding, Take, Verdict
 from maskfab.measurement.study import OWN_SCENE, Setting, Study
 from maskfab.optics.numbers.metrics import auc_radial_min
+from maskfab.report.page.environment import page_environment
 from maskfab.report.page.html import style
 from maskfab.report.plots import study_figures
 from maskfab.report.plots.number_text import rounded, short
@@ -215,8 +216,5 @@ def _safe(images: Mapping[str, str]) -> dict[str, Markup]:
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    environment.filters.update(number=rounded, short=short, minus=_minus, measure=MEASURES.__getitem__)
+    environment = page_environment(number=rounded, short=short, minus=_minus, measure=MEASURES.__getitem__)
     return environment.from_string(template("study.html.j2"))

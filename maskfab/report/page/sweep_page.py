@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from functools import cache
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup
 
 from maskfab.camera.intervals import CONFIDENCE
 from maskfab.quantities import registered
+from maskfab.report.page.environment import page_environment
 from maskfab.report.page.html import style
 from maskfab.report.plots.number_text import rounded, short
 from maskfab.report.plots.sweep_figures import BAND, quantity_figure, shown
@@ -78,8 +79,4 @@ def _values_text(field: Field) -> str:
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    environment.filters.update(number=rounded, short=short)
-    return environment.from_string(template("sweep.html.j2"))
+    return page_environment(number=rounded, short=short).from_string(template("sweep.html.j2"))

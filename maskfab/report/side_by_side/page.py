@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterator
 from functools import cache
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup
 
 from maskfab.camera.intervals import CONFIDENCE
+from maskfab.report.page.environment import page_environment
 from maskfab.report.page.html import style
 from maskfab.report.page.photograph_table import best_photographed, scores
 from maskfab.report.plots.compare_figure import trade
@@ -72,7 +73,4 @@ def compare_text(compared: Compared) -> Iterator[str]:
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    return environment.from_string(template("compare.html.j2"))
+    return page_environment().from_string(template("compare.html.j2"))

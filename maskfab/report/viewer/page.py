@@ -5,9 +5,10 @@ from __future__ import annotations
 import json
 from functools import cache
 
-from jinja2 import Environment, StrictUndefined, Template
+from jinja2 import Template
 from markupsafe import Markup
 
+from maskfab.report.page.environment import page_environment
 from maskfab.report.viewer.shown_run import ShownRun
 from maskfab.resources import template
 
@@ -33,7 +34,4 @@ def inert_json(document: object) -> str:
 
 @cache
 def _template() -> Template:
-    environment = Environment(
-        autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
-    )
-    return environment.from_string(template("view/view.html.j2"))
+    return page_environment().from_string(template("view/view.html.j2"))
