@@ -27,7 +27,7 @@ from maskfab.export.images.plate_bitmap import check_plate_bitmap
 from maskfab.export.images.psf_exr import PsfFile, psf_files
 from maskfab.export.markers import write_markers
 from maskfab.export.outputs import PLATE_BITMAP_TAILS, TITLES
-from maskfab.files.finished import RESULT_MARK, TIMES, times_text
+from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, times_text
 from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
 from maskfab.geometry.data_bias import check_bias
@@ -78,9 +78,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 MANIFEST_VERSION = 1
-JOB_COPY = "job.json"
-REPORT = "report.json"
-PAGE = "report.html"
 OVERVIEW = "overview.png"
 
 Found = TypeVar("Found")
@@ -191,7 +188,7 @@ def run(
     place = check_target(Path(out), force=force)
     named_shop(job)
     measured = measured_beside(job)
-    key = key_of(job, measured)
+    key = "" if cache is None else key_of(job, measured)
     if cache is None or cache.get(key) is None:
         made = _make(job, staged(place), progress, cache, key, measured)
     else:

@@ -12,12 +12,11 @@ from typing import Any
 
 from maskfab import provenance
 from maskfab.errors import OutputError
-from maskfab.files.finished import RESULT_MARK, TIMES
+from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, read_manifest
 from maskfab.files.staging import put_back
-from maskfab.pipeline import JOB_COPY, OVERVIEW, PAGE, REPORT, run
+from maskfab.pipeline import OVERVIEW, run
 from maskfab.progress import Progress, silent
 from maskfab.provenance import sha256_of_file
-from maskfab.verification import read_manifest
 
 _MADE_BY = {REPORT: "numbers", PAGE: "figures", OVERVIEW: "figures", RESULT_MARK: "hashes of the others"}
 _MASKS = "drawing and writing"

@@ -19,8 +19,8 @@ from maskfab.comparison.foreign.layer_choice import StatedLayers
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.comparison.roundtrip import RoundTrip
 from maskfab.display.place import Populated
-from maskfab.errors import InputError, JobError, OutputError
-from maskfab.files.finished import RESULT_MARK, TIMES
+from maskfab.errors import InputError, JobError
+from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, read_manifest
 from maskfab.files.staging import put_back
 from maskfab.geometry.plate_layout import clear_shapes
 from maskfab.job import Job, load_job
@@ -31,10 +31,7 @@ from maskfab.measurement.view import layout_as_seen, plate_as_seen
 from maskfab.model import Camera, Die, Quantity, WrittenFile
 from maskfab.optics.numbers.metrics import fast_lens
 from maskfab.pipeline import (
-    JOB_COPY,
     OVERVIEW,
-    PAGE,
-    REPORT,
     Findings,
     aids,
     begin_photographs,
@@ -265,25 +262,6 @@ def _again(name: str, differs: str, *, judged: bool) -> Quantity:
 
 def _sees_light(die: Die, camera: Camera, trip: RoundTrip) -> bool:
     return sees_light(die, camera.stop, clear_shapes(trip.layout, light_box(die, camera.stop)))
-
-
-def read_manifest(folder: Path) -> Mapping[str, Any]:
-    """The manifest of a finished output directory.
-
-    Raises:
-        OutputError: MF403 if there is none, or it lacks what every version writes.
-    """
-    try:
-        manifest = json.loads((folder / RESULT_MARK).read_text(encoding="utf-8"))
-        listed = manifest["files"]
-        complete = "maskfab_version" in manifest and all({"path", "sha256", "bytes"} <= file.keys() for file in listed)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
-        raise OutputError(
-            "MF403", f"{folder} has no readable {RESULT_MARK}: {error}", cure="Name the --out of a finished maskfab run"
-        ) from error
-    if not complete:
-        raise OutputError("MF403", f"{folder / RESULT_MARK} lacks a version or hashes", cure="Run the job again")
-    return dict(manifest)
 
 
 def _hashes(folder: Path, manifest: Mapping[str, Any]) -> Iterator[Quantity]:

@@ -29,9 +29,9 @@ from maskfab.export.dxf import write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.solid.mesh import write_3mf, write_glb
 from maskfab.export.solid.step import write_step
+from maskfab.files.finished import REPORT
 from maskfab.job import load_job
 from maskfab.model import Die, Opening, Panel, Plate, Quantity, Tiling
-from maskfab.pipeline import REPORT
 from maskfab.readers.layout_file import read_layout
 from maskfab.resources import path
 

@@ -9,8 +9,10 @@ from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from maskfab import __version__
+from maskfab.errors import OutputError
 from maskfab.files.exchange import move
 from maskfab.provenance import sha256_of_file
 
@@ -18,6 +20,10 @@ RESULT_MARK = "manifest.json"
 """The file that every finished output directory has."""
 TIMES = "timing.json"
 """The file beside it that tells how long the work took, which no two runs have alike and no manifest knows."""
+REPORT, PAGE = "report.json", "report.html"
+"""The numbers of a run, and the page that shows them."""
+JOB_COPY = "job.json"
+"""The resolved job of a run."""
 _Trace = tuple[int, int, int]
 
 
@@ -50,6 +56,25 @@ class Finished:
     digest: str
     own: Mapping[str, _Trace]
     strange: tuple[str, ...]
+
+
+def read_manifest(folder: Path) -> Mapping[str, Any]:
+    """The manifest of a finished output directory.
+
+    Raises:
+        OutputError: MF403 if there is none, or it lacks what every version writes.
+    """
+    try:
+        manifest = json.loads((folder / RESULT_MARK).read_text(encoding="utf-8"))
+        listed = manifest["files"]
+        complete = "maskfab_version" in manifest and all({"path", "sha256", "bytes"} <= file.keys() for file in listed)
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as error:
+        raise OutputError(
+            "MF403", f"{folder} has no readable {RESULT_MARK}: {error}", cure="Name the --out of a finished maskfab run"
+        ) from error
+    if not complete:
+        raise OutputError("MF403", f"{folder / RESULT_MARK} lacks a version or hashes", cure="Run the job again")
+    return dict(manifest)
 
 
 def times_text(job_hash: str, seconds: Mapping[str, float]) -> str:

@@ -151,29 +151,36 @@ class Store:
 
     def entries(self) -> Iterator[Entry]:
         """Everything that is kept."""
-        for path in sorted(self.folder.glob("[0-9a-f][0-9a-f]/" + "[0-9a-f]" * 64)):
+        for path, status in self._files():
             with suppress(OSError):
-                status = path.stat()
-                what, seconds, expected_s = _told(path)
-                yield Entry(path, what, status.st_size, status.st_mtime, seconds, expected_s)
+                yield _entry(path, status)
 
     def prune(self, limit_bytes: int = LIMIT_BYTES) -> tuple[Entry, ...]:
         """Remove what was used longest ago, until the rest takes no more than so many bytes.
 
+        Every run asks for it, so only what is removed is opened.
+
         Returns:
             What was removed.
         """
-        every = sorted(self.entries(), key=lambda entry: entry.used, reverse=True)
+        every = sorted(self._files(), key=lambda each: each[1].st_mtime, reverse=True)
         for left in self.folder.glob("[0-9a-f][0-9a-f]/.*.partial"):
             _sweep(left)
         removed, total = [], 0
-        for entry in every:
-            total += entry.bytes
+        for path, status in every:
+            total += status.st_size
             if total > limit_bytes:
                 with suppress(OSError):
-                    entry.path.unlink()
+                    entry = _entry(path, status)
+                    path.unlink()
                     removed.append(entry)
         return tuple(removed)
+
+    def _files(self) -> Iterator[tuple[Path, os.stat_result]]:
+        """Files of all entries."""
+        for path in sorted(self.folder.glob("[0-9a-f][0-9a-f]/" + "[0-9a-f]" * 64)):
+            with suppress(OSError):
+                yield path, path.stat()
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / key
@@ -187,6 +194,11 @@ def _sweep(left: Path) -> None:
             left.unlink()
         finally:
             os.close(descriptor)
+
+
+def _entry(path: Path, status: os.stat_result) -> Entry:
+    what, seconds, expected_s = _told(path)
+    return Entry(path, what, status.st_size, status.st_mtime, seconds, expected_s)
 
 
 def _told(path: Path) -> tuple[str, float | None, float | None]:

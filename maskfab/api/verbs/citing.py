@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maskfab import __version__
-from maskfab.verification import read_manifest
+from maskfab.files.finished import read_manifest
 
 _PROGRAM = """\
 @software{{maskfab,

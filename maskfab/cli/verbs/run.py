@@ -30,10 +30,10 @@ def run(
     if dry_run:
         _foresee(job, out, force=force, cache=not no_cache, as_json=as_json)
         return
+    from maskfab.files.finished import REPORT
     from maskfab.job import load_job
     from maskfab.kept.store import Store
     from maskfab.optics.numbers.metrics import fast_lens
-    from maskfab.pipeline import REPORT
     from maskfab.pipeline import run as run_job
 
     with watched(quiet) as progress:

@@ -11,10 +11,9 @@ from typing import Any
 
 from maskfab import provenance
 from maskfab.errors import OutputError
-from maskfab.files.finished import RESULT_MARK
+from maskfab.files.finished import JOB_COPY, REPORT, read_manifest
 from maskfab.report.documents.report_data import SCHEMA_VERSION
 
-REPORT, JOB_COPY = "report.json", "job.json"
 _MOST_BYTES = 200_000_000
 _AGAIN = "Name the --out of a finished maskfab run, or its report.json; of another version, run its job again"
 
@@ -83,10 +82,10 @@ def _proved(file: Path) -> bool:
         OutputError: MF407 if it knows another.
     """
     try:
-        manifest = json.loads((file.parent / RESULT_MARK).read_bytes())
-        known = {row["path"]: row["sha256"] for row in manifest["files"]}.get(file.name)
-    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        rows = read_manifest(file.parent)["files"]
+    except OutputError:
         return False
+    known = next((row["sha256"] for row in rows if row["path"] == file.name), None)
     if known != provenance.sha256_of_file(file):
         raise OutputError("MF407", f"{file} was changed since its run finished", cure=_AGAIN)
     return True

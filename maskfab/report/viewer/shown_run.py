@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import Any
 from klayout import db
 
 from maskfab.errors import OutputError
-from maskfab.files.finished import RESULT_MARK
+from maskfab.files.finished import PAGE, read_manifest
 from maskfab.geometry.plate_layout import CellNames
 from maskfab.provenance import sha256_of_file
 from maskfab.readers.layout_file import LAYOUT_SUFFIXES, read_layout
@@ -26,7 +25,6 @@ Document = Mapping[str, Any]
 
 _CELLS_FIRST = (".gds", ".oas")
 """Files in which cells are placed by references, whatever the job; others may be flat."""
-_PAGE = "report.html"
 
 
 @dataclass(frozen=True)
@@ -50,13 +48,11 @@ def shown_run(folder: Path) -> ShownRun:
             none of its files has polygons.
         SourceError: as :func:`maskfab.readers.layout_file.read_layout` raises it.
     """
-    if not folder.is_dir():
-        raise _no_run(folder, "is no directory")
-    files = _manifest(folder)
+    files = {str(row["path"]): {"format": "", **row} for row in read_manifest(folder)["files"]}
     (report,) = read_reports([folder])
     mask = _mask_file(folder, files)
     layout = read_layout(_unchanged(folder, mask))
-    page = _unchanged(folder, files[_PAGE]).read_text(encoding="utf-8") if _PAGE in files else ""
+    page = _unchanged(folder, files[PAGE]).read_text(encoding="utf-8") if PAGE in files else ""
     markers = [_unchanged(folder, row) for name, row in files.items() if name.endswith(".lyrdb")]
     box = layout.top_cell().bbox()
     return ShownRun(
@@ -74,25 +70,6 @@ def shown_run(folder: Path) -> ShownRun:
             "markers": [path.name for path in markers],
         },
     )
-
-
-def _no_run(folder: Path, why: str) -> OutputError:
-    return OutputError(
-        "MF403", f"{folder} {why}", where=str(folder), cure="Name the --out directory of a finished maskfab run"
-    )
-
-
-def _manifest(folder: Path) -> dict[str, Document]:
-    """Rows of the manifest by name.
-
-    Raises:
-        OutputError: MF403 without a manifest of ours.
-    """
-    try:
-        rows = json.loads((folder / RESULT_MARK).read_bytes())["files"]
-        return {str(row["path"]): {"format": "", **row, "sha256": str(row["sha256"])} for row in rows}
-    except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
-        raise _no_run(folder, f"has no {RESULT_MARK} of a finished run") from error
 
 
 def _mask_file(folder: Path, files: Mapping[str, Document]) -> Document:
