@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from datetime import date
 from enum import Enum
 from functools import partial
+from importlib import metadata
 from types import MappingProxyType
 from typing import Any
 
@@ -71,6 +72,14 @@ def test_a_read_only_view_is_as_good_as_its_mapping():
 def test_what_may_hold_more_than_it_shows_has_none(value):
     with pytest.raises(TypeError, match="no"):
         fingerprint(value)
+
+
+@pytest.mark.parametrize("name", ["numpy", "openimageio", "cadquery", "jinja2"])
+def test_another_version_of_any_library_is_another_installation(monkeypatch, name):
+    """Also of those that write files alone: what they wrote before is not what they write now."""
+    version, here = metadata.version, of_installation()
+    monkeypatch.setattr(metadata, "version", lambda each: "0.0" if each.lower() == name else version(each))
+    assert of_installation.__wrapped__() != here
 
 
 def test_another_process_finds_the_same(tmp_path):
