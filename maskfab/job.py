@@ -14,8 +14,6 @@ from maskfab.errors import JobError
 from maskfab.jobfile import DieSection, JobSpec, check_optics, is_table
 from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate
 from maskfab.opening import openings
-from maskfab.optics.light.response import curves_text
-from maskfab.optics.scene.scene import Scene
 from maskfab.plate import maps
 from maskfab.plate.panels import die_panels
 from maskfab.progress import Progress, silent
@@ -23,6 +21,7 @@ from maskfab.progress import Progress, silent
 if TYPE_CHECKING:
     from maskfab.display.feasibility import DisplayRules
     from maskfab.display.place import Populated
+    from maskfab.optics.scene.scene import Scene
     from maskfab.processes import Alone
 
 
@@ -61,6 +60,8 @@ class Job:
         """The scene of the camera; None if the job has no [scene]."""
         if self.spec.scene is None:
             return None
+        from maskfab.optics.scene.scene import Scene
+
         return Scene.of(self.spec.scene, self.spec.curves, where=self.where).through(self.blank)
 
     @property
@@ -179,6 +180,8 @@ def _with_curves(stated: JobSpec, path: Path) -> JobSpec:
     """The spec with the text of every table of curves that its scene names, by the file's own name."""
     if stated.scene is None:
         return stated.model_copy(update={"curves": {}})
+    from maskfab.optics.light.response import curves_text
+
     named: dict[str, str] = {}
     texts: dict[str, str] = {}
     for key, value in (("spectrum", stated.scene.spectrum), ("illuminant", stated.scene.illuminant)):

@@ -14,6 +14,7 @@ from importlinter import cli as linter
 from small_job import write_job
 
 import maskfab
+from maskfab.cli import run_command_line
 
 ROOT = Path(maskfab.__file__).resolve().parent.parent
 HEAVY = {
@@ -72,6 +73,21 @@ def test_a_scene_is_planned_without_what_only_files_wires_and_designs_need(tmp_p
     job = write_job(tmp_path)
     code = f"from maskfab.cli import run_command_line; assert run_command_line(['plan', {str(job)!r}]) == 0"
     later = {"klayout", "gdstk", "torch", "matplotlib", "OCP", "zxingcpp", "scipy.fft", "scipy.sparse", "scipy.special"}
+    assert imported(code) & later == set()
+
+
+def test_a_sweep_that_is_kept_is_read_without_what_only_finds_cases(tmp_path):
+    """Importing these takes longer than reading a thousand cases."""
+    study = tmp_path / "study.toml"
+    study.write_text(
+        f'[sweep]\ntitle = "kept"\njob = "{write_job(tmp_path).name}"\nquantities = ["open_ratio"]\n'
+        '[[field]]\nkey = "die.*.size"\nvalues = ["504 um", "560 um"]\n',
+        encoding="utf-8",
+    )
+    command = ["sweep", str(study), "-o", str(tmp_path / "out"), "--engine", "serial", "--quiet"]
+    assert run_command_line(command) == 0
+    code = f"from maskfab.cli import run_command_line; assert run_command_line({command!r}) == 0"
+    later = {"klayout", "torch", "matplotlib", "scipy.fft", "scipy.ndimage", "scipy.sparse", "scipy.special"}
     assert imported(code) & later == set()
 
 

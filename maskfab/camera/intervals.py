@@ -6,8 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from scipy.special import stdtrit
-
 CONFIDENCE = 0.95
 
 
@@ -36,6 +34,8 @@ class MeanDifference:
         mean = math.fsum(differences) / count
         if count < 2:
             return cls(mean, math.nan, count)
+        from scipy.special import stdtrit  # slow to load, for pages that only name the confidence
+
         variance = math.fsum((each - mean) ** 2 for each in differences) / (count - 1)
         quantile = float(stdtrit(count - 1, (1 + CONFIDENCE) / 2))
         return cls(mean, quantile * math.sqrt(variance / count), count)

@@ -18,7 +18,6 @@ from types import BuiltinFunctionType, FunctionType
 from typing import Any, Protocol
 
 import numpy as np
-from klayout import db
 from pydantic import BaseModel
 
 from maskfab import provenance, resources
@@ -98,13 +97,20 @@ def _leaf(value: object) -> tuple[str, bytes] | None:
             return "bytes", value
         case np.generic() | np.ndarray():
             return _array(np.asarray(value))
-        case db.Region():
-            return "region", value.to_s(2**31 - 1).encode()
         case FunctionType() | BuiltinFunctionType() | type():
             return _function(value)
         case tuple() if _is_plain(value):
             return "plain", repr(value).encode("utf-8", "surrogatepass")
-    return None
+    return _region(value)
+
+
+def _region(value: object) -> tuple[str, bytes] | None:
+    """Kind and content of a region; None of anything else, for which klayout need not be loaded."""
+    if not type(value).__module__.startswith("klayout."):
+        return None
+    from klayout import db
+
+    return ("region", value.to_s(2**31 - 1).encode()) if isinstance(value, db.Region) else None
 
 
 def _parts(value: object) -> tuple[str, list[Any]]:

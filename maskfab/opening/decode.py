@@ -74,7 +74,8 @@ def mask_of_lines(lines: Rows, where: str) -> Mask:
 
 def dot_lines(mask: Mask) -> Iterable[str]:
     """The lines of a mask's drawing, the top line first."""
-    return ("".join(CLEAR if clear else CLOSED for clear in row) for row in mask[::-1])
+    drawn = np.where(mask[::-1], ord(CLEAR), ord(CLOSED)).astype(np.uint8)
+    return (row.tobytes().decode("ascii") for row in drawn)
 
 
 def from_image(path: Path) -> Mask:

@@ -12,7 +12,8 @@ from maskfab.errors import JobError, OutputError
 from maskfab.kept.fingerprint import of_installation
 from maskfab.processes import Alone, Pair
 from maskfab.progress import Progress
-from maskfab.sweeps.finding import Record, find_and_keep, find_by_one_thread, keep
+from maskfab.sweeps.case_files import Record, keep
+from maskfab.sweeps.finding import find_and_keep, find_by_one_thread
 from maskfab.sweeps.plan import Case
 from maskfab.threads import one_thread
 

@@ -11,7 +11,6 @@ from typing import Any, TypeAlias, get_args
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
 from maskfab.errors import JobError
 from maskfab.jobfile import JobSpec
@@ -202,6 +201,8 @@ def _levels(
         (mean, sigma), unit, _ = _ends(section.normal.mean, section.normal.sigma, where)
         if sigma <= 0:
             raise JobError("MF104", "sigma is not above 0", where=f"{where}.normal", cure="Give a positive sigma")
+        from scipy.special import ndtri  # slow to load, and few sweeps need it
+
         return _stated(mean + sigma * ndtri(draws), unit, whole=False), unit
     return _shapes(section, draws, paths, job, where), ""
 

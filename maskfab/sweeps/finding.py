@@ -2,23 +2,18 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any, TypeAlias
+from typing import Any
 
 from maskfab.errors import InputError, JobError
-from maskfab.files.atomic import partial
 from maskfab.job import resolve
 from maskfab.jobfile import validate
 from maskfab.model import Quantity
+from maskfab.sweeps.case_files import Record, keep
 from maskfab.sweeps.measures import measured
-from maskfab.sweeps.plan import Case
 from maskfab.threads import one_thread
-
-Record: TypeAlias = Mapping[str, Any]
-"""Of a case: its key, rows of numbers, and why it failed, or None."""
 
 
 def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
@@ -48,33 +43,6 @@ def find_and_keep(folder: Path, key: str, document: Mapping[str, Any], quantitie
     record = find(key, document, quantities)
     keep(folder, record)
     return record
-
-
-def keep(folder: Path, record: Record) -> None:
-    """Write a case under its key; nobody sees half a file.
-
-    Raises:
-        OutputError: MF401 if it cannot be written.
-    """
-    path = _path(folder, record["key"])
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with partial(path) as aside:
-        aside.write_text(json.dumps(record, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
-
-
-def kept(folder: Path, case: Case) -> Record | None:
-    """A case that was found before; None if there is none, or its file is damaged."""
-    try:
-        record: Any = json.loads(_path(folder, case.key).read_text(encoding="utf-8"))
-        sound = record["key"] == case.key and (record["failed"] is not None or record["rows"])
-    except (OSError, ValueError, KeyError, TypeError):
-        return None
-    return record if sound else None
-
-
-def _path(folder: Path, key: str) -> Path:
-    # A folder of a hundred thousand files is slow to list, and it is listed for every file that is written.
-    return folder / key[:2] / f"{key}.json"
 
 
 def _row(quantity: Quantity) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from difflib import get_close_matches
 from functools import cached_property, lru_cache
 from types import MappingProxyType
 
@@ -20,7 +19,7 @@ from maskfab.measurement.restored import Photographs, photograph_die
 from maskfab.measurement.scene_rows import measure_scene, scene_plan, scene_reach_um
 from maskfab.model import ORIENTATIONS, Camera, Die, Opening, Panel, Process, Quantity, Tiling
 from maskfab.optics.image.lag_table import LagTable, lag_table
-from maskfab.optics.image.mtf import LEVELS, longest_lag_um, presampled_mtf
+from maskfab.optics.image.mtf import longest_lag_um, presampled_mtf
 from maskfab.optics.numbers import metrics
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
@@ -28,6 +27,7 @@ from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.optimiser.model.scene_statistics import scene_statistics
 from maskfab.optimiser.model.taking import Taking
 from maskfab.optimiser.rules.footprints import Footprints
+from maskfab.sweeps.wanted import WORKS
 
 _SURROGATES = 8
 
@@ -85,22 +85,6 @@ def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
         for quantity in function(subject)
         if quantity.name in wanted
     ]
-
-
-def require_known(names: Sequence[str], where: str) -> None:
-    """Refuse quantities that no case has.
-
-    Raises:
-        JobError: MF161, with those that look like it.
-    """
-    for name in names:
-        if name not in MEASURES:
-            near = get_close_matches(name, MEASURES, n=3) or list(MEASURES)
-            raise JobError(
-                "MF161", f"a sweep cannot find the quantity {name!r}", where=where, cure=f"Use one of {', '.join(near)}"
-            )
-    if len(set(names)) < len(names):
-        raise JobError("MF161", "a quantity is named twice", where=where, cure="Name each once")
 
 
 def _open_ratio(subject: Subject) -> Iterable[Quantity]:
@@ -193,24 +177,18 @@ def _surrogate(camera: Camera, dots: int, dot_nm: int, taking: Taking) -> Surrog
     return surrogate_of(scene_statistics(scene_sets.bundled(), taking=taking), room)
 
 
-_FRACTIONS = tuple(f"mtf{level:g}" for level in LEVELS)
-_READINGS = ("fused", "open")
-_OF: Mapping[Measure, tuple[str, ...]] = MappingProxyType(
+_BY_WORK: Mapping[str, Measure] = MappingProxyType(
     {
-        _open_ratio: ("open_ratio",),
-        _mtfs: ("auc_radial_min", *_FRACTIONS, *(f"{name}_per_pixel" for name in _FRACTIONS)),
-        _restoration: ("wiener_worst30", "wiener_noise_gain"),
-        _features: ("min_feature", "min_space", "written_min_feature", "written_min_space"),
-        _written: tuple(
-            f"written_{name}_{reading}"
-            for name in ("open_ratio", "psf_difference", "psf_shape", "auc_radial_min", "mtf50")
-            for reading in _READINGS
-        ),
-        _expected: ("expected_psnr",),
-        _footprint: ("led_footprint_largest", "led_footprint_bound"),
-        _scene: ("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
-        _photographs: ("restored_psnr",),
+        "open ratio": _open_ratio,
+        "mtf": _mtfs,
+        "restoration": _restoration,
+        "features": _features,
+        "as written": _written,
+        "surrogate": _expected,
+        "footprint": _footprint,
+        "scene": _scene,
+        "photographs": _photographs,
     }
 )
-MEASURES: Mapping[str, Measure] = MappingProxyType({name: each for each, names in _OF.items() for name in names})
+MEASURES: Mapping[str, Measure] = MappingProxyType({name: _BY_WORK[work] for name, work in WORKS.items()})
 """Function that finds a quantity, by the quantity's name, the cheapest first."""

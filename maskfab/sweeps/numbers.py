@@ -23,12 +23,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri, stdtrit
 
 from maskfab.camera.intervals import CONFIDENCE
 from maskfab.jobfile.sweep_file import LimitSection
+from maskfab.sweeps.case_files import Record
 from maskfab.sweeps.fields import Field
-from maskfab.sweeps.finding import Record
 from maskfab.sweeps.plan import Plan
 
 Floats = NDArray[np.float64]
@@ -168,6 +167,8 @@ def axis(field: Field, cases: Sequence[Any]) -> Floats | None:
 
 def wilson(kept: int, cases: int) -> tuple[float, float]:
     """Ends of Wilson's 95 % interval for the share of which so many were seen."""
+    from scipy.special import ndtri  # slow to load, and few sweeps have limits
+
     z = float(ndtri((1 + CONFIDENCE) / 2))
     middle, spread = kept + z * z / 2, z * math.sqrt(kept * (cases - kept) / cases + z * z / 4)
     whole = cases + z * z
@@ -213,6 +214,8 @@ def _plane(fields: Floats, values: Floats) -> list[tuple[float, float]]:
         return [(math.nan, math.nan)] * len(scale)
     if free < 1:
         return [(float(slope), math.nan) for slope in slopes]
+    from scipy.special import stdtrit  # slow to load, and not every sweep has slopes
+
     variance = float(((values - design @ found) ** 2).sum()) / free
     errors = np.sqrt(np.diag(np.linalg.inv(design.T @ design))[1:] * variance) / scale
     half = float(stdtrit(free, (1 + CONFIDENCE) / 2)) * errors

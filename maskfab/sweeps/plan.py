@@ -16,7 +16,7 @@ from maskfab.jobfile import JobSpec, validate
 from maskfab.jobfile.sweep_file import LimitSection, SweepSpec, Value, read_sweep
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.sweeps.fields import Document, Field, Level, fields_of
-from maskfab.sweeps.measures import require_known
+from maskfab.sweeps.wanted import require_known
 
 MOST_CASES = 100_000
 """Cases of one sweep: their jobs take some kilobytes each, and their files a folder that other programs can open."""

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from maskfab.errors import OutputError
 from maskfab.files.atomic import not_writable
 from maskfab.progress import Progress, silent
-from maskfab.sweeps.engines import Engine, map_cases
-from maskfab.sweeps.finding import Record, kept
+from maskfab.sweeps.case_files import Record, kept
 from maskfab.sweeps.numbers import Swept
 from maskfab.sweeps.plan import Plan
+
+if TYPE_CHECKING:
+    from maskfab.sweeps.engines import Engine
 
 CASES = "cases"
 """Folder of the cases, in the sweep's own."""
@@ -60,10 +63,12 @@ def made(
     for case in plan.cases:
         if case.refused is not None:
             records[case.key] = {"key": case.key, "failed": case.refused, "rows": []}
-        elif (found := kept(folder, case)) is not None:
+        elif (found := kept(folder, case.key)) is not None:
             records[case.key] = found
     missing = list({case.key: case for case in plan.cases if case.key not in records}.values())
     if missing:
+        from maskfab.sweeps.engines import map_cases  # which loads optics and photographs: a second, often
+
         found_now = map_cases(
             missing, plan.quantities, folder, progress, engine=engine, scheduler=scheduler, workers=workers
         )

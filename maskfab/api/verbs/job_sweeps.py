@@ -7,15 +7,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab.progress import Progress, silent
-from maskfab.report.quantity_table import dataframe
 from maskfab.report.sweep_files import rows_of, sweep_document, write_sweep
 from maskfab.sweeps import sweeping
-from maskfab.sweeps.engines import Engine
 from maskfab.sweeps.numbers import Sensitivity, Swept, Yield
 from maskfab.sweeps.plan import planned
 
 if TYPE_CHECKING:
     from pandas import DataFrame
+
+    from maskfab.sweeps.engines import Engine
 
 _MOST_LINES = 12
 
@@ -57,6 +57,8 @@ class Sweep:
         Raises:
             OutputError: MF431 without pandas.
         """
+        from maskfab.report.quantity_table import dataframe
+
         return dataframe(list(rows_of(self.found)))
 
     def __str__(self) -> str:
