@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypeAlias, get_args
@@ -23,7 +24,10 @@ _ANSWERS_WITHIN_S = 10
 _TOLD = 200
 """Times at most that progress is told: it counts all cases."""
 _AT_ONCE = 4
-"""Cases that wait at each worker of a cluster, so that none is idle while the next is on its way."""
+"""Tasks that wait at each worker of a cluster, so that none is idle while the next is on its way."""
+_TASK_S = 0.2
+"""Work of a cluster's task: it costs some 20 ms to hand out, and all its cases are lost with its worker."""
+_MOST_IN_TASK = 100
 
 
 @one_thread
@@ -98,32 +102,38 @@ def _by_cluster(
     with _client(distributed, scheduler) as client:
         _same_version(client, scheduler)
         found: dict[str, Record] = {}
-        waiting: Iterator[Case] = iter(cases)
-        by_key = {case.key: case for case in cases}
+        waiting, many = deque(cases), 1
+        tasks: dict[str, tuple[Case, ...]] = {}
 
-        def begin(many: int) -> list[Any]:
-            some = [case for _, case in zip(range(many), waiting, strict=False)]
-            return [
-                client.submit(
-                    find_by_one_thread, case.key, case.document, quantities, key=f"maskfab-{case.key}", pure=False
-                )
-                for case in some
-            ]
+        def begin(some: tuple[Case, ...]) -> Any:
+            given = tuple((case.key, case.document) for case in some)
+            future = client.submit(find_by_one_thread, given, quantities, pure=False)
+            tasks[future.key] = some
+            return future
+
+        def take() -> tuple[Case, ...]:
+            return tuple(waiting.popleft() for _ in range(min(many, len(waiting))))
 
         progress("cases", 0, len(cases))
-        running = distributed.as_completed(begin(_AT_ONCE * len(client.nthreads())), loop=client.loop)
+        first = [begin(some) for _ in range(_AT_ONCE * len(client.nthreads())) if (some := take())]
+        running = distributed.as_completed(first, loop=client.loop)
         for future in running:
-            case = by_key[future.key.removeprefix("maskfab-")]
+            some = tasks.pop(future.key)
             try:
-                record = future.result()
+                records, seconds = future.result()
             except Exception as error:
-                record = _failed(case, error)
+                if len(some) > 1:  # which of them it was shows when each is alone
+                    running.update([begin((case,)) for case in some])
+                    continue
+                records = [_failed(some[0], error)]
             else:
-                keep(folder, record)
-            found[case.key] = record
+                many = max(1, min(_MOST_IN_TASK, int(len(some) * _TASK_S / seconds)))
+                for record in records:
+                    keep(folder, record)
+            found |= {record["key"]: record for record in records}
             future.release()
-            for more in begin(1):
-                running.add(more)
+            if more := take():
+                running.add(begin(more))
             progress("cases", len(found), len(cases))
     return [found[case.key] for case in cases]
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+import time
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -33,9 +34,13 @@ def find(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> 
 
 
 @one_thread
-def find_by_one_thread(key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:
-    """:func:`find` in a process that others have set up, which may use more threads."""
-    return find(key, document, quantities)
+def find_by_one_thread(
+    cases: Sequence[tuple[str, Mapping[str, Any]]], quantities: tuple[str, ...]
+) -> tuple[list[Record], float]:
+    """:func:`find` for some cases in a process that others have set up, which may use more threads; and its seconds."""
+    start = time.perf_counter()
+    records = [find(key, document, quantities) for key, document in cases]
+    return records, time.perf_counter() - start
 
 
 def find_and_keep(folder: Path, key: str, document: Mapping[str, Any], quantities: tuple[str, ...]) -> Record:

@@ -117,6 +117,27 @@ def test_a_cluster_finds_what_one_finds(swept, tmp_path):
     assert (tmp_path / "out/sweep.json").read_bytes() == (swept.directory / "sweep.json").read_bytes()
 
 
+def test_a_case_that_breaks_a_task_of_several_fails_alone(tmp_path, monkeypatch):
+    distributed = pytest.importorskip("distributed", reason="dask.distributed is not installed (extra cluster)")
+    real = finding.measured
+
+    def measured(job, wanted):
+        if job.spec.written.cd_bias_um > 0:
+            raise RuntimeError("broken")
+        return real(job, wanted)
+
+    monkeypatch.setattr(finding, "measured", measured)
+    monkeypatch.setattr("maskfab.sweeps.engines._AT_ONCE", 1)
+    monkeypatch.setattr("maskfab.sweeps.engines._TASK_S", 60)
+    study = write_study(tmp_path, ('"open_ratio", "written_open_ratio_fused", "written_min_feature"', '"open_ratio"'))
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=None
+    ) as cluster:
+        found = mf.sweep(study, tmp_path / "out", engine="dask", scheduler=cluster.scheduler_address)
+    assert [why for _, why in found.found.failed] == ["RuntimeError: broken"] * 2
+    assert len(list((tmp_path / "out/cases").rglob("*.json"))) == 4
+
+
 def test_what_was_found_is_not_found_again(tmp_path):
     study = write_study(tmp_path, ('"open_ratio", "written_open_ratio_fused", "written_min_feature"', '"open_ratio"'))
     out = tmp_path / "out"
