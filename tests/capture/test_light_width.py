@@ -74,7 +74,7 @@ def test_a_light_smooths_waves_as_a_gaussian_does(sigma, wave):
 
 def test_a_wide_light_is_said_and_a_point_is_not(picture):
     wide, point = (
-        measured(merging_of(each), {"ONE": DIE}, CAMERA, LIGHT)
+        measured(merging_of(each, (1.0, 32.0)), {"ONE": DIE}, CAMERA, LIGHT)
         for each in (ndimage.gaussian_filter(picture, 0.8), picture)
     )
     assert any("The light is no point" in each for each in wide.verdict)

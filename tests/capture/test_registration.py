@@ -14,7 +14,7 @@ from maskfab.capture.restoring.registration import registered
 from maskfab.capture.restoring.rough_match import Similarity
 from maskfab.errors import SourceError
 
-SHAPE = (288, 384)
+SHAPE = (216, 288)
 
 
 def similar(turn_deg, scale, shift_x, shift_y):
