@@ -5,14 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 import platform
+import re
 from collections.abc import Mapping
-from importlib.metadata import PackageNotFoundError, version
+from contextlib import suppress
+from importlib import metadata
 from pathlib import Path
 
 from maskfab import __version__
 from maskfab.model import WrittenFile
 
-_RELEVANT = ("numpy", "scipy", "klayout", "gdstk", "ezdxf", "finufft", "matplotlib", "torch")
+_REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(?P<extra>.*\bextra\b)?")
 
 
 def sha256_of_file(path: Path) -> str:
@@ -28,14 +30,20 @@ def job_hash(resolved: Mapping[str, object]) -> str:
     return hashlib.sha256(canonical.encode()).hexdigest()
 
 
-def versions() -> dict[str, str]:
-    """Versions of maskfab, Python, and the libraries that touch the numbers, as installed here."""
+def versions(*, extras: bool = False) -> dict[str, str]:
+    """Versions of maskfab, Python, and of every library that maskfab requires, as installed here: any of them may have
+    written into a file.
+
+    Args:
+        extras: name the libraries of its extras, too.
+    """
     found = {"maskfab": __version__, "python": platform.python_version()}
-    for name in _RELEVANT:
-        try:
-            found[name] = version(name)
-        except PackageNotFoundError:
+    for line in metadata.requires(__package__) or ():
+        asked = _REQUIREMENT.match(line)
+        if asked is None or (asked["extra"] and not extras):
             continue
+        with suppress(metadata.PackageNotFoundError):
+            found.setdefault(asked["name"], metadata.version(asked["name"]))
     return found
 
 

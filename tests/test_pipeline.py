@@ -93,6 +93,8 @@ def test_the_manifest_lists_every_other_file_with_its_hash(out):
         assert file["bytes"] == (out / file["path"]).stat().st_size
     assert manifest["seeds"] == {"TURNED": 3}
     assert manifest["versions"]["maskfab"] == maskfab.__version__
+    assert {"klayout", "cadquery", "manifold3d", "openimageio"} <= set(manifest["versions"])
+    assert not {"pytest", "dask"} & set(manifest["versions"])
 
 
 @pytest.mark.parametrize("name", ["SMALL.gds", "SMALL.oas", "SMALL_R12.dxf", "SMALL_R2010.dxf", "report.html"])

@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import re
 import struct
-from collections.abc import Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
 from datetime import date
 from enum import Enum
-from importlib import metadata
 from itertools import chain
 from pathlib import Path
 from types import BuiltinFunctionType, FunctionType
@@ -23,10 +20,6 @@ from pydantic import BaseModel
 from maskfab import provenance, resources
 
 _PLAIN = frozenset({int, float, bool, str, type(None)})
-
-
-_NAME = re.compile(r"[\w.-]+")
-"""At the start of a requirement."""
 
 
 class _Sum(Protocol):
@@ -49,22 +42,13 @@ def fingerprint(*values: object) -> str:
 
 @functools.cache
 def of_installation() -> str:
-    """Hexadecimal SHA-256 of this program's own files and of the versions of all libraries that it asks for."""
+    """Hexadecimal SHA-256 of this program's own files and of the versions of all libraries that it uses."""
     found = hashlib.sha256()
-    _add(found, sorted((provenance.versions() | dict(_libraries())).items()))
+    _add(found, sorted(provenance.versions(extras=True).items()))
     for folder in (Path(resources.__file__).resolve().parent, resources.path("export_templates")):
         for path in sorted(each for each in folder.rglob("*") if each.is_file() and each.suffix != ".pyc"):
             _add(found, (path.relative_to(folder).as_posix(), path.read_bytes()))
     return found.hexdigest()
-
-
-def _libraries() -> Iterator[tuple[str, str]]:
-    """Names and versions of libraries that are installed: any of them may write into a file that is kept."""
-    for line in metadata.requires(__package__.partition(".")[0]) or ():
-        name = _NAME.match(line)
-        with suppress(metadata.PackageNotFoundError):
-            if name is not None:
-                yield name[0], metadata.version(name[0])
 
 
 def _add(found: _Sum, value: object) -> None:

@@ -31,6 +31,7 @@ _OPTIONAL = {
     "rawpy": ("captures as RAW files", "raw"),
     "gerbonara": ("Gerber read back", "gerber"),
     "pycvvdp": ("ColorVideoVDP in maskfab render", "eye"),
+    "distributed": ("sweeps on a cluster", "cluster"),
 }
 _FORMATS = ("gds", "oas", "dxf")
 _LIMIT = 1e-9
