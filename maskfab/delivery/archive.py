@@ -13,8 +13,8 @@ from pathlib import Path, PurePosixPath
 
 from maskfab.errors import SourceError
 from maskfab.files.atomic import partial
+from maskfab.files.finished import RESULT_MARK
 
-MANIFEST = "manifest.json"
 _DATE = (1980, 1, 1, 0, 0, 0)
 _UNIX = 3
 _READABLE = 0o100644 << 16
@@ -65,7 +65,7 @@ def is_package(path: Path) -> bool:
         return not os.path.isdir(path)
     try:
         with zipfile.ZipFile(path) as archive:
-            return any(PurePosixPath(name).name == MANIFEST for name in archive.namelist())
+            return any(PurePosixPath(name).name == RESULT_MARK for name in archive.namelist())
     except _DAMAGE:
         return False
 
@@ -142,9 +142,9 @@ def _checked(members: Sequence[zipfile.ZipInfo], package: Path) -> dict[str, zip
             raise _unsafe(package, f"its member {member.filename!r} comes twice")
         folders.add(path.parts[0])
         named[path.name] = member
-    if len(folders) != 1 or MANIFEST not in named:
+    if len(folders) != 1 or RESULT_MARK not in named:
         raise SourceError(
-            "MF422", f"{package} has no folder with a {MANIFEST}", cure="Name a zip that maskfab package wrote"
+            "MF422", f"{package} has no folder with a {RESULT_MARK}", cure="Name a zip that maskfab package wrote"
         )
     return named
 

@@ -13,13 +13,14 @@ from typing import Any
 from maskfab import __version__, provenance
 from maskfab.comparison.files import compare_mask, plate_dots_row, read_mask
 from maskfab.comparison.plate_dots import check_dots
-from maskfab.delivery.archive import MANIFEST, safe_stem, unpack, write_package
+from maskfab.delivery.archive import safe_stem, unpack, write_package
 from maskfab.delivery.extents import file_box
-from maskfab.delivery.papers import JOB_COPY, PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
+from maskfab.delivery.papers import PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
 from maskfab.delivery.revision import check_earlier, check_same, package_stem, placed
 from maskfab.errors import InputError, JobError, OutputError, SourceError
 from maskfab.export.cell_polygons import CUT
 from maskfab.export.outputs import MASK_TAILS, PLATE_BITMAP_TAILS
+from maskfab.files.finished import JOB_COPY, RESULT_MARK
 from maskfab.files.staging import check_file, write_bytes, write_text
 from maskfab.job import Job, load_job
 from maskfab.jobfile import PLATE_BITMAPS, is_table
@@ -135,10 +136,10 @@ def pack(
             write_bytes(folder / name, content)
         files = (*masks, *(provenance.file_record(folder, folder / name, "paper") for name in made))
         manifest = {**package_facts(job, shop, drawn.figures, ordered.order), "files": [vars(file) for file in files]}
-        write_text(folder / MANIFEST, json.dumps(manifest, indent=1) + "\n")
+        write_text(folder / RESULT_MARK, json.dumps(manifest, indent=1) + "\n")
         check_same(zipped, manifest)
         _make_parents(zipped)
-        write_package(zipped, folder, [MANIFEST, *names, *made], stem, replace=force)
+        write_package(zipped, folder, [RESULT_MARK, *names, *made], stem, replace=force)
     return Package(zipped, findings, judged, files, ordered.order.missing)
 
 
@@ -208,10 +209,10 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
     """
     with _aside() as folder:
         names = unpack(Path(package), folder)
-        manifest = _manifest(folder / MANIFEST)
+        manifest = _manifest(folder / RESULT_MARK)
         listed = {str(row["path"]): str(row["sha256"]) for row in manifest["files"]}
         checks = [_hash(folder, name, digest) for name, digest in listed.items()]
-        for name in sorted(set(names) - set(listed) - {MANIFEST}):
+        for name in sorted(set(names) - set(listed) - {RESULT_MARK}):
             checks.append(Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False))
         try:
             house = _packed_shop(folder, Path(package), str(manifest.get("shop"))) if shop is None else shop
@@ -359,7 +360,7 @@ def _manifest(path: Path) -> Mapping[str, Any]:
             raise ValueError("it lists a file twice")
     except (OSError, ValueError, KeyError, TypeError, RecursionError) as error:
         raise SourceError(
-            "MF422", f"its {MANIFEST} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
+            "MF422", f"its {RESULT_MARK} cannot be used: {error!r}", cure="Name a zip that maskfab package wrote"
         ) from error
     return dict(manifest)
 

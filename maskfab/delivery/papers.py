@@ -11,8 +11,8 @@ from typing import Any
 import matplotlib as mpl
 
 from maskfab import __version__
-from maskfab.delivery.archive import MANIFEST
 from maskfab.export.cell_polygons import Figures
+from maskfab.files.finished import JOB_COPY, RESULT_MARK
 from maskfab.job import Job
 from maskfab.jobfile.shop_profile import Format, Shop, dump_shop
 from maskfab.mask_shops.dot_edges import DotEdges
@@ -25,8 +25,6 @@ from maskfab.model import Quantity, WrittenFile
 
 PROFILE = "shop.toml"
 """Name in a package of the profile of its shop."""
-JOB_COPY = "job.json"
-"""Name in a package of its job, with everything that the job names."""
 CERTIFICATE = "certificate.json"
 """Name in a package of the rules it was checked against, and of the result of reading its files back."""
 _VERSION = 2
@@ -132,7 +130,7 @@ def check_papers(
         said = manifest.get(key, own)
         if said != own:
             drawn_alike = False
-            method = f"{key} of {MANIFEST}; this is {own}, and what it would write otherwise is not judged"
+            method = f"{key} of {RESULT_MARK}; this is {own}, and what it would write otherwise is not judged"
             yield Quantity(f"manifest_{key}", _text(said), method)
     yield from _facts_held(ordered, manifest, ours=ours)
     if not ordered.masks:
@@ -157,7 +155,7 @@ def _facts_held(ordered: MaskOrder, manifest: Mapping[str, Any], *, ours: bool) 
     for key in dict.fromkeys((*wanted, *manifest)):
         if key not in (*_WRITERS, "files"):
             said, fact = (_text(known[key]) if key in known else "nothing" for known in (manifest, wanted))
-            method = f"{key} of {MANIFEST} against its job and profile"
+            method = f"{key} of {RESULT_MARK} against its job and profile"
             yield _compared(f"manifest_{key}", said, fact, method, judged=ours or key in _LASTING)
 
 
@@ -189,7 +187,7 @@ def _files_held(
         elif row["sha256"] == made[name].sha256:
             said, fact = (f"{each.get('format')}, {each.get('bytes')} bytes" for each in (row, vars(made[name])))
             if said != fact:
-                yield _compared("files", said, fact, f"what {MANIFEST} says of {name}", judged=True)
+                yield _compared("files", said, fact, f"what {RESULT_MARK} says of {name}", judged=True)
 
 
 def _compared(name: str, said: str, made: str, method: str, *, judged: bool) -> Quantity:

@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from maskfab.delivery.archive import MANIFEST, is_package, safe_stem, unpack
+from maskfab.delivery.archive import is_package, safe_stem, unpack
 from maskfab.errors import InputError, OutputError
+from maskfab.files.finished import RESULT_MARK
 
 
 def package_stem(plate: str, shop: str, revision: str | None) -> str:
@@ -52,7 +53,7 @@ def check_same(target: Path, manifest: Mapping[str, Any]) -> None:
     other = sorted(name for name in {**hashes[0], **hashes[1]} if hashes[0].get(name) != hashes[1].get(name))
     raise OutputError(
         "MF406",
-        f"{target} holds {_told(revision)} already, and other contents: {', '.join(other) or MANIFEST}",
+        f"{target} holds {_told(revision)} already, and other contents: {', '.join(other) or RESULT_MARK}",
         cure="Raise order.revision in the job; or move the package elsewhere if nobody has received it",
     )
 
@@ -68,7 +69,7 @@ def _manifest(target: Path) -> dict[str, Any] | None:
     try:
         with tempfile.TemporaryDirectory(prefix="maskfab-package-") as folder:
             unpack(target, Path(folder))
-            held = json.loads((Path(folder) / MANIFEST).read_text(encoding="utf-8"))
+            held = json.loads((Path(folder) / RESULT_MARK).read_text(encoding="utf-8"))
     except (InputError, ValueError):
         return None
     return held if isinstance(held, dict) else None

@@ -6,8 +6,8 @@ import json
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator
 from once import figures_in_words
-from report.test_report_data import check
 from small_job import command, write_job
 
 from maskfab.errors import SourceError
@@ -55,7 +55,7 @@ def test_a_measurement_stands_in_the_report_of_its_die_and_is_verified(capsys, p
         document = json.loads((tmp_path / "out" / "report.json").read_text(encoding="utf-8"))
         plain, turned = document["dies"]
         assert "measured" not in plain
-        check(turned["measured"], measured_schema(), {}, "measured")
+        Draft202012Validator(measured_schema()).validate(turned["measured"])
         rows = {row["frequency_cy_per_mm"]: row for row in turned["measured"]["mtf"]}
         assert list(rows) == [25.0, 62.5, 125.0]
         assert rows[25.0]["captured"] == pytest.approx(np.exp(-25 / 60), rel=1e-3)

@@ -2,10 +2,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
+from jsonschema import Draft202012Validator, ValidationError
 
 from maskfab import __version__
 from maskfab.errors import InternalError
@@ -60,8 +60,8 @@ def test_quantity_names_wavelength_and_die_only_where_they_apply(document):
 
 def test_document_is_what_its_schema_says(document):
     rules = schema()
-    check(document, rules, rules["$defs"], "report")
-    check(json.loads(report_text(document)), rules, rules["$defs"], "report")
+    Draft202012Validator(rules).validate(document)
+    Draft202012Validator(rules).validate(json.loads(report_text(document)))
 
 
 @pytest.mark.parametrize(
@@ -76,14 +76,14 @@ def test_document_is_what_its_schema_says(document):
 )
 def test_a_stop_of_any_shape_is_told_whole(run, stop, facts):
     document = json.loads(report_text(to_document(run.report, run.plate, replace(run.camera, stop=stop))))
-    check(document, schema(), schema()["$defs"], "report")
+    Draft202012Validator(schema()).validate(document)
     assert document["camera"]["stop"] == {"shape": stop.shape, "diameter_um": stop.diameter_um, **facts}
 
 
 def test_a_scene_is_what_the_schema_says(run, seen):
     document = json.loads(report_text(to_document(run.report, run.plate, run.camera, seen)))
     rules = schema()
-    check(document, rules, rules["$defs"], "report")
+    Draft202012Validator(rules).validate(document)
     plain, turned = document["dies"]
     assert "scene" not in plain
     scene, (optics,) = turned["scene"], seen
@@ -96,8 +96,8 @@ def test_a_scene_is_what_the_schema_says(run, seen):
 
 def test_schema_refuses_what_the_contract_does_not_know(document):
     rules = schema()
-    with pytest.raises(AssertionError, match="surplus"):
-        check({**document, "surplus": 1}, rules, rules["$defs"], "report")
+    with pytest.raises(ValidationError, match="surplus"):
+        Draft202012Validator(rules).validate({**document, "surplus": 1})
 
 
 def test_equal_documents_give_equal_text_that_reads_back_exactly(run, document):
@@ -130,41 +130,3 @@ def test_numbers_that_json_cannot_say_are_refused_with_their_place(run, bad):
 def test_report_and_plate_must_have_the_same_dies(run):
     with pytest.raises(InternalError, match="PLAIN"):
         to_document(replace(run.report, dies={}), run.plate, run.camera)
-
-
-def check(value: Any, rules: dict[str, Any], shared: dict[str, Any], where: str) -> None:
-    """The part of JSON Schema that the report's schema uses."""
-    if "$ref" in rules:
-        rules = shared[rules["$ref"].removeprefix("#/$defs/")]
-    if "anyOf" in rules:
-        rules = next(one for one in rules["anyOf"] if (one.get("type") == "null") == (value is None))
-    if "const" in rules:
-        assert value == rules["const"], where
-    if "enum" in rules:
-        assert value in rules["enum"], where
-    names = rules.get("type", [])
-    names = [names] if isinstance(names, str) else names
-    assert not names or any(_is_a(value, name) for name in names), f"{where} is {value!r}, not {names}"
-    if isinstance(value, list):
-        assert rules.get("minItems", 0) <= len(value) <= rules.get("maxItems", len(value)), where
-        for index, item in enumerate(value):
-            check(item, rules["items"], shared, f"{where}[{index}]")
-    if isinstance(value, dict):
-        known, more = rules.get("properties", {}), rules["additionalProperties"]
-        assert set(rules.get("required", ())) <= set(value), where
-        for key, item in value.items():
-            assert key in known or more, f"surplus {where}.{key}"
-            check(item, known.get(key, more), shared, f"{where}.{key}")
-
-
-def _is_a(value: Any, name: str) -> bool:
-    kinds = {
-        "object": dict,
-        "array": list,
-        "string": str,
-        "boolean": bool,
-        "integer": int,
-        "number": int | float,
-        "null": type(None),
-    }
-    return isinstance(value, kinds[name]) and (name == "boolean" or not isinstance(value, bool))
