@@ -725,9 +725,10 @@ def draw_pictures(
             more.append(Figures(name, design_figures.pictures, (found.restored.dies[name],)))
         if name in found.written:
             more.append(Figures(name, written_figures.pictures, (found.written[name],)))
-    best = _most_invertible(found.optics)
-    overview = crew.submit(die_figures.overview, lambda: (found.plate, document, best))
-    pictures = die_figures.pictures(found.plate, found.optics, document, more, crew)
+    shown, best = _most_invertible(found.optics), front.best(document)
+    overview = crew.submit(die_figures.overview, lambda: (found.plate, document, shown))
+    stressed = () if isinstance(best, str) else best.shown
+    pictures = die_figures.pictures(found.plate, found.optics, document, more, crew, stressed)
     return overview.result(), pictures
 
 

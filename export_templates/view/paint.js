@@ -23,11 +23,11 @@ const LOOKS = {
   GREEN: { fill: "#009e73", hatch: "falling" },
   BLUE: { fill: "#0072b2", hatch: "upright" },
   VEIL: { fill: "#f0e442", hatch: "rising" },
-  WIRE1: { fill: "#e69f00", hatch: "level" },
+  WIRE1: { fill: "#ffc857", hatch: "level" },
   WIRE2: { fill: "#cc79a7", hatch: "upright" },
 };
 const OTHERS = [
-  { fill: "#e69f00", hatch: "cross" }, { fill: "#cc79a7", hatch: "cross" }, { fill: "#f0e442", hatch: "cross" },
+  { fill: "#ffc857", hatch: "cross" }, { fill: "#cc79a7", hatch: "cross" }, { fill: "#f0e442", hatch: "cross" },
 ];
 const HATCHES = {
   rising: [[0, 8, 8, 0], [-2, 2, 2, -2], [6, 10, 10, 6]],

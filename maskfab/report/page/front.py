@@ -70,6 +70,11 @@ class Best:
     missing: str
 
     @property
+    def shown(self) -> tuple[str, ...]:
+        """The reference, if there is one, and the best die: those whose pictures stand for all."""
+        return tuple(dict.fromkeys(each for each in (self.reference, self.name) if each is not None))
+
+    @property
     def gain_words(self) -> str:
         """Interval and photographs of the gain, in words."""
         if self.gain is None:
@@ -157,8 +162,7 @@ def crops(document: Document, found: Best | str) -> Iterator[tuple[str, str]]:
     if isinstance(found, str):
         return
     taken = document["photographs"]
-    names = dict.fromkeys(each for each in (found.reference, found.name) if each is not None)
-    for name in names:
+    for name in found.shown:
         role = "reference" if name == found.reference else "best"
         yield name, f"{name} ({role}): {scores(taken, found.level_db)[name][0]:.1f} dB"
 

@@ -38,6 +38,8 @@ _GREYS = np.linspace((0x2F, 0x34, 0x3C), (255, 255, 255), 64).round().astype(np.
 # Okabe and Ito's set, told apart by all common kinds of colour vision; line styles tell the curves apart in grey.
 OKABE_ITO = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours of curves."""
+# Tol's muted set has three more that differ from these.
+_OF_OPENINGS = (*OKABE_ITO, "#882255", "#999933", "#332288")
 _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
     {
         "horizontal": ("horizontal", "#0072B2", "-", 1.1),
@@ -48,6 +50,11 @@ _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
         "radial_min": ("radial minimum", "#000000", (0, (4, 2)), 1.1),
     }
 )
+_MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
+_LOWEST = 5e-3
+"""MTF at the lower edge of the comparison of dies; what is lower is drawn there."""
+_NAME = 0.045
+"""From one name beside it to the next, of its height."""
 _POWERS = ("1", "10⁻¹", "10⁻²", "10⁻³", "10⁻⁴", "10⁻⁵", "10⁻⁶")
 
 
@@ -57,6 +64,7 @@ def pictures(
     document: Mapping[str, Any],
     more: Sequence[Figures] = (),
     crew: Alone | None = None,
+    stressed: Sequence[str] = (),
 ) -> dict[str, dict[str, str]]:
     """Every figure of a report: by die name, then by figure name; the whole plate's under :data:`PLATE`.
 
@@ -66,10 +74,11 @@ def pictures(
         document: the report's.
         more: what else there is to draw.
         crew: who draws.
+        stressed: dies that the comparison of all shows before the others.
     """
     field_nm = 3 * max((item.die.panel.pitch_nm for item in dies), default=1)
     peak = max((float(_middle(_finest(item.psfs)).values.max()) for item in dies), default=1.0)
-    drawn = [Figures(PLATE, of_plate, (plate, _failed_dies(document), dies))]
+    drawn = [Figures(PLATE, of_plate, (plate, _failed_dies(document), dies, tuple(stressed)))]
     drawn += [Figures(item.die.name, of_die, (item, field_nm, peak)) for item in dies]
     drawn += more
     found: dict[str, dict[str, str]] = {each.die: {} for each in drawn}
@@ -98,11 +107,13 @@ class Figures:
         return self.given
 
 
-def of_plate(plate: Plate, failed: frozenset[str], dies: Sequence[DieOptics]) -> dict[str, str]:
-    """The figures of a whole plate, dies that ``failed`` a check marked."""
+def of_plate(
+    plate: Plate, failed: frozenset[str], dies: Sequence[DieOptics], stressed: Sequence[str]
+) -> dict[str, str]:
+    """The figures of a whole plate, dies that ``failed`` a check marked, those ``stressed`` drawn thick."""
     whole = {"drawing": plate_drawing(plate, failed).img()}
     if dies:
-        whole["mtf"] = mtf_comparison(dies).img()
+        whole["mtf"] = mtf_comparison(dies, stressed).img()
     return whole
 
 
@@ -116,6 +127,7 @@ def of_die(item: DieOptics, field_nm: int, peak: float) -> dict[str, str]:
         "mtf": mtf(item.mtfs).img(),
         "panel_small": panel_thumbnail(item.die.panel, field_nm),
         "psf_small": psf_thumbnail(_middle(_finest(item.psfs)), peak),
+        "psf_own_peak": psf_thumbnail(_middle(_finest(item.psfs))),
     }
 
 
@@ -185,30 +197,72 @@ def mtf(mtfs: Sequence[Mtf]) -> Drawing:
 
 
 @styled
-def mtf_comparison(dies: Sequence[DieOptics]) -> Drawing:
-    """Radial-minimum MTF of every die at its middle wavelength: colour says the opening, line style the tiling."""
-    figure = Figure(figsize=(10.8, 3.9))
-    axes = place(figure, (0.7, 0.5, 8.2, 2.7))
+def mtf_comparison(dies: Sequence[DieOptics], stressed: Sequence[str] = ()) -> Drawing:
+    """Radial-minimum MTF of every die at its middle wavelength, each with its name at the end of its curve.
+
+    Colour says the opening, dashes a tiling that turns it; marks and names tell the dies apart in grey, too.
+
+    Args:
+        dies: to compare.
+        stressed: names of those whose curves are thick.
+    """
+    figure = Figure(figsize=(10.8, 4.6))
+    axes = place(figure, (0.7, 0.5, 8.2, 3.4))
     names = list(dict.fromkeys(item.die.panel.opening.name for item in dies))
-    widest = max(item.die.panel.pitch_nm for item in dies)
-    for item in dies:
-        panel, curve = item.die.panel, _middle(item.mtfs)
+    for number, item in enumerate(dies):
+        panel, curve, thick = item.die.panel, _middle(item.mtfs), item.die.name in stressed
+        colour = _OF_OPENINGS[names.index(panel.opening.name) % len(_OF_OPENINGS)]
+        every = max(len(curve.frequency_cy_per_mm) // 5, 1)
         axes.plot(
             curve.frequency_cy_per_mm,
-            np.maximum(curve.cuts["radial_min"], 1e-6),
-            color=OKABE_ITO[names.index(panel.opening.name) % len(OKABE_ITO)],
+            np.clip(curve.cuts["radial_min"], _LOWEST, 1.0),
+            color=colour,
             linestyle="-" if panel.tiling is Tiling.PERIODIC else (0, (4, 1.5)),
-            linewidth=1.6 if panel.pitch_nm > 0.9 * widest else 0.9,
+            linewidth=2.4 if thick else 0.9,
+            marker=_MARKS[number % len(_MARKS)],
+            markevery=(every * (number + 1) // (len(dies) + 1), every),  # those of two dies do not meet
+            markersize=6 if thick else 4.5,
+            markerfacecolor=colour if thick else "white",
+            zorder=3 if thick else 2,
             label=item.die.name,
         )
     _dress_mtf(axes, _middle(dies[0].mtfs))
     # What restoration can bring back is decided near zero, which a linear axis hides.
     axes.set_yscale("log")
-    axes.set(ylim=(1e-3, 1), ylabel="MTF (log)", yticks=(1, 0.1, 0.01, 1e-3), yticklabels=("1", "0.1", "0.01", "0.001"))
+    axes.set(ylim=(_LOWEST, 1), ylabel="MTF (log)", yticks=(1, 0.1, 0.01), yticklabels=("1", "0.1", "0.01"))
     axes.yaxis.set_minor_formatter(NullFormatter())
     axes.set_title(f"{_middle(dies[0].mtfs).wavelength_nm:g} nm, lowest over all directions", loc="left", pad=30)
-    figure.legend(loc="center right", fontsize=7.5)
+    _name_ends(axes)
     return Drawing(figure, f"Radial-minimum MTF of {len(dies)} dies")
+
+
+def _name_ends(axes: Axes) -> None:
+    """Names of the curves beside the right edge, at the heights where they end, or as near as they can be read."""
+    curves = axes.get_lines()
+    within = axes.transData + axes.transAxes.inverted()
+    ends = [float(within.transform((curve.get_xdata()[-1], curve.get_ydata()[-1]))[1]) for curve in curves]
+    order = np.argsort(ends, kind="stable")
+    for index, height in zip(order, spread([ends[k] for k in order], _NAME, 0.0, 1.0), strict=True):
+        curve = curves[index]
+        shared: dict[str, Any] = {"transform": axes.transAxes, "color": curve.get_color(), "clip_on": False}
+        axes.plot([1, 1.02, 1.03], [ends[index], height, height], linewidth=0.6, **shared)
+        mark = {"marker": curve.get_marker(), "markerfacecolor": curve.get_markerfacecolor(), "markersize": 4.5}
+        axes.plot([1.04], [height], **mark, **shared)
+        weight = "bold" if curve.get_linewidth() > 2 else "normal"
+        name = str(curve.get_label())
+        axes.text(1.055, height, name, transform=axes.transAxes, va="center", fontsize=7.5, weight=weight)
+
+
+def spread(wanted: Sequence[float], apart: float, low: float, high: float) -> list[float]:
+    """Rising heights moved until they are ``apart``, between two bounds; below the lower one if there is no room."""
+    found: list[float] = []
+    for each in wanted:
+        found.append(max(each, low, *(last + apart for last in found[-1:])))
+    top = high
+    for index in reversed(range(len(found))):
+        found[index] = min(found[index], top)
+        top = found[index] - apart
+    return found
 
 
 @styled
@@ -226,8 +280,8 @@ def panel_thumbnail(panel: Panel, side_nm: int, pixels: int = 108, kind: str = "
     return img(png.data_uri(png.png(levels, _GREYS)), f"Cells of opening {panel.opening.name}", kind)
 
 
-def psf_thumbnail(psf: Psf, peak: float, pixels: int = 97) -> str:
-    """A small picture of a PSF over the decades below ``peak``."""
+def psf_thumbnail(psf: Psf, peak: float | None = None, pixels: int = 97) -> str:
+    """A small picture of a PSF over the decades below ``peak``, its own if None."""
     levels = np.rint((png.log_intensity(psf, pixels, peak) / png.DECADES + 1) * 255).astype(np.uint8)
     magma = (mpl.colormaps["magma"](np.arange(256))[:, :3] * 255).round().astype(np.uint8)
     return img(png.data_uri(png.png(levels, magma)), f"PSF at {psf.wavelength_nm:g} nm", "small")

@@ -37,7 +37,7 @@ _FILL: dict[Layer, str] = {
     EMITTERS[0]: "#d55e00",
     EMITTERS[1]: "#009e73",
     EMITTERS[2]: "#0072b2",
-    WIRES[0]: "#e69f00",
+    WIRES[0]: "#ffc857",  # paler than the upper metal, which grey shows
     WIRES[1]: "#cc79a7",
     VEIL: "#f0e442",
 }
