@@ -379,8 +379,23 @@ class Findings:
         }
         photographs = photograph_data.photographs_document(self.restored)
         return report_data.to_document(
-            report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs, self._of_dies()
-        )
+            report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs, self._of_dies(),
+            self._expected_s(),
+        )  # fmt: skip
+
+    def _expected_s(self) -> dict[str, dict[str, float]]:
+        """Seconds that the models of every die are expected to take, by constants: equal runs tell equal numbers."""
+        around = Surroundings.of(self.job)
+        known: dict[str, dict[str, float]] = {}
+        for optics in self.optics:
+            die = optics.die
+            models = {
+                "optics": expected(measure_with_bar, (die, self.job.camera)),
+                "written": expected(measure_written, ()) if die.name in self.written else None,
+                "photographs": expected(photograph_die, (self.restored.conditions, around)),
+            }
+            known[die.name] = {name: seconds for name, seconds in models.items() if seconds}
+        return known
 
     def _of_dies(self) -> dict[str, report_data.Document]:
         """The measurement, by the die that it is of."""

@@ -56,7 +56,7 @@ def test_the_front_names_the_best_die_its_gain_and_how_sure_it_is(run):
     expected = MeanDifference.of([one - two for one, two in zip(B, A, strict=True)])
     assert (found.name, found.gain, found.ties) == ("TURNED", expected, ())
     words = front_of(document)
-    assert f"+5.2 ± {expected.half_width:.1f} dB restored PSNR over PLAIN, the first die" in words
+    assert f"+5.2 ± {expected.half_width:.1f} dB restored PSNR over PLAIN, the first die of the job" in words
     assert "95 % interval by Student's t of the paired differences over 3 photographs, at 32 dB" in words
     assert "Every other die is worse" in words
     assert "sensor: full well 15506 electrons" in words
@@ -66,7 +66,7 @@ def test_the_front_names_the_best_die_its_gain_and_how_sure_it_is(run):
 def test_dies_that_cannot_be_told_apart_are_tied(run):
     document = document_of(run, taken(PLAIN=A, TURNED=(20.5, 24.8, 30.3)))
     words = front_of(document)
-    assert "Tied with it: PLAIN." in words
+    assert "Tied with it: PLAIN. They may be as good, for the 95 % interval of the paired difference includes 0." in words
     assert "a tie, for the interval holds 0" in words
     assert not any(line.best for line in die_table(document).lines)
 
@@ -80,7 +80,7 @@ def test_one_photograph_gives_no_interval(run):
 def test_a_reference_that_the_job_names_is_said_to_be_its_own(run):
     words = front_of(document_of(run, taken(PLAIN=A, TURNED=B, stated="PLAIN")))
     assert "over PLAIN, the job's reference" in words
-    assert "names another" not in words
+    assert "To compare with another die" not in words
 
 
 @pytest.mark.parametrize(
@@ -106,7 +106,7 @@ def test_displays_that_do_not_fit_are_no_pass(run):
     counts = {"dies": 12, "fits": 1, "does_not_fit": 6, "unknown": 5, "verdict": "DOES NOT FIT"}
     display = stamps({**document, "verdicts": {**document["verdicts"], "display": counts}})[2]
     assert (display.mood, display.sign, display.word) == ("bad", "✗", "1 OF 12 FIT")
-    assert display.told == "6 do not fit, 5 unknown"
+    assert display.told == "6 do not fit, 5 are unknown"
     open_ = {**counts, "does_not_fit": 0, "verdict": "UNKNOWN"}
     assert stamps({**document, "verdicts": {**document["verdicts"], "display": open_}})[2].mood == "open"
 

@@ -3,13 +3,17 @@ from __future__ import annotations
 import base64
 import io
 import re
+from dataclasses import replace
 from html import unescape
+from itertools import pairwise
 from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import matplotlib as mpl
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.image import imread
 
@@ -39,7 +43,43 @@ def embedded(image: str) -> list[np.ndarray]:
 def test_every_die_and_the_plate_have_their_pictures(run, drawn):
     assert set(drawn) == {die_figures.PLATE, "PLAIN", "TURNED"}
     assert set(drawn[die_figures.PLATE]) == {"drawing", "mtf"}
-    assert set(drawn["PLAIN"]) == {"opening", "panel", "psf", "mtf", "panel_small", "psf_small"}
+    assert set(drawn["PLAIN"]) == {"opening", "panel", "psf", "mtf", "panel_small", "psf_small", "psf_own_peak"}
+
+
+def test_a_dim_psf_is_dim_on_the_common_scale_and_whole_by_its_own_peak(run):
+    psf = run.optics[0].psfs[0]
+    bright = die_figures.psf_thumbnail(psf, 1000 * float(psf.values.max()))
+    own = die_figures.psf_thumbnail(psf)
+    level = {name: picture(image)[..., :3].sum(axis=2).max() for name, image in (("bright", bright), ("own", own))}
+    assert level["bright"] < 0.7 * level["own"]
+    assert die_figures.psf_thumbnail(replace(psf, values=psf.values * 1e-3)) == own
+
+
+def picture(image: str) -> np.ndarray:
+    (data,) = re.findall("data:image/png;base64,([A-Za-z0-9+/=]+)", image)
+    return imread(io.BytesIO(base64.b64decode(data)), format="png")
+
+
+def test_dies_are_told_apart_in_grey_by_names_marks_and_thickness(run):
+    dies = [replace(item, die=replace(item.die, name=f"{item.die.name}{k}")) for k in range(6) for item in run.optics]
+    names = [item.die.name for item in dies]
+    sheet = die_figures.mtf_comparison(dies, names[3:4]).figure
+    curves = {line.get_label(): line for line in sheet.axes[0].get_lines() if line.get_label() in names}
+    assert len({curve.get_marker() for curve in curves.values()}) == len(dies)
+    assert [name for name in names if curves[name].get_linewidth() > 2] == names[3:4]
+    heights = sorted(text.get_position()[1] for text in sheet.axes[0].texts if text.get_text() in names)
+    assert len(heights) == len(dies)
+    assert min(np.diff(heights)) > 0.04
+
+
+@given(st.lists(st.floats(0, 1), min_size=1, max_size=15).map(sorted))
+def test_names_beside_curves_stay_apart_and_in_order_and_where_they_were_if_there_is_room(wanted):
+    found = die_figures.spread(wanted, 0.05, 0.0, 1.0)
+    assert min(found) >= -1e-9
+    assert max(found) <= 1
+    assert all(later - sooner >= 0.05 - 1e-9 for sooner, later in pairwise(found))
+    if all(later - sooner >= 0.05 for sooner, later in pairwise(wanted)):
+        assert found == pytest.approx(wanted)
 
 
 def test_which_process_draws_does_not_show(run, drawn):

@@ -28,7 +28,7 @@ def page(run, document):
 class Reader(HTMLParser):
     """Tags that are open, and every attribute that could fetch something."""
 
-    VOID = frozenset({"meta", "img", "br"})
+    VOID = frozenset({"meta", "img", "br", "input"})
 
     def __init__(self):
         super().__init__()

@@ -32,6 +32,9 @@ SCHEMA_VERSION = 5
 
 Document = dict[str, Any]
 
+EXPECTED = ("optics", "written", "photographs")
+"""Models whose time is told with a die; that of its scene is told with the scene's plan."""
+
 NO_DISPLAYS: Mapping[str, Feasibility] = MappingProxyType({})
 NO_DESIGNS: Mapping[str, Document] = MappingProxyType({})
 
@@ -45,13 +48,15 @@ def to_document(
     designs: Mapping[str, Document] = NO_DESIGNS,
     photographs: Document | None = None,
     measured: Mapping[str, Document] = NO_DESIGNS,
+    expected_s: Mapping[str, Mapping[str, float]] = NO_DESIGNS,
 ) -> Document:
     """The report.json of one run, of plain Python types throughout.
 
     ``scenes``, ``displays``, ``designs`` and ``measured`` are those of dies that have one; a design is a document of
     :func:`maskfab.report.documents.design_data.design_document`, ``photographs`` one of
     :func:`maskfab.report.documents.photograph_data.photographs_document`, and a measurement one of
-    :meth:`maskfab.report.documents.measured_data.Beside.of_die`.
+    :meth:`maskfab.report.documents.measured_data.Beside.of_die`. ``expected_s`` is the time that models of a die are
+    expected to take, by die and model.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
 
@@ -75,6 +80,7 @@ def to_document(
         "dies": [
             _die(die, report.dies[die.name], of_die.get(die.name), displays.get(die.name), designs.get(die.name))
             | ({"measured": measured[die.name]} if die.name in measured else {})
+            | ({"expected_seconds": expected_s[die.name]} if die.name in expected_s else {})
             for die in plate.dies
         ],
         "plate": [quantity_document(quantity) for quantity in report.plate],
@@ -136,8 +142,10 @@ def schema() -> Document:
             "display": display_schema(),
             "design": design_schema(),
             "measured": measured_schema(),
+            "expected_seconds": closed_object(dict.fromkeys(EXPECTED, number), optional=EXPECTED)
+            | {"description": "of one thread of the machine of the reference numbers, for each model of the die"},
         },
-        optional=("scene", "display", "design", "measured"),
+        optional=("scene", "display", "design", "measured", "expected_seconds"),
     )
     camera = closed_object(
         {

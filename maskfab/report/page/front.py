@@ -93,14 +93,17 @@ class Best:
         if not self.ties:
             return "Every other die is worse: no interval of its paired difference holds 0."
         who = "all other dies" if len(self.ties) == self.others and self.others > 1 else ", ".join(self.ties)
-        return f"Tied with it: {who}. The intervals of their paired differences hold 0."
+        worse = self.others - len(self.ties)
+        rest = f" The other {f'{worse} dies are' if worse > 1 else 'die is'} worse." if worse else ""
+        how = f"the {100 * CONFIDENCE:g} % interval of the paired difference includes 0"
+        return f"Tied with it: {who}. They may be as good, for {how}.{rest}"
 
 
 def stamps(document: Document) -> tuple[Stamp, Stamp, Stamp]:
     """Of files, optics and displays."""
     verdicts = document["verdicts"]
     shops = sorted({row["name"] for row in document["checks"] if row["name"].startswith("shop_")})
-    house = f"{len(shops)} rules of the mask house" if shops else "no mask house named"
+    house = f"{len(shops)} rules of the mask house" if shops else "rules of a mask house not asked for"
     return (
         _of_checks("FILES", verdicts["files"], ("CAN BE ORDERED", "DO NOT ORDER"), f"; {house}"),
         _of_checks("OPTICS", verdicts["optics"], ("PROVED", "NOT PROVED"), " on the files read back"),
@@ -179,7 +182,11 @@ def _of_displays(counts: Document) -> Stamp:
     verdict, dies = counts["verdict"], counts["dies"]
     if verdict is None:
         return Stamp("DISPLAY", "NOT JUDGED", "open", "the job has no [emitters]")
-    rest = [f"{counts[key]} {words}" for key, words in (("does_not_fit", "do not fit"), ("unknown", "unknown"))]
+    rest = [
+        f"{number} {words[number != 1]}"
+        for key, words in (("does_not_fit", ("does not fit", "do not fit")), ("unknown", ("is unknown", "are unknown")))
+        if (number := counts[key])
+    ]
     if verdict == Verdict.FITS:
         return Stamp("DISPLAY", "FITS", "good", f"on {counts['fits']} of {dies} dies")
     mood: Mood = "bad" if verdict == Verdict.DOES_NOT_FIT else "open"

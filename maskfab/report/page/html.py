@@ -19,6 +19,7 @@ from maskfab.report.page.die_table import die_table
 from maskfab.report.page.environment import page_environment
 from maskfab.report.page.front import assumed, best, crops, stamps
 from maskfab.report.page.glossary import WORDS
+from maskfab.report.page.model_table import model_table
 from maskfab.report.page.photograph_table import photograph_table
 from maskfab.report.page.stage_table import stage_table
 from maskfab.report.plots import die_figures
@@ -119,6 +120,7 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         table=die_table(document),
         photographs=photograph_table(document["photographs"]) if "photographs" in document else None,
         middle_nm=middle_nm,
+        model_table=lambda die: model_table(die, document.get("photographs", {}).get("levels_db", [])),
         stage_table=lambda die: stage_table(die, middle_nm),
         wavelengths=_wavelengths,
         lines=_lines,
