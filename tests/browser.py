@@ -1,4 +1,4 @@
-"""A browser without a window, which loads a page and prints what its scripts have made of it."""
+"""A browser without a window, which loads a page, tells what its scripts have made of it, and prints it on paper."""
 
 from __future__ import annotations
 
@@ -21,7 +21,6 @@ FLAGS = (
     "--disable-component-update",
     "--disable-sync",
     "--disable-dev-shm-usage",
-    "--dump-dom",
 )
 PATIENCE_S = 60
 
@@ -36,17 +35,33 @@ def installed() -> str:
 
 def dumped(browser: str, page: Path, home: Path, *flags: str) -> str:
     """Text of a page after its scripts; skips where the browser itself does not work."""
+    text, _ = _said(browser, page, home, "--dump-dom", *flags)
+    if "</html>" not in text:
+        pytest.skip(f"{browser} shows no page here")
+    return text
+
+
+def printed(browser: str, page: Path, home: Path) -> tuple[bytes, str]:
+    """A page on paper, as PDF, and what the browser's log says; skips where the browser itself does not print."""
+    paper = home.with_suffix(".pdf")
+    _, log = _said(
+        browser, page, home, "--no-pdf-header-footer", f"--print-to-pdf={paper}", "--enable-logging=stderr", "--v=0"
+    )
+    if not paper.exists():
+        pytest.skip(f"{browser} prints no page here")
+    return paper.read_bytes(), log
+
+
+def _said(browser: str, page: Path, home: Path, *flags: str) -> tuple[str, str]:
     command = [browser, *FLAGS, *flags, f"--user-data-dir={home}", page.as_uri()]
     with subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, stdin=subprocess.DEVNULL, start_new_session=True
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, stdin=subprocess.DEVNULL, start_new_session=True
     ) as process:
         try:
-            text = process.communicate(timeout=PATIENCE_S)[0].decode(errors="replace")
+            told, log = process.communicate(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
             # Its helpers hold the pipe open, so the whole of its own group goes.
             with suppress(ProcessLookupError):
                 os.killpg(process.pid, signal.SIGKILL)
             pytest.skip(f"{browser} showed no page within {PATIENCE_S} s")
-    if "</html>" not in text:
-        pytest.skip(f"{browser} shows no page here")
-    return text
+    return told.decode(errors="replace"), log.decode(errors="replace")

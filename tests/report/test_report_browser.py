@@ -1,4 +1,7 @@
-"""The report in a browser, on a desk and on a telephone: its front is in sight, and nothing runs or is fetched."""
+"""The report in a browser, on a desk, on a telephone and on paper: nothing is out of sight, runs or is fetched.
+
+Paper is looked at twice: as a PDF, and as a window of the width of A4 between its margins, with the style of print.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from browser import dumped, installed
+from browser import dumped, installed, printed
 from report.conftest import MARKUP
 from report.test_front import A, B, taken
 
@@ -18,6 +21,10 @@ from maskfab.report.page import html
 from maskfab.report.plots import design_figures, die_figures
 
 DESK, TELEPHONE = (1280, 900), (390, 844)
+PAPER = (688, 1016)
+"""A4 without margins of 14 mm, at 96 pixels an inch."""
+A4_PT = (595, 842)
+EVERYWHERE = pytest.mark.parametrize("size", [DESK, TELEPHONE, PAPER], ids=["desk", "telephone", "paper"])
 LOOK = """
 const told = {};
 const frames = [...document.querySelectorAll("iframe")];
@@ -35,7 +42,20 @@ for (const frame of frames) {
       && frame.contentWindow.getComputedStyle(each).overflowX === "hidden").length,
     psnr: cells.map(each => each.getBoundingClientRect().right),
     pictures: [...page.images].filter(each => !each.complete || !each.naturalWidth).length,
-    scripts: page.scripts.length,
+    scripts: page.scripts.length
+      + [...page.querySelectorAll("*")].filter(each => each.getAttributeNames().some(name => /^on/.test(name))).length,
+    text: page.querySelector("header").innerText,
+    beyond: [...page.querySelectorAll("body *")].filter(each => each.getBoundingClientRect().right > wide + 1)
+      .map(each => each.outerHTML.slice(0, 80)),
+    unfolded: [...page.querySelectorAll("details")].filter(each => each.querySelector("table").checkVisibility(
+      { contentVisibilityAuto: true })).map(each => each.querySelector("summary").textContent),
+    psfs: ["on-one-scale", "by-own-peak"].map(scale => [...page.querySelectorAll(`.psfs .${scale}`)]
+      .filter(each => each.checkVisibility()).length),
+    asked: (() => {
+      page.querySelector("#own-peak").click();
+      return ["on-one-scale", "by-own-peak"].map(scale => [...page.querySelectorAll(`.psfs .${scale}`)]
+        .filter(each => each.checkVisibility()).length);
+    })(),
     fetched: frame.contentWindow.performance.getEntriesByType("resource").filter(each => !each.name.startsWith("data:"))
       .length,
   };
@@ -48,9 +68,8 @@ document.body.append(pre);
 
 
 @pytest.fixture(scope="module")
-def looked(run, tmp_path_factory):
-    """What a browser sees of one report, by the width of its window."""
-    browser, place = installed(), tmp_path_factory.mktemp("report")
+def page(run):
+    """A report with photographs and a hostile title."""
     report = replace(run.report, title=f"{MARKUP} LONG TITLE OF A PLATE WITH EIGHTY CHARACTERS, FOR A")
     document = to_document(report, run.plate, run.camera, photographs=taken(PLAIN=A, TURNED=B))
     pictures = die_figures.pictures(run.plate, run.optics, document)
@@ -58,19 +77,26 @@ def looked(run, tmp_path_factory):
     pictures[die_figures.PLATE]["front_truth"] = design_figures.tile(scene, "truth")
     for name in ("PLAIN", "TURNED"):
         pictures[name]["front"] = design_figures.tile(scene, f"through {name}")
-    shown = markup.escape(html.html_page(document, pictures))
+    return html.html_page(document, pictures)
+
+
+@pytest.fixture(scope="module")
+def looked(page, tmp_path_factory):
+    """What a browser sees of one report, by the width of its window."""
+    browser, place = installed(), tmp_path_factory.mktemp("report")
+    on_paper = page.replace("@media print", "@media all").replace("@media screen", "@media speech")
     frames = "".join(
-        f'<iframe style="border: 0; width: {wide}px; height: {high}px" srcdoc="{shown}"></iframe>'
-        for wide, high in (DESK, TELEPHONE)
+        f'<iframe style="border: 0; width: {wide}px; height: {high}px" srcdoc="{markup.escape(shown)}"></iframe>'
+        for (wide, high), shown in ((DESK, page), (TELEPHONE, page), (PAPER, on_paper))
     )
-    page = place / "page.html"
-    page.write_text(f'<!DOCTYPE html><body>{frames}<script type="module">{LOOK}</script></body>', encoding="utf-8")
-    found = re.search(r'<pre id="told">(.*?)</pre>', dumped(browser, page, place / "home"), re.DOTALL)
+    file = place / "page.html"
+    file.write_text(f'<!DOCTYPE html><body>{frames}<script type="module">{LOOK}</script></body>', encoding="utf-8")
+    found = re.search(r'<pre id="told">(.*?)</pre>', dumped(browser, file, place / "home"), re.DOTALL)
     assert found, "the page came to no end"
     return {int(wide): told for wide, told in json.loads(markup.unescape(found[1])).items()}
 
 
-@pytest.mark.parametrize("size", [DESK, TELEPHONE], ids=["desk", "telephone"])
+@EVERYWHERE
 def test_nothing_of_the_front_is_out_of_sight(looked, size):
     seen = looked[size[0]]
     assert seen["wide"] <= size[0]
@@ -84,6 +110,39 @@ def test_the_front_is_one_screen_of_a_desk(looked):
     assert looked[DESK[0]]["front"] <= DESK[1]
 
 
-@pytest.mark.parametrize("size", [DESK, TELEPHONE], ids=["desk", "telephone"])
+@EVERYWHERE
 def test_a_hostile_title_runs_nothing_and_nothing_is_fetched(looked, size):
     assert (looked[size[0]]["scripts"], looked[size[0]]["fetched"]) == (0, 0)
+
+
+@EVERYWHERE
+def test_the_front_answers_what_its_reader_asks(looked, size):
+    words = " ".join(looked[size[0]]["text"].split())
+    asked = (
+        "FILES", "OPTICS", "DISPLAY ? NOT JUDGED", "TURNED", "+5.2 ± 0.9 dB", "over PLAIN, the first die of the job",
+        "95 % interval", "3 photographs, at 32 dB of light", "Every other die is worse", "Open ratio 0.",
+        "Assumed: camera:", "PLAIN (reference): 20.0 dB", "TURNED (best): 25.5 dB", "Truth", MARKUP,
+    )  # fmt: skip
+    assert [each for each in asked if each not in words] == []
+
+
+def test_psfs_are_on_one_scale_and_against_their_own_peaks_when_asked(looked):
+    for wide, _ in (DESK, TELEPHONE):
+        assert (looked[wide]["psfs"], looked[wide]["asked"]) == ([2, 0], [0, 2])
+    assert looked[PAPER[0]]["psfs"] == [2, 2]
+
+
+def test_nothing_is_clipped_on_paper_and_the_checks_are_unfolded(looked):
+    seen = looked[PAPER[0]]
+    assert seen["beyond"] == []
+    assert [each.split(" (")[0] for each in seen["unfolded"]] == ["Checks by quantity"]
+    assert looked[DESK[0]]["unfolded"] == []
+
+
+def test_the_browser_prints_pages_of_a4_and_has_nothing_to_complain_of(page, tmp_path):
+    file = tmp_path / "report.html"
+    file.write_text(page, encoding="utf-8")
+    paper, log = printed(installed(), file, tmp_path / "home")
+    boxes = re.findall(rb"/MediaBox \[0 0 ([\d.]+) ([\d.]+)\]", paper)
+    assert {(round(float(wide)), round(float(high))) for wide, high in boxes} == {A4_PT}
+    assert "CONSOLE" not in log

@@ -240,7 +240,8 @@ def _name_ends(axes: Axes) -> None:
     """Names of the curves beside the right edge, at the heights where they end, or as near as they can be read."""
     curves = axes.get_lines()
     within = axes.transData + axes.transAxes.inverted()
-    ends = [float(within.transform((curve.get_xdata()[-1], curve.get_ydata()[-1]))[1]) for curve in curves]
+    last = np.array([np.asarray(curve.get_xydata())[-1] for curve in curves])
+    ends: list[float] = np.asarray(within.transform(last))[:, 1].tolist()
     order = np.argsort(ends, kind="stable")
     for index, height in zip(order, spread([ends[k] for k in order], _NAME, 0.0, 1.0), strict=True):
         curve = curves[index]
