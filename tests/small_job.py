@@ -80,6 +80,13 @@ def write_job(folder: Path, *edits: tuple[str, str], opening: str = OPENING) -> 
     return job
 
 
+def with_the_die(name: str, job: Path) -> Path:
+    """The job with no other die."""
+    head, *dies = job.read_text(encoding="utf-8").split("[[die]]")
+    job.write_text("[[die]]".join([head, *(die for die in dies if f'name = "{name}"' in die)]), encoding="utf-8")
+    return job
+
+
 def finished(folder: Path, *edits: tuple[str, str]) -> Path:
     """The output directory of the job, run by the command line; figures are in words."""
     out = folder / "out"

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from klayout import db, rdb
-from small_job import OPENING, command, finished, listing, write_job
+from small_job import OPENING, command, finished, listing, with_the_die, write_job
 
 import maskfab
 from maskfab import resources
@@ -46,13 +46,6 @@ def quantities(report: dict, name: str) -> list[dict]:
     found = [q for die in report["dies"] for q in die["quantities"] if q["name"] == name]
     assert found, name
     return found
-
-
-def with_the_die(name: str, job: Path) -> Path:
-    """The job with no other die."""
-    head, *dies = job.read_text(encoding="utf-8").split("[[die]]")
-    job.write_text("[[die]]".join([head, *(die for die in dies if f'name = "{name}"' in die)]), encoding="utf-8")
-    return job
 
 
 # --- the same again --------------------------------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from maskfab.export.cell_polygons import PolygonOptions
 from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
 from maskfab.mask_shops.adapt import extent_nm, fitted, kept_grid_nm
-from maskfab.mask_shops.judge import DieFacts, Finding, accepted
+from maskfab.mask_shops.judge import Finding, PlateFacts, accepted
 from maskfab.mask_shops.order import order_of
 from maskfab.mask_shops.package_rules import check_package, package_options
 from maskfab.model import Plate
@@ -68,7 +68,7 @@ def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: 
         shops: to compare.
         progress: told where the work stands.
     """
-    bids, facts = [], DieFacts()
+    bids, facts = [], PlateFacts()
     for done, shop in enumerate(shops):
         progress("rules", done, len(shops))
         bids.append(_bid(spec, plate, shop, facts))
@@ -76,7 +76,7 @@ def compare_shops(spec: JobSpec, plate: Plate, shops: Sequence[Shop], progress: 
     return tuple(bids)
 
 
-def _bid(spec: JobSpec, plate: Plate, shop: Shop, facts: DieFacts) -> Bid:
+def _bid(spec: JobSpec, plate: Plate, shop: Shop, facts: PlateFacts) -> Bid:
     drawn, sent = fitted(plate, shop), shop.formats[0]
     options = package_options(spec, drawn, shop)
     findings = check_package(spec, plate, shop, (sent,), facts)

@@ -25,7 +25,7 @@ from maskfab.jobfile.order import Tone as DataTone
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
 from maskfab.mask_shops import counts
 from maskfab.mask_shops.adapt import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
-from maskfab.model import CLEAR, NOTE, Box, Die, Layer, Plate, Quantity
+from maskfab.model import CLEAR, NOTE, Box, Die, Furniture, Layer, Plate, Quantity, Snapping
 from maskfab.plate.marks.template import PlateTemplate, plate_template, template_names
 from maskfab.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 
@@ -84,18 +84,22 @@ class Finding:
 
 
 @dataclass(frozen=True)
-class DieFacts:
-    """Facts of one plate's dies that every house's rules ask for, each found once, however many houses there are.
+class PlateFacts:
+    """Facts of one plate that every house's rules ask for, each found once, however many houses there are.
 
     Dies are told apart by name, for what a house is sent differs only in what is not written.
 
     Attributes:
         narrow: the narrowest places by name of the die, tone, and whether the place was asked for.
         kissing: corners that meet, by name of the die.
+        kissing_marks: corners that meet on marks, which most houses are sent alike.
+        figures: the plate as drawn, by its marks, their grid and the options, which are those of most houses too.
     """
 
     narrow: dict[tuple[str, Tone, bool], Narrowest] = field(default_factory=dict)
     kissing: dict[str, list[RuleResult]] = field(default_factory=dict)
+    kissing_marks: dict[tuple[Furniture, ...], tuple[RuleResult, ...]] = field(default_factory=dict)
+    figures: dict[tuple[tuple[Furniture, ...], Snapping | None, PolygonOptions], Figures] = field(default_factory=dict)
 
     def narrowest(self, die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
         """As :func:`maskfab.drc.narrowest`."""
@@ -103,6 +107,13 @@ class DieFacts:
         if key not in self.narrow:
             self.narrow[key] = narrowest(die, tone, placed=placed)
         return self.narrow[key]
+
+    def drawn(self, plate: Plate, options: PolygonOptions) -> Figures:
+        """As :func:`maskfab.export.cell_polygons.draw`."""
+        key = plate.furniture, plate.snapped, options
+        if key not in self.figures:
+            self.figures[key] = draw(plate, options)
+        return self.figures[key]
 
     def touching(self, plate: Plate) -> list[RuleResult]:
         """Where clear shapes meet by a corner only, die by die and then on the marks."""
@@ -113,8 +124,10 @@ class DieFacts:
             if die.name not in self.kissing:
                 alone = check_plate(replace(plate, dies=(die,), furniture=()), rules)
                 self.kissing[die.name] = [each for each in alone if each.die is not None]
-        marks = check_plate(replace(plate, dies=()), rules)
-        return [*(each for die in plate.dies for each in self.kissing[die.name]), *marks]
+        if plate.furniture not in self.kissing_marks:
+            self.kissing_marks[plate.furniture] = check_plate(replace(plate, dies=()), rules)
+        on_dies = (each for die in plate.dies for each in self.kissing[die.name])
+        return [*on_dies, *self.kissing_marks[plate.furniture]]
 
 
 def accepted(findings: Sequence[Finding]) -> bool:
@@ -129,7 +142,7 @@ def check_shop(
     options: PolygonOptions | None = None,
     blank: Blank | None = None,
     *,
-    facts: DieFacts | None = None,
+    facts: PlateFacts | None = None,
 ) -> tuple[Finding, ...]:
     """Judge what a package of a composed plate would hold by every rule that a shop publishes; nothing is written.
 
@@ -142,11 +155,24 @@ def check_shop(
         facts: of this plate, shared by the houses that it is judged by: then places of a die that are too narrow are
             not counted, which takes longest. None counts them.
     """
-    sent, drawn = tuple(formats) or shop.formats[:1], fitted(plate, shop)
+    return check_fitted(fitted(plate, shop), shop, formats, options, blank, facts=facts)
+
+
+def check_fitted(
+    drawn: Plate,
+    shop: Shop,
+    formats: Sequence[Format] = (),
+    options: PolygonOptions | None = None,
+    blank: Blank | None = None,
+    *,
+    facts: PlateFacts | None = None,
+) -> tuple[Finding, ...]:
+    """As :func:`check_shop`, of a plate that is :func:`maskfab.mask_shops.adapt.fitted` for the shop already."""
+    sent = tuple(formats) or shop.formats[:1]
     names = plate_names(drawn)
     cells = {names.top, *names.dies, *names.marks, *names.units.values()}
     drawn_by = options or drawing_options(drawn, shop)
-    figures, refusal = _drawn(drawn, shop, drawn_by)
+    figures, refusal = _drawn(drawn, shop, drawn_by, facts or PlateFacts())
     layers = [drawn_by.layer] if figures is None else [layer for layer in figures.layers if layer.written]
     findings = (
         *_of_files(shop, drawn, sent, drawn_by.tone, noted=False),
@@ -154,7 +180,7 @@ def check_shop(
         *_of_blank(blank or Blank(None, None), shop),
         *_of_features(drawn, shop, facts, figures),
         *(refusal if figures is None else _of_figures(figures, shop, layers, facts)),
-        *_of_names(plate.name, sorted(cells), [*layers, *_texted(drawn, shop, sent)], shop),
+        *_of_names(drawn.name, sorted(cells), [*layers, *_texted(drawn, shop, sent)], shop),
     )
     return _sourced(findings, shop)
 
@@ -360,7 +386,7 @@ def _within(rule: str, value: float | None, limits: tuple[float, float], unit: s
 
 
 def _of_features(
-    plate: Plate, shop: Shop, facts: DieFacts | None = None, figures: Figures | None = None
+    plate: Plate, shop: Shop, facts: PlateFacts | None = None, figures: Figures | None = None
 ) -> Iterator[Finding]:
     """Widths, spaces and grid: of the plate, or of the figures where they are biased data."""
     limits = shop.limits
@@ -408,7 +434,7 @@ def _worst_biased(clear: db.Region, rules: DesignRules) -> tuple[float, str] | N
     return (value / NM_PER_UM, place.replace("the marks", "the data")) if found else None
 
 
-def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: DieFacts | None) -> tuple[float, str] | None:
+def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: PlateFacts | None) -> tuple[float, str] | None:
     """The narrowest place in micrometres, and where; None where nothing is too narrow.
 
     Corners that kiss are a rule of their own. Test figures and codes are fine on purpose.
@@ -425,11 +451,11 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: DieFacts | None)
 
 
 def _of_die(
-    die: Die, plate: Plate, rules: DesignRules, tone: Tone, facts: DieFacts | None
+    die: Die, plate: Plate, rules: DesignRules, tone: Tone, facts: PlateFacts | None
 ) -> Iterator[tuple[float, str]]:
     """The narrowest place of a die, in nanometres, if it breaks the rule."""
     least = rules.reach_nm
-    known = facts or DieFacts()
+    known = facts or PlateFacts()
     if known.narrowest(die, tone).value_nm >= least:
         return
     if facts is None and 2 * least < die.panel.pitch_nm:
@@ -477,21 +503,23 @@ def _off_grid(plate: Plate, grid_nm: int) -> list[RuleResult]:
     return [result for result in check_plate(plate, DesignRules(grid_nm=grid_nm)) if not result.passed]
 
 
-def _drawn(plate: Plate, shop: Shop, options: PolygonOptions) -> tuple[Figures | None, tuple[Finding, ...]]:
+def _drawn(
+    plate: Plate, shop: Shop, options: PolygonOptions, facts: PlateFacts
+) -> tuple[Figures | None, tuple[Finding, ...]]:
     """A plate that is not drawn yet, drawn; or why it cannot be."""
     merging = options.hierarchy == "merged" and shop.polygons.shared_boundaries is False and not options.bias_nm
     try:
-        figures = draw(plate, replace(options, hierarchy="cells") if merging else options)
+        figures = facts.drawn(plate, replace(options, hierarchy="cells") if merging else options)
         if merging and not {*counts.cut_cells(figures)} & {*figures.cells}:
             # Joining openings across pixels takes minutes on large plates, and mends no cell that is cut within.
-            figures = draw(plate, options)
+            figures = facts.drawn(plate, options)
     except OutputError as refusal:
         return None, (Finding("drawing", False, refusal.what, None, cure=refusal.cure),)
     return figures, ()
 
 
 def _of_figures(
-    figures: Figures, shop: Shop, layers: Sequence[Layer], facts: DieFacts | None = None
+    figures: Figures, shop: Shop, layers: Sequence[Layer], facts: PlateFacts | None = None
 ) -> Iterator[Finding]:
     limits, outlines, options, plate = shop.limits, shop.polygons, figures.options, figures.plate
     if limits.max_vertices is not None:
@@ -529,7 +557,7 @@ def _of_figures(
     if options.bias_nm:
         yield _touches(flat_results(merged(_biased_clear(figures)), (), _KISSING, 1), outlines.corner_touches)
     else:
-        yield _touches((facts or DieFacts()).touching(plate), outlines.corner_touches)
+        yield _touches((facts or PlateFacts()).touching(plate), outlines.corner_touches)
 
 
 def _references(figures: Figures, most: int) -> Finding:
@@ -569,7 +597,7 @@ def _boundaries(plate: Plate, figures: Figures) -> Finding:
 
 def corner_touches(plate: Plate) -> int:
     """Places of a plate at which clear shapes meet by a corner only."""
-    return sum(result.count for result in DieFacts().touching(plate))
+    return sum(result.count for result in PlateFacts().touching(plate))
 
 
 def _touches(results: Sequence[RuleResult], allowed: bool | None) -> Finding:

@@ -9,13 +9,13 @@ from maskfab.jobfile import PLATE_BITMAPS, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
 from maskfab.mask_shops.adapt import as_ordered, drawing_options, fitted, ordered_blank
 from maskfab.mask_shops.dot_edges import check_plotter
-from maskfab.mask_shops.judge import DieFacts, Finding, check_shop
+from maskfab.mask_shops.judge import Finding, PlateFacts, check_fitted
 from maskfab.mask_shops.offers import check_ordered
 from maskfab.model import Plate
 
 
 def check_package(
-    spec: JobSpec, plate: Plate, shop: Shop, formats: Sequence[Format] = (), facts: DieFacts | None = None
+    spec: JobSpec, plate: Plate, shop: Shop, formats: Sequence[Format] = (), facts: PlateFacts | None = None
 ) -> tuple[Finding, ...]:
     """The house's rules, what its plotter does to the plate, and what it offers.
 
@@ -27,9 +27,9 @@ def check_package(
         facts: as of :func:`maskfab.mask_shops.judge.check_shop`.
     """
     sent = tuple(formats) or shop.formats[:1]
-    options = package_options(spec, fitted(plate, shop), shop)
-    found = check_shop(plate, shop, sent, options, ordered_blank(spec), facts=facts)
-    plotted = check_plotter(fitted(plate, shop), spec, shop, sent)
+    drawn = fitted(plate, shop)
+    found = check_fitted(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
+    plotted = check_plotter(drawn, spec, shop, sent)
     return check_ordered((*found, *_of_dots(spec, sent), *plotted), spec, plate, shop)
 
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from klayout import db
-from once import figures_in_words
-from small_job import write_job
+from small_job import with_the_die, write_job
 
 from maskfab.comparison.biased import biased_raster
 from maskfab.comparison.files import compare_mask, read_mask
@@ -31,8 +30,11 @@ from maskfab.model import CLEAR, Die, Opening, Panel, Plate, Tiling
 from maskfab.pipeline import run
 from maskfab.verification import verify, verify_file
 
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
+
 ALL = 'formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg"]'
 TEMPLATE = ('blank = "27 mm"\nwritable = "22 mm"\n', 'template = "5in"\n')
+GDSII = ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]')
 SAID = (".txt", ".html", ".csv", ".json", ".svg")
 BARS = """name = "bars"
 pitch = "56 um"
@@ -50,8 +52,8 @@ grid = '''
 
 
 def biased(folder, bias_um: float = 0.4, *edits, order: str = "", export: str = "", **job):
-    """The small job, its data biased."""
-    path = write_job(folder, *edits, **job)
+    """The die of the small job that is turned at random, its data biased."""
+    path = with_the_die("TURNED", write_job(folder, *edits, **job))
     said = f'[order]\nbias = "data"\n{order}\n[process]\ncd_bias = "{bias_um} um"\n'
     path.write_text(path.read_text() + (f"\n[export]\n{export}\n" if export else "\n") + said)
     return load_job(path)
@@ -60,8 +62,8 @@ def biased(folder, bias_um: float = 0.4, *edits, order: str = "", export: str = 
 @pytest.mark.parametrize(
     ("tone", "chrome", "bias_um", "edits"),
     [
-        ("clear", "up", 0.4, (TEMPLATE,)),
-        ("dark", "down", -0.6, ()),
+        ("clear", "up", 0.4, ()),
+        ("dark", "down", -0.6, (TEMPLATE,)),
         pytest.param("dark", "up", 0.2, (TEMPLATE,), marks=pytest.mark.slow),
     ],
 )
@@ -115,15 +117,15 @@ def drawn_die(mask, gutter_nm: int, seed: int):
 
 
 def test_a_run_shows_the_plate_as_it_comes_out_and_can_be_verified(tmp_path):
-    with figures_in_words():
-        plain = run(load_job(write_job(tmp_path / "plain", opening=BARS)), tmp_path / "as drawn")
-        job = biased(tmp_path / "biased", export='formats = ["gdsii"]', opening=BARS)
-        made = run(job, tmp_path / "out")
-        assert all(check.passed is not False for check in verify(tmp_path / "out").checks)
+    drawn = with_the_die("TURNED", write_job(tmp_path / "plain", GDSII, opening=BARS))
+    plain = run(load_job(drawn), tmp_path / "as drawn")
+    job = biased(tmp_path / "biased", export='formats = ["gdsii"]', opening=BARS)
+    made = run(job, tmp_path / "out")
+    assert all(check.passed is not False for check in verify(tmp_path / "out").checks)
     assert made.passed
     assert made.plate["data_bias"].value == -0.4
     for name in ("stop_open_ratio", "open_ratio"):
-        assert made["PLAIN"][name].value == pytest.approx(plain["PLAIN"][name].value, rel=1e-12)
+        assert made["TURNED"][name].value == pytest.approx(plain["TURNED"][name].value, rel=1e-12)
     assert job.spec.written.cd_bias_um == 0
     # Widths of the file itself are narrower, and one polygon moved by a nanometre is found.
     path = tmp_path / "out" / "SMALL.gds"
@@ -138,7 +140,7 @@ def test_a_run_shows_the_plate_as_it_comes_out_and_can_be_verified(tmp_path):
 
 
 def test_a_package_and_its_papers_say_that_the_data_are_biased(tmp_path):
-    job = biased(tmp_path, 0.4, TEMPLATE, opening=BARS)
+    job = biased(tmp_path, 0.4, opening=BARS)
     target, shop = tmp_path / "plate.zip", load_shop("compugraphics")
     made = pack(job, shop, target)
     assert made.path is not None
@@ -166,7 +168,7 @@ def test_rules_of_a_house_are_judged_on_the_biased_data(tmp_path):
         (meeting, "min_space_um = 1", "min_space"),
         (BARS, "grid_nm = [1000]", "drawing"),
     ):
-        job = biased(tmp_path, 0.4, ("8 um", "4 um"), ("56 um", "28 um"), opening=opening)
+        job = biased(tmp_path, 0.4, *2 * (('"8 um"', '"4 um"'), ("56 um", "28 um")), opening=opening)
         shop = parse_shop(f'title = "House"\nsources = []\n[limits]\n{limit}\n', "house", where="a test")
         (bid,) = compare_shops(job.spec, job.plate(), [shop])
         assert [each.rule for each in bid.refusals] == [rule] * (rule is not None), limit

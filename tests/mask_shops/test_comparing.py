@@ -9,6 +9,8 @@ import maskfab as mf
 from maskfab import resources
 from maskfab.mask_shops.profiles import shop_names
 
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
+
 
 def test_a_comparison_says_of_each_house_what_its_package_would(capsys, tmp_path):
     job = write_job(tmp_path)

@@ -29,6 +29,8 @@ from maskfab.model import Furniture
 from maskfab.progress import silent
 from maskfab.units import parse_dpi
 
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
+
 FORMATS = 'formats = ["gdsii", "plate_tiff", "plate_bmp"]'
 
 

@@ -11,8 +11,8 @@ import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
 from klayout import db
-from once import figures_in_words
-from small_job import command, write_job
+from small_job import command, with_the_die, write_job
+from sweeps import sweep
 
 from maskfab.comparison.files import compare_mask, read_mask
 from maskfab.delivery.pack import pack, verify_package
@@ -28,6 +28,8 @@ from maskfab.mask_shops.profiles import load_shop, shop_names
 from maskfab.model import CHROME, CLEAR, LAYERS
 from maskfab.pipeline import measure_process, run
 from maskfab.plate.mirrored import mirrored
+
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 ALL = 'formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg"]'
 FILLED = """
@@ -62,8 +64,9 @@ def ordered(folder, *lines: str, extra: str = ""):
     return load_job(path)
 
 
-@pytest.mark.parametrize("tone", ["clear", "dark"])
-@pytest.mark.parametrize("chrome", ["up", "down"])
+@pytest.mark.parametrize(
+    ("tone", "chrome"), sweep([("clear", "up"), ("dark", "down"), ("clear", "down"), ("dark", "up")], 2)
+)
 def test_files_of_each_tone_and_parity_hold_the_design_or_its_image_exactly(tmp_path, tone, chrome):
     job = ordered(tmp_path, f'tone = "{tone}"', f'chrome = "{chrome}"')
     plain = replace(job, spec=job.spec.model_copy(update={"order": OrderSection(tone=tone)})).plate()
@@ -120,10 +123,9 @@ def test_the_report_is_of_what_the_lens_sees(tmp_path):
     ):
         # So thin that its gap matters to no PSF.
         glass = f'columns = 2\nglass = {{ thickness = "0.001 um", index = 1.5, chrome = "{chrome}" }}'
-        path = write_job(tmp_path / name, ("columns = 2", glass))
+        path = with_the_die("TURNED", write_job(tmp_path / name, ("columns = 2", glass)))
         path.write_text(path.read_text() + '\n[export]\nformats = ["gdsii", "exr"]\n' + order)
-        with figures_in_words():
-            result = run(path, tmp_path / name / "out")
+        result = run(path, tmp_path / name / "out")
         assert result.passed
         (psf,) = (tmp_path / name / "out").glob("*TURNED_psf*.exr")
         found[name] = oiio.ImageBuf(str(psf)).get_pixels(oiio.FLOAT)[..., 0], result.plate["lens_view"].value

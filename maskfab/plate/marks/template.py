@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator
-from functools import cached_property
+from functools import cache, cached_property
 from itertools import combinations
 from pathlib import Path
 from typing import Annotated, Literal
@@ -227,6 +227,12 @@ def plate_template(name: str, *, where: str = "") -> PlateTemplate:
             where=where,
             cure="Use one of these, or state blank and writable",
         )
+    return _shipped(name)
+
+
+@cache
+def _shipped(name: str) -> PlateTemplate:
+    """Read once: a comparison of houses asks for every template at each of them."""
     return load_template(resources.path(f"{_FOLDER}/{name}.toml"))
 
 
