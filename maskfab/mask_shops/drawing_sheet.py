@@ -71,7 +71,8 @@ def _draw_plate(axes: Axes, plate: Plate) -> None:
         axes.text((x0 + x1) / 2, (y0 + y1) / 2, str(number), ha="center", va="center", fontsize=11)
     marks = [polygon for mark in plate.furniture if mark.layer.written for polygon in mark.polygons]
     if marks:
-        axes.add_patch(PathPatch(_path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))
+        # Limits are stated below; to find them of letters takes longer than to draw those.
+        axes.add_artist(PathPatch(_path_mm(marks), facecolor=_CLEAR, edgecolor=_INK, linewidth=0.15))
     axes.plot([-0.03 * half, 0.03 * half], [0, 0], [0, 0], [-0.03 * half, 0.03 * half], color=_INK, linewidth=0.5)
     _dimension(axes, -half, half, -1.06 * half, f"blank {2 * half:.6g} mm", upright=False)
     _dimension(axes, -room, room, -1.13 * half, f"writable {2 * room:.6g} mm", upright=False)

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
-from small_job import LOOK, OPENING, command, listing, write_job
+from small_job import LOOK, OPENING, command, listing, with_the_die, write_job
 from sweeps import in_turns, sweep
 
 from maskfab.delivery.archive import safe_stem
@@ -94,7 +94,7 @@ def test_wavelengths_that_are_nearly_alike_have_files_of_their_own(capsys, tmp_p
 def test_out_is_where_the_user_says_and_nothing_else_changes(capsys, tmp_path, target):
     """Dots in --out are the user's own, and are followed; the job's names add nothing to them."""
     inner = tmp_path / "inner"
-    job = write_job(inner, ("[[die]]", '[export]\nformats = ["gdsii"]\n\n[[die]]'))
+    job = with_the_die("PLAIN", write_job(inner, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]')))
     (inner / "sub").mkdir()
     answer = command(capsys, "run", job, "--out", inner / target, "--quiet")
     assert answer.code == 0

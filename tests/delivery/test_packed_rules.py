@@ -12,7 +12,7 @@ import pytest
 from ezdxf import bbox
 from klayout import db
 from once import figures_in_words
-from small_job import command, write_job
+from small_job import command, with_the_die, write_job
 from sweeps import sweep
 
 from maskfab.delivery.pack import pack, verify_package
@@ -81,7 +81,8 @@ def unpacked(package: Path, suffix: str) -> Path:
 def gesim(tmp_path_factory) -> Path:
     path = tmp_path_factory.mktemp("gesim") / "p.zip"
     with figures_in_words():
-        assert pack(load_job(write_job(path.parent, *TEMPLATE)), load_shop("gesim"), path).path == path
+        job = with_the_die("PLAIN", write_job(path.parent, *TEMPLATE))
+        assert pack(load_job(job), load_shop("gesim"), path).path == path
     return path
 
 
@@ -116,7 +117,8 @@ def test_an_extent_is_measured_in_the_file(gesim, tmp_path, old, new):
 @pytest.mark.parametrize("shape", sweep(["dot", "bar"], 1))
 def test_no_two_figures_of_a_file_share_an_edge_where_the_house_minds(tmp_path, shape):
     """A plain bar needs no cut, and no mark of ours, code included, has one."""
-    job, path = load_job(write_job(tmp_path, *TEMPLATE, opening=opening(shape))), tmp_path / "p.zip"
+    job = load_job(with_the_die("TURNED", write_job(tmp_path, *TEMPLATE, opening=opening(shape))))
+    path = tmp_path / "p.zip"
     made = pack(job, load_shop("mr_nanotec"), path)
     assert made.path == path, [str(each) for each in made.findings]
     options = db.LoadLayoutOptions()
@@ -179,7 +181,7 @@ def test_layers_are_called_as_the_profile_says(capsys, tmp_path):
 
 def test_a_run_for_a_house_with_its_own_names_of_layers(capsys, tmp_path):
     section = '[export]\nformats = ["gdsii", "dxf_r12"]\nshop = "mine.toml"\n\n[plate]'
-    job = write_job(tmp_path, ("[plate]", section))
+    job = with_the_die("PLAIN", write_job(tmp_path, ("[plate]", section)))
     (tmp_path / "mine.toml").write_text(HOUSE + '[names]\nlayers = { CLEAR = "MASK_1" }\n', encoding="utf-8")
     answer = command(capsys, "run", job, "--out", tmp_path / "out", "--quiet")
     assert answer.code == 0, answer.stderr
@@ -225,7 +227,8 @@ def test_a_blank_of_the_wrong_size_is_cured_by_a_template(capsys, tmp_path):
 
 def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_path):
     shop = house("[limits]\ngrid_nm = [5]\n")
-    job, path = load_job(write_job(tmp_path, *TEMPLATE)), tmp_path / "p.zip"
+    job = load_job(with_the_die("PLAIN", write_job(tmp_path, *TEMPLATE)))
+    path = tmp_path / "p.zip"
     made = pack(job, shop, path, ("gdsii",))
     assert made.path == path, [str(each) for each in made.findings]
     assert the("grid", made.findings).value == 5
@@ -258,7 +261,7 @@ def test_rules_of_text_and_of_masks_on_a_layer_are_judged(tmp_path):
 
 
 def test_a_package_holds_its_job_and_nothing_else_is_read(capsys, tmp_path):
-    job, path = load_job(write_job(tmp_path)), tmp_path / "p.zip"
+    job, path = load_job(with_the_die("PLAIN", write_job(tmp_path))), tmp_path / "p.zip"
     pack(job, load_shop("pog"), path)
     assert load_job(unpacked(path, "job.json")).digest == job.digest
 

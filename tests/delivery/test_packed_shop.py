@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from once import figures_in_words
-from small_job import command, write_job
+from small_job import command, with_the_die, write_job
 
 from maskfab.delivery.pack import pack
 from maskfab.job import load_job
@@ -36,7 +36,7 @@ fields = ["tone"]
 def packed_by_own(tmp_path_factory) -> tuple[Path, Path]:
     """A job and its package for a profile that is there no more."""
     folder = tmp_path_factory.mktemp("own")
-    job, path, profile = write_job(folder), folder / "p.zip", folder / "mine.toml"
+    job, path, profile = with_the_die("TURNED", write_job(folder)), folder / "p.zip", folder / "mine.toml"
     profile.write_text(OWN, encoding="utf-8")
     with figures_in_words():
         assert pack(load_job(job), load_shop(str(profile)), path).path == path

@@ -12,7 +12,7 @@ from dataclasses import replace
 import pytest
 from hostile_files import overlapping
 from once import figures_in_words
-from small_job import command, write_job
+from small_job import command, with_the_die, write_job
 
 from maskfab.delivery.archive import safe_stem
 from maskfab.delivery.pack import pack, verify_package
@@ -26,7 +26,7 @@ pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 
 def test_equal_jobs_make_equal_packages_that_prove_themselves(tmp_path):
-    job, shop = load_job(write_job(tmp_path)), load_shop("generic-chrome")
+    job, shop = load_job(with_the_die("TURNED", write_job(tmp_path))), load_shop("generic-chrome")
     made = [pack(job, shop, tmp_path / name, ("gdsii", "dxf_r12")) for name in ("a.zip", "b.zip")]
     assert made[0].path is not None
     assert (tmp_path / "a.zip").read_bytes() == (tmp_path / "b.zip").read_bytes()

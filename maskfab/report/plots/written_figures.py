@@ -72,11 +72,11 @@ def _corner(written: Written) -> tuple[Figure, str]:
     for index, (title, region) in enumerate(shapes.items()):
         axes = place(figure, (0.2 + index * (_SIDE + 0.3), 0.45, _SIDE, _SIDE))
         axes.set_facecolor(_CHROME)
-        axes.add_patch(PathPatch(_path_um(region), facecolor=_CLEAR, edgecolor="none"))
+        axes.add_artist(PathPatch(_path_um(region), facecolor=_CLEAR, edgecolor="none"))
         if index:
             outline = PathPatch(_path_um(shapes["drawn"]), facecolor="none", edgecolor=_DRAWN, linewidth=1.0)
             outline.set_linestyle((0, (4, 2)))
-            axes.add_patch(outline)
+            axes.add_artist(outline)
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xticks=[], yticks=[], title=title)
         _scale_bar(axes, reach)
     words = f"corner radius {process.corner_radius_um:g} µm, CD bias {process.cd_bias_um:g} µm; dashed: as drawn"
