@@ -265,6 +265,7 @@ def test_an_opening_that_is_none_is_refused(capsys, tmp_path, case):
     refused(answer, code, *said, "ring.toml")
 
 
+@pytest.mark.usefixtures("drawn_in_words", "read_here")
 def test_a_cell_that_is_clear_all_over_is_a_reference(capsys, tmp_path):
     clear = OPENING.replace(".", "#").replace('"ring"', '"clear"')
     job = write_job(tmp_path, ("columns = 2", "columns = 1"), opening=clear)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Iterator
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -12,12 +14,24 @@ from capture.captured_dies import BLACK, GAIN, READ_NOISE, exposed, polygon_pict
 from small_job import command, write_job
 
 import maskfab
+from maskfab.capture import cost
 from maskfab.capture.restoring.measured_psf import read_psf
 from maskfab.job import load_job
+
+pytestmark = pytest.mark.usefixtures("drawn_in_words")
 
 TIMES = (1.0, 8.0, 64.0)
 SENSOR = ("--gain", GAIN, "--read-noise", READ_NOISE, "--black", BLACK, "--window", 64)
 STATED = [word for time in TIMES for word in ("--times", f"{time:g} ms")]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def two_scenes() -> Iterator[None]:
+    """As few photographs as have a spread, of those by which costs are told."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cost, "_SCENES", cost._SCENES[:2])
+        patch.setattr(cost, "_scenes", cache(cost._scenes.__wrapped__))
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -5,17 +5,25 @@ from __future__ import annotations
 import ezdxf
 import pytest
 from klayout import db
-from small_job import command, write_job
+from small_job import command, with_the_die, write_job
 from sweeps import sweep
 
 from maskfab.comparison.foreign.foreign_mask import How, check_foreign
 from maskfab.errors import JobError
 from maskfab.geometry.plate_layout import plate_layout, region
+from maskfab.job import Job, load_job
 from maskfab.model import CLEAR
 
 pytestmark = pytest.mark.usefixtures("read_here", "design_once")
 
 MICROMETRES, MILLIMETRES, INCHES = 13, 4, 1
+
+
+@pytest.fixture(scope="module")
+def job(tmp_path_factory) -> Job:
+    """One die of 3 x 3 cells behind a small stop: drawings of many outlines are slow to write and to read."""
+    edits = (('"400 um"', '"100 um"'), ('"560 um"', '"168 um"'))
+    return load_job(with_the_die("PLAIN", write_job(tmp_path_factory.mktemp("job"), *edits)))
 
 
 @pytest.fixture(scope="module")
@@ -119,12 +127,12 @@ def test_labels_of_gdsii_are_noted(job, tmp_path):
     assert (quantities["texts"].value, quantities["texts"].passed, failed) == (1, None, set())
 
 
-def test_the_command_takes_a_unit(capsys, polygons, tmp_path):
-    path, job = drawn(tmp_path / "x.dxf", polygons, 25400.0, None), write_job(tmp_path)
-    wrong = command(capsys, "verify", path, "--against", job, "--quiet")
+def test_the_command_takes_a_unit(capsys, job, polygons, tmp_path):
+    path, stated = drawn(tmp_path / "x.dxf", polygons, 25400.0, None), job.where
+    wrong = command(capsys, "verify", path, "--against", stated, "--quiet")
     assert wrong.code == 1
     assert "FAIL lies = drawn in inches, taken for micrometres (state --unit in)" in wrong.stderr
-    right = command(capsys, "verify", path, "--against", job, "--unit", "in", "--quiet", "--json")
+    right = command(capsys, "verify", path, "--against", stated, "--unit", "in", "--quiet", "--json")
     assert (right.code, right.document["verdict"]) == (0, "pass")
 
 

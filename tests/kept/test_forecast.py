@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from once import figures_in_words
 from small_job import command, listing, write_job
 
 import maskfab as mf
@@ -16,13 +17,16 @@ from maskfab.job import load_job
 from maskfab.kept.store import Entry, Store
 from maskfab.task_costs import _FILES, _HELD, _MODELS, PROBE_S, Pace, probe
 
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
+
 
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Store]:
     """A small plate that was made with an empty cache: its folder, and what is kept."""
     folder = tmp_path_factory.mktemp("foreseen")
     (folder / "cache").mkdir(mode=0o700)
-    pipeline.run(write_job(folder), folder / "out", cache=Store(folder / "cache"))
+    with figures_in_words():
+        pipeline.run(write_job(folder), folder / "out", cache=Store(folder / "cache"))
     return folder, Store(folder / "cache")
 
 

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import pytest
-from small_job import listing, write_job
+from small_job import listing, with_the_die, write_job
 
 from maskfab import pipeline
 from maskfab.errors import OutputError
@@ -21,6 +21,7 @@ from maskfab.kept import store as store_module
 from maskfab.kept.store import Store
 
 resource = pytest.importorskip("resource")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 
 def content(folder: Path) -> dict[str, bytes]:
@@ -50,7 +51,7 @@ def full(path: Path) -> Iterator[Path]:
 def test_a_disk_that_fills_at_five_moments(tmp_path):
     """Each limit stops another file; all that is left is what was found, and the run that follows is undisturbed."""
     (tmp_path / "cache").mkdir(mode=0o700)
-    store, job = Store(tmp_path / "cache"), write_job(tmp_path)
+    store, job = Store(tmp_path / "cache"), with_the_die("TURNED", write_job(tmp_path))
     fresh = content(pipeline.run(job, tmp_path / "fresh", cache=store).directory)
     for entry in store.entries():
         if entry.what in {"run", "file"}:

@@ -13,6 +13,7 @@ from pathlib import Path
 from random import Random
 
 import pytest
+from once import figures_in_words
 from shared_tasks import printed
 from small_job import listing, write_job
 
@@ -23,6 +24,8 @@ from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import recalled
 from maskfab.kept.results import give_result, keep_result
 from maskfab.kept.store import Store
+
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 
 @pytest.fixture
@@ -38,7 +41,8 @@ def made(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, Store
     folder = tmp_path_factory.mktemp("kept")
     (folder / "cache").mkdir(mode=0o700)
     store = Store(folder / "cache")
-    pipeline.run(write_job(folder), folder / "out", cache=store)
+    with figures_in_words():
+        pipeline.run(write_job(folder), folder / "out", cache=store)
     return folder, store
 
 

@@ -37,7 +37,7 @@ def told(job, **other) -> dict:
 @pytest.fixture
 def place(tmp_path):
     """A job's file, and what writes the measurement beside it."""
-    path = write_job(tmp_path)
+    path = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
 
     def write(content) -> None:
         text = content if isinstance(content, str) else json.dumps(content)
