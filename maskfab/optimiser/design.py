@@ -212,7 +212,11 @@ def design(
     stated = None if spec.process is None else spec.process.spread
     if stated is not None and stated.radius is not None:
         notes += ("Not used of the job, for dots are designed with sharp corners: radius of [process.spread].",)
-    return replace(found, notes=notes)
+    account = found.account
+    if account is not None:
+        taken = "synthetic scenes" if images is None else f"photographs of {images.name}"
+        account = replace(account, budget_s=budget_s, scenes=f"{len(scenes)} {taken}")
+    return replace(found, notes=notes, account=account)
 
 
 def display_of(spec: JobSpec, where: str) -> Display | None:

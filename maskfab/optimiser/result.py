@@ -31,10 +31,12 @@ from maskfab.optimiser.rules.rule import price_key
 from maskfab.plate.maps import CellMap
 
 if TYPE_CHECKING:
+    from maskfab.optimiser.account import Account
     from maskfab.optimiser.maps.orientation_map import DesignedMap
     from maskfab.optimiser.model.robustness import Robustness
     from maskfab.optimiser.model.scene_appraisal import SceneAppraisal
     from maskfab.optimiser.rules.die_fit import DieFit
+    from maskfab.optimiser.search.alternatives import Alternatives
 
 Facts = dict[str, str | int | float]
 
@@ -70,6 +72,9 @@ class Designed:
         scene: the panel in the conditions that it is designed for; None where nothing of a scene must be modelled, and
             where the budget is shorter than bounds take.
         cut: a budget cut the search short, so that it depends on the clock.
+        account: how it was found.
+        alternatives: openings of nearly its PSNR; None for a panel of two openings, for a descent, where openings were
+            not judged in dB, and where the budget is shorter than bounds take.
     """
 
     opening: Opening
@@ -90,6 +95,8 @@ class Designed:
     robust: Robustness | None = None
     fit: DieFit | None = None
     scene: SceneDesign | None = None
+    account: Account | None = None
+    alternatives: Alternatives | None = None
 
 
 @dataclass(frozen=True, eq=False)

@@ -1,21 +1,19 @@
-"""The result of ``maskfab design`` as text for people and as one document for programs."""
+"""The result of ``maskfab design`` as text for people."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from pathlib import Path
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from maskfab.report.documents.designed_data import by_level
 from maskfab.units import UM_PER_MM
 
 if TYPE_CHECKING:
-    from maskfab.optimiser.bounds.bounds import Gap
     from maskfab.optimiser.maps.orientation_map import DesignedMap
     from maskfab.optimiser.model.robustness import Robustness, Varied
     from maskfab.optimiser.result import Designed, SceneDesign
     from maskfab.optimiser.rules.die_fit import DieFit
-    from maskfab.optimiser.rules.price import Prices
 
 
 USEFUL_DB = 20.0
@@ -60,41 +58,6 @@ def designed_lines(found: Designed, notes: Sequence[str]) -> list[str]:
     return [*told, *(f"note: {note}" for note in notes)]
 
 
-def designed_document(found: Designed, paths: Mapping[str, Path], notes: Sequence[str]) -> dict[str, object]:
-    """The result as plain data; infinite values are null."""
-    designed = found.designed
-    return {
-        "name": found.opening.name,
-        "path": str(paths["opening"]),
-        "shape": found.shape,
-        "clear_dots": found.opening.clear_dots,
-        "open_ratio": found.opening.open_ratio,
-        "designed_for": found.camera,
-        "expected_psnr_db": _by_level(found, found.psnr),
-        "head_room_db": None if found.head_room is None else _by_level(found, found.head_room),
-        "bounds": None if found.gap is None else _bounds(found, found.gap),
-        "evaluated": found.evaluated,
-        **_prices(found.prices),
-        "map": None
-        if designed is None
-        else {
-            "path": str(paths["map"]),
-            "gain_db": _by_level(found, designed.gain_db),
-            "expected_psnr_db": _by_level(found, designed.psnr),
-            "head_room_db": None if found.map_head_room is None else _by_level(found, found.map_head_room),
-            "clear_dots": designed.clear_dots,
-            "random_clear_dots": designed.start_clear_dots,
-            "positions": max(1, len(designed.shifts)),
-        },
-        "robust": None if found.robust is None else _robust(found, found.robust),
-        "fit": None if found.fit is None else _fit(found.fit),
-        "scene": None if found.scene is None else _scene(found, found.scene),
-        "outer": None if found.outer is None else str(paths["outer"]),
-        "notes": list(notes),
-        "provenance": dict(found.opening.provenance),
-    }
-
-
 def _fit_lines(fit: DieFit, *, mapped: bool) -> list[str]:
     drawn = "beyond its map" if mapped else "of its tiling"
     size = f"{fit.across} x {fit.across} pixels, {fit.side_um / UM_PER_MM:g} mm"
@@ -105,16 +68,6 @@ def _fit_lines(fit: DieFit, *, mapped: bool) -> list[str]:
         tried = ", ".join(map(str, fit.failed))
         told.append(f"  state seed = {fit.seed} in its [[die]]: with seed {tried} it does not fit, {fit.first_failure}")
     return told
-
-
-def _fit(fit: DieFit) -> dict[str, object]:
-    return {
-        "pixels": [fit.across, fit.across],
-        "side_um": fit.side_um,
-        "seed": fit.seed,
-        "failed": [{"seed": seed, "why": why} for seed, why in fit.failed.items()],
-        "seconds": round(fit.seconds, 3),
-    }
 
 
 def _robust_lines(found: Designed, robust: Robustness) -> list[str]:
@@ -152,96 +105,26 @@ def _scene_lines(found: Designed, scene: SceneDesign) -> list[str]:
     return told
 
 
-def _scene(found: Designed, scene: SceneDesign) -> dict[str, object]:
-    """Lengths in micrometres; null for an infinite distance."""
-    panel, random = scene.panel, scene.random
-    return {
-        "accuracy": scene.seen.plan.accuracy,
-        "modelled": list(scene.seen.modelled),
-        "left_out": list(scene.seen.neglected),
-        "mean_psnr_db": _by_level(found, panel.mean),
-        "random_mean_psnr_db": None if random is None else _by_level(found, random.mean),
-        "conditions": [
-            {
-                "object_um": _finite(each.object_um),
-                "image_um": list(each.image_um),
-                "weight": each.weight,
-                "psnr_db": _by_level(found, psnr),
-                "random_psnr_db": None if random is None else _by_level(found, random.psnr[k]),
-            }
-            for k, (each, psnr) in enumerate(zip(panel.conditions, panel.psnr, strict=True))
-        ],
-    }
-
-
 def _losses(found: Designed, varied: Varied) -> str:
     """To a thousandth of a decibel: most are smaller than what others are rounded to."""
-    return ", ".join(f"{value + 0.0:.3f} dB at {level}" for level, value in _by_level(found, varied.loss).items())
-
-
-def _robust(found: Designed, robust: Robustness) -> dict[str, object]:
-    return {
-        "panel_psnr_db": _by_level(found, robust.psnr),
-        "tiling_db": None if robust.tiling is None else _by_level(found, robust.tiling),
-        "map_gain_off_centre_db": {f"{away:g}": _by_level(found, each) for away, each in robust.off_centre.items()},
-        **{name: _varied(found, getattr(robust, name)) for name in ("bias", "centre")},
-    }
-
-
-def _varied(found: Designed, varied: Varied | None) -> dict[str, object] | None:
-    if varied is None:
-        return None
-    return {
-        "deviation_um": varied.deviation_um,
-        "psnr_db": [_by_level(found, each) for each in varied.psnr],
-        "loss_db": _by_level(found, varied.loss),
-    }
-
-
-def _bounds(found: Designed, gap: Gap) -> dict[str, object]:
-    limit = gap.bounds
-    return {
-        "interior_psnr_db": _by_level(found, gap.psnr),
-        "most_interior_psnr_db": _by_level(found, limit.psnr),
-        "most_frame_psnr_db": _by_level(found, limit.frame),
-        "grey_psnr_db": _by_level(found, limit.grey),
-        "open_stop_psnr_db": _by_level(found, limit.open_stop),
-        "auc": gap.auc,
-        "most_auc": limit.auc,
-        "method": list(limit.method),
-    }
-
-
-def _prices(prices: Prices | None) -> dict[str, object]:
-    if prices is None:
-        return {"rules_cost_db": None, "prices_db": {}}
-    each = {one.rule: {"alone": _finite(one.alone), "last": _finite(one.last)} for one in prices.each}
-    return {"rules_cost_db": _finite(prices.together), "prices_db": each}
+    return ", ".join(f"{value + 0.0:.3f} dB at {level}" for level, value in by_level(found.levels, varied.loss).items())
 
 
 def _light(designed: DesignedMap) -> float:
     return designed.clear_dots / designed.start_clear_dots - 1
 
 
-def _by_level(found: Designed, values: Sequence[float]) -> dict[str, float]:
-    return {f"{level:g}": value for level, value in zip(found.levels, values, strict=True)}
-
-
 def _most(found: Designed, values: Sequence[float]) -> str:
     """Bounds by level; one that no design could come near says nothing, and is told as such."""
     return ", ".join(
         f"at most {value:.2f} dB at {level}" if value <= USEFUL_DB else f"no useful bound at {level}"
-        for level, value in _by_level(found, values).items()
+        for level, value in by_level(found.levels, values).items()
     )
 
 
 def _levels(found: Designed, values: Sequence[float], sign: str = "") -> str:
-    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in _by_level(found, values).items())
+    return ", ".join(f"{value:{sign}.2f} dB at {level}" for level, value in by_level(found.levels, values).items())
 
 
 def _db(value: float) -> str:
     return f"{value:.3f} dB" if math.isfinite(value) else "everything: no opening evaluated meets it"
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

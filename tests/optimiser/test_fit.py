@@ -26,7 +26,8 @@ from maskfab.optimiser.rules.families import bars
 from maskfab.optimiser.rules.fit_rule import Display, of_display
 from maskfab.plate.maps import CellMap, map_text
 from maskfab.plate.tiling import orientations
-from maskfab.report.design_text import designed_document, designed_lines
+from maskfab.report.design_text import designed_lines
+from maskfab.report.documents.designed_data import designed_document
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
 

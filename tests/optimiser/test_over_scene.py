@@ -32,7 +32,8 @@ from maskfab.optimiser.model.scene_appraisal import appraise_over, transfers
 from maskfab.optimiser.model.scene_conditions import SceneConditions, cells_across
 from maskfab.optimiser.model.scene_statistics import scene_statistics
 from maskfab.optimiser.model.taking import Taking
-from maskfab.report.design_text import designed_document, designed_lines
+from maskfab.report.design_text import designed_lines
+from maskfab.report.documents.designed_data import designed_document
 
 CAMERA = Camera(F1.focal_um, F1.stop, F1.wavelengths_nm, F1.pixel_um, 256.0)
 TAKING = Taking(Protocol("camera", Sensor()), (32.0,))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,12 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from pydantic import BaseModel
 
+from maskfab import provenance
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
 from maskfab.errors import JobError, OutputError
-from maskfab.files.staging import check_file, write_text
+from maskfab.files.staging import check_file, check_target, write_text
 from maskfab.jobfile import EmittersSection, WiresSection, read, validate
 from maskfab.opening import openings
 from maskfab.optimiser.design import design as design_spec
@@ -22,6 +24,8 @@ from maskfab.optimiser.rules.die_fit import DieFit
 from maskfab.plate import maps
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent
+from maskfab.report.design_files import write_design
+from maskfab.report.documents.designed_data import Made, designed_document
 from maskfab.threads import one_thread
 from maskfab.units import parse_time_s
 
@@ -38,9 +42,11 @@ class Design:
 
     Attributes:
         found: everything that is known of it: proven headroom, cost of rules, notes.
+        made: the job and the time that it took.
     """
 
     found: Designed
+    made: Made
 
     @property
     def opening(self) -> Opening:
@@ -75,16 +81,35 @@ class Design:
             written["map"] = maps.map_text(self.found.cells)
         return written
 
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What a user should know, as sentences."""
+        cut = ("A run that its budget cut short is not repeated bit for bit.",) if self.found.cut else ()
+        return (*self.found.notes, *cut)
+
+    def to_dict(self, paths: Mapping[str, Path] | None = None) -> dict[str, Any]:
+        """Everything that was found.
+
+        Args:
+            paths: of its files, by part; those of a folder if None.
+        """
+        return designed_document(self.found, paths or self.names, self.notes, self.made)
+
+    @property
+    def names(self) -> dict[str, Path]:
+        """Names of its files in a folder, by part."""
+        return beside(Path(f"{self.found.opening.name}.toml"))
+
     def save(self, path: str | Path, *, force: bool = False) -> list[Path]:
-        """Write the opening (.toml), its map beside it as X_map.toml.
+        """Write the opening (.toml), its map beside it as X_map.toml; or a folder with these, a page and its numbers.
 
         Raises:
             OutputError: MF430 for another suffix, MF401 or MF402 for a place that cannot be written.
         """
         target = Path(path)
-        if target.suffix.lower() != ".toml":
-            problem = f"no opening is written with the suffix {target.suffix!r}"
-            raise OutputError("MF430", problem, where=str(target), cure="Use .toml")
+        if is_folder(target):
+            files = {self.names[part].name: text for part, text in self.texts().items()}
+            return write_design(check_target(target, force=force), self.to_dict(), files)
         paths, texts = beside(target), self.texts()
         for part in texts:
             check_file(paths[part], force=force)
@@ -107,6 +132,18 @@ class Design:
     def __repr__(self) -> str:
         told = ", ".join(f"{value:.2f} dB at {level:g} dB" for level, value in self.psnr.items())
         return f"<Design {self.found.opening.name}: {self.found.shape}; restored {told}>"
+
+
+def is_folder(target: Path) -> bool:
+    """Whether a design goes to a folder with its page, and not to the file of its opening.
+
+    Raises:
+        OutputError: MF430 for a file that is no TOML.
+    """
+    if target.suffix.lower() not in ("", ".toml"):
+        problem = f"no opening is written with the suffix {target.suffix!r}"
+        raise OutputError("MF430", problem, where=str(target), cure="Use .toml, or name a folder without a suffix")
+    return not target.suffix
 
 
 def beside(target: Path) -> dict[str, Path]:
@@ -198,6 +235,7 @@ def design(
         spec = validate({"camera": lens, "design": section, **display, **more}, where=where)
         stated = {**section, **display, **({"sections": more} if more else {})}
         command = _call(stated, camera=None if camera is None else lens, images=images)
+    began, processor = time.monotonic(), time.process_time()
     found = design_spec(
         spec,
         command,
@@ -207,7 +245,8 @@ def design(
         budget_s=limit_s,
         checkpoint=None if checkpoint is None else Path(checkpoint),
     )
-    return Design(found)
+    taken = time.monotonic() - began, time.process_time() - processor
+    return Design(found, Made(provenance.job_hash(spec.dump()), *taken))
 
 
 def _refuse_beside_job(given: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ from maskfab.cli.common.options import Budget, JobFile, Json, Quiet, named_as_op
 from maskfab.cli.common.printing import print_json
 from maskfab.cli.common.watch import watched
 from maskfab.errors import JobError
-from maskfab.report.design_text import designed_document, designed_lines
+from maskfab.report.design_text import designed_lines
 
 if TYPE_CHECKING:
     from maskfab.jobfile import JobSpec
@@ -22,7 +22,12 @@ def design(
     job: JobFile,
     out: Annotated[
         Path | None,
-        typer.Option(help="File for the opening, its map beside it; default: design.output of the job."),
+        typer.Option(
+            "--out",
+            "-o",
+            help="Folder for a page, its numbers, the opening and its map; or file (.toml) for the opening, its map "
+            "beside it. Default: the file design.output of the job.",
+        ),
     ] = None,
     images: Annotated[
         Path | None, typer.Option(help="Folder of photographs to design for; default: synthetic scenes.")
@@ -37,27 +42,35 @@ def design(
 ) -> None:
     """Find the opening through which photographs restore best, by shape search or gradient descent."""
     from maskfab.api.verbs.designing import design as design_job
-    from maskfab.files.staging import check_file, write_text
+    from maskfab.api.verbs.designing import is_folder
+    from maskfab.files.staging import check_file, check_target, write_text
     from maskfab.jobfile import read
+    from maskfab.optimiser.design import section_of
 
-    targets = _targets(read(job), job, out)
+    spec = read(job)
+    folder = out if out is not None and is_folder(out) else None
+    if folder is not None:
+        section_of(spec, str(job))
+        check_target(folder, force=force)
+    targets = {} if folder is not None else _targets(spec, job, out)
     for each in targets.values():
         check_file(each, force=force)
     with named_as_options(context), watched(quiet) as progress:
         designed = design_job(job, images=images, budget=budget, checkpoint=checkpoint, progress=progress)
-    found, texts = designed.found, designed.texts()
-    for part, text in texts.items():
-        write_text(targets[part], text, replace=force)
-    paths = {part: targets[part] for part in texts}
-    notes = [*found.notes]
-    if found.cut:
-        notes.append("A run that its budget cut short is not repeated bit for bit.")
+    if folder is not None:
+        written = designed.save(folder, force=force)
+        paths = {part: folder / name for part, name in designed.names.items()}
+    else:
+        paths = {part: targets[part] for part in designed.texts()}
+        for part, text in designed.texts().items():
+            write_text(paths[part], text, replace=force)
+        written = list(paths.values())
     if as_json:
-        print_json(designed_document(found, paths, notes))
+        print_json(designed.to_dict(paths))
         return
-    for line in designed_lines(found, notes):
+    for line in designed_lines(designed.found, designed.notes):
         typer.echo(line)
-    for path in paths.values():
+    for path in written:
         typer.echo(path)
 
 

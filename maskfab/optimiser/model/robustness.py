@@ -37,6 +37,8 @@ Mask = NDArray[np.bool_]
 TILINGS = 8
 """Random tilings whose PSNRs are compared: their standard deviation is known within a quarter."""
 _OFF_CELLS = (1, 2)
+BIAS_UM = 0.1
+"""Bias by which openings are compared, as a mask shop keeps it."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +114,7 @@ def robustness(
     pad = math.ceil(max([*off, away]) / dots)
     around = draw.integers(1 if periodic else ORIENTATIONS, size=tuple(side + 2 * pad for side in kinds.shape))
     around[pad : pad + len(kinds), pad : pad + len(kinds)] = kinds
-    picture = _laid(units, around)
+    picture = laid_picture(units, around)
 
     def seen(y: int, x: int) -> Mask:
         side, start = error.inside.shape[0], pad * dots
@@ -122,7 +124,9 @@ def robustness(
     own = _psnr(error, here)
     tiling, off_centre = None, {}
     if not periodic and len(units) == 1:
-        others = [_psnr(error, _laid(units, draw.integers(ORIENTATIONS, size=kinds.shape))) for _ in range(TILINGS)]
+        others = [
+            _psnr(error, laid_picture(units, draw.integers(ORIENTATIONS, size=kinds.shape))) for _ in range(TILINGS)
+        ]
         tiling = tuple(np.std(others, axis=0, ddof=1).tolist())
         for step in (0, *off) if mapped else ():
             places = sorted({(step, 0), (-step, 0), (0, step), (0, -step)})
@@ -135,6 +139,20 @@ def robustness(
         corners = product((-away, away), repeat=2)
         centre = _varied(away / dots * pitch_um, own, [_psnr(error, seen(*each)) for each in corners])
     return Robustness(own, tiling, off_centre, bias, centre)
+
+
+def moved_by_bias(unit: Mask, kinds: NDArray[np.int8], error: PupilError, bias_um: float) -> float:
+    """Decibels, weighted mean over the levels, by which a bias to either side moves the PSNR of a panel.
+
+    Args:
+        unit: bool [dots, dots].
+        kinds: elements of D4 of the cells before the stop, [cells, cells].
+        error: of panels of such units.
+        bias_um: less than a dot.
+    """
+    picture = laid_picture(unit[None], kinds)
+    narrow, wide = (np.dot(error.weights, _psnr(error, picture, sign * bias_um)) for sign in (-1, 1))
+    return float(abs(wide - narrow) / 2)
 
 
 def biased_table(error: PupilError, picture: Mask, bias_um: float) -> NDArray[np.float32]:
@@ -165,7 +183,9 @@ def _psnr(error: PupilError, picture: Mask, bias_um: float = 0.0) -> tuple[float
     return error.psnr_of_table(biased_table(error, picture, bias_um))
 
 
-def _laid(units: Mask, kinds: NDArray[np.integer]) -> Mask:
+def laid_picture(units: Mask, kinds: NDArray[np.integer]) -> Mask:
+    """Dots of a panel, bool [rows dots, columns dots], of units [units, dots, dots] and kinds [rows, columns], 8 u + k
+    for unit u under element k of D4."""
     patterns = np.stack([orient(unit, k) for unit in units for k in range(ORIENTATIONS)])
     return np.asarray(side_by_side(patterns[kinds]))
 

@@ -6,6 +6,7 @@ opening found that keeps them all, and the result says so.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from maskfab.camera.transfer import CellGrid, lattice
 from maskfab.errors import JobError
 from maskfab.jobfile import RelaxSection
 from maskfab.model import Camera, Opening, Tiling
+from maskfab.optimiser.account import Account, asked_of, stopped
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate_behind
 from maskfab.optimiser.relax.descent import Descent, DescentResult, Outcome, RelaxStep, descend, iterations_within
@@ -32,7 +34,7 @@ from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.optimiser.relax.top_residual import top_residual
 from maskfab.optimiser.result import Designed, Facts, appraised, camera_facts, constraints_of, made_for_line, origin
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Mask, anneal
+from maskfab.optimiser.rules.discrete import Bettered, Mask, anneal
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
@@ -96,7 +98,7 @@ def relax(
     estimate = surrogate_behind(scenes, room)
     progress("photographs", 1, 1)
     plan = schedule(section, rules, camera, scenes, estimate)
-    found, notes = _descended(plan, clock, checkpoint, progress)
+    found, bettered, notes = _descended(plan, clock, checkpoint, progress)
     mask, loss, more, unfinished = _ruled(found, plan, section, rules, clock, progress)
     periodic = section.tiling is Tiling.PERIODIC
     progress("bounds", 0, 1)
@@ -123,6 +125,21 @@ def relax(
         notes=(*found.notes, *notes, *more, *told),
         cut=cut,
         camera=made_for_line(room.camera),
+        account=Account(
+            f"gradient descent of {plan.name}",
+            section.seed,
+            (
+                ("starts", plan.descent.starts),
+                ("steps of descent", found.iterations),
+                *((("steps of annealing", section.anneal),) if section.anneal else ()),
+            ),
+            "loss of the best opening of clear and closed dots",
+            bettered,
+            stopped(cut),
+            section.tiling,
+            section.seed if section.tiling_seed is None else section.tiling_seed,
+            asked_of(rules),
+        ),
     )
 
 
@@ -205,29 +222,32 @@ def _objectives(
 
 def _descended(
     plan: Schedule, clock: Clock, checkpoint: Path | None, progress: Progress
-) -> tuple[DescentResult, tuple[str, ...]]:
-    """The descent, within the budget."""
+) -> tuple[DescentResult, Bettered, tuple[str, ...]]:
+    """The descent, within the budget, and the steps of this call at which the best loss was bettered."""
     how = plan.descent
+    bettered: list[tuple[int, float]] = []
 
     def watch(step: RelaxStep) -> None:
         done, total = step.start * how.iterations + step.iteration + 1, how.starts * how.iterations
+        if step.best_loss < (bettered[-1][1] if bettered else math.inf):
+            bettered.append((done, step.best_loss))
         progress(f"design, best loss {step.best_loss:.4f}", done, total)
 
     left = clock.left()
     if left is None:
-        return descend(plan.objective, plan.penalty, how, progress=watch, checkpoint=checkpoint), ()
+        return descend(plan.objective, plan.penalty, how, progress=watch, checkpoint=checkpoint), tuple(bettered), ()
     if checkpoint is None:
         steps = iterations_within(plan.objective, plan.penalty, how, max(left, 1e-3))
         shorter = replace(how, iterations=min(steps, how.iterations))
         found = descend(plan.objective, plan.penalty, shorter, progress=watch)
         told = f"The budget made the descent {steps} steps long instead of {how.iterations}."
-        return found, (told,) if steps < how.iterations else ()
+        return found, tuple(bettered), (told,) if steps < how.iterations else ()
     while True:
         found = descend(plan.objective, plan.penalty, how, progress=watch, checkpoint=checkpoint, stop_after=_PORTION)
         if found.outcome is not Outcome.INTERRUPTED or clock.over:
             break
     told = f"The budget ended the descent after {found.iterations} steps; the same command goes on from the checkpoint."
-    return found, (told,) if found.outcome is Outcome.INTERRUPTED else ()
+    return found, tuple(bettered), (told,) if found.outcome is Outcome.INTERRUPTED else ()
 
 
 def _ruled(

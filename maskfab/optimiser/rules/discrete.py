@@ -25,13 +25,16 @@ from maskfab.errors import InternalError, JobError
 from maskfab.model import ORIENTATIONS, frozen
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.families import Candidate
+from maskfab.optimiser.rules.families import Candidate, kind
 from maskfab.optimiser.rules.orbits import turned_key
 from maskfab.progress import Progress, silent
 
 Mask = NDArray[np.bool_]
 Objective = Callable[[Mask], float]
 """Value of an opening, bool [dots, dots]; higher is better. In dB where it is an expected PSNR."""
+
+Bettered = tuple[tuple[int, float], ...]
+"""Evaluations made when a best value was bettered, and that value, each time."""
 
 Move = Literal["swap", "border", "segment", "shift"]
 MOVES: tuple[Move, ...] = get_args(Move)
@@ -113,6 +116,7 @@ class Scan:
         repeated: candidates that had been seen, in this or another orientation.
         evaluated: how often the objective was asked.
         complete: whether no budget ran out.
+        bettered: how often it had been asked when the best was bettered, and by what value, each time.
     """
 
     ranked: tuple[Ranked, ...]
@@ -120,6 +124,7 @@ class Scan:
     repeated: int
     evaluated: int
     complete: bool
+    bettered: Bettered = ()
 
     @property
     def best(self) -> Ranked:
@@ -203,8 +208,19 @@ def scan(
             where="design",
             cure="Add families, or relax what is broken most often",
         )
+    bettered = rises(each.value for each in found)
     found.sort(key=lambda each: -each.value)
-    return Scan(tuple(found), dict(refused), repeated, len(found), complete)
+    return Scan(tuple(found), dict(refused), repeated, len(found), complete, bettered)
+
+
+def rises(values: Iterable[float]) -> Bettered:
+    """Where a sequence of values exceeds all before, counted from 1, and what it reaches there."""
+    best, found = -math.inf, []
+    for number, value in enumerate(values, start=1):
+        if value > best:
+            best = value
+            found.append((number, value))
+    return tuple(found)
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,6 +233,9 @@ class State:
         evaluations: made so far; the start's is not counted.
         refused: moves in a row that broke a constraint or changed nothing.
         generator: of the random numbers, :attr:`numpy.random.BitGenerator.state`.
+        bettered: as of :class:`Scan`, from the start's 0 on.
+        visited: the best opening of every size (shorter and longer side of what is clear) that it has been at, with its
+            value, in the order in which the sizes were reached.
     """
 
     unit: Mask
@@ -226,6 +245,8 @@ class State:
     evaluations: int
     refused: int
     generator: Mapping[str, Any] = field(repr=False)
+    bettered: Bettered = ()
+    visited: tuple[tuple[float, Mask], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         for name in ("unit", "best"):
@@ -235,7 +256,9 @@ class State:
         """Lists, numbers and strings only, for JSON."""
         rows = {name: getattr(self, name).astype(int).tolist() for name in ("unit", "best")}
         numbers = {name: getattr(self, name) for name in ("value", "best_value", "evaluations", "refused")}
-        return {**rows, **numbers, "generator": dict(self.generator)}
+        visited = [[value, unit.astype(int).tolist()] for value, unit in self.visited]
+        bettered = [list(each) for each in self.bettered]
+        return {**rows, **numbers, "generator": dict(self.generator), "bettered": bettered, "visited": visited}
 
     @classmethod
     def of(cls, plain: Mapping[str, Any]) -> State:
@@ -245,7 +268,10 @@ class State:
             JobError: MF105 if something is missing or of another kind.
         """
         try:
-            made = cls(**{name: plain[name] for name in cls.__dataclass_fields__})
+            known = {name: plain[name] for name in cls.__dataclass_fields__}
+            known["bettered"] = tuple((int(number), float(value)) for number, value in known["bettered"])
+            known["visited"] = tuple((float(value), np.array(unit, np.bool_)) for value, unit in known["visited"])
+            made = cls(**known)
             whole = made.unit.ndim == 2 and made.unit.shape == made.best.shape and made.evaluations >= 0
             np.random.default_rng().bit_generator.state = dict(made.generator)
         except KeyError as missing:
@@ -339,12 +365,13 @@ def anneal(
         )
     if state is None:
         value = _number(objective(unit))
-        state = State(unit, value, unit, value, 0, 0, rng.bit_generator.state)
+        state = State(unit, value, unit, value, 0, 0, rng.bit_generator.state, ((0, value),), ((value, unit),))
     rng.bit_generator.state = dict(state.generator)
     proposals = _Proposals(constraints)
     last = evaluations if until is None else min(until, evaluations)
     hot, cold = temperature
     value, best, best_value, made, refused = state.value, state.best, state.best_value, state.evaluations, state.refused
+    bettered, visited = list(state.bettered), {_size(unit): (value, unit) for value, unit in state.visited}
     started, paused = time.monotonic(), False
     while made < last and refused < _STUCK and not paused:
         trial = proposals.propose(moves[int(rng.integers(len(moves)))], unit, rng)
@@ -357,13 +384,24 @@ def anneal(
         made += 1
         if rng.random() < math.exp(min(0.0, (new - value) / heat)):
             unit, value = trial, new
+            size = _size(unit)
+            if size not in visited or value > visited[size][0]:
+                visited[size] = value, unit
             if value > best_value:
                 best, best_value = unit, value
+                bettered.append((made, value))
         if made % _BATCH == 0:
             progress(f"anneal, best {best_value:.3f}", made, evaluations)
             paused = budget_s is not None and time.monotonic() - started >= budget_s
-    state = State(unit, value, best, best_value, made, refused, rng.bit_generator.state)
+    generator, been = rng.bit_generator.state, tuple(visited.values())
+    state = State(unit, value, best, best_value, made, refused, generator, tuple(bettered), been)
     return Annealed(best, best_value, state, made >= evaluations, refused >= _STUCK)
+
+
+def _size(unit: Mask) -> tuple[int, int]:
+    """Shorter and longer side of what is clear, in dots."""
+    _, short, long = kind("annealed", unit)
+    return short, long
 
 
 class _Proposals:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from typing import Any, get_args
@@ -23,10 +23,11 @@ from maskfab.jobfile.values import Symmetry
 from maskfab.model import Tiling
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Mask, Objective, Ranked, Scan, State, anneal, scan
+from maskfab.optimiser.rules.discrete import Bettered, Mask, Objective, Ranked, Scan, State, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.orbits import orbits
+from maskfab.optimiser.search.alternatives import WITHIN_DB
 from maskfab.progress import Progress
 
 PRICED = 200
@@ -48,6 +49,11 @@ class Best:
         evaluated: openings judged so far.
         notes: what a user should know, as sentences.
         cut: the budget cut it short.
+        near: openings judged that lie within reach of the best, whether or not they keep the rules; empty where
+            ``looked`` is.
+        bettered: evaluations made when the best that was judged was bettered, and its value; of a scan, whether or not
+            it keeps the rules.
+        stages: what was tried, and how often.
     """
 
     best: Ranked
@@ -55,6 +61,9 @@ class Best:
     evaluated: int
     notes: tuple[str, ...] = ()
     cut: bool = False
+    near: tuple[Ranked, ...] = ()
+    bettered: Bettered = ()
+    stages: tuple[tuple[str, int], ...] = ()
 
 
 def require_shapes(section: SearchSection, rules: Constraints) -> None:
@@ -148,7 +157,18 @@ def scanned(
                 sizes.add(size)
                 looked.append(each)
     told = f"The budget ended the scan when {evaluated + found.repeated} of {len(shapes)} shapes had been judged."
-    made = Best(best, _candidates(looked), evaluated, () if complete else (told,), not complete)
+    # All that keep the rules were judged where the first look found none.
+    last = found if ruled is None else ruled
+    made = Best(
+        best,
+        _candidates(looked),
+        evaluated,
+        () if complete else (told,),
+        not complete,
+        near=tuple(each for each in last.ranked if each.value >= best.value - WITHIN_DB),
+        bettered=last.bettered,
+        stages=(("shapes judged", evaluated),),
+    )
     if kept is not None and complete:
         kept.put(_stored(made))
     return made
@@ -211,12 +231,20 @@ def annealed(
     if not walked.complete:
         why = "No move that keeps the rules was left" if walked.stuck else "The budget ended the annealing"
         notes.append(f"{why} after {start.evaluations} of {section.anneal} evaluations.")
-    evaluated = found.evaluated + start.evaluations
-    cut = found.cut or not (walked.complete or walked.stuck)
+    name = f"{found.best.name}, annealed"
+    found = replace(
+        found,
+        evaluated=found.evaluated + start.evaluations,
+        notes=tuple(notes),
+        cut=found.cut or not (walked.complete or walked.stuck),
+        near=(*found.near, *(Ranked(name, unit, value) for value, unit in start.visited)),
+        bettered=(*found.bettered, *((found.evaluated + made, value) for made, value in start.bettered)),
+        stages=(*found.stages, ("steps of annealing", start.evaluations)),
+    )
     if not walked.value > found.best.value:
-        return Best(found.best, found.looked, evaluated, tuple(notes), cut)
-    best = Ranked(f"{found.best.name}, annealed", walked.unit, walked.value)
-    return Best(best, (*found.looked, *_candidates([best])), evaluated, tuple(notes), cut)
+        return found
+    best = Ranked(name, walked.unit, walked.value)
+    return replace(found, best=best, looked=(*found.looked, *_candidates([best])))
 
 
 def _shapes(section: SearchSection) -> list[Candidate]:
@@ -253,6 +281,10 @@ def _stored(found: Best) -> dict[str, np.ndarray[Any, Any]]:
         "scan_units": np.stack([each.unit for each in found.looked]),
         "scan_numbers": np.array([place, found.evaluated], dtype=np.int64),
         "scan_value": np.array([found.best.value]),
+        "near_names": np.array([each.name for each in found.near], dtype=np.str_),
+        "near_units": np.stack([each.unit for each in found.near]),
+        "near_values": np.array([each.value for each in found.near]),
+        "bettered": np.array(found.bettered),
     }
 
 
@@ -261,4 +293,12 @@ def _restored(state: dict[str, Any]) -> Best:
     looked = tuple(Candidate(str(name), unit) for name, unit in pairs)
     place, evaluated = (int(v) for v in state["scan_numbers"])
     best = Ranked(looked[place].name, looked[place].unit, float(state["scan_value"][0]))
-    return Best(best, looked, evaluated)
+    near = zip(state["near_names"], state["near_units"], state["near_values"], strict=True)
+    return Best(
+        best,
+        looked,
+        evaluated,
+        near=tuple(Ranked(str(name), unit, float(value)) for name, unit, value in near),
+        bettered=tuple((int(number), float(value)) for number, value in state["bettered"]),
+        stages=(("shapes judged", evaluated),),
+    )

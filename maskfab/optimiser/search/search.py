@@ -20,12 +20,13 @@ from maskfab.errors import JobError
 from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Tiling
+from maskfab.optimiser.account import Account, asked_of, stopped
 from maskfab.optimiser.bounds.auc_bound import rings
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
 from maskfab.optimiser.model.layout_error import PupilError
-from maskfab.optimiser.model.robustness import EXACT, Robustness, Spread, robustness
+from maskfab.optimiser.model.robustness import BIAS_UM, EXACT, Robustness, Spread, moved_by_bias, robustness
 from maskfab.optimiser.model.scene_conditions import SceneConditions
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import (
@@ -42,10 +43,11 @@ from maskfab.optimiser.result import (
 )
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.die_fit import DieFit, fitting_die
-from maskfab.optimiser.rules.discrete import Mask, Ranked, anneal
+from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
+from maskfab.optimiser.search.alternatives import Alternatives, alternatives
 from maskfab.optimiser.search.auc_search import best_for_auc
 from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, groups_of, map_seed, mapped
 from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
@@ -55,6 +57,7 @@ from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.plate.maps import shifted
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
+from maskfab.units import NM_PER_UM
 
 _LONGEST = 18
 _AUC_EVALUATIONS = 4000
@@ -161,6 +164,7 @@ def search(
     if psnr is None or (expected.distances and laid.psnr is None):
         psnr = expected.by_level(laid.unit)
     robust = None if short else _appraised(section, laid, panels.in_focus, spread)
+    near = None if short else _alternatives(section, found, laid, rules, expected, panels.in_focus)
     scene = None if seen is None or short else over_scene(section, laid, rules.dot_nm, panels, seen)
     if seen is not None and short:
         notes += (f"The scene counts in the search; with a budget of {BOUNDS_S:g} s its conditions are told apart.",)
@@ -185,7 +189,48 @@ def search(
         robust=robust,
         fit=fit,
         scene=scene,
+        account=_account(section, found, rules, laid),
+        alternatives=near,
     )
+
+
+def _account(section: SearchSection, found: Best, rules: Constraints, laid: Mapped) -> Account:
+    by_auc = section.objective == "auc"
+    wanted = "area under the radial minimum of the blue MTF" if by_auc else "expected restored PSNR"
+    among = "" if by_auc else f" among shapes of the families {', '.join(section.families)}"
+    stages = found.stages
+    if section.joint and not laid.cut:
+        stages = (*stages, ("rounds of opening and map, at most", section.joint))
+    return Account(
+        f"search for the most {wanted}{among}",
+        section.seed,
+        stages,
+        "" if by_auc else "expected restored PSNR, dB, weighted mean over the levels",
+        found.bettered,
+        stopped(found.cut or laid.cut),
+        section.tiling,
+        map_seed(section),
+        asked_of(rules),
+        priced_among=len(found.looked),
+    )
+
+
+def _alternatives(
+    section: SearchSection, found: Best, laid: Mapped, rules: Constraints, expected: ExpectedPsnr, error: PupilError
+) -> Alternatives | None:
+    """Openings within reach of the one that is laid; None for a panel of two, and where none was judged in dB."""
+    if laid.outer is not None or not found.near:
+        return None
+    seed, shape = map_seed(section), (error.cells, error.cells)
+    # One tiling for all, so that openings are compared and not tilings.
+    kinds = orientations(section.tiling, *shape, seed)
+    own = found.best.value if np.array_equal(laid.unit, found.best.unit) else expected(laid.unit)
+    bias_um = min(BIAS_UM, rules.dot_nm / NM_PER_UM / 4)
+
+    def moved(unit: Mask) -> float:
+        return moved_by_bias(unit, kinds, error, bias_um)
+
+    return alternatives(Ranked(found.best.name, laid.unit, own), found.near, rules, moved=moved, bias_um=bias_um)
 
 
 def _appraised(section: SearchSection, laid: Mapped, error: PupilError, spread: Spread) -> Robustness:
@@ -273,4 +318,5 @@ def _by_auc(section: SearchSection, rules: Constraints, room: CellGrid, clock: C
             f"The best for AUC, {free:.4f}, breaks {', '.join(broken)}; annealed for {walked.state.evaluations} "
             f"evaluations from the nearest opening found that keeps them, to {walked.value:.4f}."
         )
-    return Best(Ranked(f"auc {area(unit):.4f}", unit, area(unit)), (), evaluated, tuple(notes), cut)
+    best = Ranked(f"auc {area(unit):.4f}", unit, area(unit))
+    return Best(best, (), evaluated, tuple(notes), cut, stages=(("openings judged", evaluated),))

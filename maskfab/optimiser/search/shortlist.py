@@ -81,7 +81,13 @@ def shortlisted(
             f"{listed[0].name}, which is the better one turned at random."
         )
     chosen = found.best if best == 0 else Ranked(listed[best].name, listed[best].unit, found.best.value)
-    return replace(found, best=chosen, notes=(*found.notes, *notes), cut=found.cut or cut)
+    return replace(
+        found,
+        best=chosen,
+        notes=(*found.notes, *notes),
+        cut=found.cut or cut,
+        stages=(*found.stages, ("quick maps", len(values))),
+    )
 
 
 def different(candidates: Iterable[Candidate], rules: Constraints, most: int) -> tuple[Candidate, ...]:
