@@ -9,6 +9,7 @@ from types import MappingProxyType
 from maskfab.model import Tiling
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Bettered
+from maskfab.optimiser.rules.fit_rule import Display
 
 
 @dataclass(frozen=True)
@@ -44,13 +45,14 @@ class Account:
 
 
 def asked_of(rules: Constraints) -> dict[str, str]:
-    """Rules that ask for something, with what each asks in words; empty words where its value is a picture or a
-    display."""
+    """Rules that ask for something, with what each asks in words; empty words where its value is a picture."""
     told = {}
     for rule in rules.rules:
         value = rules[rule.name]
         plain = isinstance(value, str | int | float) and not isinstance(value, bool)
         told[rule.name] = f"{value} {rule.unit}".strip() if plain else ""
+        if isinstance(value, Display):
+            told[rule.name] = value.asks(rule.name)
     return told
 
 

@@ -214,8 +214,7 @@ def design(
         notes += ("Not used of the job, for dots are designed with sharp corners: radius of [process.spread].",)
     account = found.account
     if account is not None:
-        taken = "synthetic scenes" if images is None else f"photographs of {images.name}"
-        account = replace(account, budget_s=budget_s, scenes=f"{len(scenes)} {taken}")
+        account = replace(account, budget_s=budget_s, scenes=scenes_line(source, images))
     return replace(found, notes=notes, account=account)
 
 
@@ -361,6 +360,12 @@ def require_closed(closed: float, required: float, stated: str, *, where: str) -
             where=where,
             cure=f"Leave {min(1.0, needed):.1%} of the pixel closed, or ask for smaller emitters",
         )
+
+
+def scenes_line(source: Folder, images: Path | None) -> str:
+    """The scenes of a folder, or synthetic ones, in words."""
+    taken = "synthetic scenes" if images is None else f"photographs of {images.name}"
+    return f"{len(source.photographs)} {taken}"
 
 
 def scenes_of(images: Path | None, section: DesignSection) -> Folder:

@@ -16,17 +16,28 @@ from maskfab.opening.openings import opening_text
 from maskfab.optimiser.pareto.designs import FrontDesign
 from maskfab.optimiser.pareto.front import JudgedOpening, Pareto
 from maskfab.plate.maps import map_text
+from maskfab.report.documents.alternatives_data import alternatives_document
+from maskfab.report.documents.designed_data import by_level, prices_document
 from maskfab.report.page.pareto_page import pareto_page
 from maskfab.report.plots.pareto_figure import pareto_png, svg
 
-SCHEMA_VERSION = 2
+SCHEMA_VERSION = 3
 DOCUMENT, TABLE, PAGE, FIGURE, DRAWING = "pareto.json", "pareto.csv", "pareto.html", "pareto.png", "pareto.svg"
 
 Designs = Sequence[FrontDesign]
 
 
-def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Sequence[str]) -> dict[str, Any]:
-    """Everything that was found, and notes for a user; what pareto.json and ``--json`` say."""
+def pareto_document(
+    found: Pareto, designs: Designs, job_hash: str, notes: Sequence[str], scenes: str
+) -> dict[str, Any]:
+    """Everything that was found, and notes for a user; what pareto.json and ``--json`` say.
+
+    Args:
+        found, designs: of a sweep.
+        job_hash: of its job.
+        notes: as sentences.
+        scenes: that openings were judged by, in words.
+    """
     best = set(map(id, found.best))
     by_point = {id(each.point): each for each in designs}
 
@@ -41,7 +52,7 @@ def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Seque
             "lines": point.lines,
             "mapped": point.mapped is not None,
             "panel_psnr_db": point.value,
-            "panel_psnr_by_level_db": _by_level(point.psnr, found.levels),
+            "panel_psnr_by_level_db": by_level(found.levels, point.psnr),
             "grain_rms": point.grain,
             "best": id(point) in best,
             **_files(each),
@@ -51,6 +62,10 @@ def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Seque
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": job_hash,
+        "seed": found.seed,
+        "designed_for": found.designed_for,
+        "scenes": scenes,
+        "rules_kept": list(found.kept),
         "lines": list(found.lines),
         "curves": [
             {
@@ -61,6 +76,10 @@ def pareto_document(found: Pareto, designs: Designs, job_hash: str, notes: Seque
                 "misfits": list(curve.misfits),
                 "complete": curve.complete,
                 "refusal": curve.refusal,
+                "rules": [{"rule": rule, "asked": asked} for rule, asked in curve.asked.items()],
+                **prices_document(curve.prices),
+                "priced_among": curve.priced_among,
+                "alternatives": None if curve.alternatives is None else alternatives_document(curve.alternatives),
                 "designs": [told(by_point[id(each)]) for each in curve.points],
             }
             for curve in found.curves
@@ -143,12 +162,8 @@ def _numbers(each: JudgedOpening, levels: Sequence[float]) -> dict[str, Any]:
         "footprint": each.footprint,
         "lines": each.lines,
         "expected_psnr_db": each.value,
-        "expected_psnr_by_level_db": _by_level(each.psnr, levels),
+        "expected_psnr_by_level_db": by_level(levels, each.psnr),
     }
-
-
-def _by_level(psnr: Sequence[float], levels: Sequence[float]) -> dict[str, float]:
-    return {f"{level:g}": value for level, value in zip(levels, psnr, strict=True)}
 
 
 def _json(told: Mapping[str, Any]) -> str:

@@ -14,7 +14,7 @@ from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.jobfile import JobSpec, SearchSection, read
 from maskfab.opening.openings import load_opening, opening_text
-from maskfab.optimiser.design import notes_of, require_weights, scenes_of, stated_display, taking_of
+from maskfab.optimiser.design import notes_of, require_weights, scenes_line, scenes_of, stated_display, taking_of
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
 from maskfab.optimiser.pareto.front import FrontPoint, JudgedOpening, Pareto
 from maskfab.optimiser.pareto.sweep import lines_of, require_uneven, rules_of, sweep
@@ -37,17 +37,19 @@ class ParetoFront:
         found: curves, the best of all, and what they are compared with.
         designs: those of the curves with their names, openings, maps and jobs.
         digest: of the job.
+        scenes: that openings were judged by, in words.
         notes: what a user should know, as sentences.
     """
 
     found: Pareto
     designs: tuple[FrontDesign, ...]
     digest: str
+    scenes: str
     notes: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was found."""
-        return pareto_files.pareto_document(self.found, self.designs, self.digest, self.notes)
+        return pareto_files.pareto_document(self.found, self.designs, self.digest, self.notes, self.scenes)
 
     def save(self, out: str | Path, *, force: bool = False) -> list[Path]:
         """Write numbers, openings and figure into a directory.
@@ -140,7 +142,8 @@ def pareto(
     )
     made = designs(found, spec, command or f"maskfab.pareto({path.as_posix()!r})", camera, taking)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
-    return ParetoFront(found, made, digest, (*notes_of(spec, scenes, taking), *_idle(spec, section)))
+    told = scenes_line(scenes, None if images is None else Path(images))
+    return ParetoFront(found, made, digest, told, (*notes_of(spec, scenes, taking), *_idle(spec, section)))
 
 
 def _idle(spec: JobSpec, section: SearchSection) -> tuple[str, ...]:

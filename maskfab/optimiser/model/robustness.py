@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.model import ORIENTATIONS, orient, side_by_side
+from maskfab.units import NM_PER_UM
 
 if TYPE_CHECKING:
     from maskfab.optimiser.model.layout_error import PupilError
@@ -37,8 +38,7 @@ Mask = NDArray[np.bool_]
 TILINGS = 8
 """Random tilings whose PSNRs are compared: their standard deviation is known within a quarter."""
 _OFF_CELLS = (1, 2)
-BIAS_UM = 0.1
-"""Bias by which openings are compared, as a mask shop keeps it."""
+_BIAS_UM = 0.1
 
 
 @dataclass(frozen=True)
@@ -139,6 +139,11 @@ def robustness(
         corners = product((-away, away), repeat=2)
         centre = _varied(away / dots * pitch_um, own, [_psnr(error, seen(*each)) for each in corners])
     return Robustness(own, tiling, off_centre, bias, centre)
+
+
+def compared_bias_um(dot_nm: int) -> float:
+    """Bias by which openings of such dots are compared: as a mask shop keeps it, and a quarter of a dot at most."""
+    return min(_BIAS_UM, dot_nm / NM_PER_UM / 4)
 
 
 def moved_by_bias(unit: Mask, kinds: NDArray[np.int8], error: PupilError, bias_um: float) -> float:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.optimiser.rules.price import Prices
+from maskfab.optimiser.search.alternatives import Alternatives
 from maskfab.plate.maps import CellMap
 
 Mask = NDArray[np.bool_]
@@ -106,6 +109,10 @@ class FrontCurve:
         misfits: why openings that none betters are not in ``front``: what their display's check says of the die.
         complete: whether no budget ended it.
         refusal: why there is no design of so many dots, where ``front`` is empty.
+        asked: parts of the display that every design holds, the least of each, with what it asks.
+        prices: what these cost among the shapes judged; None where there is no design, and where the budget is over.
+        priced_among: shapes among which they are priced.
+        alternatives: openings of nearly the PSNR of the best of ``front``; None as ``prices``.
     """
 
     clear_dots: int
@@ -117,6 +124,10 @@ class FrontCurve:
     misfits: tuple[str, ...]
     complete: bool
     refusal: str | None = None
+    asked: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    prices: Prices | None = None
+    priced_among: int = 0
+    alternatives: Alternatives | None = None
 
     @property
     def points(self) -> tuple[FrontPoint, ...]:
@@ -134,6 +145,9 @@ class Pareto:
         dot_nm: side of a dot.
         levels: of light, dB.
         lines: numbers of lines that were asked about, rising.
+        designed_for: camera, sensor and light, in words.
+        seed: of the search.
+        kept: rules of [design] that every opening keeps.
     """
 
     curves: tuple[FrontCurve, ...]
@@ -141,6 +155,9 @@ class Pareto:
     dot_nm: int
     levels: tuple[float, ...]
     lines: tuple[int, ...]
+    designed_for: str
+    seed: int
+    kept: tuple[str, ...] = ()
 
     @property
     def points(self) -> tuple[FrontPoint, ...]:

@@ -28,23 +28,28 @@ from maskfab.eye.grain import predicted_rms
 from maskfab.eye.viewing import TELEPHONE_UM, Viewing
 from maskfab.jobfile import ParetoSection, SearchSection
 from maskfab.model import Opening
+from maskfab.optimiser.account import asked_of
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.design import require_closed
 from maskfab.optimiser.maps.cluster import SIDE, Groups, clustered
 from maskfab.optimiser.maps.density import graded
 from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
 from maskfab.optimiser.model.layout_error import PupilError
+from maskfab.optimiser.model.robustness import compared_bias_um, moved_by_bias
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.pareto.front import ROUNDING, FrontCurve, FrontPoint, JudgedOpening, Mask, Pareto, spread
-from maskfab.optimiser.result import constraints_of
+from maskfab.optimiser.result import constraints_of, made_for_line
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked, anneal, scan
-from maskfab.optimiser.rules.families import FAMILIES
+from maskfab.optimiser.rules.families import FAMILIES, Candidate
 from maskfab.optimiser.rules.fit_rule import Display, footprints_of, misfit, of_display
 from maskfab.optimiser.rules.footprints import Footprints
+from maskfab.optimiser.rules.price import prices
+from maskfab.optimiser.search.alternatives import alternatives
 from maskfab.optimiser.search.finish import FIRST_STEPS, groups_of, map_of, map_seed
 from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
-from maskfab.optimiser.search.scan import allowed
+from maskfab.optimiser.search.scan import PRICED, allowed
+from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
 
@@ -188,7 +193,16 @@ def sweep(
     if len(refusals) == len(counts):
         raise refusals[0]
     given = tuple(work.given(opening) for opening in compared)
-    return Pareto(tuple(curves), given, rules.dot_nm, taking.levels, lines)
+    return Pareto(
+        tuple(curves),
+        given,
+        rules.dot_nm,
+        taking.levels,
+        lines,
+        made_for_line(camera, taking),
+        section.seed,
+        rules.without(*of_display(display)).active,
+    )
 
 
 @dataclass(frozen=True, eq=False)
@@ -248,7 +262,41 @@ class _Sweep:
         denser, unlike = self._denser(kept[0], rules, uneven, clock)
         left_out = len(kept) - len(chosen)
         complete = complete and len(uneven) == len(_uneven(self.pareto))
-        return FrontCurve(count, points, denser, evaluated, measured, left_out, (*misfits, *unlike), complete)
+        told = FrontCurve(count, points, denser, evaluated, measured, left_out, (*misfits, *unlike), complete)
+        return told if clock.over else self._beside(told, rules, found.ranked, steps)
+
+    def _beside(
+        self, curve: FrontCurve, rules: Constraints, ranked: Sequence[Ranked], steps: Sequence[JudgedOpening]
+    ) -> FrontCurve:
+        """The curve with what its display costs, and with openings of nearly the PSNR of its best."""
+        held = self._holding(rules, 0.0, self.lines[0])
+        display = held.only(*of_display(self.display))
+        # Shapes below the best that fits decide nothing, nor do those of an annealing, which keeps the display.
+        best = next(each for each in steps if any(each.unit is shape.unit for shape in ranked))
+        better = [each for each in ranked if each.value > best.value][:PRICED]
+        judged = [*better, Ranked(best.shape, best.unit, best.value)]
+        worth = {each.unit.tobytes(): each.value for each in judged}
+        candidates = [Candidate(each.name, each.unit) for each in judged]
+        first = curve.front[0].judged
+        visited = [*ranked, *(Ranked(each.shape, each.unit, each.value) for each in steps)]
+        return replace(
+            curve,
+            asked=asked_of(display),
+            prices=prices(candidates, lambda unit: worth[unit.tobytes()], display),
+            priced_among=len(ranked),
+            alternatives=alternatives(
+                Ranked(first.shape, first.unit, first.value), visited, held, moved=self._moved, bias_um=self._bias_um
+            ),
+        )
+
+    @property
+    def _bias_um(self) -> float:
+        return compared_bias_um(self.rules.dot_nm)
+
+    def _moved(self, unit: Mask) -> float:
+        error = self.panels.in_focus
+        kinds = orientations(self.section.tiling, error.cells, error.cells, map_seed(self.section))
+        return moved_by_bias(unit, kinds, error, self._bias_um)
 
     def given(self, opening: Opening) -> JudgedOpening:
         footprint = self.footprints(opening.mask)

@@ -99,6 +99,16 @@ class Display:
         wires = self.rules.wires
         return 0 if wires is None else wires.lines - int(wires.transparent_nm > 0)
 
+    def asks(self, part: str) -> str:
+        """What it asks of one of its parts, as :func:`of_display` names them, in words."""
+        emitters, wires = self.rules.emitters, self.rules.wires
+        told = {
+            "emitters": f"{emitters.required:.1%} of the pixel for each colour",
+            "circuits": f"{self.rules.circuit.pixel_need_um2:g} µm² for each pixel",
+            "wires": "" if wires is None else f"{wires.lines} lines each way",
+        }
+        return told.get(part, "")
+
     def lines_told(self, pitch_nm: int) -> str:
         """Opaque lines that must pass, and the width of a pixel that they take."""
         if self.rules.wires is None:

@@ -26,7 +26,7 @@ from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
 from maskfab.optimiser.model.layout_error import PupilError
-from maskfab.optimiser.model.robustness import BIAS_UM, EXACT, Robustness, Spread, moved_by_bias, robustness
+from maskfab.optimiser.model.robustness import EXACT, Robustness, Spread, compared_bias_um, moved_by_bias, robustness
 from maskfab.optimiser.model.scene_conditions import SceneConditions
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
 from maskfab.optimiser.result import (
@@ -57,7 +57,6 @@ from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.plate.maps import shifted
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
-from maskfab.units import NM_PER_UM
 
 _LONGEST = 18
 _AUC_EVALUATIONS = 4000
@@ -225,7 +224,7 @@ def _alternatives(
     # One tiling for all, so that openings are compared and not tilings.
     kinds = orientations(section.tiling, *shape, seed)
     own = found.best.value if np.array_equal(laid.unit, found.best.unit) else expected(laid.unit)
-    bias_um = min(BIAS_UM, rules.dot_nm / NM_PER_UM / 4)
+    bias_um = compared_bias_um(rules.dot_nm)
 
     def moved(unit: Mask) -> float:
         return moved_by_bias(unit, kinds, error, bias_um)

@@ -76,7 +76,7 @@ def designed_document(
         "bounds": None if found.gap is None else _bounds(found, found.gap),
         "evaluated": found.evaluated,
         "search": None if account is None else _search(account),
-        **_prices(found.prices),
+        **prices_document(found.prices),
         "alternatives": None if found.alternatives is None else alternatives_document(found.alternatives),
         "alternatives_absent": _absent(found),
         "map": None
@@ -166,7 +166,8 @@ def _bounds(found: Designed, gap: Gap) -> dict[str, object]:
     }
 
 
-def _prices(prices: Prices | None) -> dict[str, object]:
+def prices_document(prices: Prices | None) -> dict[str, Any]:
+    """What rules cost, dB; null where no opening judged tells it, and of all where nothing is priced."""
     if prices is None:
         return {"rules_cost_db": None, "prices_db": {}}
     each = {one.rule: {"alone": _finite(one.alone), "last": _finite(one.last)} for one in prices.each}

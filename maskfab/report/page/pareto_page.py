@@ -6,21 +6,19 @@ from collections.abc import Mapping, Sequence
 from functools import cache
 from typing import Any
 
-import numpy as np
 from jinja2 import Template
 from markupsafe import Markup
 
 from maskfab.optimiser.pareto.designs import FrontDesign
 from maskfab.optimiser.pareto.front import Pareto
+from maskfab.report.documents.alternatives_data import drawn_rows
 from maskfab.report.page.environment import page_environment
 from maskfab.report.page.html import style
+from maskfab.report.page.tradeoffs import alternatives_part, dots_image, rules_part
 from maskfab.report.plots.pareto_figure import pareto_drawing
-from maskfab.report.plots.png import data_uri, png
-from maskfab.report.plots.sheet import img
 from maskfab.resources import template
 
-_PALETTE = np.array([[74, 82, 92], [255, 255, 255]], dtype=np.uint8)
-"""Closed and clear."""
+_ABSENT = "The budget was over before they were compared."
 
 
 def pareto_page(found: Pareto, designs: Sequence[FrontDesign], document: Mapping[str, Any]) -> str:
@@ -38,19 +36,24 @@ def pareto_page(found: Pareto, designs: Sequence[FrontDesign], document: Mapping
         figure=Markup(pareto_drawing(found).img()),
         levels=[f"{level:g}" for level in found.levels],
         rows=[(each, id(each.point) in best) for each in sorted(designs, key=lambda each: -each.point.value)],
-        drawn={each.name: _drawing(each) for each in designs},
+        drawn={each.name: dots_image(drawn_rows(each.opening.mask), f"the opening {each.name}") for each in designs},
         compared=document["compared"],
-        curves=document["curves"],
+        curves=[{**curve, **_tradeoffs(curve)} for curve in document["curves"]],
         notes=document["notes"],
+        seed=document["seed"],
+        assumes=f"{document['designed_for']}; {document['scenes']}",
+        rules_kept=", ".join(rule.replace("_", " ") for rule in document["rules_kept"]),
         uneven=any(each.outer is not None for each in designs),
         mapped=any(each.point.mapped is not None for each in designs),
     )
 
 
-def _drawing(each: FrontDesign) -> Markup:
-    """The opening's dots, for an ``<img>`` that scales them without blurring."""
-    dots = png(each.opening.mask.astype(np.uint8), _PALETTE)
-    return Markup(img(data_uri(dots), f"the opening {each.name}", "small"))
+def _tradeoffs(curve: Mapping[str, Any]) -> dict[str, Markup]:
+    """What the display costs designs of one size, and openings beside the best of them."""
+    rules = rules_part(
+        curve["rules"], curve["prices_db"], curve["rules_cost_db"], curve["priced_among"], annealed=False
+    )
+    return {"costs": rules, "near": alternatives_part(curve["alternatives"], _ABSENT)}
 
 
 @cache
