@@ -90,7 +90,12 @@ def test_a_sweep_is_written_whole_and_alike_each_time(job: Path, capsys: pytest.
         "Of [design] a sweep does not use: shortlist, positions; the jobs of its designs do.",
         "Not used of the job, for a sweep appraises nothing over it: [process.spread].",
     ]
+    for curve in told["curves"]:
+        assert curve["prices_db"].keys() == {"circuits", "emitters"}
+        assert curve["alternatives"]["of_the_display"]
     page = (out / "pareto.html").read_text()
+    assert page.count("Together the rules cost") == len(told["curves"])
+    assert f"Assumes {told['designed_for']}; 1 synthetic scene;" in page
     assert "<script" not in page
     for each in found:
         assert f'<a href="#{each["name"]}">' in page

@@ -14,7 +14,7 @@ from maskfab.optimiser.rules.fit_rule import Display
 
 @dataclass(frozen=True)
 class Account:
-    """How a design was found.
+    """The way to a design.
 
     Attributes:
         method: by which it was searched, in words.

@@ -364,8 +364,9 @@ def require_closed(closed: float, required: float, stated: str, *, where: str) -
 
 def scenes_line(source: Folder, images: Path | None) -> str:
     """The scenes of a folder, or synthetic ones, in words."""
-    taken = "synthetic scenes" if images is None else f"photographs of {images.name}"
-    return f"{len(source.photographs)} {taken}"
+    count = len(source.photographs)
+    kind = "synthetic scene" if images is None else "photograph"
+    return f"{count} {kind}{'' if count == 1 else 's'}{'' if images is None else f' of {images.name}'}"
 
 
 def scenes_of(images: Path | None, section: DesignSection) -> Folder:

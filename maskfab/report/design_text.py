@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from maskfab.report.documents.designed_data import by_level
 from maskfab.units import UM_PER_MM
 
 if TYPE_CHECKING:
@@ -112,6 +111,11 @@ def _losses(found: Designed, varied: Varied) -> str:
 
 def _light(designed: DesignedMap) -> float:
     return designed.clear_dots / designed.start_clear_dots - 1
+
+
+def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, float]:
+    """Values by the level of light that they hold at, in dB as text."""
+    return {f"{level:g}": value for level, value in zip(levels, values, strict=True)}
 
 
 def _most(found: Designed, values: Sequence[float]) -> str:

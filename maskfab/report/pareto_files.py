@@ -16,8 +16,9 @@ from maskfab.opening.openings import opening_text
 from maskfab.optimiser.pareto.designs import FrontDesign
 from maskfab.optimiser.pareto.front import JudgedOpening, Pareto
 from maskfab.plate.maps import map_text
+from maskfab.report.design_text import by_level
 from maskfab.report.documents.alternatives_data import alternatives_document
-from maskfab.report.documents.designed_data import by_level, prices_document
+from maskfab.report.documents.designed_data import prices_document
 from maskfab.report.page.pareto_page import pareto_page
 from maskfab.report.plots.pareto_figure import pareto_png, svg
 

@@ -248,6 +248,32 @@ def test_more_shapes_and_annealing_never_lose(scenes: tuple[Photograph, ...], fr
     assert walked.curves[0].evaluated > free.curves[0].evaluated
 
 
+def test_the_display_is_priced_by_the_best_shape_without_it(scenes: tuple[Photograph, ...], free: Pareto) -> None:
+    expected = ExpectedPsnr(surrogate_behind(scenes, lattice(DOTS, DOT_NM, camera=F1)))
+    values = [expected(each.unit) for each in bars(DOTS, 12)]
+    (curve,) = free.curves
+    assert curve.prices is not None
+    assert curve.prices.together == pytest.approx(max(values) - curve.front[0].judged.value, abs=1e-9)
+    assert {each.rule: curve.asked[each.rule] for each in curve.prices.each}.keys() == {"circuits", "emitters", "wires"}
+    assert curve.asked["wires"] == "1 lines each way"
+    assert all(
+        0 <= each.last <= each.alone + 1e-12 or each.alone <= curve.prices.together for each in curve.prices.each
+    )
+
+
+def test_alternatives_of_a_front_hold_the_display(scenes: tuple[Photograph, ...]) -> None:
+    (curve,) = swept(asked(12, lines=[1], points=1), section(families=["bars", "l_shapes"]), scenes).curves
+    near = curve.alternatives
+    assert near is not None
+    assert near.own_emitters
+    assert np.array_equal(near.chosen.unit, curve.front[0].judged.unit)
+    held = rules_of(section(), SHOWN.asking(required=SHOWN.rules.emitters.required, lines=1))
+    assert near.others
+    for each in near.others:
+        assert held.allows(each.unit)
+        assert abs(each.value - near.chosen.value) <= 0.1
+
+
 def test_a_least_footprint_cuts_the_curve_where_it_is(scenes: tuple[Photograph, ...], free: Pareto) -> None:
     least = free.curves[0].front[-1].judged.footprint
     ruled = sweep(asked(12, lines=[1]), section(), scenes, SHOWN.asking(required=least, lines=1))

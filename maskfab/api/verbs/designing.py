@@ -83,7 +83,7 @@ class Design:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What a user should know, as sentences."""
+        """Notes for a user, as sentences."""
         cut = ("A run that its budget cut short is not repeated bit for bit.",) if self.found.cut else ()
         return (*self.found.notes, *cut)
 

@@ -100,7 +100,7 @@ class Display:
         return 0 if wires is None else wires.lines - int(wires.transparent_nm > 0)
 
     def asks(self, part: str) -> str:
-        """What it asks of one of its parts, as :func:`of_display` names them, in words."""
+        """The demand on one of its parts, as :func:`of_display` names them, in words."""
         emitters, wires = self.rules.emitters, self.rules.wires
         told = {
             "emitters": f"{emitters.required:.1%} of the pixel for each colour",

@@ -61,7 +61,7 @@ class Alternative:
         return float(self.unit.mean())
 
     def better_at(self, other: Alternative) -> tuple[str, ...]:
-        """What it has more of than another: ``psnr``, ``emitters``, ``rim``, ``bias``."""
+        """All that it has more of than another: ``psnr``, ``emitters``, ``rim``, ``bias``."""
         better = {
             "psnr": self.value > other.value + _MORE_DB,
             "emitters": None not in (self.emitters, other.emitters)
@@ -158,7 +158,7 @@ def _keeping(kinds: Iterable[list[Ranked]], rules: Constraints) -> tuple[list[tu
             if tried >= _TRIED:
                 untried += 1
                 break
-    return kept, untried
+    return sorted(kept, key=lambda each: -each[0].value), untried
 
 
 def _numbers(each: Ranked, rules: Constraints) -> Alternative:

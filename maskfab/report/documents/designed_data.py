@@ -14,6 +14,7 @@ from maskfab import __version__
 from maskfab.optimiser.model.robustness import laid_picture
 from maskfab.plate.maps import shifted
 from maskfab.plate.tiling import orientations
+from maskfab.report.design_text import by_level
 from maskfab.report.documents.alternatives_data import alternatives_document, drawn_rows
 from maskfab.units import NM_PER_UM
 
@@ -32,7 +33,7 @@ _SHOWN_CELLS = 6
 
 @dataclass(frozen=True)
 class Made:
-    """How a design came about, beside what was found.
+    """Origin of a design, beside what was found.
 
     Attributes:
         job_hash: of the resolved job.
@@ -167,7 +168,7 @@ def _bounds(found: Designed, gap: Gap) -> dict[str, object]:
 
 
 def prices_document(prices: Prices | None) -> dict[str, Any]:
-    """What rules cost, dB; null where no opening judged tells it, and of all where nothing is priced."""
+    """Costs of rules, dB; null where no opening judged tells it, and of all where nothing is priced."""
     if prices is None:
         return {"rules_cost_db": None, "prices_db": {}}
     each = {one.rule: {"alone": _finite(one.alone), "last": _finite(one.last)} for one in prices.each}
@@ -176,11 +177,6 @@ def prices_document(prices: Prices | None) -> dict[str, Any]:
 
 def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
-
-
-def by_level(levels: Sequence[float], values: Sequence[float]) -> dict[str, float]:
-    """Values by the level of light that they hold at, in dB as text."""
-    return {f"{level:g}": value for level, value in zip(levels, values, strict=True)}
 
 
 def _search(account: Account) -> dict[str, Any]:

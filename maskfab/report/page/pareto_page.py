@@ -49,7 +49,7 @@ def pareto_page(found: Pareto, designs: Sequence[FrontDesign], document: Mapping
 
 
 def _tradeoffs(curve: Mapping[str, Any]) -> dict[str, Markup]:
-    """What the display costs designs of one size, and openings beside the best of them."""
+    """Costs of the display to designs of one size, and openings beside the best of them."""
     rules = rules_part(
         curve["rules"], curve["prices_db"], curve["rules_cost_db"], curve["priced_among"], annealed=False
     )

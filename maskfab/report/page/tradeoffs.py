@@ -33,7 +33,7 @@ def rules_part(
     *,
     annealed: bool,
 ) -> Markup:
-    """What each rule costs.
+    """Cost of each rule.
 
     Args:
         rules: that were asked for, each with what it asks in words.

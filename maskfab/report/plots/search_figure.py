@@ -1,4 +1,4 @@
-"""How a search got better: its best value against what was judged."""
+"""The rise of a search: its best value against what was judged."""
 
 from __future__ import annotations
 
