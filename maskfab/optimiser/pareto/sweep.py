@@ -283,7 +283,7 @@ class _Sweep:
             curve,
             asked=asked_of(display),
             prices=prices(candidates, lambda unit: worth[unit.tobytes()], display),
-            priced_among=len(ranked),
+            priced_among=len(judged),
             alternatives=alternatives(
                 Ranked(first.shape, first.unit, first.value), visited, held, moved=self._moved, bias_um=self._bias_um
             ),

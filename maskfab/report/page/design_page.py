@@ -56,6 +56,7 @@ def design_page(told: Told) -> str:
             search["rules"] if search else [],
             told["prices_db"],
             told["rules_cost_db"],
+            told["evaluated"],
             search["priced_among"] if search else 0,
             annealed="annealed" in told["shape"],
         ),

@@ -51,7 +51,12 @@ def pareto_page(found: Pareto, designs: Sequence[FrontDesign], document: Mapping
 def _tradeoffs(curve: Mapping[str, Any]) -> dict[str, Markup]:
     """Costs of the display to designs of one size, and openings beside the best of them."""
     rules = rules_part(
-        curve["rules"], curve["prices_db"], curve["rules_cost_db"], curve["priced_among"], annealed=False
+        curve["rules"],
+        curve["prices_db"],
+        curve["rules_cost_db"],
+        curve["evaluated"],
+        curve["priced_among"],
+        annealed=False,
     )
     return {"costs": rules, "near": alternatives_part(curve["alternatives"], _ABSENT)}
 

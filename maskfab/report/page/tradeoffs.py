@@ -29,6 +29,7 @@ def rules_part(
     rules: Sequence[Mapping[str, str]],
     prices: Mapping[str, Mapping[str, float | None]],
     together: float | None,
+    judged: int,
     among: int,
     *,
     annealed: bool,
@@ -39,7 +40,8 @@ def rules_part(
         rules: that were asked for, each with what it asks in words.
         prices: dB by rule: ``alone``, and ``last``, on top of the others; null where no opening judged tells it.
         together: of all rules, dB; None where that is not known.
-        among: openings that were judged for this.
+        judged: openings in all.
+        among: the best of these, among which rules are priced.
         annealed: the opening was annealed under the rules.
     """
     rows = [
@@ -51,7 +53,7 @@ def rules_part(
         }
         for each in rules
     ]
-    return Markup(_macros().rules(rows, together, among, annealed))
+    return Markup(_macros().rules(rows, together, judged, among, annealed))
 
 
 def alternatives_part(near: Mapping[str, Any] | None, absent: str | None) -> Markup:
