@@ -25,7 +25,7 @@ from maskfab.units import NM_PER_UM
 
 PROBE_S = 0.1
 """That :func:`probe` takes there."""
-STARTED_S = 1.3
+STARTED_S = 2.0
 """Of a process, for its imports."""
 HELD = 400e6
 """Bytes of a process that has imported what it needs."""
@@ -36,6 +36,8 @@ _TIMES = 3
 
 _COLOURS = _LEVELS = 3
 """Of light, in what a photographed die takes; a die that is not seen in so many colours is not photographed."""
+_VIEWS_OF_FIELD = 25
+"""Places on the sensor whose PSFs a report shows, where they differ."""
 _DRAWN_WINDOW_PX = 128.0
 """Side of the window in what the optics of a die take for each wavelength."""
 
@@ -50,11 +52,20 @@ def _of_optics(die: Any, camera: Any, *_: Any) -> float:
     """Dots in the stop set the transform's length, pixels of the window its points."""
     side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
     dots = camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
-    return float(len(camera.wavelengths_nm) * (0.02 + 0.15 * side**2 + 0.1 * (dots / 500) ** 2))
+    return float(len(camera.wavelengths_nm) * (0.02 + 0.08 * side**2 + 0.1 * (dots / 500) ** 2))
 
 
-def _of_scene(_die: Any, _camera: Any, _scene: Any, _openings: Any, plan: Any, *_: Any) -> float:
-    return 1.0 + 5.0 * float(plan.price.seconds)
+def _of_scene(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_: Any) -> float:
+    """The plan's price is that of the whole scene; a report shows some of its PSFs, and one by the fullest model."""
+    choice, side = plan.choice, camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
+    depths = len({scene.nearest_um, scene.focus_um, scene.farthest_um}) if choice.defocus else 0
+    off_axis = scene.differs_off_axis and (choice.places > 1 or choice.distortion > 0)
+    of_bands = plan.wavelengths if scene.bands else 0
+    fuller = plan.fullest.samples_per_dot / choice.samples_per_dot if choice.samples_per_dot else 1.0
+    shown = 1 + fuller + depths + _VIEWS_OF_FIELD * off_axis + of_bands
+    one = float(plan.price.seconds) / (plan.wavelengths * plan.depths * choice.places**2)
+    resampled = 0.03 * side**2 * _VIEWS_OF_FIELD * off_axis * choice.distortion**2
+    return 0.2 + shown * one + float(resampled)
 
 
 _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
@@ -159,7 +170,7 @@ _OTHER = _FileCost(file=(0.3, 0.8))
 _DOTS_S = 0.08
 """Of comparing a die dot by dot."""
 _VERTEX_BYTES = 900.0
-_DRAWN_BYTES = 450.0
+_DRAWN_BYTES = 150.0
 
 
 def layout_s(dies: int) -> float:

@@ -44,8 +44,8 @@ from maskfab.units import NM_PER_UM, UM_PER_MM
 Floats = NDArray[np.float64]
 
 _PLACES = 5
-# Four complex fields of double precision.
-_BYTES_PER_SAMPLE = 64.0
+# Seven complex fields of double precision: measured, in stops of 2 and 4 mm, with four and eight samples for each dot.
+_BYTES_PER_SAMPLE = 112.0
 # Slopes up to 0.9 are as far as diffraction over a gap is computed; sideways that is so many gaps.
 _LARGEST_SLOPE = 0.9 / math.sqrt(1 - 0.9**2)
 

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
+from math import inf
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from once import figures_in_words
@@ -15,7 +17,8 @@ from maskfab.dry_run import dry_run
 from maskfab.errors import OutputError
 from maskfab.job import load_job
 from maskfab.kept.store import Entry, Store
-from maskfab.task_costs import _FILES, _HELD, _MODELS, PROBE_S, Pace, probe
+from maskfab.measurement.scene_rows import measure_scene
+from maskfab.task_costs import _FILES, _HELD, _MODELS, PROBE_S, Pace, expected, probe
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -105,3 +108,21 @@ def test_what_a_task_took_is_kept_with_it(made):
     assert 0 < optics.expected_s < 30
     assert told["run"].seconds is None
     assert json.loads(optics.path.read_bytes().partition(b"\n")[0])["form"] == 1
+
+
+def test_a_scene_takes_the_psfs_that_it_shows():
+    """Of every field of 25 places, of every depth one, and one more that leaves nothing out."""
+    die, camera, plan = SimpleNamespace(), SimpleNamespace(window_um=256.0, pixel_um=2.0), _plan(places=3, defocus=True)
+    deep = SimpleNamespace(nearest_um=1e6, focus_um=inf, farthest_um=inf, differs_off_axis=True, bands=())
+    one = plan.price.seconds / (3 * 2 * 9)
+    took = expected(measure_scene, (die, camera, deep, None, plan))
+    assert took == pytest.approx(0.2 + one * (2 + 2 + 25))
+    near = SimpleNamespace(**vars(deep) | {"differs_off_axis": False, "bands": ("red", "green", "blue")})
+    assert expected(measure_scene, (die, camera, near, None, plan)) == pytest.approx(0.2 + one * (2 + 2 + 3))
+
+
+def _plan(places: int, defocus: bool) -> SimpleNamespace:
+    choice = SimpleNamespace(places=places, defocus=defocus, distortion=0, samples_per_dot=0)
+    return SimpleNamespace(
+        choice=choice, fullest=choice, wavelengths=3, depths=1 + defocus, price=SimpleNamespace(seconds=54.0)
+    )
