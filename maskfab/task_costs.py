@@ -65,7 +65,7 @@ def _of_scene(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_:
     shown = 1 + fuller + depths + _VIEWS_OF_FIELD * off_axis + of_bands
     one = float(plan.price.seconds) / (plan.wavelengths * plan.depths * choice.places**2)
     resampled = 0.03 * side**2 * _VIEWS_OF_FIELD * off_axis * choice.distortion**2
-    return 0.2 + shown * one + float(resampled)
+    return float(0.2 + shown * one + resampled)
 
 
 _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
