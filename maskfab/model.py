@@ -634,16 +634,35 @@ class Camera:
 
 
 @dataclass(frozen=True)
+class Roughness:
+    """Displacements of written edges along their normal, normally distributed about none.
+
+    Attributes:
+        sigma_um: their root mean square.
+        correlation_um: distance along the edge at which their correlation exp(-(s / correlation)²) is 1/e.
+    """
+
+    sigma_um: float
+    correlation_um: float
+
+    def __post_init__(self) -> None:
+        require.number(self, "sigma_um", open_low=False)
+        require.number(self, "correlation_um")
+
+
+@dataclass(frozen=True)
 class Process:
     """Changes of drawn shapes by a mask writer.
 
     Attributes:
         corner_radius_um: radius by which the corners of clear shapes are rounded, inner and outer ones.
         cd_bias_um: by how much clear features become wider than drawn, half of it on each side; negative narrows them.
+        roughness: of the edges; None for smooth ones.
     """
 
     corner_radius_um: float
     cd_bias_um: float = 0.0
+    roughness: Roughness | None = None
 
     def __post_init__(self) -> None:
         require.number(self, "corner_radius_um", open_low=False)

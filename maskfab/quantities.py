@@ -660,6 +660,15 @@ _ENTRIES = (
         _FINER_SPOT,
     ),
     Entry(
+        "written_scattered_{reading}",
+        "s_w",
+        "1",
+        "Light scattered by rough edges, {reading}",
+        "Share of all light that rough edges take from the orders of smooth ones and spread, most of it far beyond the "
+        "PSF's window; fused: touching corners merge, open: they separate.",
+        _FINER_SPOT,
+    ),
+    Entry(
         "written_auc_radial_min_{reading}",
         "AUC",
         "1",

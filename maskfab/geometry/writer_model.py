@@ -33,6 +33,9 @@ CONFIGURATIONS = 16
 UNITS_PER_UM = 16_000
 """Corners are made on a grid of 1/16 nm, so that its rounding does not show beside the sides of the arcs."""
 
+_ROUGHEST, _LONGEST = 1 / 12, 1 / 4
+"""Root mean square and correlation length of rough edges over a dot's side: three of the one on either side of a line
+leave half of it, and the halo of an edge is then known to a seventh."""
 _SIDES = ((0, 1), (1, 1), (0, -1), (1, -1))
 
 
@@ -76,8 +79,8 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
     """Refuse what cannot be written on dots as small as a panel's.
 
     Raises:
-        JobError: MF127 where the corners of a dot meet (radius + |bias| / 2 above half a dot), or where cells grow into
-            each other across their gutter.
+        JobError: MF127 where the corners of a dot meet (radius + |bias| / 2 above half a dot), where cells grow into
+            each other across their gutter, or where edges are too rough for the dots.
     """
     radius, bias = process.corner_radius_um, process.cd_bias_um
     reach, dot = radius + abs(bias) / 2, panel.dot_nm / NM_PER_UM
@@ -96,6 +99,16 @@ def check_process(process: Process, panel: Panel, where: str = "") -> None:
             f"a CD bias of {bias:g} um closes the gutter of {gutter:g} um between the cells",
             where=where,
             cure=f"Use a gutter of more than {bias:g} um, or a smaller bias",
+        )
+    rough, narrowest = process.roughness, min(dot, gutter or dot)
+    if rough is not None and (rough.sigma_um > narrowest * _ROUGHEST or rough.correlation_um > dot * _LONGEST):
+        raise JobError(
+            "MF127",
+            f"edges that are rough by {rough.sigma_um:g} um over {rough.correlation_um:g} um are not independent of "
+            f"each other on dots of {dot:g} um" + (f" beside gutters of {gutter:g} um" if gutter else ""),
+            where=where,
+            cure=f"Use a sigma of at most {narrowest * _ROUGHEST:.3g} um and a correlation of at most "
+            f"{dot * _LONGEST:g} um, or larger dots",
         )
 
 

@@ -40,7 +40,7 @@ from maskfab.jobfile.values import (
     Wavelength,
     Weight,
 )
-from maskfab.model import Camera, Glass, MaskBlank, Process, Stop, StopShape, Tiling
+from maskfab.model import Camera, Glass, MaskBlank, Process, Roughness, Stop, StopShape, Tiling
 from maskfab.units import NM_PER_UM
 
 
@@ -698,13 +698,23 @@ class SpreadSection(Section):
     """Of the stop's centre from the orientation map's, along x and along y."""
 
 
+class RoughnessSection(Section):
+    """[process.roughness]: written edges that are not straight; what they scatter is part of PSF and MTF as written."""
+
+    sigma: LengthOrZero
+    """Root mean square of their displacements along the normal; a third of what is called 3σ line edge roughness."""
+    correlation: Length
+    """Distance along an edge at which the correlation of displacements, exp(-(s / correlation)²), is 1/e."""
+
+
 class ProcessSection(Section):
-    """[process]: what the mask writer does to corners and widths."""
+    """[process]: what the mask writer does to corners, widths and edges."""
 
     corner_radius: LengthOrZero = 0.0
     """Radius to which the writer rounds corners."""
     cd_bias: SignedLength = 0.0
     """Change of width of a clear line; positive widens what is clear."""
+    roughness: RoughnessSection | None = None
     spread: SpreadSection | None = None
 
 
@@ -770,7 +780,12 @@ class JobSpec(Section):
         if self.process is None:
             return None
         made_good = self.order is not None and self.order.bias in ("house", "data")
-        return Process(self.process.corner_radius, 0.0 if made_good else self.process.cd_bias)
+        rough = self.process.roughness
+        return Process(
+            self.process.corner_radius,
+            0.0 if made_good else self.process.cd_bias,
+            None if rough is None else Roughness(rough.sigma, rough.correlation),
+        )
 
     @property
     def data_bias_nm(self) -> int | None:

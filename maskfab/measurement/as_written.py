@@ -9,10 +9,14 @@ Notes:
     finer ones change the difference to the drawing by less than a ten-thousandth of itself.
     The rounded-off corners of two dots meet each other at lags of whole dots, in peaks as narrow as the corner radius,
     which parts of a dot blunt. What that is worth is told by parts twice as wide: twice the change is the error.
+    Rough edges are taken in the mean over all displays: the PSF by :mod:`maskfab.optics.image.rough_edges`, the MTF
+    from parts whose shares are spread by the same variance. What their halo adds to the MTF lies below the frequency
+    that belongs to the correlation length, and is left out.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import NamedTuple
@@ -35,10 +39,11 @@ from maskfab.geometry.writer_model import (
     written_corners,
 )
 from maskfab.measurement.optics import middle_nm, polygon_psf, stop_boundary
-from maskfab.model import Camera, Die, Mtf, Process, Psf, Quantity, Stop, split_cells
+from maskfab.model import Camera, Die, Mtf, Process, Psf, Quantity, Roughness, Stop, split_cells
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import area_under_radial_min, longest_lag_um, presampled_mtf
-from maskfab.optics.image.psf import point_psfs
+from maskfab.optics.image.psf import image_scale_um2, point_psfs
+from maskfab.optics.image.rough_edges import EdgeLengths, rough_psf, scattered_um2
 from maskfab.optics.numbers import metrics
 from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
@@ -69,6 +74,8 @@ class WrittenOptics:
         radial_errors: uncertainty of each MTF's radial mean and minimum, which average over directions or lie below
             the peaks that need the finest parts.
         auc_errors: uncertainty of the area under each MTF's radial minimum.
+        scattered: share of all light that rough edges scatter, wherever it goes.
+        scatter_error: uncertainty of the change of the PSF by it, as a share of the PSF.
     """
 
     reading: Reading
@@ -77,6 +84,8 @@ class WrittenOptics:
     mtfs: tuple[Mtf, ...]
     radial_errors: tuple[float, ...]
     auc_errors: tuple[float, ...]
+    scattered: float = 0.0
+    scatter_error: float = 0.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -191,7 +200,7 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
             readings[reading] = replace(readings[Reading.FUSED], reading=reading)
         else:
             corners = written_corners(vertices.dot_um, process, reading, parts, _ARC_SIDES)
-            readings[reading] = _optics(vertices, corners, stop_share, camera, reading, drawn_psf)
+            readings[reading] = _optics(vertices, corners, stop_share, camera, process, reading, drawn_psf)
         quantities += _quantities(die, camera, process, readings[reading], drawn_psf)
     close_up = _close_up(designed, corner)
     return Written(die, process, drawn_psf, drawn.mtfs, readings, kissing, close_up, tuple(quantities))
@@ -212,7 +221,7 @@ def fused_optics(die: Die, camera: Camera, process: Process, like: Psf, where: s
     parts = _parts(vertices, die, process, where)
     stop_share = _stop_share(_part_lattices(vertices, parts, _margin(vertices, process)), camera.stop)
     corners = written_corners(vertices.dot_um, process, Reading.FUSED, parts, _ARC_SIDES)
-    return _optics(vertices, corners, stop_share, camera, Reading.FUSED, like)
+    return _optics(vertices, corners, stop_share, camera, process, Reading.FUSED, like)
 
 
 def _designed(die: Die, camera: Camera) -> Aperture:
@@ -226,12 +235,31 @@ def _optics(
     corners: tuple[WrittenCorner, ...],
     stop_share: _Parts,
     camera: Camera,
+    process: Process,
     reading: Reading,
     like: Psf,
 ) -> WrittenOptics:
     psf, area = _psf(vertices, corners, camera, like)
-    transfer = _transfer(vertices, corners, stop_share, camera, area)
-    return WrittenOptics(reading, psf, area / camera.stop.area_um2, *transfer)
+    rough = process.roughness
+    transfer = _transfer(vertices, corners, stop_share, camera, area, rough)
+    found = WrittenOptics(reading, psf, area / camera.stop.area_um2, *transfer)
+    if rough is None:
+        return found
+    edges = _lengths(vertices, corners, camera.stop)
+    changed = rough_psf(psf, edges, area, image_scale_um2(camera, like.wavelength_nm), rough)
+    # The stop's rim is smooth, and the factor takes it for rough; the halo forgets the ends of edges.
+    rim_um = 2 * math.sqrt(math.pi * camera.stop.area_um2)
+    share = rim_um / edges.total_um + rough.correlation_um / (math.sqrt(math.pi) * vertices.dot_um)
+    error = share * metrics.relative_difference(changed, psf)
+    return replace(found, psf=changed, scattered=scattered_um2(edges, rough) / area, scatter_error=error)
+
+
+def _lengths(vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop: Stop) -> EdgeLengths:
+    """Of the tiles' outlines, of a tile on the rim as far as its middle is inside the stop."""
+    within = inside(stop, vertices.x_um, vertices.y_um[..., None, None])
+    outlines = [corner.outline_um for corner in corners]
+    counts = np.bincount(vertices.held[within], minlength=CONFIGURATIONS).astype(np.float64)
+    return EdgeLengths.of(np.concatenate(outlines), np.repeat(counts, [len(each) for each in outlines]))
 
 
 def _psf(vertices: _Vertices, corners: tuple[WrittenCorner, ...], camera: Camera, like: Psf) -> tuple[Psf, float]:
@@ -242,10 +270,18 @@ def _psf(vertices: _Vertices, corners: tuple[WrittenCorner, ...], camera: Camera
 
 
 def _transfer(
-    vertices: _Vertices, corners: tuple[WrittenCorner, ...], stop_share: _Parts, camera: Camera, area_um2: float
+    vertices: _Vertices,
+    corners: tuple[WrittenCorner, ...],
+    stop_share: _Parts,
+    camera: Camera,
+    area_um2: float,
+    rough: Roughness | None = None,
 ) -> _Transfer:
     """MTFs of the tiles at every wavelength; errors are twice the change against parts twice as wide."""
-    shares = stop_share.clear(vertices.held, np.stack([corner.shares for corner in corners]))
+    tiles = np.stack([corner.shares for corner in corners])
+    if rough is not None:
+        tiles = _spread(tiles, rough.sigma_um / stop_share.x.dot_um)
+    shares = stop_share.clear(vertices.held, tiles)
     pupils = [
         _grey(stop_share.x, stop_share.y, shares, camera.stop),
         _grey(_paired(stop_share.x), _paired(stop_share.y), _means(shares), camera.stop),
@@ -260,6 +296,19 @@ def _transfer(
         radial.append(max(change["radial_mean"], change["radial_min"]))
         areas.append(2 * abs(area_under_radial_min(mtf) - area_under_radial_min(coarse)))
     return _Transfer(tuple(mtfs), tuple(radial), tuple(areas))
+
+
+def _spread(shares: Floats, sigma: float) -> Floats:
+    """Shares [..., k, k] of parts, spread to their neighbours with the variance of edges that are off by so many parts.
+
+    A tile ends in the middle of dots, where what is beyond its border is as what is before it.
+    """
+    for axis in (-2, -1):
+        sides = [(0, 0)] * shares.ndim
+        sides[axis] = (1, 1)
+        wide = np.moveaxis(np.pad(shares, sides, mode="edge"), axis, 0)
+        shares = np.moveaxis((1 - sigma**2) * wide[1:-1] + sigma**2 / 2 * (wide[:-2] + wide[2:]), 0, axis)
+    return shares
 
 
 def _vertices(aperture: Aperture) -> _Vertices:
@@ -373,7 +422,7 @@ def _parts(vertices: _Vertices, die: Die, process: Process, where: str) -> int:
         )
     parts = min(_MOST_PARTS, max(2, 2 * (_FINE_SIDE // side // 2)))
     gutter = die.panel.gutter_nm / NM_PER_UM
-    if not 0 < process.cd_bias_um < gutter:
+    if gutter == 0 or (process.cd_bias_um <= 0 and process.roughness is None):
         return parts
     while parts < _MOST_PARTS and 2 * vertices.dot_um / parts > gutter:
         parts += 2
@@ -383,14 +432,14 @@ def _parts(vertices: _Vertices, die: Die, process: Process, where: str) -> int:
             f"a gutter of {gutter:g} um is too narrow for the MTF of cells that grow into it: below a quarter of a "
             f"dot of {vertices.dot_um:g} um",
             where=where,
-            cure=f"Use a gutter of at least {vertices.dot_um / 4:g} um, or a bias of 0 or less",
+            cure=f"Use a gutter of at least {vertices.dot_um / 4:g} um, or a bias of 0 or less and smooth edges",
         )
     return parts
 
 
 def _margin(vertices: _Vertices, process: Process) -> int:
     """Number of parts round every cell that take what grows out of it."""
-    return 1 if vertices.x.has_gutter and process.cd_bias_um > 0 else 0
+    return 1 if vertices.x.has_gutter and (process.cd_bias_um > 0 or process.roughness is not None) else 0
 
 
 def _part_lattices(vertices: _Vertices, parts: int, margin: int) -> _Parts:
@@ -445,7 +494,11 @@ def _mtfs(pupil: Pupil, camera: Camera, area_um2: float) -> list[Mtf]:
 
 def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOptics, drawn: Psf) -> list[Quantity]:
     reading = written.reading.value
-    how = f"corners of {process.corner_radius_um:g} um, bias {process.cd_bias_um:g} um, kissing corners {reading}"
+    rough = process.roughness
+    uneven = "" if rough is None else f"edges rough by {rough.sigma_um:g} um over {rough.correlation_um:g} um, "
+    how = (
+        f"corners of {process.corner_radius_um:g} um, bias {process.cd_bias_um:g} um, {uneven}kissing corners {reading}"
+    )
     difference = metrics.relative_difference(written.psf, drawn)
     found = [
         Quantity(
@@ -460,7 +513,7 @@ def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOpti
             difference,
             f"relative L2 between the PSF of the written polygons (edges, NUFFT) and the drawing's (matrix): {how}, "
             f"arcs as polygons within {sagitta_um(process, _ARC_SIDES) * NM_PER_UM:.2g} nm and of the circle's area",
-            uncertainty=_PATH_ERROR + _ARC_ERROR * difference,
+            uncertainty=_PATH_ERROR + _ARC_ERROR * difference + written.scatter_error,
             die=die.name,
             wavelength_nm=written.psf.wavelength_nm,
         ),
@@ -468,11 +521,21 @@ def _quantities(die: Die, camera: Camera, process: Process, written: WrittenOpti
             f"written_psf_shape_{reading}",
             metrics.relative_difference(_to_peak(written.psf), _to_peak(drawn)),
             f"the same of both PSFs over their values on the axis: {how}",
-            uncertainty=_PATH_ERROR + _ARC_ERROR * difference,
+            uncertainty=_PATH_ERROR + _ARC_ERROR * difference + written.scatter_error,
             die=die.name,
             wavelength_nm=written.psf.wavelength_nm,
         ),
     ]
+    if rough is not None:
+        found.append(
+            Quantity(
+                f"written_scattered_{reading}",
+                written.scattered,
+                f"length of the written edges inside the stop by σ / √π, over what is clear: {how}",
+                uncertainty=written.scattered * die.panel.dot_nm / NM_PER_UM / camera.stop.diameter_um,
+                die=die.name,
+            )
+        )
     for mtf, radial, area in zip(written.mtfs, written.radial_errors, written.auc_errors, strict=True):
         known = replace(mtf, falls=replace(mtf.falls, error=mtf.falls.error + radial))
         told = {each.name: each for each in metrics.mtf_quantities(known, camera.pixel_um, die.name)}

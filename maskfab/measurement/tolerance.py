@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -157,7 +157,11 @@ def _sides(process: Process, spread: ProcessSpread) -> tuple[float, float]:
 
 def _moved(process: Process, spread: ProcessSpread, x: float, y: float) -> Process:
     """The process so many deviations of bias and radius off."""
-    return Process(process.corner_radius_um + y * spread.radius_um, process.cd_bias_um + x * spread.bias_um)
+    return replace(
+        process,
+        corner_radius_um=process.corner_radius_um + y * spread.radius_um,
+        cd_bias_um=process.cd_bias_um + x * spread.bias_um,
+    )
 
 
 def _open_ratio(optics: WrittenOptics) -> Floats:

@@ -61,6 +61,11 @@ class Subject:
         return self.job.spec.written or Process(0.0, 0.0)
 
     @cached_property
+    def as_written(self) -> tuple[Quantity, ...]:
+        """Numbers of the die as the process makes it."""
+        return measure_written(self.die, self.camera, self.process, f"{self.job.where}: process").quantities
+
+    @cached_property
     def table(self) -> LagTable:
         """Lags of the panel as designed."""
         stop = self.camera.stop
@@ -108,8 +113,14 @@ def _features(subject: Subject) -> Iterable[Quantity]:
 
 
 def _written(subject: Subject) -> Iterable[Quantity]:
-    where = f"{subject.job.where}: process"
-    return measure_written(subject.die, subject.camera, subject.process, where).quantities
+    return [each for each in subject.as_written if WORKS[each.name] == "as written"]
+
+
+def _scatter(subject: Subject) -> Iterable[Quantity]:
+    if subject.process.roughness is None:
+        where, cure = subject.job.where, "Add it, or vary process.roughness.sigma and process.roughness.correlation"
+        raise JobError("MF105", "rough edges scatter, and the job has no [process.roughness]", where=where, cure=cure)
+    return [each for each in subject.as_written if WORKS[each.name] == "scatter"]
 
 
 def _photographs(subject: Subject) -> Iterable[Quantity]:
@@ -184,6 +195,7 @@ _BY_WORK: Mapping[str, Measure] = MappingProxyType(
         "restoration": _restoration,
         "features": _features,
         "as written": _written,
+        "scatter": _scatter,
         "surrogate": _expected,
         "footprint": _footprint,
         "scene": _scene,

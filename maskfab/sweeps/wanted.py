@@ -21,6 +21,7 @@ _FOUND_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
             for name in ("open_ratio", "psf_difference", "psf_shape", "auc_radial_min", "mtf50")
             for reading in _READINGS
         ),
+        "scatter": tuple(f"written_scattered_{reading}" for reading in _READINGS),
         "surrogate": ("expected_psnr",),
         "footprint": ("led_footprint_largest", "led_footprint_bound"),
         "scene": ("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),

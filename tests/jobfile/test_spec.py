@@ -216,6 +216,7 @@ ALL_FORMATS = (
         with_export('formats = ["dxf_r12"]\nshop = "pog"\nchrome = "80 nm"\nmax_references = 7\nstl_limit_mb = 0.5'),
         with_process('corner_radius = "0.5 um"\ncd_bias = "-0.1 um"'),
         with_process('cd_bias = "1 nm"'),
+        with_process('roughness = { sigma = "50 nm", correlation = "0.5 um" }'),
     ],
 )
 def test_export_and_process_survive_being_dumped(text):

@@ -17,7 +17,7 @@ from maskfab.geometry.writer_model import Reading, written_region
 from maskfab.measurement import as_written as module
 from maskfab.measurement.as_written import Written, measure_written
 from maskfab.measurement.optics import polygon_psf, stop_boundary
-from maskfab.model import Camera, Die, Opening, Panel, Plate, Process, Stop, Tiling, Track, orient
+from maskfab.model import Camera, Die, Opening, Panel, Plate, Process, Roughness, Stop, Tiling, Track, orient
 from maskfab.optics.image.lag_table import lag_table
 from maskfab.optics.image.mtf import presampled_mtf
 from maskfab.optics.image.psf import image_scale_um2
@@ -33,6 +33,7 @@ MASK = np.random.default_rng(3).random((7, 7)) < 0.4
 BAR = np.zeros((7, 7), dtype=bool)
 BAR[1:6, 2:4] = True
 PROCESS = Process(1.0, 0.2)
+ROUGH = Roughness(0.5, 0.5)
 
 
 def die(mask: np.ndarray = MASK, dot: int = 8000, gutter: int = 0, turn: int = 0) -> Die:
@@ -137,6 +138,76 @@ def test_light_follows_radius_and_bias(written):
     apart = (ratio(open_only, "fused") - ratio(open_only, "open")) * LINE.stop.area_um2
     assert apart == pytest.approx(4 * (1 - np.pi / 4) * open_only.kissing, rel=0.05)
     assert ratio(open_only, "fused") < ratio(written, "fused") < ratio(wider, "fused")
+
+
+@pytest.fixture(scope="module")
+def rough() -> Written:
+    return measure_written(die(), CAMERA, replace(PROCESS, roughness=ROUGH))
+
+
+def test_rough_edges_scatter_by_their_length(written, rough):
+    """Outlines of whole polygons, with no tiles, inside the stop."""
+    angle = 2 * np.pi * (np.arange(512) + 0.5) / 512
+    rim = db.Region(db.Polygon([db.Point(round(2e5 * np.cos(a)), round(2e5 * np.sin(a))) for a in angle]))
+    for reading in Reading:
+        region = whole(written.die, PROCESS, reading)
+        length = region.edges().inside_part(rim).length() / 1000
+        area = (region & rim).area() / 1e6
+        found = value(rough, f"written_scattered_{reading.value}")
+        assert found == pytest.approx(length * ROUGH.sigma_um / np.sqrt(np.pi) / area, rel=0.01)
+        mine, smooth = rough.readings[reading], written.readings[reading]
+        assert mine.open_ratio == smooth.open_ratio
+        assert 0 < metrics.relative_difference(mine.psf, smooth.psf) < 0.01
+
+
+def test_the_mtf_of_rough_edges_is_the_mean_overlap(written, rough):
+    """Edges that are off by chance on both copies of the openings: a mean over moves of twice their variance."""
+    region = whole(written.die, PROCESS, Reading.FUSED) & db.Region(db.Box(-200_000, -200_000, 200_000, 200_000))
+    nodes, weights = np.polynomial.hermite_e.hermegauss(6)
+    moves = [
+        (round(1000 * np.sqrt(2) * ROUGH.sigma_um * u), round(1000 * np.sqrt(2) * ROUGH.sigma_um * v), a * b)
+        for u, a in zip(nodes, weights / weights.sum(), strict=True)
+        for v, b in zip(nodes, weights / weights.sum(), strict=True)
+    ]
+    mine, smooth = (each.readings[Reading.FUSED].mtfs[1] for each in (rough, written))
+    lags = image_scale_um2(CAMERA, 530.0) * mine.frequency_cy_per_mm / 1000
+    sample = int(np.argmin(abs(lags - 56.0)))  # where the cells lie on each other
+    lag = round(1000 * lags[sample])
+    exact, plain = (
+        sum(w * (region & region.moved(lag + x, y)).area() for x, y, w in each) for each in (moves, [(0, 0, 1.0)])
+    )
+    lost = 1 - mine.cuts["horizontal"][sample] / smooth.cuts["horizontal"][sample]
+    # Parts of a dot blunt the notch, as wide as the edges are rough, but the uncertainty tells of it.
+    assert 0.5 < lost / (1 - exact / plain) < 1.2
+    off = abs(mine.cuts["horizontal"][sample] - smooth.cuts["horizontal"][sample] * exact / plain)
+    assert off < mine.uncertainty
+    assert exact < 0.99 * plain
+
+
+def test_shares_are_spread_by_the_variance_of_the_edges():
+    one = np.zeros((1, 8, 8))
+    one[0, 3, 4] = 1
+    found = module._spread(one, 0.4)[0]
+    at = np.arange(8)
+    for axis, middle in ((1, 3), (0, 4)):
+        profile = found.sum(axis=axis)
+        assert profile.sum() == pytest.approx(1)
+        assert (profile * (at - middle) ** 2).sum() == pytest.approx(0.16)
+    assert module._spread(np.ones((1, 4, 4)), 0.4) == pytest.approx(np.ones((1, 4, 4)))
+
+
+@pytest.mark.parametrize(
+    ("roughness", "gutter", "cure"),
+    [
+        (Roughness(0.7, 1.0), 0, "sigma of at most 0.667 um"),
+        (Roughness(0.1, 2.1), 0, "correlation of at most 2 um"),
+        (Roughness(0.1, 1.0), 1000, "sigma of at most 0.0833 um"),
+    ],
+)
+def test_edges_too_rough_for_the_dots_are_refused(roughness, gutter, cure):
+    with pytest.raises(JobError, match=r"MF127.*rough.*job\.toml") as refused:
+        measure_written(die(gutter=gutter), CAMERA, Process(0.0, 0.0, roughness), where="job.toml: process")
+    assert cure in refused.value.cure
 
 
 def test_openings_without_kissing_corners_have_one_reading():

@@ -80,6 +80,27 @@ def test_numbers_follow_from_the_fields(swept):
         assert sharp["written_open_ratio_fused"] != round_["written_open_ratio_fused"]
 
 
+def test_roughness_is_a_field(tmp_path):
+    """Twice as rough edges scatter twice as much light; a case without a correlation makes no job."""
+    edits = (
+        ("process.cd_bias", "process.roughness.sigma"),
+        ('"-0.5 um", "0 um", "0.5 um"', '"0 um", "0.1 um", "0.2 um"'),
+        (
+            '"process.corner_radius"\nfrom = "0 um"\nto = "1 um"\ncount = 2',
+            '"process.roughness.correlation"\nvalues = ["0.5 um"]',
+        ),
+        ('"open_ratio", "written_open_ratio_fused", "written_min_feature"', '"written_scattered_fused"'),
+    )
+    found = mf.sweep(write_study(tmp_path, *edits), tmp_path / "out", engine="serial")
+    (series,) = found.found.series
+    assert series.values[0] == 0
+    assert series.values[2] == pytest.approx(2 * series.values[1], rel=1e-12)
+    assert series.values[1] > 0
+    smooth = write_study(tmp_path, *edits[3:])
+    (refused, *_) = mf.sweep(smooth, tmp_path / "smooth", engine="serial").found.failed
+    assert "no [process.roughness]" in refused[1]
+
+
 def test_the_yield_is_of_the_jobs_limits(swept):
     (only,) = swept.yields
     assert (only.kept, only.cases) == (4, 6)

@@ -212,10 +212,12 @@ def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...
         notes.append(f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms.")
     process, plate = job.spec.process, job.spec.plate
     unfitted = ["corner_radius of [process]"] if process is not None and process.corner_radius else []
+    unfitted += ["[process.roughness]"] if process is not None and process.roughness is not None else []
     unfitted += ["[process.spread]"] if process is not None and process.spread is not None else []
     unfitted += ["optical_density of [plate]"] if plate is not None and plate.optical_density is not None else []
     if unfitted:
-        notes.append(f"Not used of the job: {', '.join(unfitted)}; the die is fitted with sharp corners and no leak.")
+        fitted = "sharp corners, smooth edges and no leak"
+        notes.append(f"Not used of the job: {', '.join(unfitted)}; the die is fitted with {fitted}.")
     return tuple(notes)
 
 

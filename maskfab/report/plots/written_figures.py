@@ -79,7 +79,9 @@ def _corner(written: Written) -> tuple[Figure, str]:
             axes.add_artist(outline)
         axes.set(xlim=(-reach, reach), ylim=(-reach, reach), aspect="equal", xticks=[], yticks=[], title=title)
         _scale_bar(axes, reach)
-    words = f"corner radius {process.corner_radius_um:g} µm, CD bias {process.cd_bias_um:g} µm; dashed: as drawn"
+    rough = process.roughness
+    mean = "" if rough is None else f", without the edges' roughness of {rough.sigma_um:g} µm"
+    words = f"corner radius {process.corner_radius_um:g} µm, CD bias {process.cd_bias_um:g} µm{mean}; dashed: as drawn"
     figure.text(0.5, 0.03, words, ha="center", va="bottom", color=INK)
     return figure, f"{kind} of die {written.die.name}: as drawn, as written fused, as written open; {words}"
 
