@@ -159,9 +159,12 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
         with suppress(_NotKeptError):
             pipeline.measure_process(job, die, silent, None, crew)
     process = crew.stage("process")
+    with suppress(_NotKeptError):
+        pipeline.expand_photographs(job, seen, silent, None, crew)
+    tolerance = crew.stage("tolerance")
     if displays.kept != displays.tasks:
-        photographed = (optics, scenes, process)
-        optics, scenes, process = (replace(each, kept=None, note=_AFTER_DISPLAYS) for each in photographed)
+        photographed = (optics, scenes, process, tolerance)
+        optics, scenes, process, tolerance = (replace(each, kept=None, note=_AFTER_DISPLAYS) for each in photographed)
     stages = (
         _own("layout", 1, layout_s(len(plate.dies)), pace),
         displays,
@@ -172,6 +175,7 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
         _own("read back", len(made.products), read_s(made), pace, read_bytes(made)),
         optics,
         scenes,
+        tolerance,
         replace(
             _own("figures", _figures(job, plate), figures_s(_figures(job, plate)), pace), kept=None, note=_AFTER_OPTICS
         ),

@@ -745,6 +745,7 @@ class Quantity:
         limit: what ``passed`` was judged against; None where nothing is required.
         level_db: light that it holds for, as the signal-to-noise ratio of white behind the published display.
         at_most: whether the value is a bound that the truth may lie far below.
+        between: edges of a band.
         detail: what completes a symbol or unit that differs from row to row, such as ``6 um`` in ``SE(6 um)``.
 
     Raises:
@@ -761,6 +762,7 @@ class Quantity:
     wavelength_nm: float | None = None
     level_db: float | None = None
     at_most: bool = False
+    between: tuple[float, float] | None = None
     detail: str | None = None
 
     def __post_init__(self) -> None:

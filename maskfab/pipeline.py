@@ -51,11 +51,14 @@ from maskfab.measurement.as_written import Written, measure_written
 from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.measurement.display_rows import display_quantities
 from maskfab.measurement.features import judged, limits_as_rules, smallest_features
+from maskfab.measurement.footprint_band import footprint_band
 from maskfab.measurement.optics import measure_with_bar, reach_box, read_openings
+from maskfab.measurement.process_spread import Expansion, ProcessSpread, check_spread
 from maskfab.measurement.restored import Photographs, Restored, photograph_die
+from maskfab.measurement.restored_tolerance import restored_bands, restored_expansion
 from maskfab.measurement.scene_result import SceneOptics
 from maskfab.measurement.scene_rows import measure_scene, peak_bytes, scene_plan, scene_reach_um
-from maskfab.measurement.tolerance import ProcessSpread, band_quantities, check_spread
+from maskfab.measurement.tolerance import band_quantities
 from maskfab.measurement.verdicts import Verdicts
 from maskfab.measurement.view import layout_as_seen, plate_as_seen, view_rows
 from maskfab.model import UNSTATED, Camera, Die, DieOptics, MaskBlank, Plate, Quantity, Report, WrittenFile
@@ -272,8 +275,8 @@ def _make(
                 scenes = measure_scenes(job, seen, plans, layout, progress, clock.seconds, crew)
             read_psfs = [quantity for psf in psfs for quantity in check_psf_file(psf, folder)]
             read = (*back.quantities, *read_psfs, *made.account(), *shop_quantities(job, made))
-            restored = photographs.result(progress, clock.seconds)
-            found = Findings(job, built, read, optics, scenes, restored, written, measured)
+            restored, changes = photographs.result(progress, clock.seconds), _changes(job, seen, progress, clock, crew)
+            found = Findings(job, built, read, optics, scenes, restored, written, changes, measured)
             report = found.report(files, clock.seconds)
             with clock.stage("figures"), _told("figures", crew, progress):
                 progress("figures", 0, 1)
@@ -290,6 +293,11 @@ def _make(
                 keep_result(cache, key, folder, (report, found.verdicts(report)))
                 cache.prune()
     return _Made(report, found.verdicts(report), crew.tally)
+
+
+def _changes(job: Job, plate: Plate, progress: Progress, clock: _Clock, crew: Alone) -> dict[str, Expansion | str]:
+    with clock.stage("tolerance"), _told("tolerance", crew, progress):
+        return expand_photographs(job, plate, progress, clock.seconds, crew)
 
 
 @contextmanager
@@ -325,6 +333,7 @@ class Findings:
         scenes: through every die; none for a job without a scene.
         restored: photographs through all dies.
         written: dies as their writer makes them, by name.
+        changes: of restored photographs over the spread of the process, by die; none without a spread.
         measured: the measurement beside the job; None if there is none.
     """
 
@@ -335,6 +344,7 @@ class Findings:
     scenes: Sequence[SceneOptics]
     restored: Photographs
     written: Mapping[str, Written]
+    changes: Mapping[str, Expansion | str]
     measured: Beside | None = None
 
     @property
@@ -350,10 +360,15 @@ class Findings:
         for die in built.plate.dies:
             if die.name in built.found and die.name in of_dies:
                 of_dies[die.name] += display_quantities(die, built.found[die.name], job.camera)
+                of_dies[die.name] += self._of_footprint(die)
         for name in self.restored.dies:
             of_dies[name] += self.restored.quantities(name)
         for name, process in self.written.items():
             of_dies[name] += process.quantities
+        if job.spec.written is not None:
+            for name in self.changes:
+                of_process = job.spec.written, process_spread(job)
+                of_dies[name] += tuple(restored_bands(self.restored, name, self.changes, *of_process))
         for name, note in design_data.camera_notes(job).items():
             if name in of_dies:
                 of_dies[name] += (note,)
@@ -366,6 +381,13 @@ class Findings:
             everything += [*quantities, *of_scenes.get(name, ())]
         checks = tuple(quantity for quantity in everything if quantity.passed is not None)
         return Report(built.plate.title, job.digest, job.seeds, of_dies, of_plate, checks, files, seconds)
+
+    def _of_footprint(self, die: Die) -> tuple[Quantity, ...]:
+        """The band of a die's emitters over the spread of the process."""
+        rules, process = self.job.display_rules, self.job.spec.written
+        if rules is None or process is None:
+            return ()
+        return footprint_band(die, self.built.found[die.name], rules.emitters, process, process_spread(self.job))
 
     def verdicts(self, report: Report) -> Verdicts:
         """On the plate."""
@@ -380,7 +402,7 @@ class Findings:
         photographs = photograph_data.photographs_document(self.restored)
         return report_data.to_document(
             report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs, self._of_dies(),
-            self._expected_s(),
+            self._expected_s(), process_spread(self.job),
         )  # fmt: skip
 
     def _expected_s(self) -> dict[str, dict[str, float]]:
@@ -633,12 +655,41 @@ def measure_process(
 
     def one(die: Die) -> Written:
         written = do(measure_written, _mask(die), job.camera, process, job.where)
-        bands = do(band_quantities, written, job.camera, spread, job.where)
+        bands = do(band_quantities, written, job.camera, spread, job.spec.frequencies_cy_per_mm, job.where)
         return replace(written, quantities=(*written.quantities, *bands))
 
     # One after another: a die takes up to a gigabyte.
     found = _each(plate.dies, one, "process", progress, seconds, 1)
     return {die.name: written for die, written in zip(plate.dies, found, strict=True)}
+
+
+def expand_photographs(
+    job: Job,
+    plate: Plate,
+    progress: Progress,
+    seconds: dict[str, float] | None = None,
+    crew: Alone | None = None,
+) -> dict[str, Expansion | str]:
+    """Changes of restored photographs over the spread of the job's [process], by die; none without a spread.
+
+    Raises:
+        JobError: MF104, MF127 or MF115 for a process that does not go with a die.
+    """
+    process, spread = job.spec.written, process_spread(job)
+    if process is None or not spread:
+        return {}
+    conditions, around = Conditions.of(job, "camera"), Surroundings.of(job)
+
+    def given(die: Die) -> Given:
+        return lambda: (conditions, around, _mask(die), process, spread, job.where)
+
+    progress("tolerance", 0, len(plate.dies))
+    calls = [(restored_expansion, given(die)) for die in plate.dies]
+    tasks = (crew or Alone()).each(calls, lambda done: progress("tolerance", done, len(plate.dies)))
+    if seconds is not None:
+        for die, task in zip(plate.dies, tasks, strict=True):
+            seconds[f"tolerance {die.name}"] = round(task.seconds, 3)
+    return {die.name: task.result() for die, task in zip(plate.dies, tasks, strict=True)}
 
 
 def process_spread(job: Job) -> ProcessSpread:

@@ -733,6 +733,65 @@ _ENTRIES = (
         "Change of the PSF's shape, both peaks scaled to 1, that 95 % of the displays made stay below.",
         "Narrow the writer's spread, or choose a design that is less sensitive to it.",
     ),
+    Entry(
+        "band_mtf_worst_{frequency}",
+        "±MTF({frequency} cy/mm)",
+        "1",
+        "Band of the MTF at {frequency} cy/mm, worst direction",
+        "Half the interval that holds mtf_worst_{frequency} of 95 % of the displays made.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
+    Entry(
+        "band_halo_energy",
+        "±h",
+        "1",
+        "Band of the halo energy",
+        "Half the interval that holds the energy of the halo of 95 % of the displays made.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
+    Entry(
+        "band_restored_psnr",
+        "±PSNR",
+        "dB",
+        "Band of the PSNR of restored photographs",
+        "Half the interval that holds restored_psnr of 95 % of the displays made, restored by the filter of the die as "
+        "drawn.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
+    Entry(
+        "band_restored_gain",
+        "±ΔPSNR",
+        "dB",
+        "Band of the gain",
+        "Half the interval that holds restored_gain of 95 % of the plates made, on each of which both dies are written "
+        "alike.",
+        "Narrow the writer's spread, or choose a design that is less sensitive to it.",
+    ),
+    Entry(
+        "band_led_footprint",
+        "±a",
+        "1",
+        "Band of the emitter footprint",
+        "Half the interval that holds the emitter footprint of 95 % of the displays made, as far as openings that are "
+        "written wider leave the emitters their gap.",
+        "Narrow the writer's spread, or draw the emitters farther from the opening.",
+    ),
+    Entry(
+        "sensitivity_psf_shape",
+        "δ_0.1",
+        "1",
+        "Sensitivity of the PSF's shape",
+        "Change of the PSF's shape, both peaks scaled to 1, by 0.1 µm of CD bias.",
+        "Choose an opening with less edge for its area.",
+    ),
+    Entry(
+        "sensitivity_restored_psnr",
+        "ΔPSNR_0.1",
+        "dB",
+        "Sensitivity of the restored PSNR",
+        "Change of restored_psnr by 0.1 µm of CD bias, restored by the filter of the die as drawn.",
+        "Choose an opening with less edge for its area, or measure the die and restore by what was measured.",
+    ),
     # Emitters, circuits and wires
     Entry(
         "led_footprint",

@@ -75,7 +75,8 @@ _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
         "measurement.optics.measure_with_bar": _of_optics,
         "measurement.scene_rows.measure_scene": _of_scene,
         "measurement.as_written.measure_written": lambda *_: 1.5,
-        "measurement.tolerance.band_quantities": lambda *_: 1.0,
+        "measurement.tolerance.band_quantities": lambda _written, _camera, spread, *_: 4.0 if spread else 0.0,
+        "measurement.restored_tolerance.restored_expansion": lambda *_: 11.0,
         "report.plots.die_figures.overview": lambda *_: 0.5,
         "report.plots.die_figures.of_plate": lambda *_: 0.3,
         "report.plots.die_figures.of_die": lambda *_: 0.4,
@@ -93,6 +94,7 @@ _HELD: Mapping[str, Callable[..., float]] = MappingProxyType(
     {
         "measurement.restored.photograph_die": lambda *_: 200e6,
         "measurement.as_written.measure_written": lambda *_: 400e6,
+        "measurement.restored_tolerance.restored_expansion": lambda *_: 500e6,
         "measurement.scene_rows.measure_scene": lambda die, camera, scene, _, plan, *__: peak_bytes(
             die, camera, scene, plan
         ),

@@ -39,6 +39,7 @@ from maskfab.pipeline import (
     die_quantities,
     draw_files,
     draw_pictures,
+    expand_photographs,
     measure_dies,
     measure_process,
     measure_scenes,
@@ -156,8 +157,8 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
                 checks.append(_failed("readable", f"{MEASURED}: {error}"))
         if not (blind or refused) and all(trip.xor_area_um2 == 0 for trip in trips):
             # Of files that differ from the design the numbers differ as well; what differs is told above.
-            restored, written = photographs.result(progress), measure_process(job, plate_as_seen(job, plate), progress)
-            found = Findings(job, built, read, optics, scenes, restored, written, beside)
+            process = measure_process(job, lit, progress), expand_photographs(job, lit, progress, None, crew)
+            found = Findings(job, built, read, optics, scenes, photographs.result(progress), *process, beside)
             checks += _made_again(folder, manifest, found, crew)
     return Verified.of(checks, built)
 

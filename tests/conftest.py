@@ -22,7 +22,7 @@ from maskfab.geometry.lettering import text_polygons
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import Job, load_job
 from maskfab.kept.store import VARIABLE
-from maskfab.measurement import restored
+from maskfab.measurement import restored, restored_tolerance
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Gauge, Note, Opening, Panel, Plate, Tiling
 from maskfab.optimiser.bounds import bounds
 from maskfab.optimiser.model.scene_statistics import SceneStatistics
@@ -100,7 +100,8 @@ def scenes_drawn_once() -> Iterator[None]:
         patch.setattr(scenes, "dead_leaves", leaves)
         patch.setattr(scenes, "indoors", dimmed)
         patch.setattr(SceneStatistics, "of", statistics)
-        patch.setattr(restored, "_drawn", small_scenes)
+        for each in (restored, restored_tolerance):
+            patch.setattr(each, "drawn_scenes", small_scenes)
         yield
 
 

@@ -92,6 +92,19 @@ class DieTransfer(Isoplanatic):
         """
         return replace(self, view=self.view.at(image_um))
 
+    def through(self, openings: Aperture, finer: int) -> DieTransfer:
+        """The transfer of other openings, by the same lines, and samples as fine: for dies that differ a little.
+
+        Args:
+            openings: as :func:`maskfab.optics.pupil.aperture.panel_aperture` lays them out, on parts of dots.
+            finer: parts along a dot.
+        """
+        view, known = self.view, self.resolution
+        distance = modelled_distance_um(view.choice, view.scene, view.object_um)
+        shown, _ = magnified(openings, view.scene.gap_um, distance)
+        samples = Samples(*(max(1, times // finer) for times in (known.samples.shadow, known.samples.gap)))
+        return replace(self, view=replace(view, openings=shown), resolution=replace(known, samples=samples))
+
     @cached_property
     def probe(self) -> Transfer:
         """H at some frequencies, dense where it falls steeply, [3, n, m]: where errors are measured."""

@@ -31,6 +31,7 @@ from maskfab.camera.die_transfer import DieTransfer
 from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.stop_view import Lines, Samples, StopView
 from maskfab.optics.image.spectrum import Spectrum
+from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.scene.plan import Plan
 from maskfab.optics.wavefront.panel_gap import AXIS, Place
 
@@ -195,6 +196,10 @@ class OverField:
     transfer: DieTransfer
     plan: Plan
     _kept: dict[tuple[int, int], FieldChange] = field(default_factory=dict, init=False, repr=False)
+
+    def through(self, openings: Aperture, finer: int) -> OverField:
+        """As :meth:`maskfab.camera.die_transfer.DieTransfer.through`."""
+        return OverField(self.transfer.through(openings, finer), self.plan)
 
     @property
     def name(self) -> str:

@@ -83,6 +83,8 @@ class Protocol:
         restorers: that belong to it; none where any may be asked for.
         brackets: exposures that are taken of every scene and merged, as the times by which their light is less than
             the level's; of scenes with highlights. Empty for one exposure, of any scene.
+        smooth: electrons are counted by normal distributions, see :meth:`maskfab.camera.sensor.Sensor.record`: for
+            designs that differ by less than Poisson's draws do.
 
     Raises:
         JobError: MF143 for brackets that are below 1, not finite, alike, or of code values.
@@ -97,6 +99,7 @@ class Protocol:
     dimmed: bool = False
     restorers: tuple[Restorer, ...] = ()
     brackets: tuple[float, ...] = ()
+    smooth: bool = False
 
     def __post_init__(self) -> None:
         possible = all(math.isfinite(cut) and cut >= 1 for cut in self.brackets)
@@ -133,7 +136,8 @@ class Protocol:
         light, taken = self.exposure(level_db), []
         for cut in self.brackets or (1.0,):
             seed = 1000 * known.scene.number + round(light.electrons / cut)
-            taken.append(self.sensor.record(seen, light.behind(design.transmission) / cut, seed))
+            electrons = light.behind(design.transmission) / cut
+            taken.append(self.sensor.record(seen, electrons, seed, smooth=self.smooth))
         return taken[0] if len(taken) == 1 else merged(taken)
 
     def photograph(self, design: Design, known: SensorScene, level_db: float) -> Record:
@@ -288,7 +292,8 @@ class _Case:
         self, test: Sequence[Photograph], tuning: Sequence[Photograph], restorers: Sequence[Restorer], *, choose: bool
     ) -> Iterator[tuple[Score, Singles]]:
         """Scores and pictures of every restorer with its best ε, and of the one chosen for each scene."""
-        start, epsilons = self._estimated(tuning), dict[str, float]()
+        start = self._estimated(tuning) if len(self.protocol.strengths) > 1 else 0
+        epsilons = dict[str, float]()
         for restorer in restorers:
             place, pictures = self._best(restorer, tuning, start)
             epsilon = epsilons[restorer.name] = self.protocol.strengths[place]

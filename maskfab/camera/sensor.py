@@ -71,13 +71,16 @@ class Sensor:
         """Electrons of one code; 0 without a converter."""
         return 0.0 if self.bits is None else self.full_well / (2**self.bits - 1 - self.black_level)
 
-    def record(self, light: NDArray[np.float32], electrons: float, seed: int) -> Record:
+    def record(self, light: NDArray[np.float32], electrons: float, seed: int, *, smooth: bool = False) -> Record:
         """Record light in units of white.
 
         Args:
             light: on the pixels, [3, rows, columns], white is 1; what a transform left below 0 is dark.
             electrons: of white, g.
             seed: of ``numpy.random.default_rng``; the same seed gives the same record.
+            smooth: count electrons by a normal distribution of Poisson's mean and variance. A little more light then
+                gives the same noise a little larger; Poisson's draws would be others from the first pixel that counts
+                one more.
 
         Raises:
             JobError: MF104 for electrons that are not positive and finite; MF140 for a mosaic on odd sides.
@@ -91,7 +94,8 @@ class Sensor:
         counted = np.empty(seen.shape, dtype=np.float32)
         # Row by row in the same order as all at once, which takes eight bytes a pixel.
         for lines in np.ndindex(seen.shape[:-1]):
-            counted[lines] = draw.poisson(np.maximum(seen[lines], 0) * electrons)
+            mean = np.maximum(seen[lines], 0) * electrons
+            counted[lines] = mean + np.sqrt(mean) * draw.standard_normal(mean.size) if smooth else draw.poisson(mean)
         for lines in np.ndindex(seen.shape[:-1]):
             counted[lines] += np.float32(self.read_noise) * draw.standard_normal(seen.shape[-1], dtype=np.float32)
         full = np.float32(self.full_well)

@@ -199,7 +199,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
         rules.emitters.required,
         found,
         emitters,
-        _share(shares, rules.emitters),
+        footprint_of(shares, rules.emitters),
         None if given else borders(emitters.labels, refined(opening.mask, grid.per_dot), grid, panel.orientations),
         broken,
         room,
@@ -250,11 +250,11 @@ def _given(panel: Panel) -> Emitters | None:
 
 def _judged(found: Footprint, emitters: Emitters, shares: tuple[float, ...], rules: EmitterRules) -> Footprint:
     """The answer about a pixel whose emitters were given."""
-    share = _share(shares, rules)
+    share = footprint_of(shares, rules)
     verdict = Verdict.FITS if share >= rules.required - 1e-12 else found.verdict
     return replace(found, found=emitters, found_share=share, verdict=verdict, method="given with the opening")
 
 
-def _share(shares: tuple[float, ...], rules: EmitterRules) -> float:
+def footprint_of(shares: tuple[float, ...], rules: EmitterRules) -> float:
     """The footprint of emitters: the least area, as a share of the pixel, over its ratio."""
     return min(area / ratio for area, ratio in zip(shares, rules.ratio, strict=True))

@@ -45,7 +45,7 @@ from maskfab.optics.image.mtf import area_under_radial_min, longest_lag_um, pres
 from maskfab.optics.image.psf import image_scale_um2, point_psfs
 from maskfab.optics.image.rough_edges import EdgeLengths, rough_psf, scattered_um2
 from maskfab.optics.numbers import metrics
-from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture
+from maskfab.optics.pupil.aperture import Aperture, Lattice, covered_aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
 from maskfab.units import NM_PER_UM
@@ -148,7 +148,7 @@ class _Parts:
     Attributes:
         x, y: their lattices.
         margin: parts round every cell.
-        stop: float64 [ny, nx] share of every part that the stop leaves.
+        stop: float64 [ny, nx] share of every part that the stop leaves; read-only 1 before any stop.
     """
 
     x: Lattice
@@ -224,10 +224,41 @@ def fused_optics(die: Die, camera: Camera, process: Process, like: Psf, where: s
     return _optics(vertices, corners, stop_share, camera, process, Reading.FUSED, like)
 
 
-def _designed(die: Die, camera: Camera) -> Aperture:
+def written_openings(
+    die: Die, camera: Camera, process: Process, parts: int, half_width_um: float | None = None, where: str = ""
+) -> Aperture:
+    """The openings of a written die before any stop, kissing corners fused, by the clear shares of parts of its dots.
+
+    Args:
+        die, camera, process, where: as for :func:`measure_written`.
+        parts: along a dot; even.
+        half_width_um: cells farther than this from the axis are left out; None for those beyond the stop.
+
+    Raises:
+        JobError: MF104, MF127 for a process that dots or gutters do not bear.
+    """
+    check_process(process, die.panel, where)
+    vertices = _vertices(_designed(die, camera, half_width_um))
+    lattices = _part_lattices(vertices, parts, _margin(vertices, process))
+    corners = written_corners(vertices.dot_um, process, Reading.FUSED, parts, _ARC_SIDES)
+    shares = lattices.clear(vertices.held, np.stack([corner.shares for corner in corners]))
+    return covered_aperture(lattices.x, lattices.y, _laid_out(lattices.x, lattices.y, shares))
+
+
+def parts_of_dots(die: Die, camera: Camera, process: Process, where: str = "") -> int:
+    """Into how many parts a dot is divided for the MTF of a written die.
+
+    Raises:
+        JobError: MF115 for too many dots across the stop, MF127 for a gutter too narrow.
+    """
+    return _parts(_vertices(_designed(die, camera)), die, process, where)
+
+
+def _designed(die: Die, camera: Camera, half_width_um: float | None = None) -> Aperture:
     """The drawing before the stop and a little beyond, without wires."""
     bare = replace(die.panel, tracks=())
-    return panel_aperture(bare, camera.stop.diameter_um / 2 + 2 * bare.dot_nm / NM_PER_UM)
+    reach = camera.stop.diameter_um / 2 if half_width_um is None else half_width_um
+    return panel_aperture(bare, reach + 2 * bare.dot_nm / NM_PER_UM)
 
 
 def _optics(
@@ -449,7 +480,7 @@ def _part_lattices(vertices: _Vertices, parts: int, margin: int) -> _Parts:
         pitch = lattice.pitch_um if lattice.has_gutter else count * step
         lattices.append(Lattice(lattice.start_um - margin * step, lines.shape[0], count, step, pitch))
     x, y = lattices
-    return _Parts(x, y, margin, np.zeros((0, 0)))
+    return _Parts(x, y, margin, np.broadcast_to(1.0, (y.edges_um().size - 1, x.edges_um().size - 1)))
 
 
 def _stop_share(parts: _Parts, stop: Stop) -> _Parts:
@@ -475,10 +506,15 @@ def _means(shares: Floats) -> Floats:
 
 def _grey(x: Lattice, y: Lattice, shares: Floats, stop: Stop) -> Pupil:
     """Parts that are clear by their shares, [cells y, parts y, cells x, parts x], less what the stop takes."""
+    return Pupil.of_whole_dots(x, y, _laid_out(x, y, shares), stop)
+
+
+def _laid_out(x: Lattice, y: Lattice, shares: Floats) -> Floats:
+    """Shares [cells y, parts y, cells x, parts x] over all intervals, 0 in gutters; read-only."""
     grey = np.zeros((y.edges_um().size - 1, x.edges_um().size - 1))
     grey[np.ix_(y.dot_index().ravel(), x.dot_index().ravel())] = shares.reshape(y.dot_index().size, -1)
     grey.flags.writeable = False
-    return Pupil.of_whole_dots(x, y, grey, stop)
+    return grey
 
 
 def _mtfs(pupil: Pupil, camera: Camera, area_um2: float) -> list[Mtf]:

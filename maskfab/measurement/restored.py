@@ -133,7 +133,7 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
         panel: of it.
         shown: keep part of the first scene in least light and in most, not at the middle level alone.
     """
-    scenes, shots = _drawn(bool(conditions.protocol.brackets)), list[Shot]()
+    scenes, shots = drawn_scenes(highlights=bool(conditions.protocol.brackets)), list[Shot]()
     levels = {middle_level(conditions.levels)}
     if shown:
         levels |= {min(conditions.levels), max(conditions.levels)}
@@ -154,6 +154,6 @@ def photograph_die(conditions: Conditions, around: Surroundings, name: str, pane
 
 
 @cache
-def _drawn(highlights: bool) -> tuple[Photograph, ...]:
+def drawn_scenes(*, highlights: bool) -> tuple[Photograph, ...]:
     """The scenes, and with them their spectra, for all dies of a process."""
     return scene_sets.drawn(highlights=highlights)

@@ -1,57 +1,37 @@
-r"""Bands of a die's numbers over the displays that are made, from a few full cases.
+"""Bands of a die's numbers over the displays that are made, from a few full cases.
 
-A number f of the written die is expanded about the process stated, in standard deviations x of the bias and y of the
-corner radius,
-
-    f = f0 + a x + c x² + b y + d y²,
-
-from full cases at two deviations either way, where the edges of a band are; where a radius cannot be less by two, from
-rounder ones by one and by two. Its band lies between the quantiles of 2.5 and 97.5 % of the expansion over two
-independent normal distributions, a radius below zero counting as zero. The PSF is expanded in the same way, point by
-point, and the change of its shape is the distance that the expansion goes; its band is the quantile of 95 %.
-
-A full case wider and rounder, as far from the process stated as the edges are, tells the error: what the expansion
-misses of it are products of x and y and higher powers.
+A band lies between the quantiles of 2.5 and 97.5 % of the number's expansion over two independent normal
+distributions, see :mod:`maskfab.measurement.process_spread`. The PSF is expanded in the same way, point by point, and
+the change of its shape is the distance that the expansion goes; its band is the quantile of 95 %.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtri
 
-from maskfab.geometry.writer_model import Reading, check_process
+from maskfab.geometry.writer_model import Reading
 from maskfab.measurement.as_written import Written, WrittenOptics, fused_optics
-from maskfab.model import Camera, Panel, Process, Quantity
+from maskfab.measurement.process_spread import FULL_CASES, SHARE, Cases, Expansion, ProcessSpread, at_corner
+from maskfab.model import Camera, Process, Quantity
 from maskfab.optics.image.mtf import area_under_radial_min, frequency_at
+from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_step_um
+from maskfab.optics.numbers import metrics
+from maskfab.optics.numbers.worst_direction import worst_directions
 
 Floats = NDArray[np.float64]
 
-SHARE = 0.95
-"""Of the displays, within a band."""
-_STEPS = 201
-_CASES = 5
-_SIDES = (-2.0, 2.0)
-_CORNER = (math.sqrt(2), math.sqrt(2))
-"""Deviations of bias and radius, together as far off as an edge."""
-
-
-@dataclass(frozen=True)
-class ProcessSpread:
-    """Standard deviations over the displays that are made.
-
-    Attributes:
-        bias_um: of the width of clear features.
-        radius_um: of the corner radius.
-    """
-
-    bias_um: float = 0.0
-    radius_um: float = 0.0
+BIAS_UM = 0.1
+"""Of the bias, by which dies are ranked."""
+HOW = (
+    f"expansion to second order from {FULL_CASES} full cases about the process stated; error: what it misses of a case "
+    "wider and rounder"
+)
 
 
 @dataclass(frozen=True)
@@ -76,92 +56,98 @@ class Band:
     by_bias: float
     by_radius: float
 
+    @classmethod
+    def of(cls, name: str, line: float | None, found: Expansion, process: Process, spread: ProcessSpread) -> Band:
+        """Of a number that was expanded about a process."""
+        low, high = found.edges(spread.deviations(process))
+        return cls(name, line, found.nominal, low, high, found.error, found.terms[0], found.terms[2])
 
-@dataclass(frozen=True, eq=False)
-class _Cases:
-    """Full cases about the nominal one.
-
-    Attributes:
-        nominal: as stated.
-        bias: narrower and wider, by :data:`_SIDES`; the nominal one twice without a spread.
-        radius: sharper and rounder likewise, or rounder twice.
-        sides: their deviations.
-        corner: wider and rounder.
-        least_radius: deviations from the nominal radius to zero, negative.
-    """
-
-    nominal: WrittenOptics
-    bias: tuple[WrittenOptics, WrittenOptics]
-    radius: tuple[WrittenOptics, WrittenOptics]
-    sides: tuple[float, float]
-    corner: WrittenOptics
-    least_radius: float
-
-    def terms(self, number: Callable[[WrittenOptics], Floats]) -> tuple[Floats, Floats, Floats, Floats]:
-        """a, c, b and d of a number, or of an array of them."""
-        f0 = number(self.nominal)
-        bias = _parabola(_SIDES, *(number(each) - f0 for each in self.bias))
-        return (*bias, *_parabola(self.sides, *(number(each) - f0 for each in self.radius)))
-
-
-def _parabola(places: tuple[float, float], near: Floats, far: Floats) -> tuple[Floats, Floats]:
-    """Linear and square term of the parabola through 0 at 0 and through two values at two places."""
-    p, q = places
-    square = (near / p - far / q) / (p - q)
-    return near / p - square * p, square
+    def row(self, die: str, spread: ProcessSpread, how: str = HOW, level_db: float | None = None) -> Quantity:
+        """As a row of a report; of a change the band begins at 0, and its value is the upper edge."""
+        change = self.low == self.nominal == 0
+        said = ", ".join(
+            f"{each:+.2g} by {deviation:g} um of {what}"
+            for each, deviation, what in (
+                (self.by_bias, spread.bias_um, "bias"),
+                (self.by_radius, spread.radius_um, "corner radius"),
+            )
+            if deviation
+        )
+        between = f"up to {self.high:.2g}" if change else f"from {self.low:.5g} to {self.high:.5g}"
+        return Quantity(
+            self.name,
+            self.high if change else (self.high - self.low) / 2,
+            f"{SHARE:.0%} of displays lie {between}, {said}: {how}",
+            uncertainty=self.error,
+            die=die,
+            wavelength_nm=self.wavelength_nm,
+            level_db=level_db,
+            between=(self.low, self.high),
+        )
 
 
-def band_quantities(written: Written, camera: Camera, spread: ProcessSpread, where: str = "") -> tuple[Quantity, ...]:
-    """The bands of a written die's numbers, as rows of a report; none without a spread.
+def sensitivity(name: str, band: Band, die: str, spread: ProcessSpread, level_db: float | None = None) -> Quantity:
+    """The change of a band's number by a tenth of a micrometre of bias, as a row of a report."""
+    return Quantity(
+        name,
+        band.by_bias * BIAS_UM / spread.bias_um,
+        f"first order in the bias, from full cases two deviations of {spread.bias_um:g} um narrower and wider",
+        uncertainty=band.error * BIAS_UM / spread.bias_um,
+        die=die,
+        wavelength_nm=band.wavelength_nm,
+        level_db=level_db,
+    )
+
+
+def band_quantities(
+    written: Written, camera: Camera, spread: ProcessSpread, frequencies: Sequence[float] = (), where: str = ""
+) -> tuple[Quantity, ...]:
+    """The bands of a written die's numbers and the sensitivity of its PSF, as rows of a report; none without a spread.
 
     Args:
         written: the die as the process makes it.
         camera: what looks through it.
         spread: of the process.
+        frequencies: at which the MTF in its worst direction is told, cycles per millimetre of sensor.
         where: the job's key, for errors.
 
     Raises:
         JobError: MF104, MF127 for a spread that dots or gutters do not bear.
     """
-    return tuple(_row(band, written, spread) for band in bands(written, camera, spread, where))
+    name, found = written.die.name, bands(written, camera, spread, frequencies, where)
+    rows = [band.row(name, spread) for band in found]
+    if found and spread.bias_um:
+        rows.append(sensitivity("sensitivity_psf_shape", found[-1], name, spread))
+    return tuple(rows)
 
 
-def bands(written: Written, camera: Camera, spread: ProcessSpread, where: str = "") -> tuple[Band, ...]:
-    """The bands of a written die's numbers, for kissing corners fused; arguments and errors as above."""
-    if not (spread.bias_um or spread.radius_um):
+def bands(
+    written: Written, camera: Camera, spread: ProcessSpread, frequencies: Sequence[float] = (), where: str = ""
+) -> tuple[Band, ...]:
+    """The bands of a written die's numbers, that of the PSF's shape last, for kissing corners fused; arguments and
+    errors as above."""
+    if not spread:
         return ()
-    cases = _cases(written, camera, spread, where)
-    x, y = _deviations(spread, cases.least_radius)
-    found = [_band("band_open_ratio", None, cases, _open_ratio, x, y)]
+    process, nominal = written.process, written.readings[Reading.FUSED]
+
+    def made(moved: Process) -> WrittenOptics:
+        return fused_optics(written.die, camera, moved, nominal.psf, f"{where}: process.spread")
+
+    cases = Cases.about(process, spread, made, nominal)
+
+    def band(name: str, line: float | None, number: Callable[[WrittenOptics], Floats]) -> Band:
+        return Band.of(name, line, cases.expansion(number), process, spread)
+
+    found = [band("band_open_ratio", None, _open_ratio)]
     for i, line in enumerate(camera.wavelengths_nm):
-        found.append(_band("band_auc_radial_min", line, cases, partial(_auc, i), x, y))
-        if all(frequency_at(each.mtfs[i], 0.5) for each in (cases.nominal, *cases.bias, *cases.radius, cases.corner)):
-            found.append(_band("band_mtf50", line, cases, partial(_mtf50, i), x, y))
-    return (*found, _shape_band(cases, x, y))
-
-
-def check_spread(process: Process, spread: ProcessSpread, panel: Panel, where: str = "") -> None:
-    """Refuse a spread of which some case cannot be written on a panel's dots.
-
-    Raises:
-        JobError: MF104, MF127.
-    """
-    for x, y in ((-2, 0), (2, 0), (0, 2), _CORNER):
-        check_process(_moved(process, spread, x, y), panel, f"{where}, with process.spread")
-
-
-def _sides(process: Process, spread: ProcessSpread) -> tuple[float, float]:
-    """Deviations of the radius in full cases: to either side, or rounder alone where it cannot be less by as much."""
-    return (1.0, 2.0) if process.corner_radius_um < 2 * spread.radius_um else _SIDES
-
-
-def _moved(process: Process, spread: ProcessSpread, x: float, y: float) -> Process:
-    """The process so many deviations of bias and radius off."""
-    return replace(
-        process,
-        corner_radius_um=process.corner_radius_um + y * spread.radius_um,
-        cd_bias_um=process.cd_bias_um + x * spread.bias_um,
-    )
+        found.append(band("band_auc_radial_min", line, partial(_auc, i)))
+        if all(frequency_at(each.mtfs[i], 0.5) for each in (nominal, *cases.bias, *cases.radius, cases.corner)):
+            found.append(band("band_mtf50", line, partial(_mtf50, i)))
+        found += [band(f"band_mtf_worst_{each:g}", line, partial(_worst, i, each)) for each in frequencies]
+    pixels = _inner(camera)
+    if metrics.holds_halo(pixels):
+        found.append(band("band_halo_energy", nominal.psf.wavelength_nm, partial(_halo, pixels)))
+    return (*found, _shape_band(cases, spread.deviations(process)))
 
 
 def _open_ratio(optics: WrittenOptics) -> Floats:
@@ -178,84 +164,35 @@ def _mtf50(line: int, optics: WrittenOptics) -> Floats:
     return np.array(found[0])
 
 
-def _cases(written: Written, camera: Camera, spread: ProcessSpread, where: str) -> _Cases:
-    nominal, process = written.readings[Reading.FUSED], written.process
-
-    def at(x: float, y: float) -> WrittenOptics:
-        moved = _moved(process, spread, x, y)
-        if moved == process:
-            return nominal
-        return fused_optics(written.die, camera, moved, nominal.psf, f"{where}: process.spread")
-
-    sides = _sides(process, spread)
-    least = -process.corner_radius_um / spread.radius_um if spread.radius_um else 0.0
-    near, far = (at(0, side) for side in sides)
-    narrow, wide = (at(side, 0) for side in _SIDES)
-    return _Cases(nominal, (narrow, wide), (near, far), sides, at(*_CORNER), least)
+def _worst(line: int, frequency: float, optics: WrittenOptics) -> Floats:
+    (found,) = worst_directions(optics.mtfs[line], (frequency,), None)
+    return np.array(float(found))
 
 
-def _deviations(spread: ProcessSpread, least_radius: float) -> tuple[Floats, Floats]:
-    """Equally likely deviations of bias and radius, [n, n] of all pairs."""
-    steps = ndtri((np.arange(_STEPS) + 0.5) / _STEPS)
-    none = np.zeros(1)
-    x = steps if spread.bias_um else none
-    y = np.maximum(steps, least_radius) if spread.radius_um else none
-    across, down = np.meshgrid(x, y)
-    return across, down
+def _halo(camera: Camera, optics: WrittenOptics) -> Floats:
+    return np.array(float(metrics.halo_of(pixel_psf(optics.psf, camera), camera, None)))
 
 
-def _edges(values: Floats) -> tuple[float, float]:
-    low, high = np.quantile(values, [(1 - SHARE) / 2, (1 + SHARE) / 2])
-    return float(low), float(high)
+def _inner(camera: Camera) -> Camera:
+    """The camera with a window as much smaller as means over pixels need points round it."""
+    return replace(
+        camera, window_um=camera.window_um - 2 * (pixel_margin(camera) * point_step_um(camera) + camera.pixel_um)
+    )
 
 
-def _band(
-    name: str, line: float | None, cases: _Cases, number: Callable[[WrittenOptics], Floats], x: Floats, y: Floats
-) -> Band:
-    a, c, b, d = (float(term) for term in cases.terms(number))
-    f0 = float(number(cases.nominal))
-    low, high = _edges(f0 + a * x + c * x**2 + b * y + d * y**2)
-    across, down = _CORNER
-    missed = abs(float(number(cases.corner)) - (f0 + a * across + c * across**2 + b * down + d * down**2))
-    return Band(name, line, f0, low, high, missed, a, b)
-
-
-def _shape_band(cases: _Cases, x: Floats, y: Floats) -> Band:
+def _shape_band(cases: Cases[WrittenOptics], deviations: tuple[Floats, Floats]) -> Band:
     """The change of the PSF's shape: distances from lengths and angles of the expansion's four terms."""
 
     def to_peak(optics: WrittenOptics) -> Floats:
         return np.asarray(optics.psf.values / optics.psf.values.max())
 
-    f0 = to_peak(cases.nominal)
+    f0, (x, y) = to_peak(cases.nominal), deviations
     terms = cases.terms(to_peak)
     angles = np.array([[float(np.vdot(one, other)) for other in terms] for one in terms])
     size = float(np.linalg.norm(f0))
     share = np.stack([x, x**2, y, y**2]).reshape(4, -1)
     squares = np.einsum("ik,ij,jk->k", share, angles, share)
     high = float(np.quantile(np.sqrt(np.maximum(squares, 0)), SHARE)) / size
-    across, down = _CORNER
-    told = sum(term * by for term, by in zip(terms, (across, across**2, down, down**2), strict=True))
-    missed = float(np.linalg.norm(to_peak(cases.corner) - f0 - told)) / size
+    missed = float(np.linalg.norm(to_peak(cases.corner) - f0 - at_corner(terms))) / size
     first = [math.sqrt(max(0.0, angles[k, k])) / size for k in (0, 2)]
     return Band("band_psf_shape", cases.nominal.psf.wavelength_nm, 0.0, 0.0, high, missed, *first)
-
-
-def _row(band: Band, written: Written, spread: ProcessSpread) -> Quantity:
-    said = ", ".join(
-        f"{change:+.2g} by {deviation:g} um of {what}"
-        for change, deviation, what in (
-            (band.by_bias, spread.bias_um, "bias"),
-            (band.by_radius, spread.radius_um, "corner radius"),
-        )
-        if deviation
-    )
-    between = f"from {band.low:.4g} to {band.high:.4g}" if band.name != "band_psf_shape" else f"up to {band.high:.2g}"
-    return Quantity(
-        band.name,
-        band.high if band.name == "band_psf_shape" else (band.high - band.low) / 2,
-        f"{SHARE:.0%} of displays lie {between}: expansion to second order from {_CASES} full cases about the process "
-        f"stated, {said}; error: what it misses of a case wider and rounder",
-        uncertainty=band.error,
-        die=written.die.name,
-        wavelength_nm=band.wavelength_nm,
-    )

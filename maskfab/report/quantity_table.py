@@ -181,6 +181,8 @@ def quantity_document(quantity: Quantity) -> dict[str, Any]:
         row["level_db"] = quantity.level_db
     if quantity.at_most:
         row["at_most"] = True
+    if quantity.between is not None:
+        row["between"] = list(quantity.between)
     if quantity.die is not None:
         row["die"] = quantity.die
     return row

@@ -81,7 +81,7 @@ def test_a_report_says_what_simulate_says(job, found, monkeypatch):
 def test_another_draw_of_the_noise_stays_within_the_error(job, found):
     other = tuple(replace(scene, number=scene.number + 100) for scene in small_scenes())
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(restored, "_drawn", lambda highlights: other)
+        patch.setattr(restored, "drawn_scenes", lambda highlights: other)
         again = psnrs(taken(job))
     differences = [abs(again[case] - value) for case, value in psnrs(found).items()]
     # These scenes are two, and small: of so many fewer pixels noise is averaged less.

@@ -12,7 +12,8 @@ from small_job import write_job
 from maskfab.errors import JobError
 from maskfab.geometry.writer_model import Reading
 from maskfab.measurement.as_written import fused_optics, measure_written
-from maskfab.measurement.tolerance import Band, ProcessSpread, band_quantities, bands
+from maskfab.measurement.process_spread import ProcessSpread
+from maskfab.measurement.tolerance import Band, band_quantities, bands
 from maskfab.model import Camera, Die, Opening, Panel, Process, Stop, Tiling
 from maskfab.optics.image.mtf import area_under_radial_min
 from maskfab.pipeline import run
@@ -85,7 +86,8 @@ def test_edges_are_those_of_full_draws():
 def test_rows_say_their_error_and_there_are_none_without_a_spread():
     written = measure_written(die(), CAMERA, Process(0.5))
     rows = band_quantities(written, CAMERA, ProcessSpread(0.1))
-    assert [row.name for row in rows] == ["band_open_ratio", "band_auc_radial_min", "band_mtf50", "band_psf_shape"]
+    names = ["open_ratio", "auc_radial_min", "mtf50", "psf_shape"]
+    assert [row.name for row in rows] == [*(f"band_{name}" for name in names), "sensitivity_psf_shape"]
     assert all(row.uncertainty is not None and row.uncertainty < 0.1 * row.value for row in rows)
     assert band_quantities(written, CAMERA, ProcessSpread()) == ()
 

@@ -69,6 +69,22 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
     return tuple(told_of(rule, shapes, upright) for rule, shapes in found if shapes.area())
 
 
+def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple[float, float, float]:
+    """Red, green and blue area of a panel's emitters that keeps its gap to openings all of whose edges have moved.
+
+    On a tile that holds all pairs of neighbours, as for :func:`violations`; as a share of what the emitters have there.
+
+    Args:
+        panel: with emitters.
+        rules: that state the gap.
+        growth_nm: by which every edge of the openings has moved outwards; negative inwards.
+    """
+    regions = _regions(panel, _clusters(panel), (CLEAR, *EMITTERS))
+    taken = regions[CLEAR].sized(rules.gap_to_opening_nm + growth_nm, SQUARE)
+    red, green, blue = ((regions[layer] - taken).area() / max(1, regions[layer].area()) for layer in EMITTERS)
+    return red, green, blue
+
+
 def told_of(rule: str, shapes: db.Region, pixel: db.Box | None = None) -> Violation:
     """Violation by some shapes; outlined within a pixel, if one is given."""
     outlines: tuple[Polygon, ...] = ()

@@ -302,16 +302,31 @@ def shape_quantities(points: Psf, pixels: Psf, camera: Camera, die: str | None) 
         camera: gives focal length and stop.
         die: whose numbers these are.
     """
-    half = pixels.step_um * pixels.values.shape[0] / 2
-    highest = cutoff(camera, points.wavelength_nm) * (1.0 if camera.stop.round else math.sqrt(2))
+    highest = _highest(camera, points.wavelength_nm)
     core = min(_CORE_PIXELS, pixels.values.shape[0]) * pixels.step_um
     return [
         ensquared_energy(pixels, core, highest, die),
-        halo_energy(pixels, min(_HALO_UM, half), highest, die),
+        halo_of(pixels, camera, die),
         _nearest_side_lobe(points, camera, die),
         _streaks(points, die),
         energy_normalised_strehl(points, camera, die),
     ]
+
+
+def halo_of(psf: Psf, camera: Camera, die: str | None) -> Quantity:
+    """The halo's share of a PSF's energy, as for :func:`shape_quantities`."""
+    half = psf.step_um * psf.values.shape[0] / 2
+    return halo_energy(psf, min(_HALO_UM, half), _highest(camera, psf.wavelength_nm), die)
+
+
+def holds_halo(camera: Camera) -> bool:
+    """Whether a camera's window is as wide as the radius beyond which the halo is counted, not less."""
+    return camera.window_um / 2 >= _HALO_UM
+
+
+def _highest(camera: Camera, wavelength_nm: float) -> float:
+    """Highest frequency of a PSF in any direction, cycles per micrometre of sensor."""
+    return cutoff(camera, wavelength_nm) * (1.0 if camera.stop.round else math.sqrt(2))
 
 
 def colour_quantities(pixels: Sequence[Psf], die: str | None, edges: Sequence[EdgeSpread] = ()) -> list[Quantity]:

@@ -16,6 +16,7 @@ from maskfab.display.emitters.placement import Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InternalError
 from maskfab.export.images.psf_exr import stop_facts
+from maskfab.measurement.process_spread import ProcessSpread
 from maskfab.measurement.scene_result import PointView, SceneOptics
 from maskfab.measurement.verdicts import Verdicts
 from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
@@ -37,6 +38,7 @@ EXPECTED = ("optics", "written", "photographs")
 
 NO_DISPLAYS: Mapping[str, Feasibility] = MappingProxyType({})
 NO_DESIGNS: Mapping[str, Document] = MappingProxyType({})
+NO_SPREAD = ProcessSpread()
 
 
 def to_document(
@@ -49,6 +51,7 @@ def to_document(
     photographs: Document | None = None,
     measured: Mapping[str, Document] = NO_DESIGNS,
     expected_s: Mapping[str, Mapping[str, float]] = NO_DESIGNS,
+    spread: ProcessSpread = NO_SPREAD,
 ) -> Document:
     """The report.json of one run, of plain Python types throughout.
 
@@ -56,7 +59,7 @@ def to_document(
     :func:`maskfab.report.documents.design_data.design_document`, ``photographs`` one of
     :func:`maskfab.report.documents.photograph_data.photographs_document`, and a measurement one of
     :meth:`maskfab.report.documents.measured_data.Beside.of_die`. ``expected_s`` is the time that models of a die are
-    expected to take, by die and model.
+    expected to take, by die and model. ``spread`` is what bands are over.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
 
@@ -76,6 +79,7 @@ def to_document(
         "verdicts": Verdicts.of(report.checks, displays, len(plate.dies)).to_dict(),
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
+        **({"spread": asdict(spread)} if spread else {}),
         **({} if photographs is None else {"photographs": photographs}),
         "dies": [
             _die(die, report.dies[die.name], of_die.get(die.name), displays.get(die.name), designs.get(die.name))
@@ -119,9 +123,10 @@ def schema() -> Document:
             "wavelength_nm": number,
             "level_db": number | {"description": "signal-to-noise ratio of white behind the published display"},
             "at_most": {"const": True, "description": "the truth may lie far below the value, not above it"},
+            "between": pair | {"description": "edges of a band, in `unit`"},
             "die": text,
         },
-        optional=("wavelength_nm", "level_db", "at_most", "die"),
+        optional=("wavelength_nm", "level_db", "at_most", "between", "die"),
     )
     die = closed_object(
         {
@@ -179,6 +184,8 @@ def schema() -> Document:
                 "verdicts": _verdicts_schema(),
                 "seeds": {"type": "object", "additionalProperties": integer},
                 "camera": camera,
+                "spread": closed_object({"bias_um": number, "radius_um": number})
+                | {"description": "standard deviations over the displays made, that bands are over"},
                 "photographs": photographs_schema(),
                 "dies": {"type": "array", "items": die},
                 "plate": quantities,
@@ -188,7 +195,7 @@ def schema() -> Document:
                     "items": closed_object({"path": text, "format": text, "bytes": integer, "sha256": text}),
                 },
             },
-            optional=("photographs",),
+            optional=("photographs", "spread"),
         ),
         "$defs": {"quantity": quantity},
     }
