@@ -140,8 +140,8 @@ def restored_bands(
         yield Quantity("band_restored_psnr", None, f"not found: {own}", die=name, level_db=level)
         return
     how = (
-        f"expansion to second order from {FULL_CASES} full cases about the process stated, photographed in the same "
-        "noise and restored by the filter of the die as drawn; error: what it misses of a case wider and rounder, and "
+        f"expansion to second order from {FULL_CASES} full cases about the process stated, kissing corners fused, "
+        "photographed in the same noise and restored by the filter of the die as drawn; error: what it misses of a case wider and rounder, and "
         "twice what parts of dots twice as wide change of that"
     )
     band = _band("band_restored_psnr", photographs.dies[name].psnr(level), own, process, spread)

@@ -28,9 +28,10 @@ Floats = NDArray[np.float64]
 
 BIAS_UM = 0.1
 """Of the bias, by which dies are ranked."""
+_ROUNDING = 1e-12
 HOW = (
-    f"expansion to second order from {FULL_CASES} full cases about the process stated; error: what it misses of a case "
-    "wider and rounder"
+    f"expansion to second order from {FULL_CASES} full cases about the process stated, kissing corners fused; error: "
+    "what it misses of a case wider and rounder"
 )
 
 
@@ -166,7 +167,8 @@ def _mtf50(line: int, optics: WrittenOptics) -> Floats:
 
 def _worst(line: int, frequency: float, optics: WrittenOptics) -> Floats:
     (found,) = worst_directions(optics.mtfs[line], (frequency,), None)
-    return np.array(float(found))
+    # Where a direction is lost altogether, what is left of it is rounding.
+    return np.array(float(found) if float(found) > _ROUNDING else 0.0)
 
 
 def _halo(camera: Camera, optics: WrittenOptics) -> Floats:

@@ -146,4 +146,4 @@ def test_a_scene_and_its_spectrum_are_assumed(run):
     photographs = {**taken(PLAIN=A, TURNED=B), "scene": {"spectrum": "rgb", "depth": ["1 m", "inf"]}}
     told = assumed({**document_of(run, None), "photographs": photographs})
     assert "spectrum: as [scene] says (rgb)" in told
-    assert told.endswith("[scene]: depth.")
+    assert "[scene]: depth;" in told

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from maskfab.measurement.restored import middle_level
+from maskfab.report.page.bands import band_of, edges
 from maskfab.report.page.photograph_table import best_photographed, gain_words, mean_psnr, scores
 
 Document = Mapping[str, Any]
@@ -17,11 +18,12 @@ _WORST = "mtf_worst_"
 
 @dataclass(frozen=True)
 class Cell:
-    """One number of a die: as it is printed, with all its digits, and whether its check failed."""
+    """One number of a die: as it is printed, with all its digits, whether its check failed, and its band."""
 
     text: str
     full: str = ""
     failed: bool = False
+    made: str = ""
 
 
 @dataclass(frozen=True)
@@ -35,6 +37,7 @@ class Line:
         best: whether no other die is better for sure, and some are worse.
         display: verdict; None where no display was asked for.
         cells: one for each column of the table, None where the die has no such number.
+        psnr_made, gain_made: bands of both over the displays made; empty without.
     """
 
     name: str
@@ -43,6 +46,8 @@ class Line:
     best: bool
     display: str | None
     cells: tuple[Cell | None, ...]
+    psnr_made: str = ""
+    gain_made: str = ""
 
 
 @dataclass(frozen=True)
@@ -83,11 +88,20 @@ def die_table(document: Document) -> Table:
             name in best,
             die["display"]["verdict"] if "display" in die else None,
             tuple(cells[name] for cells in columns.values()),
+            *(photograph_bands(die, level) if name in means else ()),
         )
         for die in dies
     ]
     lines.sort(key=lambda line: -means.get(line.name, float("-inf")))
     return Table(tuple(columns), tuple(lines), level if means else None, taken["reference"] if taken else None)
+
+
+def photograph_bands(die: Document, level_db: float | None) -> tuple[str, str]:
+    """Edges of the bands of a die's PSNR and gain at a level of light; empty where it has none."""
+    of_psnr, of_gain = (
+        band_of(die, {"name": name, "level_db": level_db}) for name in ("restored_psnr", "restored_gain")
+    )
+    return edges(of_psnr, decimals=2), edges(of_gain, decimals=2, sign=True)
 
 
 def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], Cell | None]]:
@@ -107,7 +121,7 @@ def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], C
         ("Emitters, %", "(margin)"): _footprint,
         ("Wires", "x, y"): _wires,
         ("Edge", "colour, ΔE"): _number("edge_colour_difference", decimals=1),
-        ("AUC", at): _number("auc_radial_min", middle),
+        ("AUC", at): _bare(_number("auc_radial_min", middle)),
     }
 
 
@@ -117,18 +131,28 @@ def _number(
     def find(die: Document) -> Cell | None:
         for row in die["quantities"]:
             if row["name"] == name and row.get("wavelength_nm", wavelength_nm) == wavelength_nm:
-                return _cell(row, scale, decimals)
+                return _cell(row, scale, decimals, edges(band_of(die, row), scale, decimals))
         return None
 
     return find
 
 
-def _cell(row: Row, scale: float, decimals: int) -> Cell | None:
+def _cell(row: Row, scale: float, decimals: int, made: str) -> Cell | None:
     value = row["value"]
     if not isinstance(value, int | float):
         return None
     error = f" ± {row['uncertainty']!r}" if row["uncertainty"] else ""
-    return Cell(f"{scale * value:.{decimals}f}", f"{value!r}{error}", row["passed"] is False)
+    return Cell(f"{scale * value:.{decimals}f}", f"{value!r}{error}", row["passed"] is False, made)
+
+
+def _bare(find: Callable[[Document], Cell | None]) -> Callable[[Document], Cell | None]:
+    """Without bands, for numbers that are told for their history."""
+
+    def found(die: Document) -> Cell | None:
+        cell = find(die)
+        return None if cell is None else replace(cell, made="")
+
+    return found
 
 
 def _footprint(die: Document) -> Cell | None:
@@ -140,7 +164,8 @@ def _footprint(die: Document) -> Cell | None:
     if display["emitters"] is None:
         return Cell("none", f"none drawn; at most {display['bound_share']!r}")
     margin = f" ({100 * (share - required):+.1f})".replace("-", "−") if required else ""
-    return Cell(f"{100 * share:.1f}{margin}", f"{share!r}, required {required!r}", share < required)
+    made = edges(band_of(die, {"name": "led_footprint"}), 100.0, 1)
+    return Cell(f"{100 * share:.1f}{margin}", f"{share!r}, required {required!r}", share < required, made)
 
 
 def _wires(die: Document) -> Cell | None:

@@ -11,6 +11,8 @@ from maskfab.display.emitters.placement import Verdict
 from maskfab.error_codes import explained
 from maskfab.errors import CATALOGUE
 from maskfab.measurement.restored import middle_level
+from maskfab.report.page.bands import band_of, edges, spread_words
+from maskfab.report.page.die_table import photograph_bands
 from maskfab.report.page.photograph_table import difference, mean_psnr, scores
 from maskfab.report.plots.number_text import short
 from maskfab.units import UM_PER_MM
@@ -52,6 +54,7 @@ class Best:
         ties: dies that cannot be told from it.
         open_ratio: of it, as a row of the report.
         display: verdict on its display; None if none was asked for.
+        psnr_made, gain_made, open_ratio_made: bands over the displays made; empty without.
         missing: what is needed for a gain; empty where there is one.
     """
 
@@ -68,6 +71,9 @@ class Best:
     open_ratio: Document | None
     display: str | None
     missing: str
+    psnr_made: str
+    gain_made: str
+    open_ratio_made: str
 
     @property
     def shown(self) -> tuple[str, ...]:
@@ -124,6 +130,8 @@ def best(document: Document) -> Best | str:
     die = next(each for each in document["dies"] if each["name"] == name)
     reference, stated = taken["reference"], taken["reference_stated"]
     compared = reference is not None and reference != name
+    open_ratio = next((row for row in die["quantities"] if row["name"] == "open_ratio"), None)
+    psnr_made, gain_made = photograph_bands(die, level)
     return Best(
         name=name,
         label=die["label"],
@@ -135,9 +143,12 @@ def best(document: Document) -> Best | str:
         scenes=len(taken["scenes"]),
         others=len(found) - 1,
         ties=tuple(each for each in found if each != name and difference(taken, level, each, name).tie),
-        open_ratio=next((row for row in die["quantities"] if row["name"] == "open_ratio"), None),
+        open_ratio=open_ratio,
         display=die["display"]["verdict"] if "display" in die else None,
         missing=_missing(taken, name, len(found)),
+        psnr_made=psnr_made,
+        gain_made=gain_made,
+        open_ratio_made="" if open_ratio is None else edges(band_of(die, open_ratio)),
     )
 
 
@@ -150,13 +161,14 @@ def assumed(document: Document) -> str:
     said = [f"camera: {lens}, pixel {short(camera['pixel_um'])} µm"]
     taken = document.get("photographs")
     if taken is None:
-        return f"Assumed: {'; '.join([*said, f'spectrum: lines of {lines} nm'])}."
+        return f"Assumed: {'; '.join([*said, f'spectrum: lines of {lines} nm', spread_words(document)])}."
     scene = taken["scene"]
     said += [each for each in taken["told"] if each.startswith(("sensor", "light"))]
     spectrum = f"as [scene] says ({scene['spectrum']})" if "spectrum" in scene else f"lines of {lines} nm"
     said += [f"spectrum: {spectrum}", "restorer: Wiener filter", f"{len(taken['scenes'])} drawn scenes"]
     rest = [key for key in scene if key not in {"spectrum", "accuracy"}]
     said.append(f"[scene]: {', '.join(rest)}" if rest else "objects in focus, on the axis")
+    said.append(spread_words(document))
     return f"Assumed: {'; '.join(said)}."
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
 from types import MappingProxyType
@@ -15,6 +15,7 @@ from markupsafe import Markup
 from maskfab.measurement.scene_result import distance
 from maskfab.optics.scene.model_bar import MODEL_BAR
 from maskfab.quantities import QUANTITIES, Entry, registered
+from maskfab.report.page.bands import band_of, decibels, ranked
 from maskfab.report.page.die_table import die_table
 from maskfab.report.page.environment import page_environment
 from maskfab.report.page.front import assumed, best, crops, stamps
@@ -60,7 +61,7 @@ _RARELY_READ = frozenset(
 )
 """Rows that the page folds, unless they failed."""
 
-_RARELY_READ_FAMILIES = ("bitmap_", "drawn_", "psf_file_", "solid_", "written_")
+_RARELY_READ_FAMILIES = ("band_", "bitmap_", "drawn_", "psf_file_", "sensitivity_", "solid_", "written_")
 """Prefixes of further rows that it folds: a die has such rows for every file of its own."""
 
 _UNITS: Mapping[str, str] = MappingProxyType({"1": "", "um": "µm", "um^2": "µm²"})
@@ -121,6 +122,9 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         photographs=photograph_table(document["photographs"]) if "photographs" in document else None,
         middle_nm=middle_nm,
         model_table=lambda die: model_table(die, document.get("photographs", {}).get("levels_db", [])),
+        ranked=ranked(document),
+        decibels=decibels,
+        made=_made(document),
         stage_table=lambda die: stage_table(die, middle_nm),
         wavelengths=_wavelengths,
         lines=_lines,
@@ -133,6 +137,18 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         quantities=_glossary(document),
         words=WORDS,
     )
+
+
+def _made(document: Mapping[str, Any]) -> Callable[[Row], str]:
+    """Finds the edges of the band of a row, in words; empty where it has none."""
+    dies = {die["name"]: die for die in document["dies"]} if "spread" in document else {}
+
+    def made(row: Row) -> str:
+        die = dies.get(row.get("die", ""))
+        band = None if die is None else band_of(die, row)
+        return "" if band is None else f"made {' to '.join(rounded(edge) for edge in band['between'])}"
+
+    return made
 
 
 def plusminus(row: Row) -> str:
