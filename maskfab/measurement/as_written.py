@@ -189,7 +189,7 @@ def measure_written(die: Die, camera: Camera, process: Process, where: str = "")
     pupil = cut(designed, camera.stop)
     middle = middle_nm(camera)
     (drawn_psf,) = point_psfs(pupil, replace(camera, wavelengths_nm=(middle,)))
-    stop_share = _stop_share(_part_lattices(vertices, parts, _margin(vertices, process)), camera.stop)
+    stop_share = _stop_share(_part_lattices(vertices, parts, _margin(vertices, process, parts)), camera.stop)
     sharp = written_corners(vertices.dot_um, Process(0.0), Reading.OPEN, parts)
     drawn = _transfer(vertices, sharp, stop_share, camera, pupil.energy_um2)
     kissing, corner = _kissing(vertices, camera.stop)
@@ -219,7 +219,7 @@ def fused_optics(die: Die, camera: Camera, process: Process, like: Psf, where: s
     check_process(process, die.panel, where)
     vertices = _vertices(_designed(die, camera))
     parts = _parts(vertices, die, process, where)
-    stop_share = _stop_share(_part_lattices(vertices, parts, _margin(vertices, process)), camera.stop)
+    stop_share = _stop_share(_part_lattices(vertices, parts, _margin(vertices, process, parts)), camera.stop)
     corners = written_corners(vertices.dot_um, process, Reading.FUSED, parts, _ARC_SIDES)
     return _optics(vertices, corners, stop_share, camera, process, Reading.FUSED, like)
 
@@ -231,7 +231,8 @@ def written_openings(
 
     Args:
         die, camera, process, where: as for :func:`measure_written`.
-        parts: along a dot; even.
+        parts: along a dot. An odd number, so that the edges of dots lie in the middle of parts: what moves them either
+            way then changes the share of one part, and its middle hardly at all.
         half_width_um: cells farther than this from the axis are left out; None for those beyond the stop.
 
     Raises:
@@ -239,19 +240,36 @@ def written_openings(
     """
     check_process(process, die.panel, where)
     vertices = _vertices(_designed(die, camera, half_width_um))
-    lattices = _part_lattices(vertices, parts, _margin(vertices, process))
+    lattices = _part_lattices(vertices, parts, _margin(vertices, process, parts))
     corners = written_corners(vertices.dot_um, process, Reading.FUSED, parts, _ARC_SIDES)
     shares = lattices.clear(vertices.held, np.stack([corner.shares for corner in corners]))
     return covered_aperture(lattices.x, lattices.y, _laid_out(lattices.x, lattices.y, shares))
 
 
-def parts_of_dots(die: Die, camera: Camera, process: Process, where: str = "") -> int:
-    """Into how many parts a dot is divided for the MTF of a written die.
+def parts_about_edges(die: Die, camera: Camera, process: Process, where: str = "") -> tuple[int, int]:
+    """Odd numbers of parts of a dot for :func:`written_openings`, and other ones that tell the error of the first.
 
     Raises:
         JobError: MF115 for too many dots across the stop, MF127 for a gutter too narrow.
     """
-    return _parts(_vertices(_designed(die, camera)), die, process, where)
+    even = _parts(_vertices(_designed(die, camera)), die, process, where)
+    dot, gutter = die.panel.dot_nm / NM_PER_UM, die.panel.gutter_nm / NM_PER_UM
+
+    def held(parts: int) -> bool:
+        beyond = 3 if process.cd_bias_um > dot / parts else 1
+        return not gutter or beyond * dot / parts <= gutter
+
+    usual = next((each for each in range(max(3, even - 1), _MOST_PARTS + 2, 2) if held(each)), None)
+    if usual is None:
+        raise JobError(
+            "MF127",
+            f"a gutter of {gutter:g} um is too narrow for photographs through cells as they are written, with dots of "
+            f"{dot:g} um",
+            where=where,
+            cure=f"Use a gutter of at least {3 * dot / (_MOST_PARTS + 1):g} um, or leave process.spread out",
+        )
+    others = (1 if usual == 3 else 3, usual - 2, usual + 2)
+    return usual, next(each for each in others if held(each))
 
 
 def _designed(die: Die, camera: Camera, half_width_um: float | None = None) -> Aperture:
@@ -468,17 +486,21 @@ def _parts(vertices: _Vertices, die: Die, process: Process, where: str) -> int:
     return parts
 
 
-def _margin(vertices: _Vertices, process: Process) -> int:
-    """Number of parts round every cell that take what grows out of it."""
-    return 1 if vertices.x.has_gutter and (process.cd_bias_um > 0 or process.roughness is not None) else 0
+def _margin(vertices: _Vertices, process: Process, parts: int) -> int:
+    """Number of parts round every cell that take what grows out of it; the outermost of an odd number take half."""
+    taken = vertices.dot_um / parts if parts % 2 else 0.0
+    grown = process.cd_bias_um > taken or process.roughness is not None
+    return 1 if vertices.x.has_gutter and grown else 0
 
 
 def _part_lattices(vertices: _Vertices, parts: int, margin: int) -> _Parts:
     lattices = []
     for lattice, lines in ((vertices.x, vertices.x_um), (vertices.y, vertices.y_um)):
-        count, step = (lines.shape[1] - 1) * parts + 2 * margin, lattice.dot_um / parts
+        odd = parts % 2
+        count, step = (lines.shape[1] - 1) * parts + odd + 2 * margin, lattice.dot_um / parts
         pitch = lattice.pitch_um if lattice.has_gutter else count * step
-        lattices.append(Lattice(lattice.start_um - margin * step, lines.shape[0], count, step, pitch))
+        start = lattice.start_um - (margin + odd / 2) * step
+        lattices.append(Lattice(start, lines.shape[0], count, step, pitch))
     x, y = lattices
     return _Parts(x, y, margin, np.broadcast_to(1.0, (y.edges_um().size - 1, x.edges_um().size - 1)))
 

@@ -9,7 +9,8 @@ Notes:
     Where the light changes a little, draws of Poisson's distribution are others from some pixel on, and the mean of the
     scenes changes by more than a bias does. Electrons are therefore counted by normal distributions here, and only
     the change from the die as drawn is kept, which is added to the PSNR of the report.
-    Edges that move by a share of a part of a dot are grey parts. Parts twice as wide tell the error of that.
+    Edges that move by a share of a part of a dot make it grey. Parts of another width tell the error of that, which
+    falls at least as their width does.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ from maskfab.camera.die_transfer import MOST_ACROSS, DieTransfer
 from maskfab.camera.over_field import OverField
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.errors import JobError
-from maskfab.measurement.as_written import parts_of_dots, written_openings
+from maskfab.measurement.as_written import parts_about_edges, written_openings
 from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.measurement.process_spread import CORNER, FULL_CASES, Cases, Expansion, ProcessSpread
 from maskfab.measurement.restored import Photographs, drawn_scenes, middle_level
@@ -94,8 +95,8 @@ def restored_expansion(
         where: the job's key, for errors.
 
     Returns:
-        The expansion, at the middle level of light; missed are a case wider and rounder, and what parts of dots twice
-        as wide change of it. A sentence where the die cannot be photographed.
+        The expansion, at the middle level of light; missed are a case wider and rounder, and what the width of
+        parts of dots makes of it. A sentence where the die cannot be photographed.
 
     Raises:
         JobError: MF104, MF127 for a spread that dots or gutters do not bear.
@@ -108,8 +109,8 @@ def restored_expansion(
         return f"{refusal.code} {refusal.what}"
     assert isinstance(drawn, DieTransfer | OverField)
     corner = spread.moved(process, *CORNER)
-    parts = max(parts_of_dots(die, camera, each, where) for each in (corner, spread.moved(process, 2, 0)))
-    across = parts * camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
+    parts, others = parts_about_edges(die, camera, spread.moved(process, 2, 0), where)
+    across = max(parts, others) * camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
     if across > MOST_ACROSS:
         return f"the stop is {across:.0f} parts of dots across, photographs take {MOST_ACROSS} at most"
     reach = None if scene is None or not scene.gap_um else scene_reach_um(camera, scene)
@@ -117,8 +118,9 @@ def restored_expansion(
     stated = seen.psnr(process)
     cases = Cases.about(process, spread, seen.psnr, stated)
     found = cases.expansion(np.array)
-    wide = seen.psnr(corner, parts // 2) - seen.psnr(process, parts // 2)
-    by_parts = 2 * (cases.corner - stated - wide)
+    by_others = seen.psnr(corner, others) - seen.psnr(process, others)
+    # As of an error in proportion to the width of parts.
+    by_parts = others / (parts - others) * (cases.corner - stated - by_others)
     drawn_psnr = stated if process == DRAWN else seen.psnr(DRAWN)
     return Expansion(stated - drawn_psnr, found.terms, (*found.missed, by_parts))
 
@@ -142,7 +144,7 @@ def restored_bands(
     how = (
         f"expansion to second order from {FULL_CASES} full cases about the process stated, kissing corners fused, "
         "photographed in the same noise and restored by the filter of the die as drawn; error: what it misses of a case wider and rounder, and "
-        "twice what parts of dots twice as wide change of that"
+        "what the width of parts of dots makes of it"
     )
     band = _band("band_restored_psnr", photographs.dies[name].psnr(level), own, process, spread)
     yield band.row(name, spread, how, level)

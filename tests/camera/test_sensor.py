@@ -129,3 +129,12 @@ def test_a_full_well_is_known_as_clipped_whatever_the_light_it_is_told_in(bits):
     flash = np.full((3, 2, 2), 1e4, dtype=np.float32)
     for electrons in np.random.default_rng(0).uniform(50, 9000, 100):
         assert Sensor(bits=bits, black_level=16 if bits else 0).record(flash, electrons, 1).clipped.all()
+
+
+def test_smooth_noise_follows_the_light_and_has_poissons_variance():
+    sensor = Sensor(read_noise=0.0)
+    light = np.full((3, 200, 200), 0.5, np.float32)
+    one, more = (sensor.record(light * np.float32(times), 1000.0, 1, smooth=True).values for times in (1, 1.001))
+    assert abs(more - one - 0.0005).max() < 0.0002
+    assert one.var() == pytest.approx(0.5 / 1000, rel=0.02)
+    assert abs(sensor.record(light * np.float32(1.001), 1000.0, 1).values - one).max() > 0.05

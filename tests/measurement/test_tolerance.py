@@ -59,6 +59,32 @@ def test_a_radius_that_cannot_be_less_takes_light_with_its_square():
     assert band.nominal - band.low == pytest.approx(ndtri(0.975) ** 2 * lost, rel=0.05)
 
 
+def test_the_psf_of_a_bar_changes_as_the_integral_over_its_edges_says():
+    """U of whole openings w by h is a sum over cells times W H, W = 2 sin(kw / 2) / k; an edge's own transform is
+    cos(kw / 2) H, so that both edges of a bias b add b cos(kw / 2) H / 2 each."""
+    camera = replace(CAMERA, stop=Stop("square", 336.0))
+    written = measure_written(die(), camera, Process(0.0))
+    psf = written.readings[Reading.FUSED].psf
+    place = psf.step_um * (np.arange(psf.values.shape[0]) - psf.values.shape[0] // 2)
+    k = 2 * np.pi * place / (psf.wavelength_nm * 1e-3 * camera.focal_um)
+
+    def along(width: float, middle: float) -> tuple[np.ndarray, np.ndarray]:
+        centres = 56.0 * np.arange(-3, 3) + middle
+        cells = np.exp(1j * np.outer(k, centres)).sum(axis=1)
+        return cells * width * np.sinc(k * width / (2 * np.pi)), cells * np.cos(k * width / 2)
+
+    (across, across_edge), (up, up_edge) = along(16.0, 24.0), along(40.0, 28.0)
+    field, change = np.outer(up, across), np.outer(up_edge, across) + np.outer(up, across_edge)
+    middle = (k.size // 2, k.size // 2)
+    shape = abs(field) ** 2 / abs(field[middle]) ** 2
+    assert psf.values / psf.values[middle] == pytest.approx(shape, abs=1e-9)
+    by_um = 2 * (field.conj() * change).real / abs(field[middle]) ** 2
+    by_um -= shape * by_um[middle]
+    rows = {row.name: row.value for row in band_quantities(written, camera, ProcessSpread(bias_um=0.05))}
+    expected = 0.1 * np.linalg.norm(by_um) / np.linalg.norm(shape)
+    assert rows["sensitivity_psf_shape"] == pytest.approx(expected, rel=1e-3)
+
+
 @pytest.mark.slow
 def test_edges_are_those_of_full_draws():
     spread, process, count = ProcessSpread(0.2, 0.3), Process(0.5, 0.1), 200
