@@ -96,7 +96,8 @@ def restored_expansion(
 
     Returns:
         The expansion, at the middle level of light; missed are a case wider and rounder, and what the width of
-        parts of dots makes of it. A sentence where the die cannot be photographed.
+        parts of dots makes of it. A sentence where the die cannot be photographed, or
+        its dots cannot be divided.
 
     Raises:
         JobError: MF104, MF127 for a spread that dots or gutters do not bear.
@@ -105,11 +106,11 @@ def restored_expansion(
     assert isinstance(camera, Camera)
     try:
         drawn, _ = conditions.design(die.name, die.panel, around)
+        parts, others = parts_about_edges(die, camera, spread.moved(process, 2, 0), where)
     except JobError as refusal:
         return f"{refusal.code} {refusal.what}"
     assert isinstance(drawn, DieTransfer | OverField)
     corner = spread.moved(process, *CORNER)
-    parts, others = parts_about_edges(die, camera, spread.moved(process, 2, 0), where)
     across = max(parts, others) * camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
     if across > MOST_ACROSS:
         return f"the stop is {across:.0f} parts of dots across, photographs take {MOST_ACROSS} at most"
@@ -143,8 +144,8 @@ def restored_bands(
         return
     how = (
         f"expansion to second order from {FULL_CASES} full cases about the process stated, kissing corners fused, "
-        "photographed in the same noise and restored by the filter of the die as drawn; error: what it misses of a case wider and rounder, and "
-        "what the width of parts of dots makes of it"
+        "photographed in the same noise and restored by the filter of the die as drawn; error: what it misses of a "
+        "case wider and rounder, and what the width of the parts of dots makes of it"
     )
     band = _band("band_restored_psnr", photographs.dies[name].psnr(level), own, process, spread)
     yield band.row(name, spread, how, level)
