@@ -229,6 +229,8 @@ def written_openings(
 ) -> Aperture:
     """The openings of a written die before any stop, kissing corners fused, by the clear shares of parts of its dots.
 
+    Rough edges are taken in the mean over all displays, as for the MTF.
+
     Args:
         die, camera, process, where: as for :func:`measure_written`.
         parts: along a dot. An odd number, so that the edges of dots lie in the middle of parts: what moves them either
@@ -242,8 +244,12 @@ def written_openings(
     vertices = _vertices(_designed(die, camera, half_width_um))
     lattices = _part_lattices(vertices, parts, _margin(vertices, process, parts))
     corners = written_corners(vertices.dot_um, process, Reading.FUSED, parts, _ARC_SIDES)
-    shares = lattices.clear(vertices.held, np.stack([corner.shares for corner in corners]))
-    return covered_aperture(lattices.x, lattices.y, _laid_out(lattices.x, lattices.y, shares))
+    tiles = np.stack([corner.shares for corner in corners])
+    if process.roughness is not None:
+        tiles = _spread(tiles, process.roughness.sigma_um / lattices.x.dot_um)
+    return covered_aperture(
+        lattices.x, lattices.y, _laid_out(lattices.x, lattices.y, lattices.clear(vertices.held, tiles))
+    )
 
 
 def parts_about_edges(die: Die, camera: Camera, process: Process, where: str = "") -> tuple[int, int]:
@@ -256,7 +262,7 @@ def parts_about_edges(die: Die, camera: Camera, process: Process, where: str = "
     dot, gutter = die.panel.dot_nm / NM_PER_UM, die.panel.gutter_nm / NM_PER_UM
 
     def held(parts: int) -> bool:
-        beyond = 3 if process.cd_bias_um > dot / parts else 1
+        beyond = 3 if process.cd_bias_um > dot / parts or process.roughness is not None else 1
         return not gutter or beyond * dot / parts <= gutter
 
     usual = next((each for each in range(max(3, even - 1), _MOST_PARTS + 2, 2) if held(each)), None)
