@@ -36,6 +36,8 @@ _TIMES = 3
 
 _COLOURS = _LEVELS = 3
 """Of light, in what a photographed die takes; a die that is not seen in so many colours is not photographed."""
+_OF_PRICE = 0.75
+"""What PSFs of scenes take, over what plans foretell."""
 _VIEWS_OF_FIELD = 25
 """Places on the sensor whose PSFs a report shows, where they differ."""
 _DRAWN_WINDOW_PX = 128.0
@@ -65,7 +67,7 @@ def _of_scene(_die: Any, camera: Any, scene: Any, _openings: Any, plan: Any, *_:
     shown = 1 + fuller + depths + _VIEWS_OF_FIELD * off_axis + of_bands
     one = float(plan.price.seconds) / (plan.wavelengths * plan.depths * choice.places**2)
     resampled = 0.03 * side**2 * _VIEWS_OF_FIELD * off_axis * choice.distortion**2
-    return float(0.2 + shown * one + resampled)
+    return float(0.2 + _OF_PRICE * shown * one + resampled)
 
 
 _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(

@@ -116,9 +116,9 @@ def test_a_scene_takes_the_psfs_that_it_shows():
     deep = SimpleNamespace(nearest_um=1e6, focus_um=inf, farthest_um=inf, differs_off_axis=True, bands=())
     one = plan.price.seconds / (3 * 2 * 9)
     took = expected(measure_scene, (die, camera, deep, None, plan))
-    assert took == pytest.approx(0.2 + one * (2 + 2 + 25))
+    assert took == pytest.approx(0.2 + 0.75 * one * (2 + 2 + 25))
     near = SimpleNamespace(**vars(deep) | {"differs_off_axis": False, "bands": ("red", "green", "blue")})
-    assert expected(measure_scene, (die, camera, near, None, plan)) == pytest.approx(0.2 + one * (2 + 2 + 3))
+    assert expected(measure_scene, (die, camera, near, None, plan)) == pytest.approx(0.2 + 0.75 * one * (2 + 2 + 3))
 
 
 def _plan(places: int, defocus: bool) -> SimpleNamespace:

@@ -18,7 +18,7 @@ from maskfab.camera.intervals import MeanDifference
 from maskfab.errors import JobError, OutputError
 from maskfab.report.side_by_side.compared import Compared, compare_reports
 from maskfab.report.side_by_side.finished_report import FinishedReport
-from maskfab.report.side_by_side.page import compare_page, verdict
+from maskfab.report.side_by_side.page import compare_page, compare_text, verdict
 
 
 @pytest.fixture(scope="module")
@@ -159,3 +159,62 @@ def test_dies_are_named_with_or_without_their_report(small_result, other):
     for wrong in (["TURNED", "PLAIN"], ["NOBODY", "PLAIN"], ["PLAIN"]):
         with pytest.raises(JobError, match="MF105"):
             mf.compare(small_result, other, dies=wrong)
+
+
+def _nan(document):
+    document["dies"][0]["quantities"][0]["value"] = float("nan")
+
+
+def _fewer(document):
+    document["photographs"]["dies"][0] |= {
+        "refused": None,
+        "levels": [{"level_db": level, "psnr": [1.0, 2.0]} for level in document["photographs"]["levels_db"]],
+    }
+
+
+def _named(name):
+    def edit(document):
+        document["dies"][0]["name"] = document["photographs"]["dies"][0]["name"] = name
+
+    return edit
+
+
+@pytest.mark.parametrize(
+    ("edit", "told"),
+    [
+        (lambda document: document.update(dies=5), "dies: Input should be a valid list"),
+        (lambda document: document["dies"][0].pop("quantities"), "quantities: Field required"),
+        (lambda document: document["dies"].append(document["dies"][0]), "two dies have one name"),
+        (lambda document: document["camera"].update(wavelengths_nm=[]), "wavelengths_nm"),
+        (lambda document: document["photographs"].update(reference="NOBODY"), "reference NOBODY has no photographs"),
+        (lambda document: document["photographs"]["dies"].pop() and document["dies"].clear(), "not of the dies"),
+        (_nan, "finite number"),
+        (_fewer, "one number for each scene"),
+        (_named("<img src=x onerror=alert(1)>"), "no name"),
+        (_named("../../A"), "no name"),
+        (_named("A\nB"), "no name"),
+        (_named("A" * 10_000), "at most 100 characters"),
+        (lambda document: document.update(title="\ud800"), "title"),
+    ],
+)
+def test_a_report_alone_that_somebody_has_edited_is_refused_with_the_place(document, tmp_path, edit, told):
+    changed = copy.deepcopy(dict(document))
+    edit(changed)
+    (tmp_path / "report.json").write_text(json.dumps(changed))
+    with pytest.raises(OutputError, match="MF407") as refused:
+        mf.compare(tmp_path / "report.json")
+    assert told in str(refused.value)
+    assert len(str(refused.value)) < 1000
+
+
+@pytest.mark.parametrize("title", ["<script>alert(1)</script>", "../..", "A\nB\x1b[2J", "T" * 10_000])
+def test_titles_from_elsewhere_are_inert(document, tmp_path, title):
+    folder = tmp_path / "a\n\x1b[2J<b>"
+    folder.mkdir()
+    (folder / "report.json").write_text(json.dumps({**document, "title": title}))
+    shutil.copytree(folder, tmp_path / "two")
+    found = mf.compare(folder, tmp_path / "two").compared
+    page = compare_page(found)
+    assert "<script" not in page
+    assert "<b>" not in page
+    assert all(line.isprintable() for line in compare_text(found))

@@ -13,6 +13,7 @@ from maskfab import provenance
 from maskfab.errors import OutputError
 from maskfab.files.finished import JOB_COPY, REPORT, read_manifest
 from maskfab.report.documents.report_data import SCHEMA_VERSION
+from maskfab.report.side_by_side.told_report import check_told
 
 _MOST_BYTES = 200_000_000
 _AGAIN = "Name the --out of a finished maskfab run, or its report.json; of another version, run its job again"
@@ -69,10 +70,17 @@ def _read(path: Path) -> FinishedReport:
     if version != SCHEMA_VERSION:
         what = f"{file} is of schema {version!r}; this version compares {SCHEMA_VERSION}"
         raise OutputError("MF407", what, cure=_AGAIN)
-    if not {"camera", "dies", "checks", "verdicts", "title", "job_hash"} <= document.keys():
-        raise OutputError("MF407", f"{file} lacks parts of a report", cure=_AGAIN)
     proved = _proved(file)
-    return FinishedReport(file.resolve().parent.name, document, _job(file) if proved else None, proved)
+    try:
+        check_told(document)
+    except ValueError as error:
+        raise OutputError("MF407", f"{file} is no report that can be compared: {error}", cure=_AGAIN) from error
+    return FinishedReport(_printable(file.resolve().parent.name), document, _job(file) if proved else None, proved)
+
+
+def _printable(name: str) -> str:
+    """A folder's name without what moves a terminal's cursor, or no text can hold."""
+    return "".join(letter if letter.isprintable() else "\N{REPLACEMENT CHARACTER}" for letter in name)
 
 
 def _proved(file: Path) -> bool:
