@@ -37,7 +37,7 @@ _TIMES = 3
 _COLOURS = _LEVELS = 3
 """Of light, in what a photographed die takes; a die that is not seen in so many colours is not photographed."""
 _OF_PRICE = 0.75
-"""What PSFs of scenes take, over what plans foretell."""
+"""Time of the PSFs of scenes over that which plans foretell."""
 _VIEWS_OF_FIELD = 25
 """Places on the sensor whose PSFs a report shows, where they differ."""
 _DRAWN_WINDOW_PX = 128.0

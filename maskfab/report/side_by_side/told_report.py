@@ -1,4 +1,4 @@
-"""What a comparison reads of a report.json, as a file from outside: whoever edited it is told, before any work."""
+"""The parts of a report.json that a comparison reads, as a file from outside: what was edited is refused before work."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ _MOST_DIES = 10_000
 
 
 def check_told(document: Mapping[str, Any]) -> None:
-    """Refuse what cannot be compared.
+    """Refuse a report that cannot be compared.
 
     Raises:
         ValueError: with the place and what is wrong with it.
