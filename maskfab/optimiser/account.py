@@ -11,6 +11,22 @@ from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Bettered
 from maskfab.optimiser.rules.fit_rule import Display
 
+ANNEALING = "steps of annealing"
+"""The stage that changes openings dot by dot."""
+
+
+@dataclass(frozen=True)
+class Without:
+    """Searches once more without each rule.
+
+    Attributes:
+        gain_db: over the best that was found, by the rule that was left out; 0 or more.
+        processor_s: seconds that they took.
+    """
+
+    gain_db: Mapping[str, float]
+    processor_s: float
+
 
 @dataclass(frozen=True)
 class Account:
@@ -28,6 +44,7 @@ class Account:
         budget_s: seconds; None without a budget.
         scenes: photographs that it was judged by, in words.
         priced_among: openings among which the rules are priced.
+        without: searches once more without each rule; None where these were not asked for, or are not made.
     """
 
     method: str
@@ -42,6 +59,7 @@ class Account:
     budget_s: float | None = None
     scenes: str = ""
     priced_among: int = 0
+    without: Without | None = None
 
 
 def asked_of(rules: Constraints) -> dict[str, str]:

@@ -157,6 +157,7 @@ def design(
     progress: Progress = silent,
     budget_s: float | None = None,
     checkpoint: Path | None = None,
+    price_rules: bool = False,
 ) -> Designed:
     """Find the opening of the job's [design], and its map where one is asked for.
 
@@ -168,6 +169,7 @@ def design(
         progress: told where the work stands.
         budget_s: seconds after which the best so far is taken.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
+        price_rules: search once more without each rule, beyond the budget.
 
     Raises:
         JobError: as :func:`check_possible`.
@@ -205,8 +207,11 @@ def design(
             seen=seen if needed else None,
             budget_s=budget_s,
             checkpoint=checkpoint,
+            price_rules=price_rules,
         )
     notes = (*found.notes, *notes_of(spec, source, taking, seen), *display_notes(spec))
+    if price_rules and (found.account is None or found.account.without is None):
+        notes += ("No search without a rule was made: that takes rules, and annealing for restored photographs.",)
     if found.robust is None and spread_of(spec, where) != EXACT:
         notes += ("Not used of the job, for a descent and a short budget are not appraised over it: [process.spread].",)
     stated = None if spec.process is None else spec.process.spread

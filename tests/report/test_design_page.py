@@ -101,7 +101,7 @@ def test_the_document_says_how_it_was_found(told: dict[str, Any]) -> None:
 def test_the_page_names_every_cost_and_every_alternative(folder: Path, told: dict[str, Any]) -> None:
     page = (folder / "out" / "design.html").read_text()
     for rule, cost in told["prices_db"].items():
-        row = page[page.index(f'<th scope="row">{rule.replace("_", " ")}</th>') :][:200]
+        row = page[page.index(f'<th scope="row">{rule.replace("_", " ")}<small>') :][:200]
         assert f"{cost['last']:.3f}" in row
         assert f"{cost['alone']:.3f}" in row
     near = told["alternatives"]
@@ -172,3 +172,21 @@ def test_hostile_texts_are_words_and_nothing_runs_or_scrolls_sideways(told: dict
     for wide, seen in json.loads(markup.unescape(found[1])).items():
         assert seen.pop("wide") <= int(wide)
         assert seen == {"scripts": 0, "broken": 0, "fetched": 0}
+
+
+def test_rules_are_priced_by_annealing_without_each_where_that_is_asked_for(
+    folder: Path, told: dict[str, Any], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert told["search"]["annealed_without_db"] is None
+    assert "Not asked for; <code>--price-rules</code>" in design_page(told)
+    monkeypatch.setattr(scenes, "bundled", lambda count=4: (leaves(1),))
+    again = mf.design(folder / "job.toml", price_rules=True, budget="10 min").to_dict()
+    gains = again["search"]["annealed_without_db"]
+    assert gains.keys() == {"kissing", "min_feature_dots"}
+    assert min(gains.values()) >= 0
+    assert max(gains.values()) > 0
+    assert again["rows"] == told["rows"]
+    assert again["time"]["annealed_without_s"] <= again["time"]["processor_s"]
+    page = design_page(again)
+    assert "Not asked for" not in page
+    assert f"{gains['min_feature_dots']:.3f}</td></tr>" in page

@@ -174,6 +174,7 @@ def design(
     images: str | Path | None = None,
     budget: str | None = None,
     checkpoint: str | Path | None = None,
+    price_rules: bool = False,
     progress: Progress = silent,
     **keys: Any,
 ) -> Design:
@@ -199,6 +200,7 @@ def design(
         images: folder of photographs to design for; synthetic scenes if None.
         budget: ``"60 s"``: take the best that was found by then.
         checkpoint: file that saves the state, from which it goes on if it exists.
+        price_rules: anneal once more without each rule, beyond the budget, to tell what each costs.
         progress: told where the work stands.
         keys: any other key of [design], such as ``anneal=2000`` or ``families=["bars", "discs"]``.
 
@@ -244,6 +246,7 @@ def design(
         progress=progress,
         budget_s=limit_s,
         checkpoint=None if checkpoint is None else Path(checkpoint),
+        price_rules=price_rules,
     )
     taken = time.monotonic() - began, time.process_time() - processor
     return Design(found, Made(provenance.job_hash(spec.dump()), *taken))

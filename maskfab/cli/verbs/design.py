@@ -36,6 +36,13 @@ def design(
     checkpoint: Annotated[
         Path | None, typer.Option(help="File that saves the state of the search; resumes from it if it exists.")
     ] = None,
+    price_rules: Annotated[
+        bool,
+        typer.Option(
+            "--price-rules",
+            help="Anneal once more without each rule, to tell what it costs; for each about as long as the annealing.",
+        ),
+    ] = False,
     force: Annotated[bool, typer.Option("--force", help="Replace existing files.")] = False,
     as_json: Json = False,
     quiet: Quiet = False,
@@ -56,7 +63,9 @@ def design(
     for each in targets.values():
         check_file(each, force=force)
     with named_as_options(context), watched(quiet) as progress:
-        designed = design_job(job, images=images, budget=budget, checkpoint=checkpoint, progress=progress)
+        designed = design_job(
+            job, images=images, budget=budget, checkpoint=checkpoint, price_rules=price_rules, progress=progress
+        )
     if folder is not None:
         written = designed.save(folder, force=force)
         paths = {part: folder / name for part, name in designed.names.items()}

@@ -21,7 +21,7 @@ from maskfab.camera.transfer import CellGrid, lattice
 from maskfab.errors import JobError
 from maskfab.jobfile import RelaxSection
 from maskfab.model import Camera, Opening, Tiling
-from maskfab.optimiser.account import Account, asked_of, stopped
+from maskfab.optimiser.account import ANNEALING, Account, asked_of, stopped
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate_behind
 from maskfab.optimiser.relax.descent import Descent, DescentResult, Outcome, RelaxStep, descend, iterations_within
@@ -131,7 +131,7 @@ def relax(
             (
                 ("starts", plan.descent.starts),
                 ("steps of descent", found.iterations),
-                *((("steps of annealing", section.anneal),) if section.anneal else ()),
+                *(((ANNEALING, section.anneal),) if section.anneal else ()),
             ),
             "loss of the best opening of clear and closed dots",
             bettered,

@@ -21,6 +21,7 @@ from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
 from maskfab.jobfile.values import Symmetry
 from maskfab.model import Tiling
+from maskfab.optimiser.account import ANNEALING
 from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Bettered, Mask, Objective, Ranked, Scan, State, anneal, scan
@@ -239,7 +240,7 @@ def annealed(
         cut=found.cut or not (walked.complete or walked.stuck),
         near=(*found.near, *(Ranked(name, unit, value) for value, unit in start.visited)),
         bettered=(*found.bettered, *((found.evaluated + made, value) for made, value in start.bettered)),
-        stages=(*found.stages, ("steps of annealing", start.evaluations)),
+        stages=(*found.stages, (ANNEALING, start.evaluations)),
     )
     if not walked.value > found.best.value:
         return found

@@ -52,6 +52,7 @@ from maskfab.optimiser.search.auc_search import best_for_auc
 from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, groups_of, map_seed, mapped
 from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
 from maskfab.optimiser.search.over_scene import over_scene
+from maskfab.optimiser.search.relaxed_rules import annealed_without
 from maskfab.optimiser.search.scan import Best, allowed, annealed, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.plate.maps import shifted
@@ -76,6 +77,7 @@ def search(
     seen: SceneConditions | None = None,
     budget_s: float | None = None,
     checkpoint: Path | None = None,
+    price_rules: bool = False,
 ) -> Designed:
     """Search as the section says.
 
@@ -92,6 +94,7 @@ def search(
         budget_s: seconds for the search; what every result needs is done beyond them: one descent of a map, and
             bounds, where these do not take longer than the budget.
         checkpoint: file to go on from, and to keep.
+        price_rules: anneal once more without each rule, beyond the budget.
 
     Raises:
         JobError, OpeningError: MF104, MF106, MF107, MF135 for numbers; MF121 for scenes without a spectrum; MF123,
@@ -169,6 +172,9 @@ def search(
         notes += (f"The scene counts in the search; with a budget of {BOUNDS_S:g} s its conditions are told apart.",)
     facts |= {**known, **by_level("expected_psnr", psnr, taking.levels), "evaluated": found.evaluated}
     facts |= {} if priced is None else of_prices(priced)
+    account = _account(section, found, rules, laid)
+    if price_rules and rules.active and section.anneal and found.looked:
+        account = replace(account, without=annealed_without(found, section, rules, expected, progress))
     return Designed(
         Opening(section.name, laid.unit, rules.dot_nm, facts),
         found.best.name,
@@ -188,7 +194,7 @@ def search(
         robust=robust,
         fit=fit,
         scene=scene,
-        account=_account(section, found, rules, laid),
+        account=account,
         alternatives=near,
     )
 

@@ -61,7 +61,7 @@ def designed_document(
         "schema_version": SCHEMA_VERSION,
         "maskfab_version": __version__,
         "job_hash": None if made is None else made.job_hash,
-        "time": None if made is None else {"wall_s": round(made.wall_s, 1), "processor_s": round(made.processor_s, 1)},
+        "time": None if made is None else _time(made, account),
         "name": found.opening.name,
         "path": str(paths["opening"]),
         "shape": found.shape,
@@ -179,6 +179,14 @@ def _finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+def _time(made: Made, account: Account | None) -> dict[str, float]:
+    """Seconds; of them those of the processor that annealings without a rule took."""
+    known = {"wall_s": made.wall_s, "processor_s": made.processor_s}
+    if account is not None and account.without is not None:
+        known["annealed_without_s"] = account.without.processor_s
+    return {name: round(value, 1) for name, value in known.items()}
+
+
 def _search(account: Account) -> dict[str, Any]:
     return {
         "method": account.method,
@@ -191,6 +199,7 @@ def _search(account: Account) -> dict[str, Any]:
         "bettered": [list(each) for each in account.bettered],
         "rules": [{"rule": rule, "asked": asked} for rule, asked in account.asked.items()],
         "priced_among": account.priced_among,
+        "annealed_without_db": None if account.without is None else dict(account.without.gain_db),
     }
 
 

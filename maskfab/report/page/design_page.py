@@ -10,6 +10,7 @@ from typing import Any
 from jinja2 import Template
 from markupsafe import Markup
 
+from maskfab.optimiser.account import ANNEALING
 from maskfab.report.design_text import USEFUL_DB
 from maskfab.report.page.environment import page_environment
 from maskfab.report.page.html import style
@@ -58,7 +59,8 @@ def design_page(told: Told) -> str:
             told["rules_cost_db"],
             told["evaluated"],
             search["priced_among"] if search else 0,
-            annealed="annealed" in told["shape"],
+            search["annealed_without_db"] if search else None,
+            annealed=_annealed(search),
         ),
         alternatives=alternatives_part(told["alternatives"], told["alternatives_absent"]),
     )
@@ -73,9 +75,13 @@ def _steps_told(search: Told | None) -> str:
         return ""
     if "descent" in search["method"]:
         return "Steps of all starts, one after the other; a descent that went on from a checkpoint, from there on."
-    return (
-        "The best of all openings judged, whether or not it keeps the rules; then of the annealing, which keeps them."
-    )
+    told = "The best of all openings judged"
+    told += ", whether or not it keeps the rules" if search["rules"] else ""
+    return told + ("; then of the annealing, which keeps them." if search["rules"] and _annealed(search) else ".")
+
+
+def _annealed(search: Told | None) -> bool:
+    return search is not None and any(stage["what"] == ANNEALING for stage in search["stages"])
 
 
 def _turned(panel: Told | None) -> str:

@@ -31,6 +31,7 @@ def rules_part(
     together: float | None,
     judged: int,
     among: int,
+    without: Mapping[str, float] | None = None,
     *,
     annealed: bool,
 ) -> Markup:
@@ -42,6 +43,7 @@ def rules_part(
         together: of all rules, dB; None where that is not known.
         judged: openings in all.
         among: the best of these, among which rules are priced.
+        without: dB that an annealing without a rule gained; None where there was none.
         annealed: the opening was annealed under the rules.
     """
     rows = [
@@ -49,11 +51,12 @@ def rules_part(
             "rule": each["rule"].replace("_", " "),
             "asked": each["asked"] or "as the job has it",
             "priced": each["rule"] in prices,
+            "without": (without or {}).get(each["rule"]),
             **prices.get(each["rule"], {"alone": None, "last": None}),
         }
         for each in rules
     ]
-    return Markup(_macros().rules(rows, together, judged, among, annealed))
+    return Markup(_macros().rules(rows, together, judged, among, annealed, without is not None))
 
 
 def alternatives_part(near: Mapping[str, Any] | None, absent: str | None) -> Markup:
