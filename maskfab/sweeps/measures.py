@@ -12,7 +12,7 @@ from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.transfer import lattice
 from maskfab.errors import JobError
 from maskfab.job import Job
-from maskfab.measurement.as_written import measure_written
+from maskfab.measurement.as_written import measure_written, written_psf_quantities
 from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.measurement.features import judged, smallest_features, written_features
 from maskfab.measurement.restored import Photographs, photograph_die
@@ -40,11 +40,13 @@ class Subject:
         job: of the case.
         name: of the die.
         panel: of the die, without wires.
+        works: all that is wanted of it; one may find what another is about on its way.
     """
 
     job: Job
     name: str
     panel: Panel
+    works: frozenset[str]
 
     @cached_property
     def die(self) -> Die:
@@ -63,7 +65,8 @@ class Subject:
     @cached_property
     def as_written(self) -> tuple[Quantity, ...]:
         """Numbers of the die as the process makes it."""
-        return measure_written(self.die, self.camera, self.process, f"{self.job.where}: process").quantities
+        given = self.die, self.camera, self.process, f"{self.job.where}: process"
+        return measure_written(*given).quantities if "mtf as written" in self.works else written_psf_quantities(*given)
 
     @cached_property
     def table(self) -> LagTable:
@@ -81,11 +84,12 @@ def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
     Raises:
         JobError: for what cannot be measured.
     """
+    works = frozenset(WORKS[name] for name in wanted)
     functions = list(dict.fromkeys(MEASURES[name] for name in wanted))
     return [
         judged(quantity, job.spec.limits)
         for name, panel in job.panels().items()
-        for subject in (Subject(job, name, panel),)
+        for subject in (Subject(job, name, panel, works),)
         for function in functions
         for quantity in function(subject)
         if quantity.name in wanted
@@ -112,8 +116,12 @@ def _features(subject: Subject) -> Iterable[Quantity]:
     return written_features(smallest_features(subject.die), subject.process)
 
 
-def _written(subject: Subject) -> Iterable[Quantity]:
-    return [each for each in subject.as_written if WORKS[each.name] == "as written"]
+def _written_psf(subject: Subject) -> Iterable[Quantity]:
+    return [each for each in subject.as_written if WORKS[each.name] == "psf as written"]
+
+
+def _written_mtf(subject: Subject) -> Iterable[Quantity]:
+    return [each for each in subject.as_written if WORKS[each.name] == "mtf as written"]
 
 
 def _scatter(subject: Subject) -> Iterable[Quantity]:
@@ -194,7 +202,8 @@ _BY_WORK: Mapping[str, Measure] = MappingProxyType(
         "mtf": _mtfs,
         "restoration": _restoration,
         "features": _features,
-        "as written": _written,
+        "psf as written": _written_psf,
+        "mtf as written": _written_mtf,
         "scatter": _scatter,
         "surrogate": _expected,
         "footprint": _footprint,

@@ -16,10 +16,13 @@ _FOUND_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "mtf": ("auc_radial_min", *_FRACTIONS, *(f"{name}_per_pixel" for name in _FRACTIONS)),
         "restoration": ("wiener_worst30", "wiener_noise_gain"),
         "features": ("min_feature", "min_space", "written_min_feature", "written_min_space"),
-        "as written": tuple(
+        "psf as written": tuple(
             f"written_{name}_{reading}"
-            for name in ("open_ratio", "psf_difference", "psf_shape", "auc_radial_min", "mtf50")
+            for name in ("open_ratio", "psf_difference", "psf_shape")
             for reading in _READINGS
+        ),
+        "mtf as written": tuple(
+            f"written_{name}_{reading}" for name in ("auc_radial_min", "mtf50") for reading in _READINGS
         ),
         "scatter": tuple(f"written_scattered_{reading}" for reading in _READINGS),
         "surrogate": ("expected_psnr",),

@@ -184,6 +184,11 @@ def test_the_mtf_of_rough_edges_is_the_mean_overlap(written, rough):
     assert exact < 0.99 * plain
 
 
+def test_a_psf_needs_no_mtf(rough):
+    found = module.written_psf_quantities(die(), CAMERA, replace(PROCESS, roughness=ROUGH))
+    assert list(found) == [each for each in rough.quantities if "mtf50" not in each.name and "auc" not in each.name]
+
+
 def test_shares_are_spread_by_the_variance_of_the_edges():
     one = np.zeros((1, 8, 8))
     one[0, 3, 4] = 1
