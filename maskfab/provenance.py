@@ -8,6 +8,7 @@ import platform
 import re
 from collections.abc import Mapping
 from contextlib import suppress
+from functools import cache
 from importlib import metadata
 from pathlib import Path
 
@@ -37,7 +38,13 @@ def versions(*, extras: bool = False) -> dict[str, str]:
     Args:
         extras: name the libraries of its extras, too.
     """
-    found = {"maskfab": __version__, "python": platform.python_version()}
+    return {"maskfab": __version__, "python": platform.python_version(), **_libraries(extras)}
+
+
+@cache
+def _libraries(extras: bool) -> Mapping[str, str]:
+    """Looked up once, for their metadata are long texts."""
+    found: dict[str, str] = {}
     for line in metadata.requires(__package__) or ():
         asked = _REQUIREMENT.match(line)
         if asked is None or (asked["extra"] and not extras):

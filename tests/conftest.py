@@ -13,7 +13,7 @@ import copies
 import numpy as np
 import pytest
 from hypothesis import settings
-from once import BOUNDS, DESIGN, compared_once, dimmed, figures_in_words, leaves, once, small_scenes, statistics
+from once import BOUNDS, DESIGN, OPTICS, compared_once, dimmed, figures_in_words, leaves, once, small_scenes, statistics
 from small_job import finished, write_job
 
 from maskfab.camera import scenes
@@ -131,7 +131,7 @@ def drawn_in_words() -> Iterator[None]:
 @pytest.fixture
 def verified_once() -> Iterator[None]:
     """For tests that verify copies of one result, most of whose files are as they were."""
-    with compared_once():
+    with compared_once(), once(*OPTICS):
         yield
 
 

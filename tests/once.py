@@ -40,6 +40,7 @@ FIGURES = (
     "maskfab.report.plots.die_figures.overview",
     "maskfab.delivery.papers.drawing_sheet",
 )
+OPTICS = ("maskfab.measurement.optics.measure", "maskfab.measurement.optics.bar_of_panel")
 BOUNDS = ("maskfab.optimiser.result.bounds",)
 DESIGN = (
     "maskfab.comparison.foreign.layer_rules._of_plate",

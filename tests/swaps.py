@@ -1,7 +1,8 @@
 """Somebody interferes before each system call of a swap in turn: kills it, or puts a document into the folder.
 
-Run as ``python swaps.py FOLDER``; prints as JSON the state of the folder after each round, by what was done and how
-names are exchanged. Python tells an audit hook of every call that it makes to the system.
+Run as ``python swaps.py FOLDER STEP`` for every call of so many; prints as JSON the state of the folder after each
+round, by what was done and how names are exchanged. Python tells an audit hook of every call that it makes to the
+system.
 """
 
 from __future__ import annotations
@@ -77,11 +78,11 @@ def interfered(target: Path, number: int, interfere: Callable[[], None]) -> int:
         os._exit(code if seen >= number else 9)
 
 
-def rounds(root: Path, how: str) -> list[dict[str, object]]:
-    """One round for each call."""
-    told, number = [], 0
+def rounds(root: Path, how: str, step: int) -> list[dict[str, object]]:
+    """One round for each call of so many."""
+    told, number = [], 1 - step
     while True:
-        number += 1
+        number += step
         parent = root / "round"
         target = parent / "out"
         parent.mkdir()
@@ -128,5 +129,5 @@ if __name__ == "__main__":
     for kind, call in {"exchange": at_once, "renames": lambda one, other: False}.items():
         exchange._at_once = call
         for how in ("kill", "signal", "add", "change"):
-            told[f"{how} {kind}"] = rounds(Path(sys.argv[1]), how)
+            told[f"{how} {kind}"] = rounds(Path(sys.argv[1]), how, int(sys.argv[2]))
     print(json.dumps(told))

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from small_job import write_job
 
 from maskfab.benchmark.accuracy import Timing, absent, race, standard_workload
 from maskfab.benchmark.accuracy_page import case_table, race_figure, race_table
@@ -76,8 +77,8 @@ def test_the_figure_is_a_picture(timings: list[Timing]) -> None:
     assert race_figure(timings).startswith(b"\x89PNG")
 
 
-def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[str]) -> None:
-    arguments = ["bench", "layouts/upc12.toml", "--die", "TOLED_P150", "--rounds", "2", "--json", "--quiet"]
+def test_bench_of_a_job_prints_one_json_document(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+    arguments = ["bench", str(write_job(tmp_path)), "--die", "PLAIN", "--rounds", "2", "--json", "--quiet"]
     assert run_command_line(arguments) == 0
     document = json.loads(capsys.readouterr().out)
     assert document["gemm_bound_ms"]["double"] > 0

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 import pytest
-from small_job import command, listing, write_job
+from small_job import command, listing, with_the_die, write_job
 from sweeps import sweep
 
 from maskfab.delivery.archive import write_package
@@ -192,7 +192,8 @@ COMMANDS = {
 
 def spoken(verb: str, folder: Path) -> tuple[list[str], Path]:
     """The words of a command on a job in a folder, and where its result goes."""
-    places = {"JOB": str(write_job(folder)), "RING": str(folder / "ring.toml"), "OUT": str(folder / "out")}
+    job = with_the_die("TURNED", write_job(folder))
+    places = {"JOB": str(job), "RING": str(folder / "ring.toml"), "OUT": str(folder / "out")}
     arguments, result = COMMANDS[verb]
     return [places.get(word, word.replace("OUT", places["OUT"])) for word in arguments], folder / result.lower()
 

@@ -23,9 +23,9 @@ from maskfab.files.staging import check_file, check_target, put_back, staged, wr
 SWAPS = Path(__file__).parents[1] / "swaps.py"
 
 
-@pytest.fixture(scope="module")
-def rounds(tmp_path_factory) -> dict[str, list[dict[str, object]]]:
-    words = [sys.executable, str(SWAPS), str(tmp_path_factory.mktemp("swaps"))]
+@pytest.fixture(scope="module", params=[3, pytest.param(1, marks=pytest.mark.slow)], ids=["every third", "every"])
+def rounds(request, tmp_path_factory) -> dict[str, list[dict[str, object]]]:
+    words = [sys.executable, str(SWAPS), str(tmp_path_factory.mktemp("swaps")), str(request.param)]
     done = subprocess.run(words, capture_output=True, text=True, check=True, timeout=300)
     return json.loads(done.stdout)
 

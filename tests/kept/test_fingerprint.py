@@ -19,6 +19,7 @@ from hypothesis import strategies as st
 from klayout import db
 from small_job import write_job
 
+from maskfab import provenance
 from maskfab.job import load_job
 from maskfab.kept.fingerprint import fingerprint, of_installation
 
@@ -78,6 +79,7 @@ def test_what_may_hold_more_than_it_shows_has_none(value):
 def test_another_version_of_any_library_is_another_installation(monkeypatch, name):
     """Also of those that write files alone: what they wrote before is not what they write now."""
     version, here = metadata.version, of_installation()
+    monkeypatch.setattr(provenance, "_libraries", provenance._libraries.__wrapped__)
     monkeypatch.setattr(metadata, "version", lambda each: "0.0" if each.lower() == name else version(each))
     assert of_installation.__wrapped__() != here
 
