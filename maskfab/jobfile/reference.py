@@ -185,11 +185,17 @@ def _source() -> Mapping[tuple[str, str], tuple[str, str]]:
     )
 
 
+@cache
+def _schema(model: type[Section]) -> Mapping[str, Any]:
+    """Made once of a section, not once of every key."""
+    return model.model_json_schema()
+
+
 def _form(model: type[Section], name: str, written: str) -> str:
     for word in re.findall(r"\w+", written):
         if word in FORMS:
             return FORMS[word]
-    stated = model.model_json_schema()
+    stated = _schema(model)
     schema = stated["properties"][name]
     choices = [each for each in schema.get("anyOf", [schema]) if each.get("type") != "null"]
     schema = choices[0]
