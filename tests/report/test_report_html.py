@@ -231,7 +231,7 @@ def test_what_is_not_modelled_stands_apart_the_largest_first(run):
     document = to_document(with_bar, run.plate, run.camera)
     assert [row["name"] for row in document["dies"][0]["quantities"][-len(bar) :]] == [each.name for each in bar]
     page = html.html_page(document, {})
-    (section,) = re.findall(r"<h3>Not modelled, by size</h3>.*?</table>", page, re.DOTALL)
+    (section,) = re.findall(r"<summary>Not modelled, by size .*?</table>", page, re.DOTALL)
     assert re.findall(r'<td title="(model_\w+)">', section) == [each.name for each in bar]
     assert page.count('title="model_chrome_leak"') == 1
     assert "Not modelled" not in html.html_page(to_document(run.report, run.plate, run.camera), {})
