@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,12 +12,18 @@ from small_job import write_job
 
 from maskfab.errors import JobError
 from maskfab.geometry.writer_model import Reading
+from maskfab.job import load_job
 from maskfab.measurement.as_written import fused_optics, measure_written
 from maskfab.measurement.process_spread import ProcessSpread
 from maskfab.measurement.tolerance import Band, band_quantities, bands
 from maskfab.model import Camera, Die, Opening, Panel, Process, Stop, Tiling
 from maskfab.optics.image.mtf import area_under_radial_min
+from maskfab.optics.image.psf import point_psfs
+from maskfab.optics.pupil.aperture import panel_aperture
+from maskfab.optics.pupil.pupil import cut
 from maskfab.pipeline import run
+
+LAYOUTS = Path(__file__).parents[2] / "layouts"
 
 CAMERA = Camera(5000.0, Stop("circle", 400.0), (530.0,), 2.0, 64.0)
 MASK = np.zeros((7, 7), dtype=bool)
@@ -83,6 +90,20 @@ def test_the_psf_of_a_bar_changes_as_the_integral_over_its_edges_says():
     rows = {row.name: row.value for row in band_quantities(written, camera, ProcessSpread(bias_um=0.05))}
     expected = 0.1 * np.linalg.norm(by_um) / np.linalg.norm(shape)
     assert rows["sensitivity_psf_shape"] == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("plate", "name", "change"),
+    [("toled_against_ours", "OURS", 2.9e-4), ("upc12", "PINV_R150", 1.5e-3), ("toled_against_ours", "TOLED", 2.5e-3)],
+)
+def test_a_tenth_of_a_micrometre_changes_the_psf_by_what_the_manual_says(plate, name, change):
+    job = load_job(LAYOUTS / f"{plate}.toml")
+    (seen,) = (each for each in job.plate().dies if each.name == name)
+    like = point_psfs(cut(panel_aperture(seen.panel), job.camera.stop), replace(job.camera, wavelengths_nm=(530.0,)))[0]
+    psfs = [fused_optics(seen, job.camera, Process(0.0, bias), like).psf.values for bias in (0.0, 0.1)]
+    drawn, written = (each / each.max() for each in psfs)
+    assert np.linalg.norm(written - drawn) / np.linalg.norm(drawn) == pytest.approx(change, rel=0.04)
 
 
 @pytest.mark.slow

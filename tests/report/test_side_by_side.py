@@ -6,6 +6,7 @@ import copy
 import json
 import shutil
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +17,9 @@ from small_job import command, finished
 import maskfab as mf
 from maskfab.camera.intervals import MeanDifference
 from maskfab.errors import JobError, OutputError
+from maskfab.measurement.restored import middle_level
+from maskfab.model import Quantity
+from maskfab.report.quantity_table import quantity_document
 from maskfab.report.side_by_side.compared import Compared, compare_reports
 from maskfab.report.side_by_side.finished_report import FinishedReport
 from maskfab.report.side_by_side.page import compare_page, compare_text, verdict
@@ -105,6 +109,26 @@ def test_other_scenes_light_or_camera_are_left_out_and_said(document):
     dies = {die["name"]: {row["name"] for row in die["quantities"]} for die in found.document["dies"]}
     assert dies["two:PLAIN"] <= {"open_ratio", "min_feature", "min_gap"}
     assert "auc_radial_min" in dies["one:PLAIN"]
+
+
+def test_bands_stand_beside_numbers_and_gains_over_another_die_have_none(document):
+    one = report("one", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.5])
+    level = middle_level(document["photographs"]["levels_db"])
+    dies = [
+        {**die, "quantities": [*die["quantities"], *(band(name, die["name"], level) for name in ("psnr", "gain"))]}
+        for die in one.document["dies"]
+    ]
+    made = replace(one, document={**one.document, "dies": dies})
+    for reference, gain in ((None, "1.50–1.60"), ("TURNED", "")):
+        lines = {line.name: line for line in compare_reports([made], reference=reference).table.lines}
+        assert {line.psnr_made for line in lines.values()} == {"1.50–1.60"}
+        assert lines["PLAIN"].gain_made.lstrip("+") == gain
+    assert "1.50–1.60" in compare_page(compare_reports([made]))
+
+
+def band(name: str, die: str, level: float) -> dict[str, Any]:
+    found = Quantity(f"band_restored_{name}", 0.05, "made up", die=die, level_db=level, between=(1.5, 1.6))
+    return quantity_document(found)
 
 
 def test_two_runs_from_files_to_a_page(capsys, small_result, other, tmp_path):
