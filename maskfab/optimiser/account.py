@@ -68,7 +68,8 @@ def asked_of(rules: Constraints) -> dict[str, str]:
     for rule in rules.rules:
         value = rules[rule.name]
         plain = isinstance(value, str | int | float) and not isinstance(value, bool)
-        told[rule.name] = f"{value} {rule.unit}".strip() if plain else ""
+        unit = rule.unit.removesuffix("s") if plain and value == 1 else rule.unit
+        told[rule.name] = f"{value} {unit}".strip() if plain else ""
         if isinstance(value, Display):
             told[rule.name] = value.asks(rule.name)
     return told

@@ -6,15 +6,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from asked_displays import asked_display
 from hypothesis import given
 from hypothesis import strategies as st
 
 from maskfab.model import orient
+from maskfab.optimiser.account import asked_of
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.model.robustness import Spread, moved_by_bias, robustness
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Mask, Ranked, State, anneal, rises
 from maskfab.optimiser.rules.families import FAMILIES
+from maskfab.optimiser.rules.fit_rule import of_display
 from maskfab.optimiser.search.alternatives import WITHIN_DB, alternatives, rim_dots
 
 DOTS, CLEAR = 6, 9
@@ -94,3 +97,15 @@ def test_an_annealing_that_goes_on_has_been_where_one_without_a_stop_has() -> No
     assert [value for value, _ in rest.visited] == [value for value, _ in whole.visited]
     assert all(RULES.allows(unit) and worth(unit) == value for value, unit in whole.visited)
     assert max(value for value, _ in whole.visited) == whole.best_value
+
+
+def test_rules_are_told_with_what_they_ask() -> None:
+    held = asked_display(lines=3, wire_nm=8000, clearance_nm=1000, min_width_nm=8000)
+    drawn = np.zeros((DOTS, DOTS), dtype=np.bool_)
+    drawn[0, 0] = True
+    rules = Constraints(CLEAR, dots=DOTS, rim_dots=1, keep_out=drawn, kissing="cell", **of_display(held))
+    told = asked_of(rules)
+    assert told.keys() == set(rules.active)
+    assert (told["rim_dots"], told["keep_out"], told["kissing"]) == ("1 dot", "", "cell")
+    assert told["wires"] == "3 lines each way"
+    assert told["emitters"].endswith("% of the pixel for each colour")

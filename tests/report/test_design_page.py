@@ -18,6 +18,7 @@ from small_job import command, listing
 import maskfab as mf
 from maskfab.camera import scenes
 from maskfab.report.page.design_page import design_page
+from maskfab.report.plots.search_figure import search_drawing, stages
 
 JOB = """
 [design]
@@ -190,3 +191,15 @@ def test_rules_are_priced_by_annealing_without_each_where_that_is_asked_for(
     page = design_page(again)
     assert "Not asked for" not in page
     assert f"{gains['min_feature_dots']:.3f}</td></tr>" in page
+
+
+def test_a_stage_that_begins_anew_has_a_stair_of_its_own() -> None:
+    scan, annealing = [(1, 30.0), (10, 31.0), (85, 31.2)], [(900, 30.5), (950, 30.9), (960, 31.5)]
+    assert stages([*scan, *annealing]) == [scan, annealing]
+    losses = [(10, 5.0), (20, 4.0), (30, 3.5)]
+    assert stages(losses) == [losses]
+    drawing = search_drawing([*scan, *annealing], 1000, "expected restored PSNR, dB", "openings judged")
+    assert drawing is not None
+    ends = [max(line.get_xdata()) for line in drawing.figure.axes[0].lines if line.get_linestyle() == "-"]
+    assert ends == [900, 1000]
+    assert search_drawing(scan[:1], 1000, "loss", "steps of descent") is None
