@@ -1,4 +1,4 @@
-"""The parts of a report.json that a comparison reads, as a file from outside: what was edited is refused before work."""
+"""The parts of a report.json that a comparison reads, a file from outside: edited ones are refused before any work."""
 
 from __future__ import annotations
 
