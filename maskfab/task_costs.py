@@ -92,17 +92,26 @@ _MODELS: Mapping[str, Callable[..., float]] = MappingProxyType(
 )
 
 
+_PHOTOGRAPHS_BYTES = 200e6
 _HELD: Mapping[str, Callable[..., float]] = MappingProxyType(
     {
-        "measurement.restored.photograph_die": lambda *_: 200e6,
+        "measurement.restored.photograph_die": lambda *_: _PHOTOGRAPHS_BYTES,
         "measurement.as_written.measure_written": lambda *_: 400e6,
         "measurement.restored_tolerance.restored_expansion": lambda *_: 500e6,
-        "measurement.scene_rows.measure_scene": lambda die, camera, scene, _, plan, *__: peak_bytes(
+        "measurement.scene_rows.measure_scene": lambda die, camera, scene, _, plan, *__: _scene_bytes(
             die, camera, scene, plan
         ),
     }
 )
 """Bytes of tasks that hold more than others."""
+
+
+def _scene_bytes(die: Any, camera: Any, scene: Any, plan: Any) -> float:
+    """Of a process that has taken photographs, whose memory it keeps; samples of a lens that distorts are finer."""
+    side = camera.window_um / camera.pixel_um / _DRAWN_WINDOW_PX
+    return float(
+        _PHOTOGRAPHS_BYTES + peak_bytes(die, camera, scene, plan) + 9e6 * (side * plan.fullest.distortion) ** 2
+    )
 
 
 def expected(function: Callable[..., Any], given: tuple[Any, ...]) -> float | None:

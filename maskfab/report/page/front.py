@@ -102,7 +102,8 @@ class Best:
         worse = self.others - len(self.ties)
         rest = f" The other {f'{worse} dies are' if worse > 1 else 'die is'} worse." if worse else ""
         how = f"the {100 * CONFIDENCE:g} % interval of the paired difference includes 0"
-        return f"Tied with it: {who}. They may be as good, for {how}.{rest}"
+        they = "It" if len(self.ties) == 1 else "They"
+        return f"Tied with it: {who}. {they} may be as good, for {how}.{rest}"
 
 
 def stamps(document: Document) -> tuple[Stamp, Stamp, Stamp]:

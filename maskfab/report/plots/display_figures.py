@@ -42,6 +42,8 @@ _FILL: dict[Layer, str] = {
     VEIL: "#f0e442",
 }
 _WITNESS = "#f0e442"
+_EDGE = "#000000"
+"""Of a dashed line, without which it is lost where it crosses what is clear."""
 _SIDE = 2.7
 _MOST_SHOWN = 8
 """Pixels along a side round a chain."""
@@ -125,7 +127,9 @@ def wiring_picture(
     x0, y0 = columns.start * panel.pitch_nm, rows.start * panel.pitch_nm
     for layer, laid in zip(WIRES, wires.laid or (), strict=False):
         several.plot(*_trail(laid.paths, x0, y0), color=_FILL[layer], linewidth=0.8)
-    several.plot(*_trail((chain,), x0, y0), color=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
+    trail = _trail((chain,), x0, y0)
+    several.plot(*trail, color=_EDGE, linewidth=2.2)
+    several.plot(*trail, color=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
     several.set_title("where too few lines pass" if chain else "pixels as they meet")
     return image(figure, f"Wires of opening {panel.opening.name}: orange lower metal, purple upper, yellow transparent")
 
@@ -238,9 +242,9 @@ def _outline(axes: Axes, panel: Panel, witness: NDArray[np.bool_], cell_nm: int)
 
 
 def _dash(axes: Axes, polygons: list[list[tuple[float, float]]]) -> None:
-    axes.add_artist(
-        PathPatch(_path(polygons), facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1)))
-    )
+    around = _path(polygons)
+    axes.add_artist(PathPatch(around, facecolor="none", edgecolor=_EDGE, linewidth=2.2))
+    axes.add_artist(PathPatch(around, facecolor="none", edgecolor=_WITNESS, linewidth=1.1, linestyle=(0, (2, 1))))
 
 
 def _path(polygons: Iterable[list[tuple[float, float]]]) -> Path:
