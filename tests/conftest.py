@@ -38,9 +38,13 @@ settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "fixed"))
 
 
 def pytest_collection_finish() -> None:
-    """What libraries hold stays to the end: each look of the garbage collector at all of it takes half a second."""
+    """What libraries hold stays to the end: each look of the garbage collector at all of it takes half a second.
+
+    Some are imported later, so that looks are rarer too.
+    """
     gc.collect()
     gc.freeze()
+    gc.set_threshold(20_000, 10, 10)
 
 
 def pytest_unconfigure() -> None:
@@ -132,6 +136,13 @@ def drawn_in_words() -> Iterator[None]:
 def verified_once() -> Iterator[None]:
     """For tests that verify copies of one result, most of whose files are as they were."""
     with compared_once(), once(*OPTICS):
+        yield
+
+
+@pytest.fixture
+def measured_once() -> Iterator[None]:
+    """For tests that are about something else than the optics of a die."""
+    with once(*OPTICS):
         yield
 
 

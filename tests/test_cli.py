@@ -23,7 +23,7 @@ from maskfab.job import load_job
 from maskfab.opening.openings import load_opening, parse_opening
 from maskfab.units import parse_pitch_um, to_nm
 
-pytestmark = pytest.mark.usefixtures("drawn_in_words", "bound_loosely", "read_here")
+pytestmark = pytest.mark.usefixtures("drawn_in_words", "measured_once", "bound_loosely", "read_here")
 
 SHIPPED = sorted(resources.path("layouts/openings").glob("*.toml"))
 SHAPES = [

@@ -57,7 +57,7 @@ def test_what_a_killed_run_leaves_is_swept_by_the_next(tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["job.toml", "out", "ring.toml"]
 
 
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once", "read_here")
 def test_a_document_that_comes_while_a_plate_is_made_is_never_lost(tmp_path):
     job, out = write_job(tmp_path), tmp_path / "out"
 

@@ -148,7 +148,7 @@ def load_mask() -> np.ndarray:
     return np.array([[character == "#" for character in row] for row in rows])
 
 
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_limits_make_a_check_fail_and_the_files_are_there(capsys, tmp_path):
     job = write_job(tmp_path, ("[plate]", LIMITS.format(0, "20 um", "1 um")), ONE_FILE)
     answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json")
@@ -285,7 +285,7 @@ def test_two_openings_of_one_name_are_refused_if_they_differ(tmp_path):
 # --- from Python -----------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_run_takes_a_loaded_job_and_tells_where_it_stands(tmp_path):
     job = maskfab.load_job(write_job(tmp_path))
     one_die = replace(job, spec=job.spec.model_copy(update={"die": job.spec.die[:1]}))
@@ -325,7 +325,7 @@ depth = ["100 mm", "inf"]
 [plate]"""
 
 
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_a_scene_is_planned_modelled_and_reported(capsys, tmp_path):
     job, out = with_the_die("PLAIN", write_job(tmp_path, ("[plate]", SCENE), ONE_FILE)), tmp_path / "out"
     answer = command(capsys, "run", job, "--out", out)
@@ -411,7 +411,7 @@ def test_two_processes_write_the_same_bytes_in_every_format(tmp_path):
     assert all(first.values())
 
 
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 @pytest.mark.parametrize(("formats", "code"), [('"gdsii", "png"', 2), ('"gdsii", "tiff"', 2), ('"gdsii"', 0)])
 def test_pictures_that_cannot_carry_the_design_are_refused_before_any_work(capsys, tmp_path, formats, code):
     export = f"[export]\nformats = [{formats}]\ndots_per_um = 0.0625\n\n[plate]"
@@ -479,7 +479,7 @@ def test_files_that_changed_are_found_beside_each_other(capsys, asked, tmp_path)
     assert "MF303" in unreadable["method"]
 
 
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_verify_fails_where_the_shop_of_the_job_is_not_known(capsys, asked, tmp_path):
     """Such as a profile of one's own that stayed on another machine."""
     out = Path(shutil.copytree(asked, tmp_path / "out"))
@@ -526,7 +526,7 @@ def test_a_process_that_the_dots_do_not_bear_is_refused_before_anything_is_drawn
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_what_a_shop_refuses_fails_the_run_and_its_files_are_there(capsys, tmp_path):
     section = '[export]\nformats = ["gdsii"]\nshop = "gesim"\n\n[plate]'
     out = tmp_path / "out"
@@ -562,7 +562,7 @@ def written_values(result: Result, name: str) -> list[float]:
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("drawn_in_words")
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_a_process_that_does_nothing_changes_nothing(tmp_path):
     """At zero radius and bias the written mask is the drawn one; the MTF, of greyed rims, to within its own error."""
     result = one_die(tmp_path, '[process]\ncorner_radius = "0 um"')
