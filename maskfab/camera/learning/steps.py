@@ -12,7 +12,7 @@ from typing import Protocol
 import torch
 
 Moments = dict[str, torch.Tensor]
-"""What a step keeps of those before it, by name, for one parameter."""
+"""Kept of the steps before one, by name, for one parameter."""
 
 _LEAST = 1e-8
 
