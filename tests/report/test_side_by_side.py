@@ -219,6 +219,7 @@ def _named(name):
         (_named("A\nB"), "no name"),
         (_named("A" * 10_000), "at most 100 characters"),
         (lambda document: document.update(title="\ud800"), "title"),
+        (lambda document: document["dies"][0]["quantities"][0].update(between=[1.0]), "between"),
     ],
 )
 def test_a_report_alone_that_somebody_has_edited_is_refused_with_the_place(document, tmp_path, edit, told):

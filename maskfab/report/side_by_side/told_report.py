@@ -48,6 +48,8 @@ class _Quantity(_Told):
     uncertainty: float | None
     passed: bool | None
     wavelength_nm: float | None = None
+    level_db: float | None = None
+    between: Annotated[list[float], Field(min_length=2, max_length=2)] | None = None
 
     @model_validator(mode="after")
     def _open_ratio_is_a_share(self) -> _Quantity:
