@@ -794,6 +794,16 @@ _ENTRIES = (
     ),
     # Emitters, circuits and wires
     Entry(
+        "display_fits",
+        "",
+        "",
+        "Display fits",
+        "Whether emitters, circuits and wires fit around the openings: 1 they do, 0 they cannot; none where neither is "
+        "known.",
+        "Lower the open ratio, or ask for smaller emitters.",
+        subject=Subject.DISPLAY,
+    ),
+    Entry(
         "led_footprint",
         "a",
         "1",

@@ -10,10 +10,13 @@ from types import MappingProxyType
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.transfer import lattice
+from maskfab.display.emitters.placement import Verdict
+from maskfab.display.feasibility import feasibility
 from maskfab.errors import JobError
 from maskfab.job import Job
 from maskfab.measurement.as_written import measure_written, written_psf_quantities
 from maskfab.measurement.conditions import Conditions, Surroundings
+from maskfab.measurement.display_rows import display_quantities
 from maskfab.measurement.features import judged, smallest_features, written_features
 from maskfab.measurement.restored import Photographs, photograph_die
 from maskfab.measurement.scene_rows import measure_scene, scene_plan, scene_reach_um
@@ -168,6 +171,22 @@ def _footprint(subject: Subject) -> Iterable[Quantity]:
     yield Quantity("led_footprint_bound", max(bound, found), how, die=name, at_most=True)
 
 
+def _display(subject: Subject) -> Iterable[Quantity]:
+    job, name = subject.job, subject.name
+    if job.display_rules is None:
+        cure = "Add it"
+        raise JobError("MF105", "a display has emitters, and the job has no [emitters]", where=job.where, cure=cure)
+    found = feasibility(subject.panel, job.display_rules)
+    if found is None:
+        cure = "Leave the die out of sweep.dies"
+        raise JobError("MF161", f"die {name} is a sheet without pixels", where=job.where, cure=cure)
+    how = "emitters, circuits and wires by the job's rules: 1 they were placed, 0 a proof that they do not fit"
+    value = {Verdict.FITS: 1, Verdict.DOES_NOT_FIT: 0, Verdict.UNKNOWN: None}[found.verdict]
+    yield Quantity("display_fits", value, how, passed=found.passed, die=name)
+    rows = display_quantities(subject.die, found)
+    yield from (each for each in rows if each.name in ("led_footprint", "circuit_room"))
+
+
 def _scene(subject: Subject) -> Iterable[Quantity]:
     job, section, scene = subject.job, subject.job.spec.scene, subject.job.scene
     if section is None or scene is None:
@@ -207,6 +226,7 @@ _BY_WORK: Mapping[str, Measure] = MappingProxyType(
         "scatter": _scatter,
         "surrogate": _expected,
         "footprint": _footprint,
+        "display": _display,
         "scene": _scene,
         "photographs": _photographs,
     }

@@ -27,6 +27,7 @@ _FOUND_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
         "scatter": tuple(f"written_scattered_{reading}" for reading in _READINGS),
         "surrogate": ("expected_psnr",),
         "footprint": ("led_footprint_largest", "led_footprint_bound"),
+        "display": ("display_fits", "led_footprint", "circuit_room"),
         "scene": ("scene_psf_change", "plan_error", "depth_residual", "field_residual", "depth_change"),
         "photographs": ("restored_psnr",),
     }

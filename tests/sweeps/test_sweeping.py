@@ -101,6 +101,24 @@ def test_roughness_is_a_field(tmp_path):
     assert "no [process.roughness]" in refused[1]
 
 
+def test_displays_that_cannot_be_count_as_no_yield(tmp_path):
+    """Emitters of more than a pixel's closed part have no place; without a minimum any placement will do."""
+    emitters = (
+        '[emitters]\ngap_to_opening = "1 um"\ncolour_gap = "1 um"\nmin_width = "2 um"\ncircuit = "10 um^2"\n\n[[die]]'
+    )
+    edits = (
+        ("process.cd_bias", "emitters.required"),
+        ('"-0.5 um", "0 um", "0.5 um"', "0.01, 0.9"),
+        ('"process.corner_radius"\nfrom = "0 um"\nto = "1 um"\ncount = 2', '"emitters.min_width"\nvalues = ["2 um"]'),
+        ('"open_ratio", "written_open_ratio_fused", "written_min_feature"', '"display_fits", "led_footprint"'),
+    )
+    found = mf.sweep(write_study(tmp_path, *edits, job=(("[[die]]", emitters),)), tmp_path / "out", engine="serial")
+    fits = next(series for series in found.found.series if series.of.name == "display_fits")
+    assert fits.values.tolist() == [1, 0]
+    (only,) = found.yields
+    assert (only.kept, only.cases) == (1, 2)
+
+
 def test_the_yield_is_of_the_jobs_limits(swept):
     (only,) = swept.yields
     assert (only.kept, only.cases) == (4, 6)
