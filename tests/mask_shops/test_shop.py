@@ -25,9 +25,11 @@ SQUARE = (
     + (".......\n" * 2)
     + '"""\n'
 )
-FINE = tuple(
+DOTS = tuple(
     edit for _ in range(2) for edit in (('dot = "8 um"', 'dot = "0.8 um"'), ('pitch = "56 um"', 'pitch = "5.6 um"'))
 )
+# Dies are no larger than it takes to have nothing finer on their labels.
+FINE = (*DOTS, ('diameter = "400 um"', 'diameter = "150 um"'), ('die_size = "560 um"', 'die_size = "168 um"'))
 LARGE = (('die_size = "560 um"', 'die_size = "8.4 mm"'), ('die_pitch = "2 mm"', 'die_pitch = "10 mm"'))
 TEN_INCH = (('blank = "27 mm"', 'blank = "10 in"'),)
 GUTTER = tuple(('pitch = "56 um"', 'pitch = "64 um"\ngutter = "8 um"') for _ in range(2))
@@ -128,7 +130,7 @@ def test_values_and_limits_are_those_of_the_plate(tmp_path):
 
 
 def test_between_standard_and_on_request_the_house_is_asked(tmp_path):
-    edits = tuple((old, new.replace("0.8", "4").replace("5.6", "28")) for old, new in FINE)
+    edits = tuple((old, new.replace("0.8", "4").replace("5.6", "28")) for old, new in DOTS)
     finding = the("min_feature", check_shop(laid_out(tmp_path, edits), load_shop("photoplotstore")))
     assert (finding.passed, finding.value, finding.limit) == (None, 4.0, 6.0)
     assert "request" in finding.cure
