@@ -169,6 +169,7 @@ def test_bad_requests_are_refused(job: Path, capsys: pytest.CaptureFixture[str])
     assert not Path(out).exists()
 
 
+@pytest.mark.usefixtures("drawn_in_words")
 def test_a_budget_is_told(job: Path, capsys: pytest.CaptureFixture[str]) -> None:
     shapes = JOB.replace("clear_dots = 12", 'clear_dots = 12\nfamilies = ["bars", "discs"]', 1)
     job.write_text(shapes.replace("lines = [0, 1]", "lines = [0]"))
