@@ -8,6 +8,7 @@ import gdstk
 import numpy as np
 import pytest
 from klayout import db
+from sweeps import sweep
 
 from maskfab.errors import SourceError
 from maskfab.export.cif import write_cif
@@ -91,9 +92,13 @@ def test_a_gdsii_file_without_its_last_record_is_refused(written, tmp_path):
     assert refusal(path) == "MF303"
 
 
-@pytest.mark.parametrize("suffix", SUFFIXES)
+@pytest.mark.parametrize("suffix", sweep(sorted(SUFFIXES, key=lambda each: each != "dxf"), 1))
 def test_mutated_files_are_read_or_refused(written, tmp_path, suffix):
-    """Whatever bytes change: an answer or a SourceError, never another exception, never a crash."""
+    """Whatever bytes change: an answer or a SourceError, never another exception, never a crash.
+
+    What is damaged in other ways is for the fuzzer, of which every test run does a slice; DXF is text that is looked
+    through here.
+    """
     chance = random.Random(11)
     path = tmp_path / f"x.{suffix}"
     refusals = []
