@@ -7,7 +7,8 @@ The sensitivity to a field is its coefficient b in the least-squares plane
 with the 95 % interval of Student's t for the residuals' degrees of freedom. The plane's residuals are curvature and
 what is drawn by chance, so an interval tells how well a plane describes the cases, not how well a case is computed.
 Beside it stands the range of the means at the field's values, or in five equal parts of what was drawn, which sees
-curves and valleys too; fields are ranked by it.
+curves and valleys too; fields are ranked by it. What the plane has of the other fields is taken away first: draws
+of two fields are never quite independent.
 
 A yield of k in n has Wilson's interval (E. B. Wilson, J. Am. Stat. Assoc. 22, 209, 1927), which holds for few cases and
 for all or none of them.
@@ -187,6 +188,7 @@ def _sensitivities(series: Series, plan: Plan) -> list[Sensitivity]:
     numeric = [i for i, each in enumerate(axes) if each is not None and np.ptp(each[known]) > 0]
     slopes = _plane(np.array([axes[i][known] for i in numeric]), values) if numeric else []  # type: ignore[index]
     by_field = dict(zip(numeric, slopes, strict=True))
+    parts = {j: slope * (axes[j] - axes[j].mean()) for j, (slope, _) in by_field.items() if math.isfinite(slope)}  # type: ignore[union-attr]
     found = []
     for i, field in enumerate(plan.fields):
         different = len({case.stated[i] for case in plan.cases})
@@ -194,7 +196,8 @@ def _sensitivities(series: Series, plan: Plan) -> list[Sensitivity]:
             continue
         if axes[i] is None and different == len(plan.cases) and len(axes) > 1:
             continue  # every case has its own, so that all that differs would be its doing
-        means = _means(axes[i], field, [case.levels[i].stated for case in plan.cases], series.values)
+        alone = series.values - sum(part for j, part in parts.items() if j != i)
+        means = _means(axes[i], field, [case.levels[i].stated for case in plan.cases], alone)
         extent = float(np.ptp(means)) if means.size else 0.0
         slope, half = by_field.get(i, (math.nan, math.nan))
         told = f"{series.unit or '1'}/{field.unit}" if field.unit else series.unit

@@ -14,12 +14,12 @@ from maskfab.sweeps.fields import Field, Level, _draws
 from maskfab.sweeps.numbers import Swept, wilson
 
 
-def swept(values, *fields) -> Swept:
+def swept(values, *fields, drawn=False) -> Swept:
     """A sweep of numeric fields, one value of a number in each case."""
     cases = [
         SimpleNamespace(levels=tuple(Level(f"{x} um", x) for x in row), stated=row) for row in zip(*fields, strict=True)
     ]
-    named = tuple(Field(f"f{i}", (("process", f"f{i}"),), "um", True, (), drawn=False) for i, _ in enumerate(fields))
+    named = tuple(Field(f"f{i}", (("process", f"f{i}"),), "um", True, (), drawn=drawn) for i, _ in enumerate(fields))
     row = {"name": "open_ratio", "die": "A", "wavelength_nm": None, "level_db": None, "unit": "1", "passed": None}
     records = tuple(
         {
@@ -52,6 +52,14 @@ def test_a_slopes_interval_holds_it_as_often_as_it_says():
         (found,) = swept((2 * x + draw.normal(0, 0.3, 12)).tolist(), x.tolist()).sensitivities
         held += abs(found.slope - 2) <= found.half_width
     assert 0.92 < held / 400 < 0.98
+
+
+def test_a_field_without_effect_has_no_range_though_draws_are_unevenly_spread():
+    x, y = np.random.default_rng(2).random((2, 20))
+    by_x, by_y = swept((2 * x).tolist(), x.tolist(), y.tolist(), drawn=True).sensitivities
+    assert (by_x.field, by_y.field) == ("f0", "f1")
+    assert by_x.range > 1
+    assert by_y.range == pytest.approx(0, abs=1e-12)
 
 
 def test_a_valley_has_a_range_though_its_plane_is_level():
