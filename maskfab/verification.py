@@ -111,7 +111,8 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         plate = compose(job.spec, job.openings, signature, where=job.where)
         with crew_of(job) as crew:
             built = job.displays_of(plate, progress, largest=True, crew=crew)
-        plate = built.plate
+        # A run takes its photographs beside its displays, before these are there.
+        bare, plate = plate, built.plate
         made = draw_files(job, plate)
         of_shop = shop_quantities(job, made)
     except InputError as error:
@@ -119,7 +120,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
     checks += fast_lens(job.camera)
     checks.append(_equal("job_hash", job.digest, manifest.get("job_hash"), f"hash of {JOB_COPY} against the manifest"))
     with crew_of(job) as crew:
-        photographs = begin_photographs(job, plate, crew)
+        photographs = begin_photographs(job, bare, crew)
         refused: list[tuple[str, InputError]] = []
         back = read_back(made, folder, progress, refused)
         checks += [_failed("readable", f"{name}: {error}") for name, error in refused]

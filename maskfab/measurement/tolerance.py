@@ -146,7 +146,7 @@ def bands(
             found.append(band("band_mtf50", line, partial(_mtf50, i)))
         found += [band(f"band_mtf_worst_{each:g}", line, partial(_worst, i, each)) for each in frequencies]
     pixels = _inner(camera)
-    if metrics.holds_halo(pixels):
+    if pixels is not None:
         found.append(band("band_halo_energy", nominal.psf.wavelength_nm, partial(_halo, pixels)))
     return (*found, _shape_band(cases, spread.deviations(process)))
 
@@ -175,11 +175,10 @@ def _halo(camera: Camera, optics: WrittenOptics) -> Floats:
     return np.array(float(metrics.halo_of(pixel_psf(optics.psf, camera), camera, None)))
 
 
-def _inner(camera: Camera) -> Camera:
-    """The camera with a window as much smaller as means over pixels need points round it."""
-    return replace(
-        camera, window_um=camera.window_um - 2 * (pixel_margin(camera) * point_step_um(camera) + camera.pixel_um)
-    )
+def _inner(camera: Camera) -> Camera | None:
+    """The camera with a window smaller by the points that means over pixels need; None where it holds no halo."""
+    window = camera.window_um - 2 * (pixel_margin(camera) * point_step_um(camera) + camera.pixel_um)
+    return replace(camera, window_um=window) if metrics.holds_halo(window) else None
 
 
 def _shape_band(cases: Cases[WrittenOptics], deviations: tuple[Floats, Floats]) -> Band:

@@ -19,9 +19,11 @@ from maskfab.job import load_job
 from maskfab.measurement.wired import wired_quantities
 from maskfab.model import BLACK, CLEAR, EMITTERS, GUTTER, VEIL, WIRES
 from maskfab.optics.pupil.wire_transmission import veil
+from maskfab.pipeline import run
 from maskfab.processes import Alone, Pair
 from maskfab.readers.layout_file import read_layout
 from maskfab.report.plots.display_figures import pictures
+from maskfab.verification import verify
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -260,3 +262,18 @@ def test_two_processes_find_what_one_finds_and_equal_dies_are_worked_on_once(tmp
         assert other.panel.emitters is not None
         assert np.array_equal(one_die.panel.emitters.labels, other.panel.emitters.labels)
         assert one_die.panel.tracks == other.panel.tracks
+
+
+@pytest.mark.slow
+def test_photographs_through_a_display_with_wires_and_its_bands_are_verified(tmp_path):
+    lines = ('wavelengths = ["530 nm"]', 'wavelengths = ["610 nm", "530 nm", "470 nm"]')
+    more = (
+        emitters() + section("wires", lines=1, line='"2 um"', space='"2 um"') + "\n[process.spread]\nbias = '0.1 um'\n"
+    )
+    out = tmp_path / "out"
+    run(job(tmp_path, more, lines), out)
+    report = json.loads((out / "report.json").read_text(encoding="utf-8"))
+    die = report["dies"][0]
+    assert die["display"]["wires"]["lines"] != [0, 0]
+    assert "band_restored_psnr" in {row["name"] for row in die["quantities"]}
+    assert [check for check in verify(out).checks if not check.passed] == []

@@ -15,7 +15,7 @@ from maskfab.geometry.writer_model import Reading
 from maskfab.job import load_job
 from maskfab.measurement.as_written import fused_optics, measure_written
 from maskfab.measurement.process_spread import ProcessSpread
-from maskfab.measurement.tolerance import Band, band_quantities, bands
+from maskfab.measurement.tolerance import Band, _inner, band_quantities, bands
 from maskfab.model import Camera, Die, Opening, Panel, Process, Stop, Tiling
 from maskfab.optics.image.mtf import area_under_radial_min
 from maskfab.optics.image.psf import point_psfs
@@ -137,6 +137,13 @@ def test_rows_say_their_error_and_there_are_none_without_a_spread():
     assert [row.name for row in rows] == [*(f"band_{name}" for name in names), "sensitivity_psf_shape"]
     assert all(row.uncertainty is not None and row.uncertainty < 0.1 * row.value for row in rows)
     assert band_quantities(written, CAMERA, ProcessSpread()) == ()
+
+
+def test_a_window_too_small_for_means_over_pixels_has_no_band_of_its_halo():
+    assert _inner(replace(CAMERA, wavelengths_nm=(610.0, 530.0, 470.0))) is None
+    inner = _inner(replace(CAMERA, window_um=256.0))
+    assert inner is not None
+    assert 50 <= inner.window_um < 256
 
 
 def test_a_spread_that_closes_dots_is_refused_before_any_work(tmp_path):

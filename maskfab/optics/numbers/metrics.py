@@ -319,9 +319,9 @@ def halo_of(psf: Psf, camera: Camera, die: str | None) -> Quantity:
     return halo_energy(psf, min(_HALO_UM, half), _highest(camera, psf.wavelength_nm), die)
 
 
-def holds_halo(camera: Camera) -> bool:
+def holds_halo(window_um: float) -> bool:
     """Whether a camera's window is as wide as the radius beyond which the halo is counted, not less."""
-    return camera.window_um / 2 >= _HALO_UM
+    return window_um / 2 >= _HALO_UM
 
 
 def _highest(camera: Camera, wavelength_nm: float) -> float:
