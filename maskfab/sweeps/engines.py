@@ -74,6 +74,7 @@ def _by_processes(
 ) -> list[Record]:
     progress("cases", 0, len(cases))
     records: list[Record] = []
+    told = 0
     with Pair(others) if others > 0 else Alone() as crew:
         tasks = [
             crew.submit(partial(find_and_keep, folder), lambda case=case: (case.key, case.document, quantities))  # type: ignore[misc]
@@ -82,8 +83,9 @@ def _by_processes(
         # The others begin with the first, this process with the last: they meet where little is left.
         for done, task in enumerate(reversed(tasks)):
             task.attempt()
-            if done % max(1, len(cases) // _TOLD) == 0:
-                progress("cases", sum(each.ended for each in tasks), len(cases))
+            if done % max(1, len(cases) // _TOLD) == 0 and (ended := sum(each.ended for each in tasks)) > told:
+                progress("cases", ended, len(cases))
+                told = ended
         for case, task in zip(cases, tasks, strict=True):
             try:
                 records.append(task.result())
