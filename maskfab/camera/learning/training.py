@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from maskfab.camera.learning.lessons import Lesson
 from maskfab.camera.learning.network import COLOURS, Network
-from maskfab.camera.learning.steps import Adam
 from maskfab.camera.learning.view import EXPONENT, PLANES
 from maskfab.errors import JobError
 from maskfab.optics.numbers.colour import code_of_light
@@ -76,7 +75,7 @@ class Training:
             torch.manual_seed(course.seed)
             self.network, self.mean = (self._made() for _ in range(2))
         self.mean.load_state_dict(self.network.state_dict())
-        self._descent = Adam(self.network.parameters(), course.rate, (0.9, 0.99))
+        self._descent = torch.optim.Adam(self.network.parameters(), lr=course.rate, betas=(0.9, 0.99))
 
     def _made(self) -> Network:
         return Network(PLANES, self.course.widths).to(self.device)
@@ -86,10 +85,11 @@ class Training:
         course = self.course
         shown, true, weight = (torch.from_numpy(each).to(self.device) for each in self._patches())
         rate = course.rate * min(1.0, (self.step + 1) / _WARM) * min(1.0, (_SLOWER / (self.step + 1)) ** 0.5)
-        self._descent.rate = rate
+        for group in self._descent.param_groups:
+            group["lr"] = rate
         mended = self.network(shown.contiguous(memory_format=torch.channels_last))
         loss = ((coded(mended) - true) ** 2 * weight).sum() / (COLOURS * (weight > 0).sum())
-        self._descent.forget()
+        self._descent.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(self.network.parameters(), 1.0)
         self._descent.step()
@@ -129,7 +129,7 @@ class Training:
         """Everything that the next step depends on."""
         tensors = {f"now_{name}": each for name, each in self.network.state_dict().items()}
         tensors |= {f"{MEAN}{name}": each for name, each in self.mean.state_dict().items()}
-        for place, moments in self._descent.state.items():
+        for place, moments in self._descent.state_dict()["state"].items():
             tensors |= {f"moment_{place}_{name}": each for name, each in moments.items()}
         return {"step": np.array(self.step), **{name: each.cpu().numpy().copy() for name, each in tensors.items()}}
 
@@ -142,7 +142,8 @@ class Training:
         for name, tensor in named("moment_", state).items():
             place, _, key = name.partition("_")
             moments.setdefault(int(place), {})[key] = tensor
-        self._descent.restore(moments)
+        groups = self._descent.state_dict()["param_groups"]
+        self._descent.load_state_dict({"state": moments, "param_groups": groups})
 
 
 def coded(shown: torch.Tensor) -> torch.Tensor:

@@ -27,7 +27,6 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from maskfab.camera.learning.steps import Adam, Momentum, Steps
 from maskfab.errors import InternalError, JobError
 from maskfab.files.checkpoint import load_state, save_state
 from maskfab.opening.clear_dots import closed
@@ -248,11 +247,11 @@ class _Run:
         noise = np.random.default_rng(how.seed + self.start).standard_normal((how.dots, how.dots))
         values = how.start_logit + how.start_noise * noise
         self.logits = torch.tensor(values, dtype=self.dtype, device=self.device, requires_grad=True)
-        self.optimiser: Steps
+        self.optimiser: torch.optim.Optimizer
         if how.optimiser == "adam":
-            self.optimiser = Adam([self.logits], how.rate, (how.momentum, 0.999))
+            self.optimiser = torch.optim.Adam([self.logits], lr=how.rate, betas=(how.momentum, 0.999))
         else:
-            self.optimiser = Momentum([self.logits], how.rate, how.momentum)
+            self.optimiser = torch.optim.SGD([self.logits], lr=how.rate, momentum=how.momentum)
         self.iteration = 0
         self.ended = False
         self.stale = 0
@@ -272,7 +271,7 @@ class _Run:
         total = value
         if self.penalty is not None:
             total = value + self.penalty.at(iteration, how.iterations)(transmission)
-        self.optimiser.forget()
+        self.optimiser.zero_grad()
         total.backward()  # type: ignore[no-untyped-call]
         slope = self.logits.grad
         assert slope is not None
@@ -385,7 +384,7 @@ class _Run:
         """Everything that the next step depends on."""
         overall = self.best if self.overall is None else self.overall
         numbers = np.array([self.start, self.iteration, self.total, self.stale, self.ended, self.overall is not None])
-        moments = self.optimiser.state.get(0, {})
+        moments = self.optimiser.state_dict()["state"].get(0, {})
         return {
             "numbers": numbers.astype(np.int64),
             "losses": np.array([self.best_loss, self.overall_loss]),
@@ -394,7 +393,7 @@ class _Run:
             "overall": overall.cpu().numpy(),
             "outcome": np.array(self.outcome.name),
             "notes": np.array(self.notes, dtype=np.str_),
-            **{f"moment_{name}": value.cpu().numpy() for name, value in moments.items()},
+            **{f"moment_{name}": value.cpu().numpy() for name, value in moments.items() if value is not None},
         }
 
     def restore(self, state: Mapping[str, NDArray[np.generic]]) -> None:
@@ -413,7 +412,8 @@ class _Run:
         self.notes = [str(note) for note in state["notes"]]
         moments = {name[7:]: torch.from_numpy(v) for name, v in state.items() if name.startswith("moment_")}
         if moments:
-            self.optimiser.restore({0: moments})
+            known = self.optimiser.state_dict()
+            self.optimiser.load_state_dict({"state": {0: moments}, "param_groups": known["param_groups"]})
 
 
 def _device(objective: Objective) -> torch.device:
