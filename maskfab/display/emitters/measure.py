@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from klayout import db
+from numpy.typing import NDArray
 
 from maskfab.display.emitters.borders import meetings
 from maskfab.display.emitters.emitter_rules import EmitterRules
@@ -18,6 +19,8 @@ SQUARE = 2
 """Sized with this mode an edge keeps its square corners, so that sizes are Chebyshev distances."""
 # Pairs stand so far apart, in pixels, that no rule reaches from one to the next.
 _APART, _COLUMNS = 4, 16
+_BLOCK = 8
+"""Cells along a side of the middle of a panel."""
 
 
 @dataclass(frozen=True)
@@ -72,17 +75,30 @@ def violations(panel: Panel, rules: EmitterRules) -> tuple[Violation, ...]:
 def left_of_emitters(panel: Panel, rules: EmitterRules, growth_nm: int) -> tuple[float, float, float]:
     """Red, green and blue area of a panel's emitters that keeps its gap to openings all of whose edges have moved.
 
-    On a tile that holds all pairs of neighbours, as for :func:`violations`; as a share of what the emitters have there.
+    In the middle of the panel, where every pixel has all of its neighbours; as a share of what the emitters have there.
 
     Args:
         panel: with emitters.
         rules: that state the gap.
         growth_nm: by which every edge of the openings has moved outwards; negative inwards.
     """
-    regions = _regions(panel, _clusters(panel), (CLEAR, *EMITTERS))
+    held, pitch = _middle(panel), panel.pitch_nm
+    rows, columns = held.shape
+    cells = [(int(cell), (column, row)) for (row, column), cell in np.ndenumerate(held)]
+    regions = _regions(panel, cells, (CLEAR, *EMITTERS))
     taken = regions[CLEAR].sized(rules.gap_to_opening_nm + growth_nm, SQUARE)
-    red, green, blue = ((regions[layer] - taken).area() / max(1, regions[layer].area()) for layer in EMITTERS)
+    frame = db.Region(db.Box(pitch, pitch, (columns - 1) * pitch, (rows - 1) * pitch))
+    drawn = [regions[layer] & frame for layer in EMITTERS]
+    red, green, blue = ((colour - taken).area() / max(1, colour.area()) for colour in drawn)
     return red, green, blue
+
+
+def _middle(panel: Panel) -> NDArray[np.int8]:
+    """Orientations of the middle cells of a panel and a ring of neighbours round them; a narrow panel is repeated."""
+    cells = panel.orientations
+    first, size = zip(*((max(0, (each - _BLOCK) // 2), min(each, _BLOCK)) for each in cells.shape), strict=True)
+    around = [(np.arange(-1, many + 1) + at) % each for at, many, each in zip(first, size, cells.shape, strict=True)]
+    return np.asarray(cells[np.ix_(*around)])
 
 
 def told_of(rule: str, shapes: db.Region, pixel: db.Box | None = None) -> Violation:
