@@ -13,7 +13,8 @@ from maskfab.report.page.photograph_table import best_photographed, gain_words, 
 Document = Mapping[str, Any]
 Row = Mapping[str, Any]
 
-_WORST = "mtf_worst_"
+WORST = "mtf_worst_"
+"""At the start of the names of MTFs in their worst direction, before the frequency in cycles per millimetre."""
 
 
 @dataclass(frozen=True)
@@ -109,13 +110,13 @@ def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], C
     lines = document["camera"]["wavelengths_nm"]
     middle = lines[len(lines) // 2]
     names = dict.fromkeys(row["name"] for die in document["dies"] for row in die["quantities"])
-    worst = [name for name in names if name.startswith(_WORST)]
+    worst = [name for name in names if name.startswith(WORST)]
     at = f"{middle:g} nm"
     return {
         ("Open", "ratio"): _number("open_ratio"),
         **{
-            ("MTF, worst", f"{name.removeprefix(_WORST)} cy/mm"): _number(name, middle)
-            for name in sorted(worst, key=lambda each: float(each.removeprefix(_WORST)))
+            ("MTF, worst", f"{name.removeprefix(WORST)} cy/mm"): _number(name, middle)
+            for name in sorted(worst, key=lambda each: float(each.removeprefix(WORST)))
         },
         ("Halo, %", at): _number("halo_energy", middle, scale=100.0, decimals=1),
         ("Emitters, %", "(margin)"): _footprint,

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from maskfab.errors import InputError
 from maskfab.jobfile.values import check_name
+from maskfab.report.page.die_table import WORST
 
 _MOST_DIES = 10_000
 
@@ -41,6 +42,15 @@ _Text = Annotated[str, Field(max_length=20_000)]
 class _Told(BaseModel):
     model_config = ConfigDict(allow_inf_nan=False, strict=True)
 
+    @model_validator(mode="before")
+    @classmethod
+    def _what_may_be_absent_is_not_null(cls, told: object) -> object:
+        if isinstance(told, Mapping):
+            for name, field in cls.model_fields.items():
+                if not field.is_required() and told.get(name, ...) is None:
+                    raise ValueError(f"{name} is null")
+        return told
+
 
 class _Quantity(_Told):
     name: _Text
@@ -57,6 +67,15 @@ class _Quantity(_Told):
             raise ValueError("the open ratio is no number")
         return self
 
+    @model_validator(mode="after")
+    def _worst_mtf_is_at_a_frequency(self) -> _Quantity:
+        if self.name.startswith(WORST):
+            try:
+                float(self.name.removeprefix(WORST))
+            except ValueError as error:
+                raise ValueError(f"{self.name[:40]!r} names no frequency") from error
+        return self
+
 
 class _Wires(_Told):
     lines: Annotated[list[float], Field(min_length=2, max_length=2)]
@@ -66,10 +85,10 @@ class _Wires(_Told):
 class _Display(_Told):
     verdict: _Text
     share: float
-    required: float | None
+    required: float
     bound_share: float
     emitters: dict[str, Any] | None
-    wires: _Wires | None = None
+    wires: _Wires | None
 
 
 class _Die(_Told):
@@ -111,11 +130,17 @@ class _Camera(_Told):
     wavelengths_nm: Annotated[list[float], Field(min_length=1)]
 
 
+class _Spread(_Told):
+    bias_um: float
+    radius_um: float
+
+
 class _Report(_Told):
     maskfab_version: _Text
     title: _Text
     job_hash: _Text
     camera: _Camera
+    spread: _Spread | None = None
     dies: Annotated[list[_Die], Field(max_length=_MOST_DIES)]
     photographs: _Photographs | None = None
 
