@@ -104,19 +104,19 @@ def restored_expansion(
     """
     camera, scene = conditions.camera, around.scene
     assert isinstance(camera, Camera)
+    reach = None if scene is None or not scene.gap_um else scene_reach_um(camera, scene)
     try:
         drawn, _ = conditions.design(die.name, die.panel, around)
         parts, others = parts_about_edges(die, camera, spread.moved(process, 2, 0), where)
+        across = max(parts, others) * camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
+        if across > MOST_ACROSS:
+            return f"the stop is {across:.0f} parts of dots across, photographs take {MOST_ACROSS} at most"
+        assert isinstance(drawn, DieTransfer | OverField)
+        seen = _Photographed(die, camera, drawn, conditions, reach, parts)
+        stated = seen.psnr(process)
     except JobError as refusal:
         return f"{refusal.code} {refusal.what}"
-    assert isinstance(drawn, DieTransfer | OverField)
     corner = spread.moved(process, *CORNER)
-    across = max(parts, others) * camera.stop.diameter_um / (die.panel.dot_nm / NM_PER_UM)
-    if across > MOST_ACROSS:
-        return f"the stop is {across:.0f} parts of dots across, photographs take {MOST_ACROSS} at most"
-    reach = None if scene is None or not scene.gap_um else scene_reach_um(camera, scene)
-    seen = _Photographed(die, camera, drawn, conditions, reach, parts)
-    stated = seen.psnr(process)
     cases = Cases.about(process, spread, seen.psnr, stated)
     found = cases.expansion(np.array)
     by_others = seen.psnr(corner, others) - seen.psnr(process, others)
