@@ -402,7 +402,7 @@ class Findings:
         photographs = photograph_data.photographs_document(self.restored)
         return report_data.to_document(
             report, self.plate, self.job.camera, self.scenes, self.built.found, designs, photographs, self._of_dies(),
-            self._expected_s(), process_spread(self.job),
+            self._expected_s(), process_spread(self.job), self.job.spec.written,
         )  # fmt: skip
 
     def _expected_s(self) -> dict[str, dict[str, float]]:

@@ -7,7 +7,9 @@ from jsonschema import Draft202012Validator
 from report.test_report_html import read
 
 from maskfab.camera.intervals import MeanDifference
+from maskfab.measurement.process_spread import ProcessSpread
 from maskfab.measurement.restored import Photographs, Restored
+from maskfab.model import Process, Roughness
 from maskfab.report.documents.report_data import schema, to_document
 from maskfab.report.page import html
 from maskfab.report.page.die_table import die_table
@@ -145,3 +147,17 @@ def test_a_scene_and_its_spectrum_are_assumed(run):
     told = assumed({**document_of(run, None), "photographs": photographs})
     assert "spectrum: as [scene] says (rgb)" in told
     assert "[scene]: depth;" in told
+
+
+def test_the_front_says_what_process_its_bands_are_about(run):
+    process = Process(1.0, 0.1, Roughness(0.03, 0.5))
+    given = {"photographs": taken(PLAIN=A, TURNED=B), "process": process}
+    drawn = to_document(run.report, run.plate, run.camera, photographs=given["photographs"])
+    stated = to_document(run.report, run.plate, run.camera, **given)
+    spread = to_document(run.report, run.plate, run.camera, **given, spread=ProcessSpread(0.1))
+    for document in (drawn, stated, spread):
+        Draft202012Validator(schema()).validate(document)
+    words = "corners of 1 µm, CD bias 0.1 µm, edges rough by 0.03 µm over 0.5 µm"
+    assert "no [process] of the writer" in assumed(drawn)
+    assert f"{words}, without a spread" in assumed(stated)
+    assert f"95 % of displays about {words}, standard deviations CD bias ± 0.1 µm." in assumed(spread)

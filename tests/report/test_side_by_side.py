@@ -178,6 +178,16 @@ def test_a_report_alone_is_compared_but_not_vouched_for(small_result, tmp_path):
     assert any("no manifest" in each for each in found.compared.left_out)
 
 
+def test_bands_over_another_spread_are_told_apart(document, tmp_path):
+    process = {"corner_radius_um": 1.0, "cd_bias_um": 0.0, "roughness": None}
+    for name, bias_um in (("one", 0.1), ("two", 0.2), ("three", 0.1)):
+        (tmp_path / name).mkdir()
+        stated = {"process": process, "spread": {"bias_um": bias_um, "radius_um": 0.0}}
+        (tmp_path / name / "report.json").write_text(json.dumps({**document, **stated}))
+    told = mf.compare(*(tmp_path / name for name in ("one", "two", "three"))).compared.left_out
+    assert [each.split()[0] for each in told if "another spread" in each] == ["two"]
+
+
 def test_dies_are_named_with_or_without_their_report(small_result, other):
     assert [line.name for line in mf.compare(small_result, other, dies=["PLAIN", "EVEN"]).compared.table.lines] != []
     for wrong in (["TURNED", "PLAIN"], ["NOBODY", "PLAIN"], ["PLAIN"]):

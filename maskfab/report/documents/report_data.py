@@ -19,13 +19,13 @@ from maskfab.export.images.psf_exr import stop_facts
 from maskfab.measurement.process_spread import ProcessSpread
 from maskfab.measurement.scene_result import PointView, SceneOptics
 from maskfab.measurement.verdicts import Verdicts
-from maskfab.model import Camera, Die, Plate, Quantity, Report, StopShape, Tiling, WrittenFile
+from maskfab.model import Camera, Die, Plate, Process, Quantity, Report, StopShape, Tiling, WrittenFile
 from maskfab.optics.scene.plan import AT_MOST, plan_document
 from maskfab.report.documents.design_data import design_schema
 from maskfab.report.documents.display_data import display_document, display_schema
 from maskfab.report.documents.measured_data import measured_schema
 from maskfab.report.documents.photograph_data import photographs_schema
-from maskfab.report.documents.schema_terms import closed_object
+from maskfab.report.documents.schema_terms import closed_object, or_null
 from maskfab.report.quantity_table import quantity_document
 from maskfab.units import NM_PER_UM
 
@@ -52,6 +52,7 @@ def to_document(
     measured: Mapping[str, Document] = NO_DESIGNS,
     expected_s: Mapping[str, Mapping[str, float]] = NO_DESIGNS,
     spread: ProcessSpread = NO_SPREAD,
+    process: Process | None = None,
 ) -> Document:
     """The report.json of one run, of plain Python types throughout.
 
@@ -59,7 +60,8 @@ def to_document(
     :func:`maskfab.report.documents.design_data.design_document`, ``photographs`` one of
     :func:`maskfab.report.documents.photograph_data.photographs_document`, and a measurement one of
     :meth:`maskfab.report.documents.measured_data.Beside.of_die`. ``expected_s`` is the time that models of a die are
-    expected to take, by die and model. ``spread`` is what bands are over.
+    expected to take, by die and model. ``process`` is that of the mask writer, as stated,
+    and ``spread`` what bands are over.
 
     Two runs of one job make equal documents; the times that they took are told beside it.
 
@@ -79,6 +81,7 @@ def to_document(
         "verdicts": Verdicts.of(report.checks, displays, len(plate.dies)).to_dict(),
         "seeds": dict(report.seeds),
         "camera": _camera(camera),
+        **({} if process is None else {"process": asdict(process)}),
         **({"spread": asdict(spread)} if spread else {}),
         **({} if photographs is None else {"photographs": photographs}),
         "dies": [
@@ -184,6 +187,14 @@ def schema() -> Document:
                 "verdicts": _verdicts_schema(),
                 "seeds": {"type": "object", "additionalProperties": integer},
                 "camera": camera,
+                "process": closed_object(
+                    {
+                        "corner_radius_um": number,
+                        "cd_bias_um": number,
+                        "roughness": or_null(closed_object({"sigma_um": number, "correlation_um": number})),
+                    }
+                )
+                | {"description": "of the mask writer, as stated: numbers as written are of it, and bands about it"},
                 "spread": closed_object({"bias_um": number, "radius_um": number})
                 | {"description": "standard deviations over the displays made, that bands are over"},
                 "photographs": photographs_schema(),
@@ -195,7 +206,7 @@ def schema() -> Document:
                     "items": closed_object({"path": text, "format": text, "bytes": integer, "sha256": text}),
                 },
             },
-            optional=("photographs", "spread"),
+            optional=("photographs", "process", "spread"),
         ),
         "$defs": {"quantity": quantity},
     }

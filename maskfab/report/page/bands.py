@@ -63,16 +63,22 @@ def edges(band: Row | None, scale: float = 1.0, decimals: int = 3, *, sign: bool
 
 
 def spread_words(document: Document) -> str:
-    """The spread that bands are over, or that there is none, in one clause."""
-    spread = document.get("spread")
+    """The process and the spread that bands are over, or that there is none, in one clause."""
+    process, spread = document.get("process"), document.get("spread")
+    if process is None:
+        return "dies as drawn: no [process] of the writer"
+    rough = process["roughness"]
+    uneven = f", edges rough by {short(rough['sigma_um'])} µm over {short(rough['correlation_um'])} µm" if rough else ""
+    stated = f"corners of {short(process['corner_radius_um'])} µm, CD bias {short(process['cd_bias_um'])} µm{uneven}"
     if spread is None:
-        return "no spread of the writer ([process.spread]): numbers are of the process as stated"
+        return f"dies as drawn; “as written”: {stated}, without a spread ([process.spread])"
     said = [
         f"{what} ± {short(spread[key])} µm"
         for what, key in (("CD bias", "bias_um"), ("corner radius", "radius_um"))
         if spread[key]
     ]
-    return f"“made”: {SHARE:.0%} of displays, standard deviations {', '.join(said)}".replace("%", " %")
+    about = f"{100 * SHARE:g} % of displays about {stated}, standard deviations {', '.join(said)}"
+    return f"dies as drawn; “made”: {about}"
 
 
 def ranked(document: Document) -> Ranked | None:

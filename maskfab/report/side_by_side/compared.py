@@ -106,6 +106,11 @@ def compare_reports(
             left_out.append(
                 f"{report.name} has another camera than {first.name} ({told}): its optics are not compared."
             )
+        if any("spread" in each.document for each in (first, report)) and _made(report) != _made(first):
+            left_out.append(
+                f"{report.name} states another process of the writer than {first.name}, or another spread of it: bands "
+                "of the displays made are not comparable."
+            )
     photographs = _photographs(reports, chosen, stated, alone, left_out)
     over = None if photographs is None else photographs["reference"]
     merged = [_without_other_gains(die, chosen[die["name"]][0], over, alone) for die in merged]
@@ -162,6 +167,11 @@ def _without_other_gains(die: dict[str, Any], report: FinishedReport, over: str 
     if own is not None and _name(report, own, alone) == over:
         return die
     return {**die, "quantities": [row for row in die["quantities"] if row["name"] != "band_restored_gain"]}
+
+
+def _made(report: FinishedReport) -> tuple[object, object]:
+    """Process and spread that the bands of a report are over."""
+    return report.document.get("process"), report.document.get("spread")
 
 
 def _taken(photographs: Document) -> Document:
