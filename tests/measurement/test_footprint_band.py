@@ -34,6 +34,16 @@ def test_emitters_lose_what_is_nearer_to_the_opening_than_their_gap(growth_nm, l
     assert left_of_emitters(die().panel, RULES, growth_nm) == pytest.approx(left)
 
 
+@pytest.mark.parametrize(("rows", "columns"), [(1, 1), (2, 3), (30, 20)])
+def test_a_wider_opening_takes_from_its_own_pixel_and_from_the_next(rows, columns):
+    mask = np.zeros((4, 4), dtype=bool)
+    mask[:, 0] = True
+    beside = Emitters(np.tile(np.array([0, 3, 2, 1], dtype=np.int8), (4, 1)), 8000)
+    cells = np.zeros((rows, columns), dtype=np.int8)
+    panel = Panel(Opening("S", mask, 8000), 8000, 0, cells, Tiling.PERIODIC, None, beside)
+    assert left_of_emitters(panel, EmitterRules(0, 8000, 8000), 500) == pytest.approx((0.9375, 1.0, 0.9375))
+
+
 def test_the_band_lies_between_the_footprints_of_the_least_and_the_greatest_bias():
     found = SimpleNamespace(emitters=EMITTERS)
     (row,) = footprint_band(die(), found, RULES, Process(0.5, 0.0), ProcessSpread(bias_um=0.2))

@@ -7,7 +7,7 @@ from report.test_front import A, B, document_of, front_of, taken
 from report.test_report_html import read
 
 from maskfab.measurement.process_spread import ProcessSpread
-from maskfab.model import Quantity
+from maskfab.model import Process, Quantity
 from maskfab.report.documents.report_data import to_document
 from maskfab.report.page import html
 from maskfab.report.page.bands import edges, ranked, spread_words
@@ -25,7 +25,10 @@ def sensitivity(name: str, value: float, **places: object) -> dict:
 
 @pytest.fixture
 def document(run):
-    made = document_of(run, taken(PLAIN=A, TURNED=B)) | {"spread": {"bias_um": 0.1, "radius_um": 0.0}}
+    made = document_of(run, taken(PLAIN=A, TURNED=B)) | {
+        "process": {"corner_radius_um": 1.0, "cd_bias_um": 0.0, "roughness": None},
+        "spread": {"bias_um": 0.1, "radius_um": 0.0},
+    }
     plain, turned = made["dies"]
     plain["quantities"] += [
         band("band_restored_psnr", 24.9, 25.1, die="PLAIN", level_db=32.0),
@@ -67,16 +70,16 @@ def test_dies_are_ranked_and_the_most_and_the_least_sensitive_are_named(document
     assert "restored photographs most behind TURNED (−0.020 dB), least behind PLAIN (+0.009 dB)" in words
 
 
-def test_without_a_spread_one_line_says_so(run):
+def test_without_a_process_one_line_says_so(run):
     document = document_of(run, taken(PLAIN=A, TURNED=B))
     assert ranked(document) is None
-    assert "numbers are of the process as stated" in front_of(document)
+    assert "dies as drawn: no [process] of the writer" in front_of(document)
     assert "displays made" not in front_of(document)
     assert 'id="sensitivity"' not in html.html_page(document, {})
 
 
 def test_the_spread_is_part_of_the_document(run):
-    document = to_document(run.report, run.plate, run.camera, spread=ProcessSpread(0.1, 0.2))
+    document = to_document(run.report, run.plate, run.camera, spread=ProcessSpread(0.1, 0.2), process=Process(1.0))
     assert document["spread"] == {"bias_um": 0.1, "radius_um": 0.2}
     assert spread_words(document).endswith("CD bias ± 0.1 µm, corner radius ± 0.2 µm")
 

@@ -223,7 +223,6 @@ def _named(name):
         (lambda document: document["photographs"].update(reference="NOBODY"), "reference NOBODY has no photographs"),
         (lambda document: document["photographs"]["dies"].pop() and document["dies"].clear(), "not of the dies"),
         (_nan, "finite number"),
-        (lambda document: document["dies"][0]["quantities"][0].update(between=[0.1]), "between: List should have"),
         (lambda document: document["dies"][0]["quantities"][0].update(name="mtf_worst_x"), "no frequency"),
         (lambda document: document.update(spread=0.1), "spread"),
         (lambda document: document.update(photographs=None), "photographs is null"),
