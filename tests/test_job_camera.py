@@ -60,6 +60,7 @@ dot = "14 um"
 pitch = "98 um"
 tiling = "periodic"
 """
+ROUND = '\n[process]\ncorner_radius = "0.5 um"\n'
 EMITTERS = """
 [emitters]
 colour_gap = "14 um"
@@ -142,8 +143,10 @@ def test_a_design_follows_the_camera_and_states_it(folder, capsys):
 
 def test_a_design_that_names_f1_is_by_its_light_behind_the_jobs_lens(folder, capsys):
     job, target = folder / "named_f1.toml", folder / "only_f1.toml"
-    job.write_text((folder / "phone.toml").read_text().replace("[design]\n", '[design]\nprotocol = "f1"\n'))
-    require_notes(told(capsys, "design", job, "--out", target, "--images", folder / "photographs")["notes"])
+    job.write_text((folder / "phone.toml").read_text().replace("[design]\n", '[design]\nprotocol = "f1"\n') + ROUND)
+    notes = told(capsys, "design", job, "--out", target, "--images", folder / "photographs")["notes"]
+    require_notes(notes)
+    assert any("corner_radius of [process]" in note for note in notes)
     facts = openings.load_opening(target).provenance
     assert facts["camera"] == camera_line(load_job(job).camera)
     assert facts["protocol"] == "another camera at the levels of F1"

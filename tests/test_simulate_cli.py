@@ -98,12 +98,13 @@ def test_light_and_sensor_of_the_job_change_its_photographs(
 
 def test_conditions_tell_the_scene_and_what_a_protocol_leaves_of_a_job(tmp_path: Path) -> None:
     job = tmp_path / "job.toml"
-    job.write_text(stated() + '[scene]\ngap = "0.5 mm"\nspectrum = "rgb"\n[sensor]\nbits = 12\n')
+    process = '[process]\ncd_bias = "0.1 um"\nroughness = { sigma = "30 nm", correlation = "200 nm" }\n'
+    job.write_text(stated() + '[scene]\ngap = "0.5 mm"\nspectrum = "rgb"\n[sensor]\nbits = 12\n' + process)
     own, fixed = (Conditions.of(load_job(job), protocol) for protocol in ("camera", "f1"))
     assert "scene: gap 500 um, spectrum rgb" in own.lines
-    assert own.unused == ()
-    assert fixed.unused == ("[camera]", "[sensor]", "[scene]")
-    assert "not used of the job: [camera], [sensor], [scene]" in fixed.lines
+    assert own.unused == ("cd_bias of [process]", "[process.roughness]")
+    assert fixed.unused == ("[camera]", "[sensor]", "[scene]", *own.unused)
+    assert "not used of the job: [camera], [sensor], [scene], cd_bias of [process], [process.roughness]" in fixed.lines
 
 
 def test_dies_that_cannot_be_photographed_are_told_and_a_bad_folder_comes_before_all_of_them(

@@ -62,7 +62,7 @@ class Conditions:
         stated: how the light was asked for.
         scene: keys of the job's [scene] that it states, as a job file writes them; what of them is left out, every die
             says for itself.
-        unused: sections of the job that the protocol has no use for.
+        unused: of the job, what the photographs have no use for: they are taken through dies as drawn.
     """
 
     protocol: Protocol
@@ -94,6 +94,7 @@ class Conditions:
             JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF140, MF141 for a sensor or a
                 light that cannot be, MF143 for brackets that cannot.
         """
+        shaping = () if job.spec.process is None else job.spec.process.shaping
         if protocol in _FIXED:
             if brackets is not None:
                 what = f"protocol {protocol} takes one exposure"
@@ -104,7 +105,7 @@ class Conditions:
             chosen = tuple(LEVELS if levels is None else levels)
             spec = job.spec
             idle = {"camera": spec.camera, "sensor": spec.sensor, "exposure": spec.exposure, "scene": spec.scene}
-            unused = tuple(f"[{name}]" for name, section in idle.items() if section is not None)
+            unused = *(f"[{name}]" for name, section in idle.items() if section is not None), *shaping
             return cls(_lit(_FIXED[protocol], chosen), F1_CAMERA, chosen, in_decibels(chosen), unused=unused)
         if protocol != "camera":
             what = f"there is no protocol {protocol!r}"
@@ -122,7 +123,7 @@ class Conditions:
         if brackets is None:
             brackets = (None if job.spec.exposure is None else job.spec.exposure.brackets) or ()
         kind = _lit(Protocol("camera", sensor, linear=light != "code", brackets=tuple(brackets)), chosen)
-        return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene)
+        return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene, shaping)
 
     def restorers(self, names: str | Sequence[str] | None) -> tuple[tuple[Restorer, ...], bool]:
         """Restorers that are asked for, and whether one of them is to be chosen for each photograph.

@@ -81,6 +81,7 @@ def notes_of(
     if spec.scene is not None:
         stated = spec.scene.model_dump(exclude_defaults=True)
         idle += ["[scene]"] if seen is None else [f"{key} of [scene]" for key in _NOT_DESIGNED_FOR if key in stated]
+    idle += () if spec.process is None else spec.process.shaping
     notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
     notes += [] if seen is None else [f"Of the scene, {sentence}." for sentence in seen.neglected]
     if scenes.skipped:
