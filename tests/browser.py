@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import html
+import json
 import os
+import re
 import shutil
 import signal
 import subprocess
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -23,6 +28,29 @@ FLAGS = (
     "--disable-dev-shm-usage",
 )
 PATIENCE_S = 60
+LOOK = """
+const told = {};
+const frames = [...document.querySelectorAll("iframe")];
+await Promise.all(frames.map(frame => frame.contentDocument.readyState === "complete" && frame.contentDocument.body
+  ? null : new Promise(done => frame.addEventListener("load", done))));
+for (const frame of frames) {
+  const page = frame.contentDocument, wide = frame.clientWidth;
+  told[wide] = {
+    wide: page.documentElement.scrollWidth,
+    scripts: page.scripts.length
+      + [...page.querySelectorAll("*")].filter(each => each.getAttributeNames().some(name => /^on/.test(name))).length,
+    broken: [...page.images].filter(each => !each.complete || !each.naturalWidth).length,
+    fetched: frame.contentWindow.performance.getEntriesByType("resource").filter(each => !each.name.startsWith("data:"))
+      .length,
+    MORE
+  };
+}
+const pre = document.createElement("pre");
+pre.id = "told";
+pre.textContent = JSON.stringify(told);
+document.body.append(pre);
+"""
+"""What is seen of each frame, by its width."""
 
 
 def installed() -> str:
@@ -39,6 +67,25 @@ def dumped(browser: str, page: Path, home: Path, *flags: str) -> str:
     if "</html>" not in text:
         pytest.skip(f"{browser} shows no page here")
     return text
+
+
+def seen(folder: Path, pages: Iterable[tuple[tuple[int, int], str]], more: str = "") -> dict[int, dict[str, Any]]:
+    """What a browser sees of pages, by the width of the window that each is shown in; skips where there is none.
+
+    Args:
+        folder: empty.
+        pages: each with width and height of its window, which differ in width.
+        more: properties of an object in JavaScript, of a ``page`` in a ``frame`` so ``wide``.
+    """
+    frames = "".join(
+        f'<iframe style="border: 0; width: {wide}px; height: {high}px" srcdoc="{html.escape(page)}"></iframe>'
+        for (wide, high), page in pages
+    )
+    look, file = LOOK.replace("MORE", more), folder / "page.html"
+    file.write_text(f'<!DOCTYPE html><body>{frames}<script type="module">{look}</script></body>', encoding="utf-8")
+    found = re.search(r'<pre id="told">(.*?)</pre>', dumped(installed(), file, folder / "home"), re.DOTALL)
+    assert found, "the page came to no end"
+    return {int(wide): told for wide, told in json.loads(html.unescape(found[1])).items()}
 
 
 def printed(browser: str, page: Path, home: Path) -> tuple[bytes, str]:

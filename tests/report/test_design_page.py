@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from browser import dumped, installed
+from browser import seen
 from once import leaves
 from report.conftest import MARKUP
 from small_job import command, listing
@@ -38,24 +38,6 @@ focal = "10 mm"
 stop = { shape = "circle", diameter = "4 mm" }
 wavelengths = ["610 nm", "530 nm", "470 nm"]
 pixel = "2 um"
-"""
-LOOK = """
-const told = {};
-for (const frame of document.querySelectorAll("iframe")) {
-  if (frame.contentDocument.readyState !== "complete") await new Promise(done => frame.addEventListener("load", done));
-  const page = frame.contentDocument;
-  told[frame.clientWidth] = {
-    wide: page.documentElement.scrollWidth,
-    scripts: page.scripts.length,
-    broken: [...page.images].filter(each => !each.naturalWidth).length,
-    fetched: frame.contentWindow.performance.getEntriesByType("resource").filter(each => !each.name.startsWith("data:"))
-      .length,
-  };
-}
-const pre = document.createElement("pre");
-pre.id = "told";
-pre.textContent = JSON.stringify(told);
-document.body.append(pre);
 """
 
 
@@ -162,17 +144,9 @@ def test_hostile_texts_are_words_and_nothing_runs_or_scrolls_sideways(told: dict
     page = design_page(hostile)
     assert "<script" not in page
     assert page.count(markup.escape(MARKUP, quote=False).replace("'", "&#39;")) >= 10
-    browser, shown = installed(), markup.escape(page)
-    frames = "".join(
-        f'<iframe style="border: 0; width: {wide}px; height: 800px" srcdoc="{shown}"></iframe>' for wide in (1280, 390)
-    )
-    place = tmp_path / "page.html"
-    place.write_text(f'<!DOCTYPE html><body>{frames}<script type="module">{LOOK}</script></body>', encoding="utf-8")
-    found = re.search(r'<pre id="told">(.*?)</pre>', dumped(browser, place, tmp_path / "home"), re.DOTALL)
-    assert found, "the page came to no end"
-    for wide, seen in json.loads(markup.unescape(found[1])).items():
-        assert seen.pop("wide") <= int(wide)
-        assert seen == {"scripts": 0, "broken": 0, "fetched": 0}
+    for wide, looked in seen(tmp_path, (((1280, 800), page), ((390, 800), page))).items():
+        assert looked.pop("wide") <= wide
+        assert looked == {"scripts": 0, "broken": 0, "fetched": 0}
 
 
 def test_rules_are_priced_by_annealing_without_each_where_that_is_asked_for(
