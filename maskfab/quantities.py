@@ -702,10 +702,10 @@ _ENTRIES = (
     ),
     # Displays that are made, over the spread of the process
     Entry(
-        "band_open_ratio",
+        "band_stop_open_ratio",
         "±η_w",
         "1",
-        "Band of the open ratio",
+        "Band of the open ratio in the stop",
         "Half the interval that holds the open ratio in the stop of 95 % of the displays made.",
         "Narrow the writer's spread, or choose a design that is less sensitive to it.",
     ),

@@ -29,28 +29,28 @@ FLAGS = (
 )
 PATIENCE_S = 60
 LOOK = """
-const told = {};
-const frames = [...document.querySelectorAll("iframe")];
-await Promise.all(frames.map(frame => frame.contentDocument.readyState === "complete" && frame.contentDocument.body
-  ? null : new Promise(done => frame.addEventListener("load", done))));
-for (const frame of frames) {
-  const page = frame.contentDocument, wide = frame.clientWidth;
-  told[wide] = {
-    wide: page.documentElement.scrollWidth,
-    scripts: page.scripts.length
-      + [...page.querySelectorAll("*")].filter(each => each.getAttributeNames().some(name => /^on/.test(name))).length,
-    broken: [...page.images].filter(each => !each.complete || !each.naturalWidth).length,
-    fetched: frame.contentWindow.performance.getEntriesByType("resource").filter(each => !each.name.startsWith("data:"))
-      .length,
-    MORE
-  };
-}
-const pre = document.createElement("pre");
-pre.id = "told";
-pre.textContent = JSON.stringify(told);
-document.body.append(pre);
+addEventListener("load", () => {
+  const told = {};
+  for (const frame of document.querySelectorAll("iframe")) {
+    const page = frame.contentDocument, wide = frame.clientWidth;
+    told[wide] = {
+      wide: page.documentElement.scrollWidth,
+      scripts: page.scripts.length
+        + [...page.querySelectorAll("*")].filter(each => each.getAttributeNames().some(name => name.startsWith("on")))
+          .length,
+      broken: [...page.images].filter(each => !each.complete || !each.naturalWidth).length,
+      fetched: frame.contentWindow.performance.getEntriesByType("resource")
+        .filter(each => !each.name.startsWith("data:")).length,
+      MORE
+    };
+  }
+  const pre = document.createElement("pre");
+  pre.id = "told";
+  pre.textContent = JSON.stringify(told);
+  document.body.append(pre);
+});
 """
-"""What is seen of each frame, by its width."""
+"""What is seen of each frame, by its width, once all are there: the browser's answer is the page after that event."""
 
 
 def installed() -> str:
@@ -82,7 +82,7 @@ def seen(folder: Path, pages: Iterable[tuple[tuple[int, int], str]], more: str =
         for (wide, high), page in pages
     )
     look, file = LOOK.replace("MORE", more), folder / "page.html"
-    file.write_text(f'<!DOCTYPE html><body>{frames}<script type="module">{look}</script></body>', encoding="utf-8")
+    file.write_text(f"<!DOCTYPE html><body>{frames}<script>{look}</script></body>", encoding="utf-8")
     found = re.search(r'<pre id="told">(.*?)</pre>', dumped(installed(), file, folder / "home"), re.DOTALL)
     assert found, "the page came to no end"
     return {int(wide): told for wide, told in json.loads(html.unescape(found[1])).items()}

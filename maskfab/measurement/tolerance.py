@@ -139,7 +139,7 @@ def bands(
     def band(name: str, line: float | None, number: Callable[[WrittenOptics], Floats]) -> Band:
         return Band.of(name, line, cases.expansion(number), process, spread)
 
-    found = [band("band_open_ratio", None, _open_ratio)]
+    found = [band("band_stop_open_ratio", None, _open_ratio)]
     for i, line in enumerate(camera.wavelengths_nm):
         found.append(band("band_auc_radial_min", line, partial(_auc, i)))
         if all(frequency_at(each.mtfs[i], 0.5) for each in (nominal, *cases.bias, *cases.radius, cases.corner)):

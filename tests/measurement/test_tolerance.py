@@ -47,7 +47,7 @@ def test_stripes_open_in_proportion_to_their_width():
     """In a square stop of whole periods a stripe of w in a pitch of T is open by (w + bias) / T."""
     camera = replace(CAMERA, stop=Stop("square", 336.0))
     written = measure_written(die(STRIPES), camera, Process(0.0))
-    band = of(bands(written, camera, ProcessSpread(bias_um=0.1)), "band_open_ratio")
+    band = of(bands(written, camera, ProcessSpread(bias_um=0.1)), "band_stop_open_ratio")
     assert band.nominal == pytest.approx(3 / 7, abs=1e-9)
     assert band.by_bias == pytest.approx(0.1 / 56, rel=1e-6)
     # The quantiles of 201 equally likely points are those of the normal distribution to a few per cent.
@@ -59,7 +59,7 @@ def test_a_radius_that_cannot_be_less_takes_light_with_its_square():
     """Each of a bar's four corners loses (1 - pi / 4) r²."""
     camera = replace(CAMERA, stop=Stop("square", 336.0))
     written = measure_written(die(), camera, Process(0.0))
-    band = of(bands(written, camera, ProcessSpread(radius_um=0.5)), "band_open_ratio")
+    band = of(bands(written, camera, ProcessSpread(radius_um=0.5)), "band_stop_open_ratio")
     lost = 4 * (1 - np.pi / 4) * 0.5**2 / 56**2
     assert band.by_radius == pytest.approx(0, abs=1e-3 * lost)
     assert band.high == pytest.approx(band.nominal, abs=1e-12)
@@ -122,7 +122,7 @@ def test_edges_are_those_of_full_draws():
     changes = [np.linalg.norm(each - peak[0]) / np.linalg.norm(peak[0]) for each in peak[1:]]
     assert of(found, "band_psf_shape").high == pytest.approx(np.quantile(changes, 0.95), rel=0.1)
     for name, values in (
-        ("band_open_ratio", [each.open_ratio for each in drawn]),
+        ("band_stop_open_ratio", [each.open_ratio for each in drawn]),
         ("band_auc_radial_min", [area_under_radial_min(each.mtfs[0]) for each in drawn]),
     ):
         band, (low, high) = of(found, name), np.quantile(values, [0.025, 0.975])
@@ -133,7 +133,7 @@ def test_edges_are_those_of_full_draws():
 def test_rows_say_their_error_and_there_are_none_without_a_spread():
     written = measure_written(die(), CAMERA, Process(0.5))
     rows = band_quantities(written, CAMERA, ProcessSpread(0.1))
-    names = ["open_ratio", "auc_radial_min", "mtf50", "psf_shape"]
+    names = ["stop_open_ratio", "auc_radial_min", "mtf50", "psf_shape"]
     assert [row.name for row in rows] == [*(f"band_{name}" for name in names), "sensitivity_psf_shape"]
     assert all(row.uncertainty is not None and row.uncertainty < 0.1 * row.value for row in rows)
     assert band_quantities(written, CAMERA, ProcessSpread()) == ()
@@ -158,5 +158,5 @@ def test_a_report_has_the_bands_of_every_die(tmp_path):
     found = run(write_job(tmp_path, spread), tmp_path / "out")
     for name in ("PLAIN", "TURNED"):
         assert 0 < found[name]["band_psf_shape", 530].value < 0.01
-        assert found[name]["band_open_ratio"].value > 0
+        assert found[name]["band_stop_open_ratio"].value > 0
     assert "Band of the AUC" in (tmp_path / "out/report.html").read_text(encoding="utf-8")

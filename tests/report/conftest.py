@@ -88,7 +88,8 @@ def _die(name: str, label: str, tiling: Tiling, camera: Camera) -> DieOptics:
     orientations = (np.arange(64).reshape(8, 8) % 8 if turned else np.zeros((8, 8))).astype(np.int8)
     panel = Panel(Opening("block", mask, 8000), 8000, 2000, orientations, tiling, 7 if turned else None)
     die = Die(name, label, panel, (10_000_000 if turned else -10_000_000, 0), 12_000_000)
-    psfs, mtfs, rows = [], [], [Quantity("open_ratio", panel.open_ratio, "exact", 0.0, die=name)]
+    names = ("open_ratio", "stop_open_ratio")
+    psfs, mtfs, rows = [], [], [Quantity(each, panel.open_ratio, "exact", 0.0, die=name) for each in names]
     for line in camera.wavelengths_nm:
         axis = np.arange(-16, 17) / (line / 100)
         values = np.sinc(axis)[:, None] ** 2 * np.sinc(axis) ** 2

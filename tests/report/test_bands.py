@@ -38,7 +38,7 @@ def document(run):
     turned["quantities"] += [
         band("band_restored_psnr", 30.15, 30.25, die="TURNED", level_db=32.0),
         band("band_restored_gain", 5.12, 5.28, die="TURNED", level_db=32.0),
-        band("band_open_ratio", 0.2262, 0.2282, die="TURNED"),
+        band("band_stop_open_ratio", 0.2262, 0.2282, die="TURNED"),
         sensitivity("psf_shape", 2.9e-4, die="TURNED"),
         sensitivity("restored_psnr", -0.02, die="TURNED", level_db=32.0),
     ]

@@ -91,7 +91,7 @@ def test_the_front_answers_what_its_reader_asks(looked, size):
     words = " ".join(looked[size[0]]["text"].split())
     asked = (
         "FILES", "OPTICS", "DISPLAY ? NOT JUDGED", "TURNED", "+5.2 ± 0.9 dB", "over PLAIN, the first die of the job",
-        "95 % interval", "3 photographs, at 32 dB of light", "Every other die is worse", "Open ratio 0.",
+        "95 % interval", "3 photographs, at 32 dB of light", "Every other die is worse", "Open ratio in the stop 0.",
         "Assumed: camera:", "PLAIN (reference): 20.0 dB", "TURNED (best): 25.5 dB", "Truth", MARKUP,
     )  # fmt: skip
     assert [each for each in asked if each not in words] == []

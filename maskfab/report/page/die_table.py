@@ -113,7 +113,7 @@ def _columns(document: Document) -> dict[tuple[str, ...], Callable[[Document], C
     worst = [name for name in names if name.startswith(WORST)]
     at = f"{middle:g} nm"
     return {
-        ("Open", "ratio"): _number("open_ratio"),
+        ("Open", "ratio"): _number("stop_open_ratio"),
         **{
             ("MTF, worst", f"{name.removeprefix(WORST)} cy/mm"): _number(name, middle)
             for name in sorted(worst, key=lambda each: float(each.removeprefix(WORST)))

@@ -52,7 +52,7 @@ class Best:
         scenes: photographs of each die.
         others: dies that were photographed beside it.
         ties: dies that cannot be told from it.
-        open_ratio: of it, as a row of the report.
+        open_ratio: of the stop behind it, as a row of the report.
         display: verdict on its display; None if none was asked for.
         psnr_made, gain_made, open_ratio_made: bands over the displays made; empty without.
         missing: what is needed for a gain; empty where there is one.
@@ -131,7 +131,7 @@ def best(document: Document) -> Best | str:
     die = next(each for each in document["dies"] if each["name"] == name)
     reference, stated = taken["reference"], taken["reference_stated"]
     compared = reference is not None and reference != name
-    open_ratio = next((row for row in die["quantities"] if row["name"] == "open_ratio"), None)
+    open_ratio = next((row for row in die["quantities"] if row["name"] == "stop_open_ratio"), None)
     psnr_made, gain_made = photograph_bands(die, level)
     return Best(
         name=name,
