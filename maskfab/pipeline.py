@@ -673,7 +673,7 @@ def expand_photographs(
     """Changes of restored photographs over the spread of the job's [process], by die; none without a spread.
 
     Raises:
-        JobError: MF104, MF127 or MF115 for a process that does not go with a die.
+        JobError: MF140, MF141 for a sensor or a light that cannot be.
     """
     process, spread = job.spec.written, process_spread(job)
     if process is None or not spread:

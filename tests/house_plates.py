@@ -1,6 +1,13 @@
-"""Edits of the small job that make it a plate which a house takes."""
+"""Edits of the small job that make it a plate which a house takes, and a plate judged as a house's package draws it."""
 
 from __future__ import annotations
+
+from typing import Any
+
+from maskfab.jobfile.shop_profile import Shop
+from maskfab.mask_shops.adapt import fitted
+from maskfab.mask_shops.judge import Finding, check_shop
+from maskfab.model import Plate
 
 FIVE_INCH = (('blank = "27 mm"', 'blank = "5 in"'), ('writable = "22 mm"', 'writable = "100 mm"'))
 FILM = (
@@ -20,3 +27,8 @@ TAKEN_AS = {
     "ualberta_dwl200": FIVE_INCH,
 }
 """By the names of profiles that do not take it as it is."""
+
+
+def checked(plate: Plate, shop: Shop, *given: Any) -> tuple[Finding, ...]:
+    """A plate by the rules of a house, as its package would draw it."""
+    return check_shop(fitted(plate, shop), shop, *given)

@@ -24,7 +24,7 @@ from maskfab.jobfile import FileFormat
 from maskfab.jobfile.order import Tone as DataTone
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
 from maskfab.mask_shops import counts
-from maskfab.mask_shops.adapt import Blank, drawing_options, drawing_style, extent_nm, fitted, kept_grid_nm, written_box
+from maskfab.mask_shops.adapt import Blank, drawing_options, drawing_style, extent_nm, kept_grid_nm, written_box
 from maskfab.model import CLEAR, NOTE, Box, Die, Furniture, Layer, Plate, Quantity, Snapping
 from maskfab.plate.marks.template import PlateTemplate, plate_template, template_names
 from maskfab.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
@@ -136,29 +136,6 @@ def accepted(findings: Sequence[Finding]) -> bool:
 
 
 def check_shop(
-    plate: Plate,
-    shop: Shop,
-    formats: Sequence[Format] = (),
-    options: PolygonOptions | None = None,
-    blank: Blank | None = None,
-    *,
-    facts: PlateFacts | None = None,
-) -> tuple[Finding, ...]:
-    """Judge what a package of a composed plate would hold by every rule that a shop publishes; nothing is written.
-
-    Args:
-        plate: the plate, with all its layers; only what is written is looked at.
-        shop: the profile.
-        formats: what is to be sent; the shop's first format if empty.
-        options: how polygons are drawn; None chooses as a package does.
-        blank: what the job says of chrome and glass; None leaves them to the order.
-        facts: of this plate, shared by the houses that it is judged by: then places of a die that are too narrow are
-            not counted, which takes longest. None counts them.
-    """
-    return check_fitted(fitted(plate, shop), shop, formats, options, blank, facts=facts)
-
-
-def check_fitted(
     drawn: Plate,
     shop: Shop,
     formats: Sequence[Format] = (),
@@ -167,7 +144,18 @@ def check_fitted(
     *,
     facts: PlateFacts | None = None,
 ) -> tuple[Finding, ...]:
-    """As :func:`check_shop`, of a plate that is :func:`maskfab.mask_shops.adapt.fitted` for the shop already."""
+    """Judge what a package of a plate would hold by every rule that a shop publishes; nothing is written.
+
+    Args:
+        drawn: the plate, with all its layers, :func:`maskfab.mask_shops.adapt.fitted` for the shop; only what is
+            written is looked at.
+        shop: the profile.
+        formats: what is to be sent; the shop's first format if empty.
+        options: how polygons are drawn; None chooses as a package does.
+        blank: what the job says of chrome and glass; None leaves them to the order.
+        facts: of this plate, shared by the houses that it is judged by: then places of a die that are too narrow are
+            not counted, which takes longest. None counts them.
+    """
     sent = tuple(formats) or shop.formats[:1]
     names = plate_names(drawn)
     cells = {names.top, *names.dies, *names.marks, *names.units.values()}

@@ -9,7 +9,7 @@ from maskfab.jobfile import PLATE_BITMAPS, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
 from maskfab.mask_shops.adapt import as_ordered, drawing_options, fitted, ordered_blank
 from maskfab.mask_shops.dot_edges import check_plotter
-from maskfab.mask_shops.judge import Finding, PlateFacts, check_fitted
+from maskfab.mask_shops.judge import Finding, PlateFacts, check_shop
 from maskfab.mask_shops.offers import check_ordered
 from maskfab.model import Plate
 
@@ -28,7 +28,7 @@ def check_package(
     """
     sent = tuple(formats) or shop.formats[:1]
     drawn = fitted(plate, shop)
-    found = check_fitted(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
+    found = check_shop(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
     plotted = check_plotter(drawn, spec, shop, sent)
     return check_ordered((*found, *_of_dots(spec, sent), *plotted), spec, plate, shop)
 

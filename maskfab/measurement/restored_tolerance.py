@@ -96,11 +96,8 @@ def restored_expansion(
 
     Returns:
         The expansion, at the middle level of light; missed are a case wider and rounder, and what the width of
-        parts of dots makes of it. A sentence where the die cannot be photographed, or
-        its dots cannot be divided.
-
-    Raises:
-        JobError: MF104, MF127 for a spread that dots or gutters do not bear.
+        parts of dots makes of it. A sentence, with its code, where the die cannot be photographed, its dots cannot be
+        divided, or they do not bear the spread.
     """
     camera, scene = conditions.camera, around.scene
     assert isinstance(camera, Camera)

@@ -10,6 +10,7 @@ from pathlib import Path
 import ezdxf
 import pytest
 from ezdxf import bbox
+from house_plates import checked
 from klayout import db
 from once import figures_in_words
 from small_job import command, with_the_die, write_job
@@ -18,7 +19,7 @@ from sweeps import sweep
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import OutputError
 from maskfab.job import load_job
-from maskfab.mask_shops.judge import Finding, check_shop
+from maskfab.mask_shops.judge import Finding
 from maskfab.mask_shops.profiles import load_shop, parse_shop
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
@@ -138,7 +139,7 @@ def test_no_two_figures_of_a_file_share_an_edge_where_the_house_minds(tmp_path, 
 
 def test_a_cut_in_an_opening_is_told_by_its_die_and_a_cut_in_a_mark_by_its_mark(tmp_path):
     plate = load_job(write_job(tmp_path, *TEMPLATE, opening=opening("eye"))).plate()
-    finding = the("shared_boundaries", check_shop(plate, load_shop("mr_nanotec")))
+    finding = the("shared_boundaries", checked(plate, load_shop("mr_nanotec")))
     assert finding.passed is False
     assert "die PLAIN" in finding.place or "die TURNED" in finding.place
     assert "inside its holes" in finding.cure
@@ -238,7 +239,7 @@ def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_pa
     region.merged_semantics = False
     assert region.grid_check(5, 5).is_empty()
     odd = (('dot = "8 um"', 'dot = "8.001 um"'), ('pitch = "56 um"', 'pitch = "56.007 um"'))
-    finding = the("grid", check_shop(load_job(write_job(tmp_path, *TEMPLATE, *odd)).plate(), shop))
+    finding = the("grid", checked(load_job(write_job(tmp_path, *TEMPLATE, *odd)).plate(), shop))
     assert finding.passed is False
     assert "die PLAIN" in finding.place
     assert "multiples of 5 nm" in finding.cure
@@ -247,13 +248,13 @@ def test_marks_lie_on_the_grid_of_the_house_and_dies_that_do_not_are_told(tmp_pa
 @pytest.mark.parametrize("name", ["jd_photo_data", "mr_nanotec"])
 def test_where_no_list_of_formats_is_published_none_is_refused(tmp_path, name):
     plate = load_job(write_job(tmp_path, opening=opening("dot"))).plate()
-    finding = the("format", check_shop(plate, load_shop(name), ("gdsii",)))
+    finding = the("format", checked(plate, load_shop(name), ("gdsii",)))
     assert finding.passed is None
     assert "dxf_r12" in finding.cure
 
 
 def test_rules_of_text_and_of_masks_on_a_layer_are_judged(tmp_path):
-    findings = check_shop(load_job(write_job(tmp_path, opening=opening("dot"))).plate(), load_shop("mr_nanotec"))
+    findings = checked(load_job(write_job(tmp_path, opening=opening("dot"))).plate(), load_shop("mr_nanotec"))
     assert {each.rule for each in findings} >= {"text_charset", "text_style", "text_layer", "one_mask_per_layer"}
 
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from house_plates import FILM, FIVE_INCH
+from house_plates import FILM, FIVE_INCH, checked
 from small_job import command, listing, write_job
 
 from maskfab.export.cell_polygons import PolygonOptions, draw
@@ -14,7 +14,7 @@ from maskfab.geometry.plate_layout import plate_layout, region
 from maskfab.job import load_job
 from maskfab.mask_shops import counts
 from maskfab.mask_shops.adapt import drawing_options, fitted, written_box
-from maskfab.mask_shops.judge import Finding, accepted, check_shop
+from maskfab.mask_shops.judge import Finding, accepted
 from maskfab.mask_shops.profiles import load_shop, parse_shop, shop_names
 from maskfab.model import CLEAR, Plate
 
@@ -84,7 +84,7 @@ def laid_out(folder, edits=(), opening=None) -> Plate:
 def judged(plate: Plate, shop, formats) -> tuple[Finding, ...]:
     """The plate in the tone that the house writes."""
     options = replace(drawing_options(fitted(plate, shop), shop), tone=shop.order.tones[0])
-    return check_shop(plate, shop, formats, options)
+    return checked(plate, shop, formats, options)
 
 
 def broken(findings) -> set[str]:
@@ -122,22 +122,22 @@ def test_every_shop_refuses_a_plate_for_the_rule_that_it_breaks(tmp_path, name):
 
 def test_values_and_limits_are_those_of_the_plate(tmp_path):
     fine = laid_out(tmp_path, FINE)
-    finding = the("min_feature", check_shop(fine, load_shop("generic-chrome")))
+    finding = the("min_feature", checked(fine, load_shop("generic-chrome")))
     assert (finding.value, finding.limit, finding.unit) == (0.8, 1.0, "um")
     assert "die" in finding.place
-    findings = check_shop(fine, load_shop("photoplotstore"))
+    findings = checked(fine, load_shop("photoplotstore"))
     assert the("min_feature", findings).value == 0.8
 
 
 def test_between_standard_and_on_request_the_house_is_asked(tmp_path):
     edits = tuple((old, new.replace("0.8", "4").replace("5.6", "28")) for old, new in DOTS)
-    finding = the("min_feature", check_shop(laid_out(tmp_path, edits), load_shop("photoplotstore")))
+    finding = the("min_feature", checked(laid_out(tmp_path, edits), load_shop("photoplotstore")))
     assert (finding.passed, finding.value, finding.limit) == (None, 4.0, 6.0)
     assert "request" in finding.cure
 
 
 def test_kissing_corners_are_neither_a_width_nor_a_space_of_nothing(small_plate):
-    findings = check_shop(small_plate, load_shop("generic-chrome"))
+    findings = checked(small_plate, load_shop("generic-chrome"))
     assert not broken(findings) & {"min_feature", "min_space"}
     touches = the("corner_touches", findings)
     assert touches.passed is None
@@ -148,20 +148,20 @@ def test_a_house_that_forbids_kissing_corners_refuses_them(small_plate):
     text = 'title = "A"\nsources = []\n[polygons]\ncorner_touches = {}\n[order]\nfields = ["tone"]\n'
     for allowed, passed in (("false", False), ("true", True)):
         shop = parse_shop(text.format(allowed), "mine", where="mine.toml")
-        assert the("corner_touches", check_shop(small_plate, shop)).passed is passed
+        assert the("corner_touches", checked(small_plate, shop)).passed is passed
 
 
 def test_names_are_judged_as_the_files_will_carry_them(small_plate):
-    findings = check_shop(small_plate, load_shop("ualberta_mla150"))
+    findings = checked(small_plate, load_shop("ualberta_mla150"))
     assert broken(findings) == {"name"}
     named = [each for each in findings if each.rule == "name" and not each.passed]
     assert [each.value for each in named] == ["small plate"]
-    assert accepted(check_shop(replace(small_plate, name="small"), load_shop("ualberta_mla150")))
+    assert accepted(checked(replace(small_plate, name="small"), load_shop("ualberta_mla150")))
 
 
 def test_a_block_may_not_be_called_as_its_layer(tmp_path):
     edits = (('name = "PLAIN"', 'name = "CLEAR"'),)
-    findings = check_shop(laid_out(tmp_path, edits, SQUARE), load_shop("mr_nanotec"))
+    findings = checked(laid_out(tmp_path, edits, SQUARE), load_shop("mr_nanotec"))
     assert broken(findings) == {"block_name"}
 
 
@@ -188,7 +188,7 @@ def test_references_are_saved_no_further_than_a_house_needs(tmp_path, most, hier
     figures = draw(fitted(plate, shop), options)
     assert options.hierarchy == hierarchy
     assert len(figures.account.paired) == paired
-    finding = the("references", check_shop(plate, shop))
+    finding = the("references", checked(plate, shop))
     assert finding.passed
     assert finding.value == counts.references(figures)
 
@@ -197,8 +197,8 @@ def test_references_beyond_all_help_are_resolved_or_refused(tmp_path):
     plate = laid_out(tmp_path)
     text = 'title = "A"\nsources = []\n[limits]\nmax_references = 30\n[order]\nfields = ["tone"]\n'
     shop = parse_shop(text, "mine", where="mine.toml")
-    assert the("references", check_shop(plate, shop)).value == 0
-    finding = the("references", check_shop(plate, shop, (), PolygonOptions()))
+    assert the("references", checked(plate, shop)).value == 0
+    finding = the("references", checked(plate, shop, (), PolygonOptions()))
     assert (finding.passed, finding.limit) == (False, 30)
     assert "TURNED" in finding.place
     assert "max_references" in finding.cure
@@ -241,9 +241,9 @@ def test_an_opening_that_reaches_the_next_cell_is_merged_or_given_a_gutter(tmp_p
     plate = laid_out(tmp_path, (), bar)
     shop = load_shop("mr_nanotec")
     assert drawing_options(plate, shop).hierarchy == "merged"
-    assert the("shared_boundaries", check_shop(plate, shop, (), PolygonOptions())).passed is False
+    assert the("shared_boundaries", checked(plate, shop, (), PolygonOptions())).passed is False
     gutter = laid_out(tmp_path / "gutter", GUTTER, bar)
-    assert the("shared_boundaries", check_shop(gutter, shop, (), PolygonOptions(holes="layer"))).passed is not False
+    assert the("shared_boundaries", checked(gutter, shop, (), PolygonOptions(holes="layer"))).passed is not False
 
 
 # --- the command -----------------------------------------------------------------------------------------------------

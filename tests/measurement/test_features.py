@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import pytest
+from house_plates import checked
 from hypothesis import given
 from hypothesis import strategies as st
 
 from maskfab.drc import check_plate
 from maskfab.jobfile import LimitsSection
-from maskfab.mask_shops.judge import check_shop
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.measurement.features import judged, limits_as_rules, smallest_features
 from maskfab.model import Die, Opening, Panel, Plate, Tiling
@@ -32,7 +32,7 @@ def plate_of(mask, gutter_nm, dot_nm=8000, cells=4):
 
 @pytest.mark.parametrize("mask", [CORNERS, KISSING], ids=["apart", "kissing"])
 def test_a_house_is_told_of_corners_across_a_gutter(mask):
-    findings = {each.rule: each for each in check_shop(plate_of(mask, 600), load_shop("generic-chrome"))}
+    findings = {each.rule: each for each in checked(plate_of(mask, 600), load_shop("generic-chrome"))}
     space = findings["min_space"]
     assert space.passed is False
     assert space.value == pytest.approx(0.6 * math.sqrt(2))

@@ -10,8 +10,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from maskfab.optics.image.mtf import LEVELS
 from maskfab.sweeps.fields import Field, Level, _draws
 from maskfab.sweeps.numbers import Swept, wilson
+from maskfab.sweeps.wanted import WORKS
 
 
 def swept(values, *fields, drawn=False) -> Swept:
@@ -84,3 +86,10 @@ def test_a_latin_hypercube_has_one_draw_in_every_part():
     assert all(sorted((row * 50).astype(int).tolist()) == list(range(50)) for row in drawn)
     assert not np.array_equal(drawn[0], drawn[1])
     assert np.array_equal(_draws(3, 50, 7, latin=True), drawn)
+
+
+def test_a_sweep_can_ask_for_every_level_of_the_mtf_that_there_is():
+    """Their names stand apart from the levels, so that kept cases are read without the optics."""
+    named = [name for name, work in WORKS.items() if work == "mtf"]
+    fractions = [f"mtf{level:g}" for level in LEVELS]
+    assert named == ["auc_radial_min", *fractions, *(f"{name}_per_pixel" for name in fractions)]

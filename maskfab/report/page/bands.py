@@ -29,8 +29,9 @@ class Sensitivity:
 
 @dataclass(frozen=True)
 class Ranked:
-    """Dies by the sensitivity of the PSF's shape, the most sensitive first, and what there is to say of them."""
+    """Dies by what a bias does to the shape of their PSF, the most sensitive first, and what to say of them."""
 
+    bias_um: float
     dies: Sequence[Sensitivity]
     told: Sequence[str]
 
@@ -104,7 +105,7 @@ def ranked(document: Document) -> Ranked | None:
             f"It changes restored photographs most behind {most.name} ({decibels(most.psnr)} dB), least behind "
             f"{least.name} ({decibels(least.psnr)} dB)."
         )
-    return Ranked(dies, told)
+    return Ranked(BIAS_UM, dies, told)
 
 
 def decibels(change: float | None) -> str:
