@@ -4,7 +4,7 @@ import pytest
 from klayout import db
 
 from maskfab.errors import JobError
-from maskfab.geometry.lettering import fitted_text, text_polygons
+from maskfab.geometry.lettering import fitted_text, text_polygons, text_width_nm
 
 PRINTABLE = "".join(map(chr, range(ord("!"), ord("~") + 1)))
 
@@ -17,13 +17,26 @@ def region_of(polygons):
 
 
 @pytest.mark.parametrize("character", PRINTABLE)
-def test_every_letter_is_simple_and_has_the_area_of_the_font(character):
-    polygons = text_polygons(character, 28 * 25, (0, 0))
+def test_every_letter_is_simple_and_of_whole_strokes(character):
+    polygons = text_polygons(character, 28 * 100, (0, 0))
     region = region_of(polygons)
-    drawn = db.TextGenerator.default_generator().text(character, 0.001, 1.0)
-    assert (region ^ drawn).is_empty()
+    box = region.bbox()
+    assert 0 <= box.left < box.right <= 2000
+    assert 0 <= box.bottom < box.top <= 2800
     assert sum(polygon.area() for polygon in region.each()) == region.merged().area()
     assert all(len(set(polygon)) == len(polygon) for polygon in polygons)
+    assert all(value % 100 == 0 for polygon in polygons for point in polygon for value in point)
+    for edge in region.merged().edges().each():
+        assert 0 in (edge.dx(), edge.dy()) or abs(edge.dx()) == abs(edge.dy())
+    assert region.width_check(400).is_empty()
+    # Limbs that meet at 45 degrees are nearer in the corner between them.
+    assert region.merged().space_check(400, ignore_angle=45).is_empty()
+    assert region.merged().isolated_check(350).is_empty()
+
+
+def test_small_letters_look_like_capitals():
+    for capital in map(chr, range(ord("A"), ord("Z") + 1)):
+        assert text_polygons(capital.lower(), 2800, (0, 0)) == text_polygons(capital, 2800, (0, 0))
 
 
 def test_height_and_anchor():
@@ -32,8 +45,15 @@ def test_height_and_anchor():
     assert abs(box.height() - 1_500_000) <= 14
 
 
-def test_centred_text_is_centred():
-    box = region_of(text_polygons("OHO", 280_000, (5000, 0), align="centre")).bbox()
+def test_letters_stand_in_cells():
+    boxes = [region_of(text_polygons(text, 28_000, (0, 0))).bbox() for text in ("H", "H H", "H H ")]
+    assert [box.right for box in boxes] == [20_000, 68_000, 68_000]
+    assert [text_width_nm(text, 28_000) for text in ("H", "H H", "H H ", "", " ")] == [20_000, 68_000, 68_000, 0, 0]
+
+
+@pytest.mark.parametrize("text", ["OHO", "OHO  ", "OIO"])
+def test_centred_text_is_centred(text):
+    box = region_of(text_polygons(text, 280_000, (5000, 0), align="centre")).bbox()
     assert abs(box.center().x - 5000) <= 1
 
 

@@ -10,7 +10,7 @@ from maskfab.model import CLEAR, Die, Furniture, Point
 LINE_FEED = 2
 """From line to line below the title, in heights of their letters."""
 _HEIGHT_NM = 420_000
-"""With strokes of 30 um, which film holds."""
+"""With strokes of 60 um, which film holds."""
 _GAP_NM = 180_000
 LABEL_NM = _GAP_NM + _HEIGHT_NM
 """Height that a label needs below a die's slot."""

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from maskfab.geometry.lettering import text_polygons
+from maskfab.geometry.lettering import text_polygons, text_width_nm
 from maskfab.model import CLEAR, OUTLINE, Die, Furniture, Point, Polygon
-from maskfab.plate.marks.drawing import bounding_box, box_at, rectangle
+from maskfab.plate.marks.drawing import box_at, rectangle
 
 _SMALLEST_LETTER_NM = 60_000
 _LARGEST_LETTER_NM = 250_000
@@ -70,7 +70,7 @@ def die_map(
 
 def _lettering(words: Sequence[str], slot: int, inside: int, under: tuple[float, float]) -> _Lettering:
     """The larger of two: inside the slots' frames, a square of that side, or under them, that wide and high."""
-    widest = max(_width(word) for word in words)
+    widest = max(text_width_nm(word, _SAMPLE_NM) for word in words)
 
     def height(room: tuple[float, float]) -> int:
         return int(min(room[1], room[0] * _SAMPLE_NM / widest, _LARGEST_LETTER_NM))
@@ -78,11 +78,6 @@ def _lettering(words: Sequence[str], slot: int, inside: int, under: tuple[float,
     below = height(under)
     choices = (_Lettering(height((inside, inside)), 0), _Lettering(below, slot // 2 + below))
     return max(choices, key=lambda choice: choice.height_nm)
-
-
-def _width(word: str) -> int:
-    x0, _, x1, _ = bounding_box(text_polygons(word, _SAMPLE_NM, (0, 0)))
-    return x1 - x0
 
 
 def _frame(centre: Point, side: int, line: int) -> tuple[Polygon, ...]:
