@@ -36,6 +36,7 @@ from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load_job
 from maskfab.jobfile import PLATE_BITMAPS, ExportSection
 from maskfab.jobfile.shop_profile import Shop
+from maskfab.judge.verdict import asked
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import Recalling
 from maskfab.kept.results import give_result, keep_result
@@ -426,9 +427,17 @@ class Findings:
         return {name: document for name, document in told.items() if document is not None}
 
 
-def draw_files(job: Job, plate: Plate) -> PlateFiles:
-    """The files that a job's plate becomes; the optics come from the first."""
-    return files_of_job(plate, job.spec, [job.signature, plate.title], named_shop(job))
+def draw_files(job: Job, plate: Plate, version: str = __version__) -> PlateFiles:
+    """The files that a job's plate becomes, and what they are held against; the optics come from the first.
+
+    Args:
+        job: a loaded job.
+        plate: as :meth:`maskfab.job.Job.plate` lays it out.
+        version: of maskfab that signs it.
+    """
+    shop = named_shop(job)
+    made = files_of_job(plate, job.spec, [job.signature, plate.title], shop)
+    return replace(made, asked=asked(job.spec, shop, version=version))
 
 
 def write_files(

@@ -96,6 +96,10 @@ FAMILIES: Mapping[str, str] = MappingProxyType(
 """Words of families, and what may stand in their place: a regular expression."""
 
 _DIFFERS = "The written file differs from the design. Do not send this plate; look at the places where they differ."
+_JUDGED = (
+    "The written file is not what the job asks for, by rules that anybody can repeat. Do not send this plate; report "
+    "it with the job."
+)
 _SUSPECT = (
     "The numbers of this die cannot be trusted. Set a stricter accuracy; if the error remains, "
     "report it with report.json."
@@ -1029,6 +1033,32 @@ _ENTRIES = (
         "Wrong dots",
         "Dots of the file whose clear fraction differs from the opening and its orientation.",
         _DIFFERS,
+    ),
+    Entry(
+        "judged_die",
+        "",
+        "",
+        "Corners not asked for",
+        "Corners of a die in the file that its place, tiling rule and opening in the job do not ask for, or that are "
+        "missing: a second derivation, without the plate that the file was written from.",
+        _JUDGED,
+    ),
+    Entry(
+        "judged_marks",
+        "",
+        "",
+        "Marks not as asked for",
+        "Marks of the file that do not lie where job and template ask for them, in their sense and shape, or that are "
+        "missing: a second derivation, without the plate that the file was written from.",
+        _JUDGED,
+    ),
+    Entry(
+        "judged_text",
+        "",
+        "",
+        "Text not as asked for",
+        "Lines of text and codes of the file that read otherwise than the job says, lie elsewhere, or are missing.",
+        _JUDGED,
     ),
     Entry(
         "readback_psf_difference",

@@ -113,7 +113,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
             built = job.displays_of(plate, progress, largest=True, crew=crew)
         # A run takes its photographs beside its displays, before these are there.
         bare, plate = plate, built.plate
-        made = draw_files(job, plate)
+        made = draw_files(job, plate, str(manifest["maskfab_version"]))
         of_shop = shop_quantities(job, made)
     except InputError as error:
         return Verified.of([*checks, _failed("job", f"{JOB_COPY} cannot be used: {error}")])

@@ -31,6 +31,7 @@ from maskfab.export.outputs import Product
 from maskfab.files.release_memory import give_back
 from maskfab.geometry.plate_layout import layer_info
 from maskfab.geometry.shape_limits import count_vertices
+from maskfab.judge.verdict import judged
 from maskfab.mask_shops.plate_files import PlateFiles
 from maskfab.model import CLEAR, Quantity
 from maskfab.progress import Progress
@@ -201,7 +202,8 @@ def read_mask(path: Path) -> db.Layout:
 
 
 def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = True) -> RoundTrip:
-    """A mask file that was read, against the design and, if ``dots``, the openings dot by dot.
+    """A mask file that was read, against the design, against what its job asks for, and, if ``dots``, each dot against
+    its opening.
 
     Raises:
         SourceError: MF323 if the polygon library fails on the file.
@@ -216,7 +218,8 @@ def compare_mask(made: PlateFiles, read: db.Layout, path: Path, *, dots: bool = 
     polygons, bias = made.figures.account.polygons, made.figures.options.bias_nm
     compare = partial(compare_biased, bias_nm=bias) if bias else compare_layout
     with library_errors(path):
-        return compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+        trip = compare(made.plate, made.design, read, path, dots=dots, drawn_polygons=polygons, layer_names=names)
+        return trip if made.asked is None else replace(trip, judged=judged(read, path.name, made.asked))
 
 
 @contextmanager

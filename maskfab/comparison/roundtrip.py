@@ -109,6 +109,7 @@ class RoundTrip:
         differing: all that only one of file and plate makes clear, merged.
         slivers: of that, what is no wider than the tolerance and so no difference.
         data: rows of biased data before they are sized back; all else is of them sized back.
+        judged: rows of the second derivation, of :mod:`maskfab.judge`.
     """
 
     path: Path
@@ -122,6 +123,7 @@ class RoundTrip:
     differing: db.Region
     slivers: Sifted
     data: tuple[Quantity, ...] = ()
+    judged: tuple[Quantity, ...] = ()
 
     @property
     def xor_area_um2(self) -> float:
@@ -129,8 +131,8 @@ class RoundTrip:
         return sum(difference.area_um2 for difference in self.differences)
 
     def quantities(self) -> tuple[Quantity, ...]:
-        """Rows of report.json: of the plate first, then of the dies."""
-        return (*self._of_plate(), *self._of_dies())
+        """Rows of report.json: of the plate first, then of the dies, then of either by the second derivation."""
+        return (*self._of_plate(), *self._of_dies(), *self.judged)
 
     def _of_plate(self) -> Iterator[Quantity]:
         name = self.path.name

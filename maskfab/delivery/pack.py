@@ -26,6 +26,7 @@ from maskfab.job import Job, load_job
 from maskfab.jobfile import PLATE_BITMAPS, is_table
 from maskfab.jobfile import read as read_spec
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop, parse_shop
+from maskfab.judge.verdict import asked
 from maskfab.mask_shops.adapt import extent_nm, fitted
 from maskfab.mask_shops.dot_edges import plotted_dpi
 from maskfab.mask_shops.judge import Finding, accepted, extent
@@ -112,6 +113,7 @@ def pack(
         return Package(None, findings)
     comments = [job.signature, plate.title]
     drawn = files_for_shop(plate, shop, sent, comments, safe_stem(plate.name), job.spec)
+    drawn = replace(drawn, asked=asked(job.spec, shop, sent=True))
     with _aside() as folder:
         checks: list[Quantity] = []
         boxes: list[Box] = []
@@ -225,6 +227,9 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             known = plotted_dpi(made.spec.export, house) is not None
             kept: tuple[Format, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
             drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec)
+            drawn = replace(
+                drawn, asked=asked(made.spec, house, sent=True, version=str(manifest.get("maskfab_version")))
+            )
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
                 raise

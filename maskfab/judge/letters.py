@@ -2,19 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from functools import lru_cache
 from itertools import product
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-Mask: TypeAlias = NDArray[np.bool_]
+from maskfab.judge.boundary import Mask
 
-# A letter is 28 steps high and 20 wide, in a cell of 24; squares of 4 steps make its picture.
-_HEIGHT, _WIDTH, _ADVANCE, _SQUARE = 28, 20, 24, 4
-_ROWS, _COLUMNS = _HEIGHT // _SQUARE, _WIDTH // _SQUARE
+HEIGHT, WIDTH, ADVANCE = 28, 20, 24
+"""Of a letter, and from letter to letter, in steps."""
+
+# Squares of 4 steps make the picture of a letter.
+_SQUARE = 4
+_ROWS, _COLUMNS = HEIGHT // _SQUARE, WIDTH // _SQUARE
 # A square of one step is covered, blank, or parted by a diagonal: a point in each of its four quarters tells which.
 # They are four of nine points on a lattice of thirds.
 _THIRDS = 3
@@ -105,143 +106,43 @@ Y      Z      [      \      ]      ^      _      `
 """
 
 
-def read_line(
-    polygons: Iterable[NDArray[np.int64]],
-    left_nm: int,
-    base_nm: int,
-    height_nm: int,
-    *,
-    letters: int,
-    mirrored: bool = False,
-) -> str:
-    """Text that polygons show where a line of text should stand.
+def points(steps: int) -> NDArray[np.float64]:
+    """Where to look along so many steps, in steps: a lattice of thirds."""
+    return (np.arange(_THIRDS * steps) + 1 / 2) / _THIRDS
+
+
+def read(seen: Mask) -> str:
+    """Text of a line.
 
     Judged by the middles of the 35 squares of each letter: text that is dropped, mirrored, exchanged or off by more
-    than half a square reads otherwise. What is off by less is told by :func:`difference_steps2`.
+    than half a square reads otherwise. What is off by less, the :func:`drawing` tells.
 
     Args:
-        polygons: int [vertex, (x, y)] in nanometres, of what is clear in and around the line, whole or in pieces, in
-            any order and sense; a hole is reached by a cut.
-        left_nm: x where the first letter's cell begins.
-        base_nm: y of the base line.
-        height_nm: height of the letters as ordered; they are drawn in whole steps of about a 28th of it.
-        letters: how many to read, spaces included.
-        mirrored: read from the plate's other side, where the line runs to the left from ``left_nm``.
+        seen: whether the :func:`points` of whole letters are clear, bool [84, 72 letters], the lowest row first.
 
     Returns:
         Capitals, digits and signs, a space where nothing is clear, and ``?`` for what is no letter at all; a question
-        mark reads so too, and :func:`difference_steps2` tells them apart.
+        mark reads so too.
     """
-    columns, rows = (
-        np.arange(count, dtype=np.float64) * _SQUARE + _SQUARE / 2 for count in (letters * _ADVANCE // _SQUARE, _ROWS)
-    )
-    seen = _clear(polygons, columns, rows, _frame(left_nm, base_nm, height_nm, mirrored))[::-1]
-    cells = (seen[:, start : start + _COLUMNS] for start in range(0, len(columns), _ADVANCE // _SQUARE))
+    # Beside the middle, where no edge can run.
+    middles = seen[_THIRDS * _SQUARE // 2 :: _THIRDS * _SQUARE, _THIRDS * _SQUARE // 2 + 1 :: _THIRDS * _SQUARE][::-1]
+    cells = (middles[:, start : start + _COLUMNS] for start in range(0, middles.shape[1], ADVANCE // _SQUARE))
     meanings = {picture.tobytes(): letter for letter, picture in _pictures().items()}
     return "".join(meanings.get(cell.tobytes(), "?") for cell in cells)
 
 
-def difference_steps2(
-    polygons: Iterable[NDArray[np.int64]],
-    text: str,
-    left_nm: int,
-    base_nm: int,
-    height_nm: int,
-    *,
-    mirrored: bool = False,
-) -> float:
-    """Area in steps squared that is clear and should not be, or should be and is not, in the box of a line of text.
-
-    Asked of four points in every step squared, so that a letter moved by a third of a step is told. Arguments as of
-    :func:`read_line`. What lies outside of the line's box is not looked at; :func:`ink_steps2` says how much all should
-    be.
+def drawing(text: str) -> Mask:
+    """The :func:`points` of a line of text that should be clear.
 
     Raises:
         KeyError: for a character that is no letter of the plate's.
     """
-    length = max(0, len(text) * _ADVANCE - (_ADVANCE - _WIDTH))
-    columns, rows = _points(length), _points(_HEIGHT)
-    seen = _clear(polygons, columns, rows, _frame(left_nm, base_nm, height_nm, mirrored))
-    blank = np.zeros((len(rows), 0), dtype=np.bool_)
-    ordered = np.concatenate([blank, *map(_figure, text.upper())], axis=1)[:, : len(columns)]
-    return _area_steps2(seen ^ ordered)
+    return np.concatenate([_figure(letter) for letter in text.upper()], axis=1)
 
 
-def ink_steps2(text: str) -> float:
-    """Clear area of a line of text in steps squared, exactly.
-
-    Raises:
-        KeyError: for a character that is no letter of the plate's.
-    """
-    return sum(_area_steps2(_figure(letter)) for letter in text.upper())
-
-
-def width_nm(letters: int, height_nm: int) -> int:
-    """Width of a line of so many letters, from the first cell to the last: a centred line begins half of it, rounded
-    down, left of its middle, and spaces at its end do not count."""
-    return max(0, letters * _ADVANCE - (_ADVANCE - _WIDTH)) * _step_nm(height_nm)
-
-
-def _step_nm(height_nm: int) -> int:
-    return max(1, round(height_nm / _HEIGHT))
-
-
-def _frame(left_nm: int, base_nm: int, height_nm: int, mirrored: bool) -> tuple[int, int, int, int]:
-    """Where a line starts, x and y, and its steps along x and y, in nanometres."""
-    step = _step_nm(height_nm)
-    return left_nm, base_nm, -step if mirrored else step, step
-
-
-def _points(steps: int) -> NDArray[np.float64]:
-    """Middles of the thirds of so many steps, in steps."""
-    return (np.arange(_THIRDS * steps) + 1 / 2) / _THIRDS
-
-
-def _area_steps2(mask: Mask) -> float:
-    """Area of which a mask on a lattice of thirds shows a quarter of a step squared at each point."""
+def area_steps2(mask: Mask) -> float:
+    """Area in steps squared, exactly where edges run along steps or their diagonals."""
     return float(sum(mask[v::_THIRDS, u::_THIRDS].sum() for u, v in _QUARTERS)) / len(_QUARTERS)
-
-
-def _clear(
-    polygons: Iterable[NDArray[np.int64]],
-    columns: NDArray[np.float64],
-    rows: NDArray[np.float64],
-    frame: tuple[int, int, int, int],
-) -> Mask:
-    """Whether points lie in any of the polygons: whether these wind around them.
-
-    Args:
-        polygons: in nanometres.
-        columns: x of the points in steps from the line's start, rising.
-        rows: y of the points likewise.
-        frame: of :func:`_frame`.
-
-    Returns:
-        bool [row, column].
-    """
-    windings = np.zeros((len(rows), len(columns) + 1), dtype=np.int64)
-    polygons = list(polygons)
-    if not polygons:
-        return windings[:, :-1] > 0
-    counts = np.array([len(polygon) for polygon in polygons])
-    after, starts = np.arange(counts.sum()) + 1, np.cumsum(counts) - counts
-    after[starts + counts - 1] = starts
-    ends = (np.concatenate(polygons) - frame[:2]) / frame[2:]
-    (x, y), (x_next, y_next) = ends.T, ends[after].T
-    sense = np.repeat(np.sign(np.add.reduceat(x * y_next - x_next * y, starts)), counts)
-    # An edge meets the rows from its lower end up to its upper one, which belongs to the next edge. Counted from its
-    # lower end in either sense, so that it meets them in one place for the two polygons that it parts.
-    falls = y > y_next
-    x_low, x_high = np.where(falls, (x_next, x), (x, x_next))
-    y_low, y_high = np.where(falls, (y_next, y), (y, y_next))
-    first = np.searchsorted(rows, y_low)
-    spans = np.searchsorted(rows, y_high) - first
-    edge = np.repeat(np.arange(len(ends)), spans)
-    row = np.arange(len(edge)) + np.repeat(first + spans - np.cumsum(spans), spans)
-    met = x_low[edge] + (rows[row] - y_low[edge]) * ((x_high - x_low)[edge] / (y_high - y_low)[edge])
-    turns = np.where(falls, sense, -sense)[edge].astype(np.int64)
-    np.add.at(windings, (row, np.searchsorted(columns, met)), turns)
-    return np.asarray(np.cumsum(windings, axis=1)[:, :-1] > 0)
 
 
 @lru_cache(1)
@@ -265,8 +166,8 @@ def _figure(letter: str) -> Mask:
     square.
     """
     picture = np.pad(_pictures()[letter][::-1], 1)
-    figure = np.zeros((_THIRDS * _HEIGHT, _THIRDS * _ADVANCE), dtype=np.bool_)
-    x, y = _points(_ADVANCE)[None, :], _points(_HEIGHT)[:, None]
+    figure = np.zeros((_THIRDS * HEIGHT, _THIRDS * ADVANCE), dtype=np.bool_)
+    x, y = points(ADVANCE)[None, :], points(HEIGHT)[:, None]
     for row, column in np.argwhere(picture):
         u, v = x - (column - 1 / 2) * _SQUARE, y - (row - 1 / 2) * _SQUARE
         strokes = {True: 0, False: 0}

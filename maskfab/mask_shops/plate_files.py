@@ -14,6 +14,7 @@ from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.jobfile import PLATE_BITMAPS, ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
+from maskfab.judge.verdict import Asked
 from maskfab.mask_shops.adapt import as_ordered, blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.mask_shops.dot_edges import DotEdges, dot_edges, plotted_dpi
 from maskfab.mask_shops.package_rules import package_options
@@ -36,6 +37,7 @@ class PlateFiles:
         settings: of drawings, solids and pictures.
         formats: of the files.
         edges: what a plotter's dots make of edges; None where no file is of dots.
+        asked: what the job asks for, derived without the plate; None of a plate that no job has laid out.
     """
 
     plate: Plate
@@ -45,6 +47,7 @@ class PlateFiles:
     settings: FileSettings
     formats: tuple[FileFormat, ...]
     edges: DotEdges | None = None
+    asked: Asked | None = None
 
     def account(self) -> tuple[Quantity, ...]:
         """Changes made to draw what formats and readers accept, as rows of the report."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import numpy as np
-import scipy
 from numpy.typing import NDArray
 
 from maskfab.errors import JobError
@@ -22,6 +21,8 @@ MOST_OPENINGS = 15
 _REPULSION_CELLS = 1.5
 _REACH = 6
 _PASSES = 6
+_UNIT = 2**20
+"""Of the repulsion, which is in whole numbers: any machine, and any other program, comes to the same map."""
 
 
 def orientations(
@@ -70,16 +71,16 @@ def blue_noise(kinds: int, rows: int, columns: int, seed: int) -> NDArray[np.int
 
     Every kind's indicator then holds little power at low frequencies, and so does whatever depends on the kind: its
     emitters' centroid, the light it passes. From a balanced random map, pairs of cells swap while that lowers the sum
-    over equal pairs of exp(-d²/2σ²), d their distance on a torus, σ = 1.5 cells.
+    over equal pairs of exp(-d²/2σ²), d their distance on a torus, σ = 1.5 cells, in whole 2^-20.
     """
     draw = np.random.default_rng(seed)
     size = rows * columns
     kind = draw.permutation(np.arange(size) % kinds)
     near = _repulsion(rows, columns)
-    crowd = np.empty((kinds, rows, columns))
+    crowd = np.empty((kinds, rows, columns), dtype=np.int64)
     for k in range(kinds):
         indicator = (kind == k).reshape(rows, columns).astype(np.float64)
-        crowd[k] = np.fft.irfft2(np.fft.rfft2(indicator) * np.fft.rfft2(near), s=(rows, columns))
+        crowd[k] = np.rint(np.fft.irfft2(np.fft.rfft2(indicator) * np.fft.rfft2(near), s=(rows, columns)))
     flat = crowd.reshape(kinds, size)
     reach_y, reach_x = (np.arange(-min(_REACH, (n - 1) // 2), min(_REACH, n // 2) + 1) for n in (rows, columns))
     patch = near[np.ix_(reach_y % rows, reach_x % columns)]
@@ -92,11 +93,11 @@ def blue_noise(kinds: int, rows: int, columns: int, seed: int) -> NDArray[np.int
             q = kind[others]
             between = near.ravel()[_offset(a, others, rows, columns)]
             gain = flat[p, a] - flat[q, a] + flat[q, others] - flat[p, others] + 2 * (between - near[0, 0])
-            gain[q == p] = -np.inf
+            gain[q == p] = 0
             best = int(np.argmax(gain))
-            if gain[best] > 1e-12:
+            if gain[best] > 0:
                 b, other = int(others[best]), int(q[best])
-                for cell, sign in ((a, 1.0), (b, -1.0)):
+                for cell, sign in ((a, 1), (b, -1)):
                     up, right = divmod(int(cell), columns)
                     place = np.ix_((up + reach_y) % rows, (right + reach_x) % columns)
                     crowd[other][place] += sign * patch
@@ -108,11 +109,14 @@ def blue_noise(kinds: int, rows: int, columns: int, seed: int) -> NDArray[np.int
     return kind.reshape(rows, columns).astype(np.int8)
 
 
-def _repulsion(rows: int, columns: int) -> NDArray[np.float64]:
-    """exp(-d²/2σ²) on a torus, the origin first, 0 beyond 4 σ."""
-    impulse = np.zeros((rows, columns))
-    impulse[0, 0] = 1
-    return np.asarray(scipy.ndimage.gaussian_filter(impulse, _REPULSION_CELLS, mode="wrap", truncate=4.0))
+def _repulsion(rows: int, columns: int) -> NDArray[np.int64]:
+    """exp(-d²/2σ²) on a torus, the origin first, in whole 2^-20; 0 beyond 6 cells along either axis."""
+    step = np.arange(-_REACH, _REACH + 1)
+    square = step[:, None] ** 2 + step**2
+    near = np.zeros((rows, columns), dtype=np.int64)
+    weights = np.rint(_UNIT * np.exp(-square / (2 * _REPULSION_CELLS**2))).astype(np.int64)
+    np.add.at(near, (step[:, None] % rows, step % columns), weights)
+    return near
 
 
 def _offset(a: int, others: NDArray[np.int64], rows: int, columns: int) -> NDArray[np.int64]:

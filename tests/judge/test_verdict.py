@@ -1,0 +1,294 @@
+"""The second opinion: plates as asked for pass however they are drawn, and what was laid out wrongly fails by name."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from asked_jobs import GUTTER, JOBS, RANDOM, asked_job
+from klayout import db
+
+from maskfab import pipeline
+from maskfab.comparison import roundtrip
+from maskfab.comparison.files import read_back
+from maskfab.export import cell_polygons
+from maskfab.geometry import plate_layout
+from maskfab.geometry.lettering import fitted_text
+from maskfab.judge.verdict import asked, judged
+from maskfab.model import CLEAR, Die, Furniture
+from maskfab.pipeline import draw_files
+from maskfab.plate.marks.data_matrix import data_matrix
+from maskfab.progress import silent
+
+PLAIN = 'blank = "5 in"\nwritable = "100 mm"'
+EVERY = '[export]\nformats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg"]\n'
+
+
+def opinion(job, plate=None, name="drawn"):
+    """The rows on what is drawn of a plate, which comes from the job unless it is given."""
+    made = draw_files(job, job.plate() if plate is None else plate)
+    return judged(made.figures.layout(), name, made.asked)
+
+
+def faults(rows):
+    return {(row.name, row.die): row.method for row in rows if not row.passed}
+
+
+@pytest.fixture(scope="module")
+def job():
+    return asked_job()
+
+
+@pytest.fixture(scope="module")
+def plate(job):
+    return job.plate()
+
+
+@pytest.mark.parametrize("kind", JOBS)
+def test_plates_as_asked_for_pass_however_they_are_drawn(kind):
+    job = asked_job(**JOBS[kind])
+    rows = opinion(job)
+    assert faults(rows) == {}
+    assert [row.name for row in rows] == ["judged_die"] * len(job.spec.die) + ["judged_marks", "judged_text"]
+    assert all(row.limit == 0 for row in rows)
+
+
+def test_every_layout_file_is_judged(tmp_path):
+    job = asked_job(plate=PLAIN, more=f'{EVERY}hierarchy = "merged"\n[order]\ntone = "dark"\nchrome = "down"\n')
+    made = draw_files(job, job.plate())
+    for product in made.products:
+        product.write(tmp_path / product.name)
+    rows = [row for row in read_back(made, tmp_path, silent).quantities if row.name.startswith("judged_")]
+    assert {row.method.partition(":")[0] for row in rows} == {product.name for product in made.products}
+    assert len(rows) == 7 * 4
+    assert all(row.passed for row in rows)
+
+
+def moved(polygons, x, y):
+    return tuple(tuple((px + x, py + y) for px, py in polygon) for polygon in polygons)
+
+
+def flipped(polygons):
+    """In place, left and right exchanged."""
+    across = [x for polygon in polygons for x, _ in polygon]
+    return tuple(tuple((min(across) + max(across) - x, y) for x, y in reversed(polygon)) for polygon in polygons)
+
+
+def middle(polygons):
+    xs, ys = zip(*(point for polygon in polygons for point in polygon), strict=True)
+    return (min(xs) + max(xs)) // 2, (min(ys) + max(ys)) // 2
+
+
+def with_mark(name, change):
+    """A plate whose mark of that name has other polygons; dropped where there are none."""
+
+    def changed(plate):
+        assert any(mark.name == name for mark in plate.furniture)
+        marks = (
+            replace(each, polygons=change(each.polygons)) if each.name == name else each for each in plate.furniture
+        )
+        return replace(plate, furniture=tuple(each for each in marks if each.polygons))
+
+    return changed
+
+
+def with_dies(change):
+    return lambda plate: replace(plate, dies=tuple(change(*plate.dies)))
+
+
+def one_cell_turned(die):
+    cells = die.panel.orientations.copy()
+    cells[3, 4] = (cells[3, 4] + 1) % 8
+    return replace(die, panel=replace(die.panel, orientations=cells))
+
+
+SABOTAGES = {
+    "fiducial moved by 1 nm": (
+        with_mark("FIDUCIAL_SW", lambda old: moved(old, 1, 0)),
+        ("judged_marks", None, "FIDUCIAL_SW lies +1 nm along x and +0 nm along y from its place"),
+    ),
+    "fiducial moved by 1 um": (
+        with_mark("FIDUCIAL_NE", lambda old: moved(old, 0, -1000)),
+        ("judged_marks", None, "FIDUCIAL_NE lies +0 nm along x and -1000 nm along y from its place"),
+    ),
+    "fiducial dropped": (
+        with_mark("FIDUCIAL_NW", lambda old: ()),
+        ("judged_marks", None, "FIDUCIAL_NW is missing"),
+    ),
+    "alignment cross moved by 10 um": (
+        with_mark("ALIGN_W", lambda old: moved(old, 10_000, 0)),
+        ("judged_marks", None, "ALIGN_W lies +10000 nm along x"),
+    ),
+    "CD bar moved by 1 nm": (
+        with_mark("CD_X_2X", lambda old: moved(old, 1, 0)),
+        ("judged_marks", None, "CD_X_2X lies +1 nm along x"),
+    ),
+    "CD bar 1 nm wider": (
+        with_mark(
+            "CD_X_1X", lambda old: (*old, *(((x, y), (x, y + 9), (x + 1, y + 9), (x + 1, y)) for x, y in [old[0][1]]))
+        ),
+        ("judged_marks", None, "CD_X_1X has another shape"),
+    ),
+    "spoke of the star dropped": (
+        with_mark("STAR", lambda old: old[1:]),
+        ("judged_marks", None, "STAR has another shape"),
+    ),
+    "data matrix moved by 5 um": (
+        with_mark("JOB_CODE", lambda old: moved(old, 5000, 0)),
+        ("judged_text", None, "JOB_CODE has modules off their places"),
+    ),
+    "data matrix of another job": (
+        with_mark("JOB_CODE", lambda old: data_matrix("JOB_CODE", middle(old), "other", 200_000).polygons),
+        ("judged_text", None, "JOB_CODE reads 'other', not 'maskfab:"),
+    ),
+    "data matrix dropped": (
+        with_mark("JOB_CODE", lambda old: ()),
+        ("judged_text", None, "JOB_CODE is missing"),
+    ),
+    "parity F mirrored": (
+        with_mark("PARITY", flipped),
+        ("judged_marks", None, "PARITY is mirrored"),
+    ),
+    "label mirrored": (
+        with_mark("LABEL_D1", flipped),
+        ("judged_text", None, "LABEL_D1 reads "),
+    ),
+    "label moved by 1 nm": (
+        with_mark("LABEL_D0", lambda old: moved(old, 0, 1)),
+        ("judged_text", None, "LABEL_D0 'D0  DIE 0' is not drawn as letters are, or not at its place"),
+    ),
+    "label dropped": (
+        with_mark("LABEL_D0", lambda old: ()),
+        ("judged_text", None, "LABEL_D0 'D0  DIE 0' is missing"),
+    ),
+    "labels exchanged": (
+        with_mark("LABEL_D0", lambda old: fitted_text("D1  die 1", 420_000, LABEL, 500_000)),
+        ("judged_text", None, "LABEL_D0 reads 'D1  DIE 1', not 'D0  DIE 0'"),
+    ),
+    "title dropped": (
+        with_mark("TITLE", lambda old: ()),
+        ("judged_text", None, "TITLE 'A SMALL PLATE, (TEST) 100%' is missing"),
+    ),
+    "names of the map dropped": (
+        with_mark("DIE_MAP", lambda old: old[:4]),
+        ("judged_text", None, "DIE_MAP 'D0' is missing"),
+    ),
+    "frame of the map dropped": (
+        with_mark("DIE_MAP", lambda old: old[2:]),
+        ("judged_marks", None, "DIE_MAP has another shape"),
+    ),
+    "centres of two dies exchanged": (
+        with_dies(lambda one, two: (replace(one, centre_nm=two.centre_nm), replace(two, centre_nm=one.centre_nm))),
+        ("judged_die", "D0", "cell 0, 0 from the lower left"),
+    ),
+    "panels of two dies exchanged": (
+        with_dies(lambda one, two: (replace(one, panel=two.panel), replace(two, panel=one.panel))),
+        ("judged_die", "D1", ", 0 from the lower left"),
+    ),
+    "die moved by 1 nm": (
+        with_dies(lambda one, two: (one, replace(two, centre_nm=(two.centre_nm[0] + 1, two.centre_nm[1])))),
+        ("judged_die", "D1", "cell 0, 0 from the lower left"),
+    ),
+    "one cell turned": (
+        with_dies(lambda one, two: (one_cell_turned(one), two)),
+        ("judged_die", "D0", "cell 4, 3 from the lower left"),
+    ),
+    "a mark too many": (
+        lambda plate: replace(
+            plate, furniture=(*plate.furniture, Furniture("DUST", "cd", CLEAR, (((0, 0), (0, 1), (1, 1), (1, 0)),)))
+        ),
+        ("judged_marks", None, "first at (0.000, 0.000) um"),
+    ),
+}
+LABEL = -4_500_500, -250_000 - 600_000
+
+
+@pytest.mark.parametrize("what", SABOTAGES)
+def test_what_is_laid_out_wrongly_fails_by_name(what, job, plate):
+    sabotage, (name, die, said) = SABOTAGES[what]
+    found = faults(opinion(job, sabotage(plate)))
+    assert said in found[name, die]
+    assert die or set(found) == {(name, die)}
+
+
+def mirrored_shapes(panel, cell):
+    """Cells drawn as in a mirror."""
+    return TRUE_SHAPES(panel, cell ^ 4)
+
+
+TRUE_SHAPES = cell_polygons.unit_shapes
+
+
+@pytest.mark.parametrize("fault", ["cells mirrored", "dies displaced", "references displaced"])
+def test_what_is_drawn_wrongly_fails_though_the_design_agrees(fault, job, plate, monkeypatch, tmp_path):
+    if fault == "cells mirrored":
+        for module in (cell_polygons, plate_layout):
+            monkeypatch.setattr(module, "unit_shapes", mirrored_shapes)
+    elif fault == "dies displaced":
+        true = Die.origin_nm.fget
+        monkeypatch.setattr(Die, "origin_nm", property(lambda die: (true(die)[0] + 1, true(die)[1])))
+    else:
+        true_placed = plate_layout.placed
+
+        def displaced(names, grids):
+            layout = true_placed(names, grids)
+            cell = layout.cell("D1")
+            cell.transform(db.Trans(0, 1))
+            return layout
+
+        for module in (cell_polygons, plate_layout):
+            monkeypatch.setattr(module, "placed", displaced)
+    made = draw_files(job, plate)
+    assert {row.name for row in judged(plate_layout.plate_layout(plate), "design", made.asked) if not row.passed}
+    (product,) = (each for each in made.products if each.name.endswith(".gds"))
+    product.write(tmp_path / product.name)
+    found = read_back(replace(made, products=(product,)), tmp_path, silent).quantities
+    failed = {row.name for row in found if row.passed is False}
+    assert "judged_die" in failed
+    assert "readback_xor_area" not in failed
+
+
+@pytest.mark.parametrize("format_", ["gds", "oas", "dxf"])
+@pytest.mark.parametrize("what", ["cell", "mark"])
+def test_files_are_judged_without_the_comparison_of_polygons(format_, what, job, plate, monkeypatch, tmp_path):
+    monkeypatch.setattr(roundtrip, "_xor", lambda *args: db.Region())
+    monkeypatch.setattr(roundtrip, "_compare_dots", lambda *args: None)
+    made = draw_files(job, plate)
+    spoilt = draw_files(job, SABOTAGES["die moved by 1 nm" if what == "cell" else "fiducial moved by 1 nm"][0](plate))
+    for product in made.products:
+        (drawn,) = (
+            each for each in (spoilt if product.name.endswith(format_) else made).products if each.name == product.name
+        )
+        drawn.write(tmp_path / product.name)
+    failed = [row for row in read_back(made, tmp_path, silent).quantities if row.passed is False]
+    assert {row.name for row in failed} == {"judged_die" if what == "cell" else "judged_marks"}
+    assert {row.method.partition(":")[0] for row in failed} == {
+        product.name for product in made.products if product.name.endswith(format_)
+    }
+
+
+def test_a_run_rests_on_the_second_opinion(monkeypatch, tmp_path):
+    job = asked_job(dies=(RANDOM,), plate=PLAIN, more='[export]\nformats = ["oasis"]\n')
+    true = type(job).plate
+    monkeypatch.setattr(type(job), "plate", lambda self: with_mark("PARITY", flipped)(true(self)))
+    result = pipeline.run(job, tmp_path / "out")
+    assert not result.passed
+    assert {check.name for check in result.checks if check.passed is False} == {"judged_marks"}
+    assert "FAIL" in result.verdicts.lines[0]
+
+
+def test_tilings_do_not_hang_on_rounding():
+    """The judge's repulsion is summed otherwise than the layout's."""
+    for seed in range(3):
+        job = asked_job(dies=(f'tiling = "blue_noise"\nseed = {seed}\n{GUTTER.splitlines()[-1]}',), size="0.7 mm")
+        assert faults(judged(plate_layout.plate_layout(job.plate()), "design", asked(job.spec))) == {}
+
+
+def test_empty_files_lack_everything(job):
+    layout = db.Layout()
+    layout.create_cell("TOP")
+    layout.layer(db.LayerInfo(1, 0))
+    found = faults(judged(layout, "empty", asked(job.spec)))
+    assert set(found) == {("judged_die", "D0"), ("judged_die", "D1"), ("judged_marks", None), ("judged_text", None)}
+    assert np.all(["is missing" in found[key] for key in (("judged_marks", None), ("judged_text", None))])
