@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Iterator, Set
 from functools import lru_cache
 from itertools import pairwise
 from typing import Literal
@@ -14,7 +15,8 @@ from maskfab.geometry.polygonize import simple_pieces
 from maskfab.model import Point, Polygon
 
 # All vertices of the font are whole steps, and all its edges run along an axis or at 45 degrees: a letter is 28 steps
-# high and 20 wide, its strokes are 4 wide, and their middles run between the points of a lattice, 4 steps apart.
+# high and 20 wide, its strokes are 4 wide, and their middles run between the points of a lattice, 4 steps apart. Gaps
+# are as wide, but for corners of 45 degrees, which end 2 wide.
 _STEPS_PER_HEIGHT = 28
 _ADVANCE = 24
 _WIDTH = 20
@@ -26,7 +28,7 @@ _STROKES = {
     "!": "26-22 20",
     '"': "16-15 36-35",
     "#": "16-10 36-30 04-44 02-42",
-    "$": "45-15-04-13-33-42-31-01 26-20",
+    "$": "45-15-04-13-33-42-31-01 26-25 21-20",
     "%": "06-16-15-05-06 46-45-01-00 31-41-40-30-31",
     "&": "42-20-10-01-02-35-26-16-05-04-40",
     "'": "26-25",
@@ -164,6 +166,8 @@ def _letter(letter: str) -> tuple[Polygon, ...]:
         region.insert(_pen(point, others))
         for other in others:
             region.insert(_stroke(point, other))
+            for strip in _webs(point, other, links.keys()):
+                region.insert(strip)
     joined = region.merged().transformed(db.ICplxTrans(0.5))
     return tuple(tuple((point.x, point.y) for point in piece.each_point_hull()) for piece in simple_pieces(joined))
 
@@ -203,6 +207,17 @@ def _stroke(start: Point, end: Point) -> db.SimplePolygon:
     ring = [(x0 + left[0], y0 + left[1]), (x0 + right[0], y0 + right[1])]
     ring += [(x1 - left[0], y1 - left[1]), (x1 - right[0], y1 - right[1])]
     return db.SimplePolygon([2 * db.Point(*point) for point in ring])
+
+
+def _webs(start: Point, end: Point, inked: Set[Point]) -> Iterator[db.Box]:
+    """Strips of one step that keep a gap 2 wide where a slanting stroke comes from a bar that it meets at its end."""
+    for corner in ((start[0], end[1]), (end[0], start[1])):
+        u, v = corner[0] - end[0], corner[1] - end[1]
+        beyond = 2 * corner[0] - start[0], 2 * corner[1] - start[1]
+        if corner not in (start, end) and {beyond, (beyond[0] - u, beyond[1] - v)} <= inked:
+            x, y = _middle(corner)
+            across, up = 2 * abs(v), 2 * abs(u)
+            yield 2 * db.Box(x - 2 * u - across, y - 2 * v - up, x - u + across, y - v + up)
 
 
 def _middle(point: Point) -> Point:

@@ -26,9 +26,9 @@ _PICTURES = r"""
 !      "      #      $      %      &      '      (
 ..#..  .#.#.  .#.#.  ..#..  ##..#  .##..  ..#..  ...#.
 ..#..  .#.#.  .#.#.  .####  ##..#  #..#.  ..#..  ..#..
-..#..  .....  #####  #.#..  ...#.  #.#..  .....  .#...
+..#..  .....  #####  #....  ...#.  #.#..  .....  .#...
 ..#..  .....  .#.#.  .###.  ..#..  .#...  .....  .#...
-..#..  .....  #####  ..#.#  .#...  #.#.#  .....  .#...
+..#..  .....  #####  ....#  .#...  #.#.#  .....  .#...
 .....  .....  .#.#.  ####.  #..##  #..#.  .....  ..#..
 ..#..  .....  .#.#.  ..#..  #..##  .##.#  .....  ...#.
 
@@ -163,7 +163,8 @@ def _figure(letter: str) -> Mask:
     Strokes run from middle to middle of squares that share a side, and of squares that share a corner where both
     squares beside that corner are blank. They are 4 steps wide, at 45 degrees 3 sqrt(2). A slanting stroke that meets
     none ends at a right angle, half a sqrt(2) beyond the middle; where it meets others is an octagon, and elsewhere the
-    square.
+    square. A blank square beside a slanting stroke whose other two neighbours are not blank, nor the square between
+    one of these and the stroke's end, is covered for one step along that end.
     """
     picture = np.pad(_pictures()[letter][::-1], 1)
     figure = np.zeros((_THIRDS * HEIGHT, _THIRDS * ADVANCE), dtype=np.bool_)
@@ -179,6 +180,11 @@ def _figure(letter: str) -> Mask:
                 low, high, near = (-1, 9, 3) if slanting else (0, 4, 2)
                 along, across = right * u + up * v, np.abs(up * u - right * v)
                 figure |= (low <= along) & (along <= high) & (across <= near)
+                # Towards this end: the square above or below it, then the one beside it.
+                if slanting and picture[row + up, column - right] and picture[row, column - right]:
+                    figure |= (np.abs(u) <= 2) & (np.abs(up * v - 5 / 2) <= 1 / 2)
+                if slanting and picture[row - up, column + right] and picture[row - up, column]:
+                    figure |= (np.abs(v) <= 2) & (np.abs(right * u - 5 / 2) <= 1 / 2)
         pen = (np.abs(u) <= 2) & (np.abs(v) <= 2)
         if strokes[True]:
             pen &= (np.abs(u + v) <= 3) & (np.abs(u - v) <= 3)
