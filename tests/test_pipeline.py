@@ -372,31 +372,63 @@ def test_without_a_scene_nothing_is_planned_or_shown(out, report):
 
 EVERY_FORMAT = """\
 [export]
-formats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"]
+formats = ["gdsii", "oasis", "cif", "dxf_r12", "dxf_r2010", "gerber", "svg", "step", "glb", "3mf", "stl", "png", "tiff"]
 dots_per_um = 0.25
 
 [plate]"""
 
 
+LAYOUTS = """\
+[export]
+formats = ["gdsii", "oasis", "cif", "dxf_r12", "dxf_r2010", "gerber", "svg"]
+
+[plate]"""
+
 WRITE = """\
-import sys
+import locale, sys
 from pathlib import Path
 from maskfab.job import load_job
 from maskfab.pipeline import draw_files, write_files
 from maskfab.progress import silent
 
+locale.setlocale(locale.LC_ALL, "")
 job, folder = load_job(sys.argv[1]), Path(sys.argv[2])
 folder.mkdir()
 write_files(job, draw_files(job, job.plate()), folder, silent)
 """
 
 
-@pytest.mark.slow
-def test_two_processes_write_the_same_bytes_in_every_format(tmp_path):
-    path, here, there = write_job(tmp_path, ("[plate]", EVERY_FORMAT)), tmp_path / "here", tmp_path / "there"
+@pytest.fixture(scope="module")
+def turkish(tmp_path_factory):
+    """Surroundings of a process with Turkish letters and decimal commas, where their locale can be compiled."""
+    folder = tmp_path_factory.mktemp("locales")
+    localedef = shutil.which("localedef")
+    if not localedef or not Path("/usr/share/i18n/locales/tr_TR").exists():
+        pytest.skip("no localedef with the source of tr_TR to compile the Turkish locale from")
+    subprocess.run([localedef, "-i", "tr_TR", "-f", "UTF-8", folder / "tr_TR.UTF-8"], check=True, timeout=60)
+    return {"LOCPATH": str(folder), "LC_ALL": "tr_TR.UTF-8"}
+
+
+@pytest.fixture(scope="module")
+def elsewhere():
+    """Surroundings of a process in another time zone that hashes otherwise."""
     seed = "1" if os.environ.get("PYTHONHASHSEED") != "1" else "2"
+    return {"LC_ALL": "C", "PYTHONHASHSEED": seed, "TZ": "Asia/Kathmandu"}
+
+
+@pytest.mark.parametrize(
+    ("surroundings", "formats"),
+    [
+        pytest.param("turkish", LAYOUTS, id="turkish"),
+        pytest.param("elsewhere", LAYOUTS, id="elsewhere"),
+        pytest.param("turkish", EVERY_FORMAT, id="turkish, every format", marks=pytest.mark.slow),
+        pytest.param("elsewhere", EVERY_FORMAT, id="elsewhere, every format", marks=pytest.mark.slow),
+    ],
+)
+def test_bytes_hang_on_neither_locale_nor_zone_nor_hashes(request, tmp_path, surroundings, formats):
+    path, here, there = write_job(tmp_path, ("[plate]", formats)), tmp_path / "here", tmp_path / "there"
     other = subprocess.Popen(
-        [sys.executable, "-c", WRITE, path, there], env={**os.environ, "PYTHONHASHSEED": seed, "TZ": "Asia/Tokyo"}
+        [sys.executable, "-c", WRITE, path, there], env={**os.environ, **request.getfixturevalue(surroundings)}
     )
     job = load_job(path)
     here.mkdir()
@@ -404,9 +436,10 @@ def test_two_processes_write_the_same_bytes_in_every_format(tmp_path):
     assert other.wait(timeout=120) == 0
     first, second = listing(here), listing(there)
     assert first.keys() == second.keys()
-    assert {Path(name).suffix for name in first} >= {
-        ".gds", ".oas", ".dxf", ".gbr", ".svg", ".step", ".glb", ".3mf", ".stl", ".png", ".tif", ".lyrdb",
-    }  # fmt: skip
+    suffixes = {".gds", ".oas", ".cif", ".dxf", ".gbr", ".svg", ".lyrdb"}
+    if formats is EVERY_FORMAT:
+        suffixes |= {".step", ".glb", ".3mf", ".stl", ".png", ".tif"}
+    assert {Path(name).suffix for name in first} >= suffixes
     assert [name for name in first if first[name] != second[name]] == []
     assert all(first.values())
 
