@@ -22,8 +22,9 @@ from maskfab.display.place import Populated
 from maskfab.errors import InputError, JobError
 from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, read_manifest
 from maskfab.files.staging import put_back
-from maskfab.geometry.plate_layout import clear_shapes
+from maskfab.geometry.plate_layout import clear_shapes, plate_layout
 from maskfab.job import Job, load_job
+from maskfab.judge.verdict import asked, judged
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.apertures import light_box, sees_light
 from maskfab.measurement.verdicts import Verdicts
@@ -187,6 +188,8 @@ def verify_file(
 ) -> Foreign:
     """Any mask file held against a job, or against one of its dies, within limits of time and memory.
 
+    The plate that it is compared with is held against the job, too.
+
     Raises:
         SourceError, JobError: as :func:`maskfab.comparison.foreign.foreign_mask.check_foreign`; MF322 beyond limits.
     """
@@ -199,6 +202,9 @@ def verify_file(
         )
     house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export
+    # A design holds what is clear, whatever tone the job's own files have.
+    plan = replace(asked(job.spec), dark=False)
+    opinion = tuple(row for row in judged(plate_layout(plate), "the design", plan) if die in (None, row.die))
     stated = drawing is not None and "max_vertices" in drawing.model_fields_set
 
     def checked(tell: Progress) -> Foreign:
@@ -215,7 +221,8 @@ def verify_file(
             if house is None
             else StatedLayers(house.layer_names, house.polygons.holes == "layer"),
         )
-        return replace(found, trip=None)  # whose layout stays in the process that read it
+        # Its layout stays in the process that read it.
+        return replace(found, trip=None, quantities=(*found.quantities, *opinion))
 
     return bounded(path, checked, progress)
 

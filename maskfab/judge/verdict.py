@@ -326,17 +326,19 @@ def _misread(line: Line, found: Boundary, plate: Asked) -> str:
     x, y = (np.interp(points(len(each) - 1), np.arange(len(each)), each) for each in (columns, rows))
     seen = found.seen(np.sort(x), y) != 0
     seen = seen[:, ::-1] if plate.mirror else seen
-    said, wanted = read(seen), drawing(text)
-    if said != text:
-        return f"{line.name} reads {said!r}, not {text!r}"
-    corners = found.corners
+    wanted, corners = drawing(text), found.corners
     off = ~(np.isin(corners[:, 0], columns) & np.isin(corners[:, 1], rows))
     extra, lacking = area_steps2(seen & ~wanted), area_steps2(wanted & ~seen)
-    bars = plate.barred and not extra and lacking <= _BARRED * area_steps2(wanted)
-    if not bars and (extra or lacking or off.any()):
-        where = _first(corners[off] if off.any() else corners)
-        return f"{line.name} {text!r} is not drawn as letters are, or not at its place, first at {where}"
-    return ""
+    if (
+        not extra
+        and lacking <= (_BARRED * area_steps2(wanted) if plate.barred else 0)
+        and (plate.barred or not off.any())
+    ):
+        return ""
+    if (said := read(seen)) != text:
+        return f"{line.name} reads {said!r}, not {text!r}"
+    where = _first(corners[off] if off.any() else corners)
+    return f"{line.name} {text!r} is not drawn as letters are, or not at its place, first at {where}"
 
 
 def _code_box(code: Code, plate: Asked) -> tuple[int, int, int, int]:
@@ -358,7 +360,9 @@ def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
     lines = code.module * np.arange(count + 1)
     x, y = (plate.on_plate(start[k] + lines, across=k == 0) for k in (0, 1))
     x = np.sort(x)
-    light = found.seen((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2) == 1
+    # At nine places of each module, of which a bar may take three.
+    nine = (np.interp((np.arange(3 * count) + 0.5) / 3, np.arange(count + 1), each) for each in (x, y))
+    light = found.seen(*nine).reshape(count, 3, count, 3).sum(axis=(1, 3)) > 4
     light = light[:, ::-1] if plate.mirror else light
     picture = np.where(light[::-1], 255, 0).astype(np.uint8)
     # A few pixels a module and some room around it, as a camera has.

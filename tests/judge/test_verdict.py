@@ -16,10 +16,13 @@ from maskfab.export import cell_polygons
 from maskfab.geometry import plate_layout
 from maskfab.geometry.lettering import fitted_text
 from maskfab.judge.verdict import asked, judged
+from maskfab.mask_shops.adapt import suited
+from maskfab.mask_shops.profiles import load_shop
 from maskfab.model import CLEAR, Die, Furniture
 from maskfab.pipeline import draw_files
 from maskfab.plate.marks.data_matrix import data_matrix
 from maskfab.progress import silent
+from maskfab.verification import verify_file
 
 PLAIN = 'blank = "5 in"\nwritable = "100 mm"'
 EVERY = '[export]\nformats = ["gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg"]\n'
@@ -276,6 +279,29 @@ def test_a_run_rests_on_the_second_opinion(monkeypatch, tmp_path):
     assert not result.passed
     assert {check.name for check in result.checks if check.passed is False} == {"judged_marks"}
     assert "FAIL" in result.verdicts.lines[0]
+
+
+def test_files_from_elsewhere_are_not_held_against_a_wrong_plate(job, plate, monkeypatch, tmp_path):
+    spoilt = SABOTAGES["parity F mirrored"][0](plate)
+    (product,) = (each for each in draw_files(job, spoilt).products if each.name.endswith(".gds"))
+    product.write(tmp_path / product.name)
+    monkeypatch.setattr(type(job), "plate", lambda self: spoilt)
+    found = verify_file(tmp_path / product.name, job).quantities
+    assert {row.name for row in found if row.passed is False} == {"judged_marks"}
+
+
+def test_bars_across_marks_are_no_faults_where_a_house_needs_them(job, plate):
+    house = load_shop("mr_nanotec")
+
+    def opinion(plate, holes, house=house):
+        drawn = plate_layout.plate_layout(suited(plate, house or load_shop("mr_nanotec"), holes))
+        return faults(judged(drawn, "stencils", asked(job.spec, house)))
+
+    assert opinion(plate, "layer") == opinion(plate, "bisect") == {}
+    assert set(opinion(plate, "bisect", None)) == {("judged_text", None)}
+    for what in ("parity F mirrored", "label dropped", "label mirrored", "fiducial dropped", "die moved by 1 nm"):
+        sabotage, (name, die, said) = SABOTAGES[what]
+        assert said in opinion(sabotage(plate), "bisect")[name, die]
 
 
 def test_tilings_do_not_hang_on_rounding():
