@@ -100,25 +100,27 @@ class Boundary:
         slanted[:, :, 2] += places[:, :1] * self.slanted[:, 1] - places[:, 1:] * self.slanted[:, 0]
         return Boundary(level, np.tile(self.change, len(places)), slanted.reshape(-1, 5))
 
-    def seen(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> Ints:
-        """How often each place of a grid is covered, int64 [ny, nx]; no place lies on an edge.
+    def seen(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int32]:
+        """How often each place of a grid is covered, int32 [ny, nx]; no place lies on an edge.
 
         Args:
             x: columns, float64 [nx], ascending.
             y: rows, float64 [ny], ascending.
         """
-        gains = np.zeros((len(y) + 1, len(x) + 1), dtype=np.int64)
+        gains = np.zeros((len(y) + 1, len(x) + 1), dtype=np.int32)
         left, below = self.corners[: len(self.level)].T
         np.add.at(gains, (np.searchsorted(y, below), np.searchsorted(x, left)), self.change)
-        gains = np.cumsum(gains, axis=1)
-        # Along a slanted line, rays of the columns between one change and the next cross it at a row of their own.
-        order = np.lexsort(self.slanted[:, [3, 2, 1, 0]].T)
-        for (dx, dy, line, start, _), stop, gain in zip(
-            self.slanted[order], np.roll(self.slanted[order, 3], -1), np.cumsum(self.slanted[order, 4]), strict=True
-        ):
-            columns = np.arange(np.searchsorted(x, start), np.searchsorted(x, stop if gain else start))
-            np.add.at(gains, (np.searchsorted(y, (dy * x[columns] - line) / dx), columns), gain)
-        return np.asarray(np.cumsum(gains, axis=0)[:-1, :-1])
+        gains = np.cumsum(gains, axis=1, dtype=np.int32)
+        # Along a slanted line, rays of the columns between one change and the next cross it, each at a row of its own.
+        dx, dy, line, start, change = self.slanted[np.lexsort(self.slanted[:, 3::-1].T)].T
+        gain = np.cumsum(change)
+        first = np.searchsorted(x, start)
+        columns = np.where(gain != 0, np.roll(first, -1) - first, 0)
+        each = np.repeat(np.arange(len(start)), columns)
+        column = np.arange(len(each)) - np.repeat(np.cumsum(columns) - columns - first, columns)
+        row = np.searchsorted(y, (dy[each] * x[column] - line[each]) / dx[each])
+        np.add.at(gains, (row, column), gain[each])
+        return np.asarray(np.cumsum(gains, axis=0, dtype=np.int32)[:-1, :-1])
 
 
 def packed(x: Ints, y: Ints) -> Ints:
