@@ -787,13 +787,18 @@ def _each(
 def draw_pictures(
     found: Findings, document: report_data.Document, crew: Alone
 ) -> tuple[bytes, Mapping[str, Mapping[str, str]]]:
-    """The picture of the whole plate, as PNG, and every figure of the report, by die and figure."""
+    """The picture of the whole plate, as PNG, and every figure of the report, by die and figure, of the dies that it
+    shows."""
     Figures, built = die_figures.Figures, found.built
-    designs = {die["name"]: die for die in document["dies"]}
-    more = [Figures(scene.die.name, scene_figures.pictures, (scene,)) for scene in found.scenes]
+    designs, drawn = {die["name"]: die for die in document["dies"]}, frozenset(front.shown_dies(document))
+    more = [
+        Figures(scene.die.name, scene_figures.pictures, (scene,)) for scene in found.scenes if scene.die.name in drawn
+    ]
     more += _front_figures(found.restored, document)
     for die in found.plate.dies:
         name = die.name
+        if name not in drawn:
+            continue
         if name in built.found:
             more.append(Figures(name, display_figures.pictures, (die.panel, built.found[name])))
         if "design" in designs[name]:
@@ -803,7 +808,8 @@ def draw_pictures(
     shown, best = _most_invertible(found.optics), front.best(document)
     overview = crew.submit(die_figures.overview, lambda: (found.plate, document, shown))
     stressed = () if isinstance(best, str) else best.shown
-    pictures = die_figures.pictures(found.plate, found.optics, document, more, crew, stressed)
+    optics = [item for item in found.optics if item.die.name in drawn]
+    pictures = die_figures.pictures(found.plate, optics, document, more, crew, stressed)
     return overview.result(), pictures
 
 

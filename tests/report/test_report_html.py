@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import json
 import re
 from dataclasses import replace
 from html.parser import HTMLParser
@@ -10,7 +11,9 @@ from maskfab.model import UNSTATED, Stop
 from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.report.documents.report_data import to_document
 from maskfab.report.page import html
+from maskfab.report.page.front import MOST_SHOWN, shown_dies
 from maskfab.report.plots import die_figures
+from maskfab.report.plots.number_text import rounded
 
 MARKUP = "<script>alert('x')</script>"
 
@@ -235,3 +238,49 @@ def test_what_is_not_modelled_stands_apart_the_largest_first(run):
     assert re.findall(r'<td title="(model_\w+)">', section) == [each.name for each in bar]
     assert page.count('title="model_chrome_leak"') == 1
     assert "Not modelled" not in html.html_page(to_document(run.report, run.plate, run.camera), {})
+
+
+@pytest.fixture(scope="module")
+def crowd(small_result):
+    """The report of a run as if its plate had 160 of its first die; two of them fail."""
+    document = json.loads((small_result / "report.json").read_text(encoding="utf-8"))
+    first = document["dies"][0]
+    own = [check for check in document["checks"] if check.get("die") == first["name"]]
+    names = [f"D{number}" for number in range(160)]
+    rows = {name: [{**row, "die": name} for row in first["quantities"]] for name in names}
+    checks = [{**check, "die": name, "passed": name not in {"D90", "D159"}} for name in names for check in own]
+    dies = [{**first, "name": name, "label": f"label {name}", "quantities": rows[name]} for name in names]
+    return {**document, "dies": dies, "checks": checks}
+
+
+def test_many_dies_are_a_table_that_unfolds(crowd):
+    unfolded = shown_dies(crowd)
+    assert len(unfolded) == MOST_SHOWN
+    assert {"D90", "D159"} < set(unfolded)
+    figure = f"<img src='data:image/png;base64,{'A' * 40_000}' alt=''>"
+    page = html.html_page(crowd, {name: {"psf": figure} for name in unfolded})
+    read(page)
+    for die in crowd["dies"]:
+        assert page.count(f'id="die-{die["name"]}"') == 1
+        assert f"“{die['label']}”" in page
+    assert page.count(figure) == page.count('<section class="die"') == MOST_SHOWN
+    folded = page[page.index('<section id="folded"') : page.index('<section id="plate"')]
+    assert folded.count("<details id=") == 160 - MOST_SHOWN
+    words = " ".join(folded.split())
+    assert f"of {MOST_SHOWN} of the 160 dies" in words
+    assert "Left out are their figures, methods, rarely read numbers" in words
+    line = next(row for row in crowd["dies"][0]["quantities"] if row["name"] == "stop_open_ratio")
+    assert folded.count(f">{rounded(line['value'])}</td>") >= 160 - MOST_SHOWN
+    # A thousand dies, and figures of the size that they have: within 10 MB.
+    fewer = html.html_page({**crowd, "dies": crowd["dies"][:100]}, {})
+    of_each = (len(page) - MOST_SHOWN * len(figure) - len(fewer)) / 60
+    assert len(page) + 840 * of_each < 10e6
+
+
+def test_a_few_dies_are_all_shown(crowd):
+    few = {**crowd, "dies": crowd["dies"][:MOST_SHOWN]}
+    page = html.html_page(few, {})
+    assert shown_dies(few) == tuple(die["name"] for die in few["dies"])
+    assert 'id="folded"' not in page
+    assert page.count('<section class="die"') == MOST_SHOWN
+    assert "Checks that passed (" in page

@@ -12,13 +12,16 @@ from maskfab.error_codes import explained
 from maskfab.errors import CATALOGUE
 from maskfab.measurement.restored import middle_level
 from maskfab.report.page.bands import band_of, edges, spread_words
-from maskfab.report.page.die_table import photograph_bands
+from maskfab.report.page.die_table import die_table, photograph_bands
 from maskfab.report.page.photograph_table import difference, mean_psnr, scores
 from maskfab.report.plots.number_text import short
 from maskfab.units import UM_PER_MM
 
 Document = Mapping[str, Any]
 Mood = Literal["good", "bad", "open"]
+
+MOST_SHOWN = 32
+"""Dies that a page shows with figures; with many more it would be too large for a browser."""
 
 _ADD = 'add a die as [[die]] to compare with, and name it in the job: [report] reference = "DIE"'
 
@@ -151,6 +154,20 @@ def best(document: Document) -> Best | str:
         gain_made=gain_made,
         open_ratio_made="" if open_ratio is None else edges(band_of(die, open_ratio)),
     )
+
+
+def shown_dies(document: Document) -> tuple[str, ...]:
+    """Dies that the page shows with figures and all their numbers: all, or of more than 32 the reference and the best,
+    then those that failed a check, then those that photographs find best."""
+    names: list[str] = [die["name"] for die in document["dies"]]
+    if len(names) <= MOST_SHOWN:
+        return tuple(names)
+    found = best(document)
+    failed = {check["die"] for check in document["checks"] if not check["passed"] and "die" in check}
+    first = () if isinstance(found, str) else found.shown
+    ranked = [line.name for line in die_table(document).lines]
+    chosen = list(dict.fromkeys([*first, *(name for name in names if name in failed), *ranked]))[:MOST_SHOWN]
+    return tuple(name for name in names if name in chosen)
 
 
 def assumed(document: Document) -> str:

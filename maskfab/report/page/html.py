@@ -18,7 +18,7 @@ from maskfab.quantities import QUANTITIES, Entry, registered
 from maskfab.report.page.bands import band_of, decibels, ranked
 from maskfab.report.page.die_table import die_table
 from maskfab.report.page.environment import page_environment
-from maskfab.report.page.front import assumed, best, crops, stamps
+from maskfab.report.page.front import MOST_SHOWN, assumed, best, crops, shown_dies, stamps
 from maskfab.report.page.glossary import WORDS
 from maskfab.report.page.model_table import model_table
 from maskfab.report.page.photograph_table import photograph_table
@@ -60,6 +60,9 @@ _RARELY_READ = frozenset(
     }
 )
 """Rows that the page folds, unless they failed."""
+
+_MOST_FAILED = 300
+"""Failed checks that the page of many dies lists one by one."""
 
 _RARELY_READ_FAMILIES = ("band_", "bitmap_", "drawn_", "psf_file_", "sensitivity_", "solid_", "written_")
 """Prefixes of further rows that it folds: a die has such rows for every file of its own."""
@@ -115,6 +118,9 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         best=(found := best(document)),
         crops=list(crops(document, found)),
         assumed=assumed(document),
+        unfolded=shown_dies(document),
+        many=len(document["dies"]) > MOST_SHOWN,
+        most_failed=_MOST_FAILED,
         failures=_by_name(check for check in checks if not check["passed"]),
         summary=_by_name(checks),
         failed_dies={check["die"] for check in checks if not check["passed"] and "die" in check},
