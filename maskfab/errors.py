@@ -15,6 +15,7 @@ Every error says what is wrong, the value with its unit, the limit, where it sta
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from errno import ENOMEM
 from functools import partial
 from types import MappingProxyType
 
@@ -91,6 +92,8 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF318": "A picture does not state its tone (which value is white).",
         "MF322": "Processing a file takes more time or memory than the limit for its size.",
         "MF323": "The polygon library fails on a file.",
+        "MF324": "A mask file that was just written cannot be read back, or shows nothing of a die.",
+        "MF325": "The system refuses memory that the work needs.",
         "MF330": "A capture is not linear: it holds 8 bits, code values of a display, or is compressed with loss.",
         "MF331": "Captures of one stack differ in their size, mosaic, camera or sensitivity.",
         "MF332": "Exposure times are missing, all equal, or contradict the light of the captures.",
@@ -138,6 +141,9 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
     }
 )
 
+_LACK_OF_MEMORY = ("bad_alloc", "failed to map segment", "Cannot allocate memory")
+"""What C++, the loader of libraries and the C library say."""
+
 _LONGEST = 4000
 """Characters of each part of an error."""
 
@@ -168,6 +174,15 @@ class MaskfabError(Exception):
     def __reduce__(self) -> tuple[Callable[..., MaskfabError], tuple[str, str]]:
         """Errors of a process of its own come here whole."""
         return partial(type(self), where=self.where, cure=self.cure), (self.code, self.what)
+
+
+def is_lack_of_memory(error: BaseException) -> bool:
+    """Whether an exception says that the system refuses memory, in the words of whichever library asked for it."""
+    return (
+        isinstance(error, MemoryError)
+        or (isinstance(error, OSError) and error.errno == ENOMEM)
+        or any(words in str(error) for words in _LACK_OF_MEMORY)
+    )
 
 
 def _clipped(text: str) -> str:

@@ -17,12 +17,12 @@ from klayout import db
 
 from maskfab import __version__, provenance, resources
 from maskfab.comparison.bitmaps import check_pixels
-from maskfab.comparison.files import read_back
+from maskfab.comparison.files import ReadBack, read_back
 from maskfab.comparison.plate_dots import check_dots
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.display.place import Populated
 from maskfab.drc import RuleResult, check_plate
-from maskfab.errors import UnknownNameError
+from maskfab.errors import InternalError, SourceError, UnknownNameError
 from maskfab.export.images.plate_bitmap import check_plate_bitmap
 from maskfab.export.images.psf_exr import PsfFile, psf_files
 from maskfab.export.markers import write_markers
@@ -266,7 +266,7 @@ def _make(
             with clock.stage("write"):
                 files = write_files(job, made, folder, progress, measured)
             with clock.stage("read back"):
-                back = read_back(made, folder, progress)
+                back = _read_own(made, folder, progress)
             layout = layout_as_seen(job, back.trips[0].layout)
             with clock.stage("optics"), _told("optics", crew, progress):
                 optics = measure_dies(seen, job.camera, layout, progress, clock.seconds, job.blank, crew)
@@ -454,6 +454,21 @@ def write_files(
         give_back()
     progress("write files", len(steps), len(steps))
     return tuple(provenance.file_record(folder, folder / name, kind) for name, (kind, _) in steps.items())
+
+
+def _read_own(made: PlateFiles, folder: Path, progress: Progress) -> ReadBack:
+    """Files that were just written, read back.
+
+    Raises:
+        InternalError: MF324 for a damaged one, which is no fault of the input.
+    """
+    try:
+        return read_back(made, folder, progress)
+    except SourceError as error:
+        if error.code != "MF303":
+            raise
+        what = f"a mask file that was just written cannot be read back: {error.what}"
+        raise InternalError("MF324", what, where=error.where, cure="Please report this with the job file") from error
 
 
 def aids(job: Job, plate: Plate, measured: Beside | None = None) -> dict[str, tuple[str, Callable[[Path], object]]]:

@@ -37,6 +37,14 @@ Found = TypeVar("Found")
 Given: TypeAlias = Callable[[], tuple[Any, ...]]
 """Makes the arguments of a task when it begins: those of all tasks may not fit into memory."""
 
+_FROM_OUTSIDE = frozenset(
+    getattr(signal, name)
+    for name in ("SIGKILL", "SIGTERM", "SIGHUP", "SIGQUIT", "SIGUSR1", "SIGUSR2")
+    if hasattr(signal, name)
+)
+"""Signals that end a process from outside: a user, a batch system, or one that is short of memory."""
+_ENDS_WITHIN_S = 10.0
+
 _Kind: TypeAlias = Literal["kept", "raised", "found"]
 
 
@@ -76,7 +84,8 @@ class Task(Generic[Found]):
         """The finding, once the task has ended.
 
         Raises:
-            Exception: whatever the task raises; InternalError MF901 if the second process ends before it has answered.
+            Exception: whatever the task raises; InternalError MF901 if it ends the second process. Where somebody else
+                does, it is done here.
         """
         self.attempt()
         if self._outcome is None:
@@ -225,8 +234,11 @@ class Pair(Alone):
                 continue
             try:
                 task.tell(*other.answer(message))
-            except (OSError, EOFError):
-                task.tell("raised", InternalError("MF901", f"another process ended with {other.last_words()}"))
+            except (OSError, EOFError, pickle.UnpicklingError):
+                if other.was_killed():
+                    task.tell("kept", None)
+                else:
+                    task.tell("raised", InternalError("MF901", f"another process ended with {other.last_words()}"))
                 return
             except Exception as error:
                 task.tell("raised", error)
@@ -261,9 +273,21 @@ class _Other(AbstractContextManager["_Other"]):
         """
         assert self._process.stdin is not None
         assert self._process.stdout is not None
-        self._process.stdin.write(message)
-        self._process.stdin.flush()
+        try:
+            self._process.stdin.write(message)
+            self._process.stdin.flush()
+        except OSError:
+            with suppress(OSError):  # what it has not taken would be written again when it is left
+                self._process.stdin.close()
+            raise
         return pickle.load(self._process.stdout)  # type: ignore[no-any-return]
+
+    def was_killed(self) -> bool:
+        """Whether somebody else ended it, once it does not answer; what a task does to it, it would do here, too."""
+        try:
+            return -self._process.wait(_ENDS_WITHIN_S) in _FROM_OUTSIDE
+        except subprocess.TimeoutExpired:
+            return False
 
     def last_words(self) -> str:
         """The last line of what it printed."""

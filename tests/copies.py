@@ -59,6 +59,7 @@ def _live(arguments: list[str], out: int, said: int) -> NoReturn:
     code = 1
     try:
         faulthandler.disable()
+        limits.end_by_signals()
         os.dup2(out, 1)
         os.dup2(said, 2)
         sys.stdout, sys.stderr = open(1, "w"), open(2, "w")  # noqa: SIM115

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 
 
@@ -9,6 +10,13 @@ def after(seconds: float, value: int) -> int:
     """The value, only later."""
     time.sleep(seconds)
     return value
+
+
+def sooner_in(process: int) -> int:
+    """The process that does it: at once in the one given, in any other after ten minutes."""
+    if os.getpid() != process:
+        time.sleep(600)
+    return os.getpid()
 
 
 def printed(number: int) -> int:

@@ -12,7 +12,9 @@ import pytest
 from small_job import listing, write_job
 
 from maskfab import run
+from maskfab.cli import app
 from maskfab.errors import OutputError
+from maskfab.files.staging import check_target, staged
 
 
 def started(*words: object) -> subprocess.Popen[bytes]:
@@ -33,6 +35,11 @@ def wait_for(folder: Path, pattern: str) -> None:
         signal.SIGTERM,
         pytest.param(signal.SIGHUP, marks=pytest.mark.slow),
         pytest.param(signal.SIGINT, marks=pytest.mark.slow),
+        *(
+            pytest.param(getattr(signal, name), marks=pytest.mark.slow)
+            for name in ("SIGQUIT", "SIGUSR1", "SIGALRM", "SIGRTMIN")
+            if hasattr(signal, name)
+        ),
     ],
 )
 def test_a_run_that_a_signal_ends_leaves_nothing(tmp_path, number):
@@ -43,6 +50,35 @@ def test_a_run_that_a_signal_ends_leaves_nothing(tmp_path, number):
     process.send_signal(number)
     assert process.wait(60) == 128 + number
     assert listing(tmp_path) == before
+
+
+ENDING = [
+    getattr(signal, name)
+    for name in (
+        *("SIGHUP", "SIGQUIT", "SIGABRT", "SIGUSR1", "SIGUSR2", "SIGALRM", "SIGTERM", "SIGXCPU", "SIGVTALRM"),
+        *("SIGPROF", "SIGIO", "SIGPWR", "SIGSYS", "SIGTRAP", "SIGRTMIN", "SIGRTMAX"),
+    )
+    if hasattr(signal, name)
+]
+"""Signals that end a process unless it asks otherwise, by signal(7), faults of the process itself aside."""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("number", ENDING, ids=lambda number: signal.Signals(number).name)
+def test_every_signal_that_ends_a_process_ends_a_command_in_order(tmp_path, monkeypatch, number):
+    """A staged folder is removed, handlers are put back, and the exit code names the signal."""
+    place, before = check_target(tmp_path / "out", force=False), signal.getsignal(number)
+
+    def cited(arguments, **_):
+        with staged(place) as folder:
+            (folder / "half").write_text("half", encoding="utf-8")
+            signal.raise_signal(number)
+            raise AssertionError("it goes on")
+
+    monkeypatch.setattr(app._program, "main", cited)
+    assert app.run_command_line(["cite"]) == 128 + number
+    assert list(tmp_path.iterdir()) == []
+    assert signal.getsignal(number) == before
 
 
 @pytest.mark.slow

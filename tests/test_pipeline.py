@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import json
 import os
 import shutil
@@ -17,8 +18,9 @@ from klayout import db, rdb
 from small_job import OPENING, command, finished, listing, with_the_die, write_job
 
 import maskfab
-from maskfab import resources
+from maskfab import pipeline, resources
 from maskfab.errors import JobError, OutputError
+from maskfab.export import gds
 from maskfab.job import load_job
 from maskfab.model import Quantity
 from maskfab.pipeline import Result, check_rules, draw_files, write_files
@@ -224,6 +226,66 @@ OTHER = {
     "limit": ("[plate]", "[limits]\ncorner_touches = 0\n[plate]"),
     "window": ('"64 um"', '"66 um"'),
 }
+
+
+@pytest.mark.usefixtures("drawn_in_words", "measured_once")
+@pytest.mark.parametrize(
+    ("spoil", "told"),
+    [
+        (lambda layout: layout.set_info(layout.find_layer(1, 0), db.LayerInfo(7, 0)), "nothing clear before the stop"),
+        (lambda layout: setattr(layout, "dbu", 10 * layout.dbu), "nothing clear before the stop"),
+        (lambda layout: setattr(layout, "dbu", 1000 * layout.dbu), "cannot be read back"),
+    ],
+    ids=["layer", "unit", "far"],
+)
+def test_a_writer_that_spoils_its_file_is_told_as_such(capsys, tmp_path, monkeypatch, spoil, told):
+    real = gds._content
+
+    def content(layout, path, options):
+        spoilt = layout.dup()
+        spoil(spoilt)
+        return real(spoilt, path, options)
+
+    monkeypatch.setattr(gds, "_content", content)
+    job = write_job(tmp_path, ("[plate]", '[export]\nformats = ["gdsii"]\n\n[plate]'))
+    before = listing(tmp_path)
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["code"]) == (3, "MF324")
+    assert told in answer.document["error"]["what"]
+    assert answer.document["error"]["cure"]
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    "error",
+    [MemoryError(), RuntimeError("std::bad_alloc"), OSError(errno.ENOMEM, "x"), ImportError("failed to map segment")],
+    ids=lambda error: type(error).__name__,
+)
+def test_a_lack_of_memory_is_told_with_its_limit_and_leaves_nothing(capsys, tmp_path, monkeypatch, error):
+    def full(*_):
+        raise error
+
+    monkeypatch.setattr(pipeline, "write_files", full)
+    job = with_the_die("PLAIN", write_job(tmp_path))
+    before = listing(tmp_path)
+    answer = command(capsys, "run", job, "--out", tmp_path / "out", "--json", "--quiet")
+    told = answer.document["error"]
+    assert (answer.code, told["code"]) == (2, "MF325")
+    assert "limit" in told["what"]
+    assert "ulimit -v" in told["what"] + told["cure"]
+    assert listing(tmp_path) == before
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="limits of POSIX")
+def test_a_limit_of_the_shell_on_memory_is_told(tmp_path):
+    told = subprocess.run(
+        ["sh", "-c", f"ulimit -v 600000; {sys.executable} -m maskfab run {write_job(tmp_path)} --out {tmp_path}/out"],
+        capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert told.returncode == 2
+    assert "MF325" in told.stderr
+    assert "614 MB (ulimit -v)" in told.stderr
 
 
 @pytest.mark.parametrize("case", SAME)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 import os
+import signal
+import sys
 import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +13,7 @@ from threading import Lock
 from typing import Any
 
 import pytest
-from shared_tasks import after, printed
+from shared_tasks import after, printed, sooner_in
 from small_job import write_job
 
 from maskfab import pipeline
@@ -105,6 +107,18 @@ def test_a_process_that_ends_is_told_and_the_rest_is_done_here():
         with pytest.raises(InternalError, match="MF901 another process ended with nothing"):
             fatal.result()
         assert [task.result() for task in crew.each([(os.getpid, given())] * 3)] == [os.getpid()] * 3
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+@pytest.mark.parametrize("number", ["SIGKILL", "SIGTERM"])
+def test_the_task_of_a_process_that_somebody_kills_is_done_here(number):
+    with Pair() as crew:
+        task = crew.submit(sooner_in, given(os.getpid()))
+        while crew._waiting:
+            time.sleep(0.01)
+        crew._processes[0]._process.send_signal(getattr(signal, number))
+        assert task.result() == os.getpid()
+        assert [each.result() for each in crew.each([(os.getpid, given())] * 3)] == [os.getpid()] * 3
 
 
 def test_nobody_is_waited_for_when_the_work_is_given_up():

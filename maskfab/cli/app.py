@@ -43,7 +43,8 @@ from maskfab.cli.verbs.study import study
 from maskfab.cli.verbs.sweep import sweep
 from maskfab.cli.verbs.verify import verify
 from maskfab.cli.verbs.view import view
-from maskfab.errors import InternalError, JobError, MaskfabError
+from maskfab.errors import InputError, InternalError, JobError, MaskfabError, is_lack_of_memory
+from maskfab.readers.sandbox.limits import limit_in_force
 
 _EPILOG = (
     "Exit codes: 0 all checks pass; 1 a check failed; 2 bad input, nothing written; 3 internal error; "
@@ -174,6 +175,16 @@ def _common(
 for _verb, _examples in _VERBS:
     app.command(epilog=_examples)(_verb)
 
+_PASSED_OVER = frozenset(
+    getattr(signal, name)
+    for name in (
+        *("SIGKILL", "SIGSTOP", "SIGSEGV", "SIGBUS", "SIGFPE", "SIGILL"),
+        *("SIGTSTP", "SIGTTIN", "SIGTTOU", "SIGCONT", "SIGCHLD", "SIGURG", "SIGWINCH"),
+    )
+    if hasattr(signal, name)
+)
+"""Signals that nobody can catch, that come from a fault to which a handler would only return, and that end nothing."""
+
 _program: Any = typer.main.get_command(app)
 
 
@@ -205,11 +216,21 @@ def run_command_line(arguments: Sequence[str]) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return 0
     except Exception as fault:
+        if is_lack_of_memory(fault):
+            return _tell(_refused_memory(fault), "--json" in arguments)
         traceback.print_exc()
         problem = InternalError(
             "MF901", f"{type(fault).__name__}: {fault}", cure="Please report this with the job file"
         )
         return _tell(problem, "--json" in arguments)
+
+
+def _refused_memory(fault: BaseException) -> InputError:
+    said = (str(fault).strip() or type(fault).__name__).splitlines()[0]
+    most = limit_in_force("RLIMIT_AS")
+    limit = "no limit of its own" if most is None else f"a limit of {most / 1e6:.0f} MB (ulimit -v)"
+    cure = "Raise ulimit -v, close other programs, or ask for fewer dies, a smaller stop or a coarser accuracy"
+    return InputError("MF325", f"the system refuses maskfab, which has {limit}, more memory: {said}", cure=cure)
 
 
 def _help(verb: str) -> str:
@@ -228,7 +249,7 @@ class _Ended(BaseException):
 
 @contextmanager
 def _ended_by_signals() -> Iterator[None]:
-    """Let SIGTERM and SIGHUP end the work as Ctrl-C does, so that nothing half-written is left; each only once."""
+    """Let signals that end a process end the work as Ctrl-C does, so that nothing half-written is left; each once."""
 
     def end(number: int, _: object) -> None:
         for each in before:
@@ -238,8 +259,8 @@ def _ended_by_signals() -> Iterator[None]:
     before: dict[int, Any] = {}
     # What somebody else handles, or ignores as nohup does, stays so; and only the main thread may ask.
     if threading.current_thread() is threading.main_thread():
-        numbers = (getattr(signal, name, None) for name in ("SIGTERM", "SIGHUP"))
-        before = {each: signal.SIG_DFL for each in numbers if each and signal.getsignal(each) is signal.SIG_DFL}
+        numbers = (each for each in signal.valid_signals() if each not in _PASSED_OVER)
+        before = {each: signal.SIG_DFL for each in numbers if signal.getsignal(each) is signal.SIG_DFL}
     for each in before:
         signal.signal(each, end)
     try:

@@ -10,6 +10,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.errors import InternalError
 from maskfab.geometry.plate_layout import coverage
 from maskfab.geometry.stop import edges_in_stop
 from maskfab.measurement.apertures import Shapes, aperture_in_stop, axis_nm, lines_nm, read_aperture
@@ -60,9 +61,15 @@ def measure(die: Die, camera: Camera, shapes: Shapes, blank: MaskBlank = UNSTATE
         blank: what the plate is made of; a leak whose phase is stated is part of every number.
         shapes: everything clear in front of the stop as read back, in plate coordinates: a merged region, or disjoint
             boxes, see :func:`maskfab.geometry.plate_layout.clear_shapes`.
+
+    Raises:
+        InternalError: MF324 if nothing is, which the design itself cannot have.
     """
     stop = camera.stop
     edges, area = edges_in_stop(shapes, stop, axis_nm(die))
+    if area <= 0:
+        what = f"read back, the mask file has nothing clear before the stop of the die {die.name}, where the design has"
+        raise InternalError("MF324", what, where=die.name, cure="Please report this with the job file")
     outline = stop_boundary(edges, area, camera)
     leak = Leak.of(blank, stop)
     pupil, design_pupil, lit = _pupils(die, camera, shapes, edges, leak)

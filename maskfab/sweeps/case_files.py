@@ -7,10 +7,22 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from maskfab.files.atomic import partial
+from maskfab.files.atomic import not_writable, partial
 
 Record: TypeAlias = Mapping[str, Any]
 """Of a case: its key, rows of numbers, and why it failed, or None."""
+
+
+def make_folder(folder: Path) -> None:
+    """Make the folder of the cases, before the first is looked for.
+
+    Raises:
+        OutputError: MF401 if it cannot be made.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise not_writable(folder, error) from error
 
 
 def keep(folder: Path, record: Record) -> None:

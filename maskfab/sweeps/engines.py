@@ -13,7 +13,7 @@ from maskfab.errors import JobError, OutputError
 from maskfab.kept.fingerprint import of_installation
 from maskfab.processes import Alone, Pair
 from maskfab.progress import Progress
-from maskfab.sweeps.case_files import Record, keep
+from maskfab.sweeps.case_files import Record, keep, make_folder
 from maskfab.sweeps.finding import find_and_keep, find_by_one_thread
 from maskfab.sweeps.plan import Case
 from maskfab.threads import one_thread
@@ -46,7 +46,7 @@ def map_cases(
     Args:
         cases: none of which is refused.
         quantities: that are wanted.
-        folder: of the files.
+        folder: of the files; made once nothing can be refused any more.
         progress: told how many are found.
         engine: who finds them.
         scheduler: address of a Dask scheduler, of that engine alone.
@@ -65,6 +65,7 @@ def map_cases(
         raise JobError("MF105", f"the engine {engine!r} with the scheduler {scheduler!r}", where="--engine", cure=cure)
     if scheduler is not None:
         return _by_cluster(cases, quantities, folder, progress, scheduler)
+    make_folder(folder)
     others = 0 if engine == "serial" else min(workers or os.cpu_count() or 1, len(cases)) - 1
     return _by_processes(cases, quantities, folder, progress, others)
 
@@ -103,6 +104,7 @@ def _by_cluster(
     distributed = _distributed()
     with _client(distributed, scheduler) as client:
         _same_version(client, scheduler)
+        make_folder(folder)
         found: dict[str, Record] = {}
         waiting, many = deque(cases), 1
         tasks: dict[str, tuple[Case, ...]] = {}

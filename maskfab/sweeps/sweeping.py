@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from maskfab.errors import OutputError
 from maskfab.files.atomic import not_writable
 from maskfab.progress import Progress, silent
-from maskfab.sweeps.case_files import Record, kept
+from maskfab.sweeps.case_files import Record, kept, make_folder
 from maskfab.sweeps.numbers import Swept
 from maskfab.sweeps.plan import Plan
 
@@ -55,10 +55,6 @@ def made(
     """
     check_folder(out)
     folder = out / CASES
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise not_writable(folder, error) from error
     records: dict[str, Record] = {}
     for case in plan.cases:
         if case.refused is not None:
@@ -73,4 +69,6 @@ def made(
             missing, plan.quantities, folder, progress, engine=engine, scheduler=scheduler, workers=workers
         )
         records |= {record["key"]: record for record in found_now}
+    else:
+        make_folder(folder)
     return Swept(plan, tuple(records[case.key] for case in plan.cases), len(missing))

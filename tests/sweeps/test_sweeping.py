@@ -18,6 +18,7 @@ from maskfab import resources
 from maskfab.api.verbs.job_sweeps import Sweep
 from maskfab.errors import JobError, OutputError
 from maskfab.kept.fingerprint import of_installation
+from maskfab.processes import Pair
 from maskfab.sweeps import finding
 from maskfab.sweeps.engines import _same_version, map_cases
 from maskfab.sweeps.plan import MOST_CASES, planned
@@ -144,6 +145,23 @@ def test_processes_find_what_one_finds(swept, tmp_path):
     for name in ("sweep.json", "sweep.csv", "sweep.html"):
         assert (tmp_path / "out" / name).read_bytes() == (swept.directory / name).read_bytes()
     assert again.found.remade == 6
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_no_case_is_lost_with_a_worker_that_somebody_kills(swept, tmp_path, monkeypatch):
+    class Killed(Pair):
+        """Its other process is killed before it has answered anything."""
+
+        def __enter__(self) -> Pair:
+            super().__enter__()
+            for other in self._processes:
+                other.kill()
+            return self
+
+    monkeypatch.setattr("maskfab.sweeps.engines.Pair", Killed)
+    again = mf.sweep(swept.found.plan.where, tmp_path / "out", workers=2)
+    assert again.found.failed == ()
+    assert (tmp_path / "out/sweep.json").read_bytes() == (swept.directory / "sweep.json").read_bytes()
 
 
 def test_a_cluster_finds_what_one_finds(swept, tmp_path):
@@ -281,7 +299,7 @@ def test_places_and_engines_that_cannot_be_used(tmp_path):
         mf.sweep(study, tmp_path)
     with pytest.raises(JobError, match="MF105"):
         mf.sweep(study, tmp_path / "out", engine="dask")
-    assert not (tmp_path / "out/sweep.json").exists()
+    assert not (tmp_path / "out").exists()
 
 
 def test_a_scheduler_that_does_not_answer_is_refused_before_any_case(tmp_path, monkeypatch):
@@ -289,6 +307,7 @@ def test_a_scheduler_that_does_not_answer_is_refused_before_any_case(tmp_path, m
     monkeypatch.setattr("maskfab.sweeps.engines._ANSWERS_WITHIN_S", 0.5)
     with pytest.raises(JobError, match="MF164"):
         made(planned(write_study(tmp_path)), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")
+    assert not (tmp_path / "out").exists()
 
 
 def test_workers_of_another_version_are_refused_before_any_case():
@@ -310,3 +329,4 @@ def test_without_dask_a_cluster_is_refused_with_what_to_install(tmp_path, monkey
     monkeypatch.setitem(sys.modules, "distributed", None)
     with pytest.raises(OutputError, match=r"MF431.*maskfab\[cluster\]"):
         mf.sweep(write_study(tmp_path), tmp_path / "out", engine="dask", scheduler="tcp://127.0.0.1:9")
+    assert not (tmp_path / "out").exists()

@@ -19,9 +19,9 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-from maskfab.errors import SourceError
+from maskfab.errors import SourceError, is_lack_of_memory
 from maskfab.progress import Progress, silent
-from maskfab.readers.sandbox.limits import BYTES_PER_SECOND, SECONDS, limit_memory, limit_processor
+from maskfab.readers.sandbox.limits import BYTES_PER_SECOND, SECONDS, end_by_signals, limit_memory, limit_processor
 
 Answer = TypeVar("Answer")
 
@@ -32,7 +32,6 @@ MEMORY = 1_500_000_000
 MEMORY_PER_BYTE = 64
 
 _WALL_PER_PROCESSOR = 30
-_OUT_OF_MEMORY = "bad_alloc"
 _OUT_OF_TIME = {getattr(signal, name, 0) for name in ("SIGXCPU", "SIGKILL")}
 _CURE = "Write it again as plain polygons, with fewer copies and no overlaps"
 
@@ -134,7 +133,7 @@ def _gave_up(path: Path, error: RuntimeError) -> SourceError:
 
 def _said(path: Path, error: Exception) -> Exception:
     """Errors of the libraries, and a lack of memory, as errors of the file."""
-    if isinstance(error, MemoryError) or _OUT_OF_MEMORY in str(error):
+    if is_lack_of_memory(error):
         return _too_much(path, "needs more memory than it may take")
     return _gave_up(path, error) if type(error) is RuntimeError else error
 
@@ -149,9 +148,7 @@ def _work(there: Connection, work: Callable[[Progress], Any], seconds: int, memo
     def tell(stage: str, done: int, total: int) -> None:
         there.send(("progress", (stage, done, total)))
 
-    # An interrupt is the affair of who waits, who ends this copy.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, signal.SIG_DFL)
+    end_by_signals()
     limit_processor(seconds)
     limit_memory(memory)
     kind: Literal["raised", "answer"] = "answer"

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import signal
 from pathlib import Path
 
 SECONDS = 5
@@ -39,9 +40,9 @@ def limit_share(
 def allow(seconds: float, memory: int = 0) -> None:
     """Let work within limits take so much more, or less below 0; where nothing is limited, nothing changes."""
     for kind, more in (("RLIMIT_CPU", math.ceil(seconds)), ("RLIMIT_DATA", memory)):
-        limits = _limits(kind)
-        if limits is not None and limits[0] >= 0:
-            _set_limit(kind, max(0, limits[0] + more))
+        limit = limit_in_force(kind)
+        if limit is not None:
+            _set_limit(kind, max(0, limit + more))
 
 
 def limit_memory(memory: int) -> None:
@@ -66,6 +67,20 @@ def children_seconds() -> float:
         return 0.0
     used = resource.getrusage(resource.RUSAGE_CHILDREN)
     return used.ru_utime + used.ru_stime
+
+
+def limit_in_force(kind: str) -> int | None:
+    """What the system lets this process take, in the units of ``RLIMIT_AS`` and its like; None for no limit."""
+    limits = _limits(kind)
+    return limits[0] if limits is not None and limits[0] >= 0 else None
+
+
+def end_by_signals() -> None:
+    """Let signals end a copy of a process as they end any, but not an interrupt, which is the affair of who waits."""
+    for number in signal.valid_signals():
+        if callable(signal.getsignal(number)):
+            signal.signal(number, signal.SIG_DFL)
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
 def _limits(kind: str) -> tuple[int, int] | None:
