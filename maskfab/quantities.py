@@ -1489,6 +1489,8 @@ _ENTRIES = (
     Entry(
         "drawn_again", "", "", "Drawn again", "Whether the plate of a package can be drawn again from its job.", _PACK
     ),
+    Entry("foreign_bytes", "", "", "Foreign bytes", "Bytes of a package that belong to none of its files.", _PACK),
+    Entry("package_folder", "", "", "Folder", "Folder in the package against the one that its order names.", _PACK),
     Entry("mask_files", "", "", "Mask files", "Mask files in the package.", _PACK),
     Entry(
         "extent",

@@ -9,7 +9,9 @@ import struct
 import zipfile
 import zlib
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
+from typing import BinaryIO
 
 from maskfab.errors import SourceError
 from maskfab.files.atomic import partial
@@ -32,6 +34,10 @@ _DAMAGE = (
     OSError,
 )  # fmt: skip
 """Errors that zipfile raises for damaged archives."""
+_LOCAL, _CENTRAL = struct.Struct("<26xHH"), struct.Struct("<28xHHH12x")
+"""Lengths of name, extra fields and comment in the record before a file, which has no comment, and in the directory."""
+_END_BYTES, _END_64_BYTES = 22, 56 + 20
+_END_64, _LENGTHS_64 = b"PK\x06\x06", b"\x01\x00"
 _RESERVED = re.compile(r"(?i)(con|prn|aux|nul|com\d|lpt\d)(\..*)?")
 
 
@@ -89,6 +95,68 @@ def unpack(package: Path, folder: Path) -> tuple[str, ...]:
                 for block in _blocks(archive, member, package):
                     sink.write(block)
     return tuple(members)
+
+
+@dataclass(frozen=True)
+class Wrapping:
+    """Everything of a package but its files.
+
+    Attributes:
+        folder: that its files unpack into.
+        strange: each part that belongs to no file, in words.
+        strange_bytes: length of these parts.
+    """
+
+    folder: str
+    strange: tuple[str, ...]
+    strange_bytes: int
+
+
+def wrapping(package: Path) -> Wrapping:
+    """The wrapping of a package that :func:`unpack` takes.
+
+    A zip is read from its end, so that programs pass over whatever lies before, between and behind its files.
+    (PKWARE APPNOTE 6.3.10, section 4.3.)
+
+    Raises:
+        SourceError: MF303 for a damaged one.
+    """
+    found: list[tuple[int, str]] = []
+    try:
+        with zipfile.ZipFile(package) as archive, package.open("rb") as file:
+            members = sorted(archive.infolist(), key=lambda member: member.header_offset)
+            place = 0
+            for member in members:
+                found.append((member.header_offset - place, f"before {member.filename}"))
+                place = member.header_offset + member.compress_size
+                place += _record(file, member.header_offset, _LOCAL, found, member.filename)
+            found.append((archive.start_dir - place, "behind the last file"))
+            place = archive.start_dir
+            for member in members:
+                place += _record(file, place, _CENTRAL, found, member.filename)
+            file.seek(place)
+            if file.read(4) == _END_64:
+                place += _END_64_BYTES
+            found.append((len(archive.comment), "of a comment"))
+            place += _END_BYTES + len(archive.comment)
+            found.append((package.stat().st_size - place, "behind its end"))
+            folder = PurePosixPath(members[0].filename).parts[0]
+    except _DAMAGE as error:
+        raise _damaged(package, error) from error
+    parts = [(length, where) for length, where in found if length]
+    return Wrapping(folder, tuple(f"{n} bytes {where}" for n, where in parts), sum(abs(n) for n, _ in parts))
+
+
+def _record(file: BinaryIO, place: int, kind: struct.Struct, found: list[tuple[int, str]], name: str) -> int:
+    """Length of a member's record in front of its content, or in the directory; what its extra fields and comment hold
+    is added to ``found``, but for the lengths of very large files."""
+    file.seek(place)
+    called, extra, *comment = kind.unpack(file.read(kind.size))
+    file.seek(called, os.SEEK_CUR)
+    if not file.read(extra).startswith(_LENGTHS_64):
+        found.append((extra, f"of extra fields of {name}"))
+    found.append((sum(comment), f"of a comment on {name}"))
+    return int(kind.size + called + extra + sum(comment))
 
 
 def _opened(package: Path) -> zipfile.ZipFile:

@@ -13,7 +13,7 @@ from typing import Any
 from maskfab import __version__, provenance
 from maskfab.comparison.files import compare_mask, plate_dots_row, read_mask
 from maskfab.comparison.plate_dots import check_dots
-from maskfab.delivery.archive import safe_stem, unpack, write_package
+from maskfab.delivery.archive import Wrapping, safe_stem, unpack, wrapping, write_package
 from maskfab.delivery.extents import file_box
 from maskfab.delivery.papers import PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
 from maskfab.delivery.revision import check_earlier, check_same, package_stem, placed
@@ -33,7 +33,7 @@ from maskfab.mask_shops.judge import Finding, accepted, extent
 from maskfab.mask_shops.order import Answer
 from maskfab.mask_shops.package_rules import check_package
 from maskfab.mask_shops.plate_files import PlateFiles, files_for_shop
-from maskfab.model import Box, Quantity, WrittenFile
+from maskfab.model import Box, Plate, Quantity, WrittenFile
 from maskfab.plate.plate import compose
 from maskfab.progress import Progress, silent
 from maskfab.readers.gerber import require_gerbonara
@@ -213,9 +213,12 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         names = unpack(Path(package), folder)
         manifest = _manifest(folder / RESULT_MARK)
         listed = {str(row["path"]): str(row["sha256"]) for row in manifest["files"]}
-        checks = [_hash(folder, name, digest) for name, digest in listed.items()]
-        for name in sorted(set(names) - set(listed) - {RESULT_MARK}):
-            checks.append(Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False))
+        wrapped = wrapping(Path(package))
+        checks = [*(_hash(folder, name, digest) for name, digest in listed.items()), _foreign_bytes(wrapped)]
+        checks += [
+            Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False)
+            for name in sorted(set(names) - set(listed) - {RESULT_MARK})
+        ]
         try:
             house = _packed_shop(folder, Path(package), str(manifest.get("shop"))) if shop is None else shop
             made = _packed_job(folder, Path(package)) if job is None else job
@@ -223,6 +226,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
             whole = compose(made.spec, made.openings, signature, where=made.where)
             plate = fitted(whole, house)
+            checks.append(_folder_named(wrapped, whole, house, made))
             # Without dots per inch there is no bitmap to compare one with.
             known = plotted_dpi(made.spec.export, house) is not None
             kept: tuple[Format, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
@@ -252,8 +256,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             readings += [each for each in rows if each.passed is not None]
         checks += readings
         if not masks:
-            listing = "mask files that the manifest lists"
-            checks.append(Quantity("mask_files", 0, listing, limit=1, passed=False))
+            checks.append(Quantity("mask_files", 0, "mask files that the manifest lists", limit=1, passed=False))
         named = zip(drawn.products, kept, strict=True)
         kinds = {product.name: kind for product, kind in named if product.name in listed}
         sent = [_as_listed(folder / name, kinds[name], listed[name]) for name in listed if name in kinds]
@@ -320,6 +323,17 @@ def _packed_job(folder: Path, package: Path) -> Job:
 
 def _failed(name: str, problem: str) -> Quantity:
     return Quantity(name, "failed", problem, limit="ok", passed=False)
+
+
+def _foreign_bytes(wrapped: Wrapping) -> Quantity:
+    method = "; ".join(("bytes of the zip that belong to none of its files", *wrapped.strange))
+    return Quantity("foreign_bytes", wrapped.strange_bytes, method, limit=0, passed=not wrapped.strange_bytes)
+
+
+def _folder_named(wrapped: Wrapping, whole: Plate, house: Shop, job: Job) -> Quantity:
+    stem = package_stem(whole.name, house.name, None if job.spec.order is None else job.spec.order.revision)
+    method = "folder in the zip, named by plate, shop and revision"
+    return Quantity("package_folder", wrapped.folder, method, limit=stem, passed=wrapped.folder == stem)
 
 
 def _packed_shop(folder: Path, package: Path, name: str) -> Shop:

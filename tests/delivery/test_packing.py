@@ -178,6 +178,82 @@ def test_verify_takes_a_package_by_its_bytes_alone_or_with_its_job_and_shop(caps
     assert answer.stderr.splitlines()[-3].startswith("FILES: PASS, can be ordered: ")
 
 
+def _renamed(source, target):
+    with zipfile.ZipFile(source) as archive, zipfile.ZipFile(target, "w") as changed:
+        for name in archive.namelist():
+            changed.writestr(f"other/{name.partition('/')[2]}", archive.read(name))
+
+
+def _commented(source, target):
+    target.write_bytes(source.read_bytes())
+    with zipfile.ZipFile(target, "a") as archive:
+        archive.comment = b"12345"
+
+
+def _between(source, target):
+    """Seven bytes behind the first file; the directory says where the others lie now."""
+    with zipfile.ZipFile(source) as archive, zipfile.ZipFile(target, "w") as changed:
+        for name in archive.namelist():
+            changed.writestr(name, archive.read(name))
+            if changed.fp is not None and len(changed.namelist()) == 1:
+                changed.fp.write(b"unknown")
+                changed.start_dir += 7
+
+
+def _extra(source, target):
+    with zipfile.ZipFile(source) as archive, zipfile.ZipFile(target, "w") as changed:
+        for name in archive.namelist():
+            member = zipfile.ZipInfo(name)
+            if name.endswith("order.txt"):
+                member.extra, member.comment = b"\xfe\xca\x02\x00hi", b"note"
+            changed.writestr(member, archive.read(name))
+
+
+@pytest.mark.parametrize(
+    ("change", "row", "told"),
+    [
+        (_renamed, "package_folder", "other"),
+        (
+            lambda source, target: target.write_bytes(b"#!/bin/sh\nexit\n" + source.read_bytes()),
+            "foreign_bytes", "15 bytes before SMALL_generic-chrome/",
+        ),
+        (
+            lambda source, target: target.write_bytes(source.read_bytes() + b"junk"),
+            "foreign_bytes", "4 bytes behind its end",
+        ),
+        (_commented, "foreign_bytes", "5 bytes of a comment"),
+        (_between, "foreign_bytes", "7 bytes before SMALL_generic-chrome/"),
+        (_extra, "foreign_bytes", "4 bytes of a comment on SMALL_generic-chrome/order.txt"),
+    ],
+    ids=["renamed", "before", "behind", "comment", "between", "extra"],
+)  # fmt: skip
+def test_verify_names_what_is_in_a_package_besides_its_files(packed, tmp_path, change, row, told):
+    change(packed[1], tmp_path / "q.zip")
+    (failed,) = (check for check in verify_package(tmp_path / "q.zip") if check.passed is False)
+    assert failed.name == row
+    assert told in f"{failed.value} {failed.method}"
+    wrapped = {check.name: check for check in verify_package(packed[1]) if check.name in (row,)}
+    assert wrapped[row].passed
+
+
+@pytest.mark.filterwarnings("ignore:Duplicate name")
+@pytest.mark.parametrize(
+    ("name", "link"),
+    [("{0}/order.txt", False), ("{0}/more.txt", True), ("/etc/x", False), ("{0}/../../x", False), ("more.txt", False)],
+    ids=["twice", "link", "absolute", "above", "beside"],
+)
+def test_verify_names_a_member_that_no_package_has(capsys, packed, tmp_path, name, link):
+    path = tmp_path / "q.zip"
+    path.write_bytes(packed[1].read_bytes())
+    with zipfile.ZipFile(path, "a") as archive:
+        member = zipfile.ZipInfo(name.format(archive.namelist()[0].partition("/")[0]))
+        member.external_attr = (0o120777 if link else 0o100644) << 16
+        archive.writestr(member, "/etc/passwd")
+    answer = command(capsys, "verify", path, "--json", "--quiet")
+    assert (answer.code, answer.document["error"]["code"]) == (2, "MF423")
+    assert repr(member.filename) in answer.document["error"]["what"]
+
+
 def test_verify_tells_a_package_of_another_job(capsys, packed, tmp_path):
     _, path = packed
     other = write_job(tmp_path, ("seed = 3", "seed = 4"))
