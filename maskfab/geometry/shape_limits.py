@@ -23,6 +23,9 @@ MOST_LAYERS = 4096
 MOST_CELLS = 20_000
 """A mask has some for each of its dies; every one costs time on every layer."""
 
+MOST_COVERED = 100
+"""Times that one place is drawn; a plate draws it once, and sides cross as often as that squared."""
+
 FARTHEST_NM = 1_000_000_000
 ROUNDING_KEY = "maskfab_rounding_nm"
 LEFT_OUT_KEY = "maskfab_left_out"
@@ -89,6 +92,44 @@ def count_vertices(layout: db.Layout) -> int:
     return _count(layout, own)
 
 
+def weight(shapes: db.RecursiveShapeIterator, most: int) -> int:
+    """How many rectangles take as long to work with as some shapes: a quarter of their vertices, at least one for each.
+
+    Counted until there are more than ``most``: a few cells may place billions of shapes.
+    """
+    found = 0
+    for each in shapes.each():
+        shape = each.shape()
+        found += 1 if shape.is_box() or not shape.is_polygon() else -(-shape.polygon.num_points() // 4)
+        if found > most:
+            break
+    return found
+
+
+def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
+    """By the index of each cell, the sum in nm² of the areas of its shapes on a layer, every reference followed."""
+    areas: dict[int, float] = {}
+    for cell_index in layout.each_cell_bottom_up():
+        cell = layout.cell(cell_index)
+        own = db.Region(cell.shapes(index))
+        own.merged_semantics = False
+        areas[cell_index] = own.area()
+        for each in cell.each_inst():
+            larger = each.cplx_trans.mag**2 if each.is_complex() else 1
+            areas[cell_index] += each.cell_inst.size() * larger * areas[each.cell_index]
+    return areas
+
+
+def most_covered(layout: db.Layout, index: int) -> float:
+    """How many times over the shapes of a layer cover the box about them, in the cell where they do so most."""
+    areas, covered = drawn_areas(layout, index), 0.0
+    for cell in layout.each_cell():
+        box = cell.bbox(index)
+        if not box.empty() and box.area() > 0:
+            covered = max(covered, areas[cell.cell_index()] / box.area())
+    return covered
+
+
 def own_polygons(cell: db.Cell, layer: int) -> db.Region:
     """Polygons and paths of a cell itself on a layer, each as it is drawn, without boxes, of which there are most."""
     shapes = cell.begin_shapes_rec(layer)
@@ -112,10 +153,12 @@ def check_limits(layout: db.Layout, path: Path) -> None:
     """Refuse what cannot be worked with in reasonable time, and what could mean two things.
 
     Raises:
-        SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy.
+        SourceError: MF312 a polygon crosses or covers itself, MF313 too many shapes or too deep a hierarchy, MF326
+            shapes that cover one place many times over.
     """
     check_size(layout, path)
     for layer in layout.layer_indexes():
+        _refuse_overlaps(layout, layer, path)
         for cell in layout.each_cell():
             if not cell.shapes(layer).is_empty():
                 _refuse_crossing(cell, layer, path)
@@ -190,6 +233,17 @@ def _refuse_distant(layout: db.Layout, path: Path) -> None:
                 where=str(path),
                 cure="Check the unit, and delete shapes far from the origin",
             )
+
+
+def _refuse_overlaps(layout: db.Layout, layer: int, path: Path) -> None:
+    covered = most_covered(layout, layer)
+    if covered > MOST_COVERED:
+        raise SourceError(
+            "MF326",
+            f"{path.name}: its shapes cover the box about them {covered:.3g} times over; the limit is {MOST_COVERED}",
+            where=str(path),
+            cure="Draw each place once: merge what overlaps, or mend the steps of its arrays",
+        )
 
 
 def _refuse_crossing(cell: db.Cell, layer: int, path: Path) -> None:

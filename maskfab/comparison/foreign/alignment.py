@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from klayout import db
 
 from maskfab.geometry.plate_layout import clear_box, layer_info
+from maskfab.geometry.shape_limits import weight
 from maskfab.model import CLEAR, Plate
 from maskfab.units import NM_PER_UM
 
@@ -22,8 +23,7 @@ UNLIKE = 0.5
 _BETTER = 0.5
 _MOST_WINDOWS = 24
 _MOST_MARKS = 8
-_MOST_SHAPES = 100_000
-"""Shapes of the file in one window; no cell of a display has so many, and a wrong scale shows whole files in it."""
+_FEW_SHAPES, _MORE, _MOST_HALVED = 100, 4, 2
 _LARGEST = 2**31 - 1
 _CELLS = 3
 _UNITS = {
@@ -146,8 +146,17 @@ def _within_reach(box: db.Box, scale: float) -> bool:
 
 @dataclass(frozen=True, eq=False)
 class _Window:
+    """A place of the design.
+
+    Attributes:
+        box: the place.
+        clear: what is clear there, merged.
+        most: shapes of a file that are looked at there; of more, only the middle is: a wrong scale shows whole files.
+    """
+
     box: db.Box
     clear: db.Region
+    most: int
 
 
 def _windows(plate: Plate, design: db.Layout) -> Iterator[_Window]:
@@ -169,7 +178,8 @@ def _windows(plate: Plate, design: db.Layout) -> Iterator[_Window]:
     index = design.find_layer(layer_info(CLEAR))
     for box in boxes[:_MOST_WINDOWS]:
         shapes = db.Region(design.top_cell().begin_shapes_rec_overlapping(index, box))
-        yield _Window(box, (shapes & db.Region(box)).merged())
+        clear = (shapes & db.Region(box)).merged()
+        yield _Window(box, clear, _FEW_SHAPES + _MORE * sum(-(-each.num_points() // 4) for each in clear.each()))
 
 
 def _trans(turn: int, scale: float, shift: tuple[int, int]) -> db.ICplxTrans:
@@ -232,18 +242,29 @@ def _differing(
     back = trans.inverted()
     frame = db.Region(file_box.transformed(trans))
     clear = sum(window.clear.area() for window in windows)
-    differing = 0
+    differing = 0.0
     for window in windows:
-        place = window.box.transformed(back).enlarged(1, 1)
-        shapes = db.Region(read.top_cell().begin_shapes_rec_overlapping(index, place))
-        if shapes.count() > _MOST_SHAPES:
+        box, place = _part_of_few(window, read, index, back)
+        if box.empty():
             return max(enough, 1.0)
-        shapes &= db.Region(place)
-        here = db.Region(window.box)
+        shapes = db.Region(read.top_cell().begin_shapes_rec_overlapping(index, place)) & db.Region(place)
+        here = db.Region(box)
         found = shapes.merged().transformed(trans) & here
         if inverted:
             found = (here & frame) - found
-        differing += (found ^ window.clear).area()
+        differing += (found ^ (window.clear & here)).area() * window.box.area() / box.area()
         if differing > enough * clear:
             break
-    return float(differing / clear)
+    return differing / clear
+
+
+def _part_of_few(window: _Window, read: db.Layout, index: int, back: db.ICplxTrans) -> tuple[db.Box, db.Box]:
+    """The middle of a window as far as the file has few enough shapes in it, and where that lies in the file; empty
+    where it has far more."""
+    box = window.box
+    for _ in range(_MOST_HALVED + 1):
+        place = box.transformed(back).enlarged(1, 1)
+        if weight(read.top_cell().begin_shapes_rec_overlapping(index, place), window.most) <= window.most:
+            return box, place
+        box = box.enlarged(-(box.width() // 4), -(box.height() // 4))
+    return db.Box(), db.Box()

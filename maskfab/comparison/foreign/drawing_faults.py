@@ -12,7 +12,7 @@ from maskfab.comparison.slivers import sift
 from maskfab.drc import DesignRules
 from maskfab.drc.layout_rules import checked_extent, checked_names
 from maskfab.geometry.plate_layout import NAME_LENGTH, layer_info
-from maskfab.geometry.shape_limits import count_shapes, own_polygons
+from maskfab.geometry.shape_limits import count_shapes, drawn_areas, own_polygons, weight
 from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.units import NM_PER_MM, NM_PER_UM
 
@@ -26,6 +26,9 @@ _TOLD = 4
 
 MOST_FLAT = 2_000_000
 """Shapes that are flattened to find where they overlap."""
+
+MOST_FLAT_ALONE = 20_000
+"""Of a file that is not the design: it fails, whatever its faults."""
 
 
 def named_cells(read: db.Layout) -> Iterator[Quantity]:
@@ -100,15 +103,18 @@ def drawn_figures(
 
 def slanted(laid: db.Layout, design: db.Layout | None) -> Quantity:
     """Edges as drawn that run along neither axis, but for those of shapes of the design that have such edges, too."""
+    method = "edges as drawn that run along neither x nor y"
     edges = db.Edges()
     around = db.Region()
     if _any_slanted(laid):
+        if design is None and _too_many(laid, laid.find_layer(layer_info(CLEAR))):
+            method += f"; not counted among more than {MOST_FLAT_ALONE} shapes, of which some have any"
+            return Quantity("rule_manhattan", None, method, limit=0, passed=False)
         edges = _slanted_edges(laid)
         around = db.Region() if design is None else _slanted_polygons(design).extents(1)
     left = edges if around.is_empty() else edges.not_interacting(around)
     boxes = sorted((edge.bbox() for edge in left.each()), key=lambda box: (box.bottom, box.left))
     told = f", at {_listed(boxes)} um" if boxes else ""
-    method = "edges as drawn that run along neither x nor y"
     method += "" if design is None else ", where no shape of the design has any"
     return Quantity("rule_manhattan", len(boxes), method + told, limit=0, passed=not boxes)
 
@@ -143,8 +149,9 @@ def _overlaps(layout: db.Layout, path: Path, known: Known | None) -> Quantity:
     clear_nm2 = None if known is None else known.clear_nm2
     if clear_nm2 is not None and _drawn_area(layout, index) == clear_nm2:
         return Quantity("rule_overlap", 0, what, limit=0, passed=True)
-    if count_shapes(layout, [index]) > MOST_FLAT:
-        what += f"; not looked for among more than {MOST_FLAT} shapes"
+    most = MOST_FLAT if known is not None else MOST_FLAT_ALONE
+    if _too_many(layout, index) if known is None else count_shapes(layout, [index]) > most:
+        what += f"; not looked for among more than {most} shapes"
         return Quantity("rule_overlap", None, what)
     # In hierarchy klayout takes two references to one cell at one place for one.
     twice = list(sift(db.Region(layout.top_cell().begin_shapes_rec(index)).merged(True, 2), tolerance_nm).faults.each())
@@ -154,19 +161,15 @@ def _overlaps(layout: db.Layout, path: Path, known: Known | None) -> Quantity:
     return Quantity("rule_overlap", len(boxes), what + told, limit=0, passed=not boxes)
 
 
+def _too_many(layout: db.Layout, index: int) -> bool:
+    return weight(layout.top_cell().begin_shapes_rec(index), MOST_FLAT_ALONE) > MOST_FLAT_ALONE
+
+
 def _drawn_area(layout: db.Layout, index: int) -> int | None:
     """Sum of the areas of all shapes in nm², every reference followed; None where some are scaled."""
-    areas: dict[int, int] = {}
-    for cell_index in layout.each_cell_bottom_up():
-        cell = layout.cell(cell_index)
-        own = db.Region(cell.shapes(index))
-        own.merged_semantics = False
-        areas[cell_index] = own.area()
-        for instance in cell.each_inst():
-            if instance.is_complex():
-                return None
-            areas[cell_index] += instance.cell_inst.size() * areas[instance.cell_index]
-    return areas[layout.top_cell().cell_index()]
+    if any(each.is_complex() for cell in layout.each_cell() for each in cell.each_inst()):
+        return None
+    return int(drawn_areas(layout, index)[layout.top_cell().cell_index()])
 
 
 def _long_outlines(layout: db.Layout, most: int) -> Iterator[tuple[str, int]]:

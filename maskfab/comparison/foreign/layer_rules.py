@@ -7,9 +7,9 @@ the count of the file is that of the design, less what the design breaks there, 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from itertools import islice
+from functools import partial
 
 import numpy as np
 from klayout import db
@@ -19,7 +19,8 @@ from maskfab.drc import DesignRules, check_plate
 from maskfab.drc.canvas import facing_edges
 from maskfab.drc.flat import flat_results, merged
 from maskfab.drc.rules import distance_checks
-from maskfab.geometry.plate_layout import layer_info
+from maskfab.geometry.plate_layout import clear_box, layer_info
+from maskfab.geometry.shape_limits import most_covered, weight
 from maskfab.jobfile import LimitsSection
 from maskfab.measurement.features import smallest_features
 from maskfab.model import CLEAR, Plate, Quantity
@@ -30,13 +31,19 @@ Ints = NDArray[np.int64]
 MOST_LOOKED = 200_000
 """Shapes that are flattened for the rules of a file that is the design, or nearly."""
 
-MOST_LOOKED_ALONE = 15_000
+MOST_LOOKED_ALONE = 10_000
 """Limit for a file that is not: it fails, whatever its rules."""
+
+_MOST_FACING = 20_000_000
+"""Steps that the rules may take in such a file."""
 
 _TOLD = 4
 _SAMPLE = 1000
-_NEAREST_NM = 1000
-_FARTHER = 1.1
+"""Vertices, in a part of a region that tells about how near its sides are."""
+
+_NEARER = 1024
+_MOST_PAIRS = 20_000
+"""Of sides that are told one by one."""
 _NM2_PER_UM2 = NM_PER_UM**2
 _AT_A_TIME = 20_000_000
 
@@ -120,7 +127,7 @@ def rules_of_like(
     rules = wanted.rules
     known = _of_plate(plate, rules)
     marks = _of_plate(replace(plate, dies=()), rules)
-    places, beyond = _cropped(_round(differing, rules.reach_nm), (design, laid), MOST_LOOKED)
+    places, beyond = _cropped(_round(differing, rules.reach_nm), (design, laid), MOST_LOOKED, _count)
     found, expected = (_look(layout, places, rules) for layout in (laid, design))
     for name, before in known.items():
         here, there = found.get(name, NOTHING), expected.get(name, NOTHING)
@@ -144,9 +151,17 @@ def rules_of_like(
 def rules_of_unlike(read: db.Layout, wanted: Asked) -> Iterator[Quantity]:
     """The rows of a file that is not the design at all, in its own coordinates, and its smallest features."""
     index = read.find_layer(layer_info(CLEAR))
-    places, beyond = _cropped(db.Region(read.top_cell().bbox(index)), (read,), MOST_LOOKED_ALONE)
-    for name, broken in _look(read, places, wanted.rules).items():
-        yield _row(name, wanted, broken, 0, "of the file alone", beyond)
+    # Sides cross as often as shapes lie upon each other.
+    most = math.ceil(MOST_LOOKED_ALONE / max(1.0, most_covered(read, index)))
+    places, beyond = _cropped(db.Region(read.top_cell().bbox(index)), (read,), most, _weight)
+    few, part = _cropped(places, (read,), _MOST_FACING, partial(_facing, wanted.rules.reach_nm))
+    crowded = _facing(wanted.rules.reach_nm, read, few, _MOST_FACING) > _MOST_FACING
+    for name, broken in ({} if crowded else _look(read, few, wanted.rules)).items():
+        yield _row(name, wanted, broken, 0, "of the file alone", part or beyond)
+    if crowded:
+        method = "not counted: within the reach of the rules lie too many sides of a file that is not the design"
+        width_nm = wanted.rules.min_width_nm
+        yield Quantity("rule_width", None, method, detail=f"places under {width_nm} nm", limit=0, passed=False)
     clear = merged(_shapes(read, places) & places)
     for name, tone in (("width", "what is clear"), ("space", "chrome between clear edges")):
         value, box = _narrowest(clear, name)
@@ -211,10 +226,15 @@ def _round(differing: db.Region, reach_nm: int) -> db.Region:
     return db.Region([polygon.bbox() for polygon in wide.merged().each()]).merged()
 
 
-def _cropped(places: db.Region, layouts: tuple[db.Layout, ...], most: int) -> tuple[db.Region, str]:
+def _cropped(
+    places: db.Region,
+    layouts: tuple[db.Layout, ...],
+    most: int,
+    count: Callable[[db.Layout, db.Region, int], int],
+) -> tuple[db.Region, str]:
     """The places, or as large a part of them as holds few enough shapes; and what that leaves out, in words."""
     box, whole = places.bbox(), True
-    while any(_shapes(layout, places).count() > most for layout in layouts):
+    while any(count(layout, places, most) > most for layout in layouts):
         x, y = box.center().x, box.center().y
         if box.width() >= box.height():
             halves = db.Box(box.left, box.bottom, x, box.top), db.Box(x, box.bottom, box.right, box.top)
@@ -224,7 +244,10 @@ def _cropped(places: db.Region, layouts: tuple[db.Layout, ...], most: int) -> tu
             break
         parts = [places & db.Region(half) for half in halves]
         # A half without shapes would tell nothing.
-        fuller = max((0, 1), key=lambda k: max(_shapes(layout, parts[k]).count() for layout in layouts))
+        counts = [max(count(layout, part, most) for layout in layouts) for part in parts[:1]]
+        if counts[0] <= most:
+            counts.append(max(count(layout, parts[1], most) for layout in layouts))
+        fuller = counts.index(max(counts))
         box, places, whole = halves[fuller], parts[fuller], False
     if whole:
         return places, ""
@@ -232,12 +255,32 @@ def _cropped(places: db.Region, layouts: tuple[db.Layout, ...], most: int) -> tu
     return places, f"; of more than {most} shapes, only those from {low} to {high} were looked at"
 
 
+def _count(layout: db.Layout, places: db.Region, _most: int) -> int:
+    return int(_shapes(layout, places).count())
+
+
+def _facing(reach_nm: int, layout: db.Layout, places: db.Region, _most: int) -> int:
+    """About how many steps the rules take in some places and round them: every side is held against those within reach,
+    and whether a third one stands between two is asked of each."""
+    around = places.bbox().enlarged(2 * reach_nm, 2 * reach_nm)
+    around &= clear_box(layout)
+    sides = 4 * _weight(layout, db.Region(around), MOST_LOOKED_ALONE)
+    near = min(1.0, (2 * reach_nm) ** 2 / max(1, around.area()))
+    return math.ceil(sides * max(1.0, near * sides) ** 2)
+
+
+def _weight(layout: db.Layout, places: db.Region, most: int) -> int:
+    return 0 if places.is_empty() else weight(_within_places(layout, places), most)
+
+
 def _shapes(layout: db.Layout, places: db.Region) -> db.Region:
     """Shapes of a layout in some boxes, not cut at their sides."""
-    if places.is_empty():
-        return db.Region()
+    return db.Region() if places.is_empty() else db.Region(_within_places(layout, places))
+
+
+def _within_places(layout: db.Layout, places: db.Region) -> db.RecursiveShapeIterator:
     index = layout.find_layer(layer_info(CLEAR))
-    return db.Region(db.RecursiveShapeIterator(layout, layout.top_cell(), index, places, True))
+    return db.RecursiveShapeIterator(layout, layout.top_cell(), index, places, True)
 
 
 def _look(layout: db.Layout, places: db.Region, rules: DesignRules) -> dict[str, Broken]:
@@ -292,27 +335,52 @@ def _within(places: Ints, boxes: Ints, values: NDArray[np.float64]) -> Broken:
 def _narrowest(clear: db.Region, name: str) -> tuple[float | None, Iterable[int] | None]:
     """The least width or space in nanometres, and where; None if nothing faces anything.
 
-    A part tells how far one has to look: what is found in the whole then is little. One looks a little further each
-    time, for round outlines have as many pairs of edges within a wide limit as edges squared.
+    One looks twice as far each time, for within a wide limit round outlines have as many pairs of sides as sides
+    squared; and not quite as far again where there are many pairs. A part tells where to begin.
     """
-    part = db.Region(list(islice(clear.each(), _SAMPLE)))
-    part.merged_semantics = False
     if clear.is_empty():
         return None, None
-    box, limit, found = clear.bbox(), _NEAREST_NM, None
+    box = clear.bbox()
     farthest = box.width() + box.height()
-    while found is None and limit < farthest:
-        limit = math.ceil(_FARTHER * limit)
-        found = _least(part, name, limit)
-    limit = max(limit, farthest) if found is None else max(1, math.ceil(found[0]))
-    return _least(clear, name, limit) or found or (None, None)
-
-
-def _least(clear: db.Region, name: str, limit_nm: int) -> tuple[float, Iterable[int]] | None:
-    width, space = (limit_nm, None) if name == "width" else (None, limit_nm)
-    _, check = distance_checks(DesignRules(min_width_nm=width, min_space_nm=space, kissing=False))[name]
-    facing = facing_edges(check(clear))
-    if not facing.values.size:
-        return None
+    about, _ = _near(_part(clear), name, 1, farthest)
+    limit, pairs = _near(clear, name, 1 if about is None else max(1, about // _NEARER), farthest)
+    if limit is None:
+        return None, None
+    low = 0
+    while pairs.count() > _MOST_PAIRS and limit - low > 1:
+        middle = (low + limit) // 2
+        fewer = _pairs(clear, name, middle)
+        if fewer.is_empty():
+            low = middle
+        else:
+            limit, pairs = middle, fewer
+    facing = facing_edges(pairs)
     worst = int(facing.values.argmin())
     return float(facing.values[worst]), facing.boxes_nm[worst].tolist()
+
+
+def _part(clear: db.Region) -> db.Region:
+    """Polygons of few vertices all together, one at least."""
+    part, vertices = db.Region(), 0
+    part.merged_semantics = False
+    for polygon in clear.each():
+        part.insert(polygon)
+        vertices += polygon.num_points()
+        if vertices > _SAMPLE:
+            break
+    return part
+
+
+def _near(clear: db.Region, name: str, limit_nm: int, farthest_nm: int) -> tuple[int | None, db.EdgePairs]:
+    """The first limit, of those that double up to the farthest, within which sides face each other; and the pairs."""
+    while (pairs := _pairs(clear, name, limit_nm)).is_empty():
+        if limit_nm >= farthest_nm:
+            return None, pairs
+        limit_nm = min(2 * limit_nm, farthest_nm)
+    return limit_nm, pairs
+
+
+def _pairs(clear: db.Region, name: str, limit_nm: int) -> db.EdgePairs:
+    width, space = (limit_nm, None) if name == "width" else (None, limit_nm)
+    _, check = distance_checks(DesignRules(min_width_nm=width, min_space_nm=space, kissing=False))[name]
+    return check(clear)

@@ -9,7 +9,8 @@ from dataclasses import replace
 import numpy as np
 from klayout import db
 
-from maskfab.geometry.plate_layout import clear_shapes, region
+from maskfab.geometry.plate_layout import clear_box, clear_shapes, layer_info, region
+from maskfab.geometry.shape_limits import weight
 from maskfab.geometry.stop import edges_in_stop, stop_box
 from maskfab.measurement.apertures import aperture_in_stop, axis_nm, edge_distances, light_box, sees_light
 from maskfab.measurement.optics import (
@@ -21,13 +22,16 @@ from maskfab.measurement.optics import (
     measure_pupils,
     stop_boundary,
 )
-from maskfab.model import CLEAR, Camera, Die, MaskBlank, Mtf, Plate, Quantity
+from maskfab.model import CLEAR, Box, Camera, Die, MaskBlank, Mtf, Plate, Quantity
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.image.psf import pixel_margin
 from maskfab.optics.numbers import metrics
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import cut
 from maskfab.units import NM_PER_UM
+
+MOST_SEEN_ALONE = 50_000
+"""Shapes before a stop whose optics are measured though they are not the design's."""
 
 _FINEST_GRID = 1000
 _TOLD_OF_LIKE = frozenset({"stop_open_ratio", "readback_psf_difference"})
@@ -67,6 +71,10 @@ def optics_of_unlike(
     """The PSF and MTF of whatever a file has before the stop, where the dies should be, or else in its own middle."""
     dark = True
     for die in plate.dies:
+        if _too_many(read, stop_box(camera.stop, axis_nm(die), die.panel.dot_nm)):
+            dark = False
+            yield _not_measured(die.name)
+            continue
         found = _measured(read, axis_nm(die), camera, blank, die.panel.dot_nm, die.name)
         if found is None:
             continue
@@ -76,9 +84,12 @@ def optics_of_unlike(
         yield from _mtf_differences(found.mtfs, expected.mtfs, die.name, "")
     if not dark:
         return
-    middle = region(read, CLEAR).bbox().center()
+    middle = clear_box(read).center()
     axis = float(middle.x), float(middle.y)
     dot_nm = min(die.panel.dot_nm for die in plate.dies)
+    if _too_many(read, stop_box(camera.stop, axis, dot_nm)):
+        yield _not_measured(None)
+        return
     found = _measured(read, axis, camera, blank, dot_nm, None)
     x, y = middle.x / NM_PER_UM, middle.y / NM_PER_UM
     where = f"the middle of the file, ({x:g}, {y:g}) um, for it has nothing where dies are"
@@ -86,6 +97,16 @@ def optics_of_unlike(
         yield Quantity("optics", "dark", f"nothing is clear before the stop at {where}", limit="ok", passed=False)
         return
     yield from (replace(each, method=f"{each.method}; at {where}") for each in found.quantities)
+
+
+def _too_many(read: db.Layout, box_nm: Box) -> bool:
+    shapes = read.top_cell().begin_shapes_rec_overlapping(read.find_layer(layer_info(CLEAR)), db.Box(*box_nm))
+    return weight(shapes, MOST_SEEN_ALONE) > MOST_SEEN_ALONE
+
+
+def _not_measured(name: str | None) -> Quantity:
+    method = f"not measured: before the stop are more than {MOST_SEEN_ALONE} shapes of a file that is not the design"
+    return Quantity("optics", "not measured", method, limit="ok", passed=False, die=name)
 
 
 def _bare(die: Die) -> Die:
