@@ -1,0 +1,264 @@
+"""Values as plain data and back, by the type hints of what they are: JSON and arrays, in one file of numpy's (npz).
+
+Data name no types and hold no code. What they become is settled by the kind that is asked for, of which the fields of
+frozen dataclasses state the rest: numbers, words, arrays, tuples, mappings, enumerations, and unions of those.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import types
+import typing
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, is_dataclass
+from enum import Enum
+from functools import cache
+from typing import Any, TypeAlias
+
+import numpy as np
+
+_Array: TypeAlias = np.ndarray[Any, Any]
+_TREE = "tree"
+_LEAVES: Mapping[Any, tuple[type, ...]] = types.MappingProxyType(
+    {
+        bool: (bool, np.bool_),
+        int: (int, np.integer),
+        # Some numbers are whole though their fields say float, and are told without a point.
+        float: (float, int, np.floating, np.integer),
+        str: (str,),
+        type(None): (type(None),),
+    }
+)
+
+
+def to_data(value: object, kind: Any) -> bytes:
+    """Bytes from which :func:`from_data` makes an equal value: floats to the last bit, arrays with dtype and shape.
+
+    Args:
+        value: of that kind.
+        kind: a class, or what a type hint may state.
+
+    Raises:
+        TypeError: for a value of another kind, or a kind whose values are no plain data.
+    """
+    arrays: list[_Array] = []
+    tree = json.dumps(_form(kind).down(value, arrays)).encode()
+    buffer = io.BytesIO()
+    named = {str(number): array for number, array in enumerate(arrays)}
+    np.savez(buffer, allow_pickle=False, **{_TREE: np.frombuffer(tree, np.uint8)}, **named)
+    return buffer.getvalue()
+
+
+def from_data(data: bytes, kind: Any) -> Any:
+    """The value of a kind that data hold.
+
+    Raises:
+        Exception: for data of anything else; mostly ValueError, and whatever a class raises for fields that it refuses.
+    """
+    with np.load(io.BytesIO(data), allow_pickle=False) as stored:
+        tree = json.loads(stored[_TREE].tobytes())
+        arrays = [stored[str(number)] for number in range(len(stored.files) - 1)]
+    return _form(kind).up(tree, arrays)
+
+
+@dataclass(frozen=True)
+class _Form:
+    """Plain data of one kind of values.
+
+    Attributes:
+        holds: whether a value is of the kind, looked at from outside.
+        down: to what JSON can say; arrays go to a list, and their places into JSON.
+        up: back.
+    """
+
+    holds: Callable[[object], bool]
+    down: Callable[[Any, list[_Array]], Any]
+    up: Callable[[Any, Sequence[_Array]], Any]
+
+
+@cache
+def _form(kind: Any) -> _Form:
+    """How values of a kind become data.
+
+    Raises:
+        TypeError: for a kind whose values are none.
+    """
+    origin, within = typing.get_origin(kind), typing.get_args(kind)
+    if kind in _LEAVES:
+        return _leaf(kind)
+    if kind is bytes:
+        return _bytes()
+    if origin is typing.Literal:
+        return _literal(within)
+    if origin in (types.UnionType, typing.Union):
+        return _union(tuple(map(_form, within)))
+    if origin is np.ndarray:
+        scalar = typing.get_args(within[1])[0]
+        return _array(typing.get_origin(scalar) or scalar)
+    if origin is tuple:
+        return _tuple(within)
+    if origin in (dict, Mapping):
+        return _mapping(within, (dict,) if origin is dict else (dict, types.MappingProxyType))
+    if isinstance(kind, type) and issubclass(kind, Enum):
+        return _enumeration(kind)
+    if isinstance(kind, type) and is_dataclass(kind):
+        return _record(kind)
+    raise TypeError(f"values of the kind {kind} are no plain data")
+
+
+def _leaf(kind: type) -> _Form:
+    known = _LEAVES[kind]
+
+    def holds(value: object) -> bool:
+        if isinstance(value, np.generic):
+            return isinstance(value, known)
+        return type(value) in known
+
+    def down(value: Any, _: list[_Array]) -> Any:
+        _require(holds(value), value, kind)
+        if isinstance(value, np.generic):
+            # Numbers of numpy are not rounded as those of Python are.
+            _require(np.dtype(value.dtype).itemsize <= np.dtype(np.float64).itemsize, value, kind)
+            return {"of": value.dtype.str, "is": value.item()}
+        return value
+
+    def up(plain: Any, _: Sequence[_Array]) -> Any:
+        found = plain
+        if isinstance(plain, dict):
+            found = np.dtype(plain["of"]).type(plain["is"])
+        _require(holds(found), found, kind, ValueError)
+        return found
+
+    return _Form(holds, down, up)
+
+
+def _bytes() -> _Form:
+    def up(place: Any, arrays: Sequence[_Array]) -> bytes:
+        found = _placed(place, arrays, np.uint8)
+        return found.tobytes()
+
+    def down(value: Any, arrays: list[_Array]) -> int:
+        _require(type(value) is bytes, value, bytes)
+        arrays.append(np.frombuffer(value, np.uint8))
+        return len(arrays) - 1
+
+    return _Form(lambda value: type(value) is bytes, down, up)
+
+
+def _array(scalar: type[np.generic]) -> _Form:
+    def holds(value: object) -> bool:
+        return type(value) is np.ndarray and issubclass(value.dtype.type, scalar) and not value.dtype.hasobject
+
+    def down(value: Any, arrays: list[_Array]) -> int:
+        _require(holds(value), value, scalar)
+        arrays.append(value)
+        return len(arrays) - 1
+
+    return _Form(holds, down, lambda place, arrays: _placed(place, arrays, scalar))
+
+
+def _literal(values: tuple[Any, ...]) -> _Form:
+    def up(plain: Any, _: Sequence[_Array]) -> Any:
+        _require(plain in values, plain, values, ValueError)
+        return plain
+
+    def down(value: Any, _: list[_Array]) -> Any:
+        _require(value in values, value, values)
+        return value
+
+    return _Form(lambda value: value in values, down, up)
+
+
+def _union(arms: tuple[_Form, ...]) -> _Form:
+    def arm_of(value: object) -> int:
+        return next((number for number, arm in enumerate(arms) if arm.holds(value)), -1)
+
+    def down(value: Any, arrays: list[_Array]) -> Any:
+        number = arm_of(value)
+        _require(number >= 0, value, "a union")
+        return [number, arms[number].down(value, arrays)]
+
+    def up(plain: Any, arrays: Sequence[_Array]) -> Any:
+        number, content = plain
+        return arms[_index(number, arms)].up(content, arrays)
+
+    return _Form(lambda value: arm_of(value) >= 0, down, up)
+
+
+def _tuple(kinds: tuple[Any, ...]) -> _Form:
+    several = len(kinds) == 2 and kinds[1] is Ellipsis
+    forms = tuple(map(_form, kinds[:1] if several else kinds))
+
+    def of(length: int, value: object, error: type[Exception] = TypeError) -> Sequence[_Form]:
+        _require(several or length == len(forms), value, kinds, error)
+        return forms * length if several else forms
+
+    def down(value: Any, arrays: list[_Array]) -> list[Any]:
+        _require(type(value) is tuple, value, tuple)
+        return [form.down(each, arrays) for form, each in zip(of(len(value), value), value, strict=True)]
+
+    def up(plain: Any, arrays: Sequence[_Array]) -> tuple[Any, ...]:
+        _require(type(plain) is list, plain, tuple, ValueError)
+        every = of(len(plain), plain, ValueError)
+        return tuple([form.up(each, arrays) for form, each in zip(every, plain, strict=True)])
+
+    return _Form(lambda value: type(value) is tuple, down, up)
+
+
+def _mapping(kinds: tuple[Any, ...], makers: tuple[Callable[[Any], Any], ...]) -> _Form:
+    key, content = map(_form, kinds)
+
+    def down(value: Any, arrays: list[_Array]) -> list[Any]:
+        _require(type(value) in makers, value, Mapping)
+        return [makers.index(type(value)), [[key.down(k, arrays), content.down(v, arrays)] for k, v in value.items()]]
+
+    def up(plain: Any, arrays: Sequence[_Array]) -> Any:
+        maker, pairs = plain
+        return makers[_index(maker, makers)]({key.up(k, arrays): content.up(v, arrays) for k, v in pairs})
+
+    return _Form(lambda value: type(value) in makers, down, up)
+
+
+def _enumeration(kind: type[Enum]) -> _Form:
+    def down(value: Any, _: list[_Array]) -> str:
+        _require(type(value) is kind, value, kind)
+        return str(value.name)
+
+    def up(name: Any, _: Sequence[_Array]) -> Enum:
+        _require(name in kind.__members__, name, kind, ValueError)
+        return kind[name]
+
+    return _Form(lambda value: type(value) is kind, down, up)
+
+
+def _record(kind: type) -> _Form:
+    hints = typing.get_type_hints(kind)
+    forms = {field.name: _form(hints[field.name]) for field in fields(kind)}
+
+    def down(value: Any, arrays: list[_Array]) -> dict[str, Any]:
+        _require(type(value) is kind, value, kind)
+        return {name: form.down(getattr(value, name), arrays) for name, form in forms.items()}
+
+    def up(plain: Any, arrays: Sequence[_Array]) -> Any:
+        _require(isinstance(plain, dict) and plain.keys() == forms.keys(), plain, kind, ValueError)
+        # By its own door, so that what the class refuses is refused here.
+        return kind(**{name: form.up(plain[name], arrays) for name, form in forms.items()})
+
+    return _Form(lambda value: type(value) is kind, down, up)
+
+
+def _placed(place: Any, arrays: Sequence[_Array], scalar: type[np.generic]) -> _Array:
+    found = arrays[_index(place, arrays)]
+    _require(issubclass(found.dtype.type, scalar), found.dtype, scalar, ValueError)
+    return found
+
+
+def _index(number: Any, among: Sequence[Any]) -> int:
+    _require(type(number) is int and 0 <= number < len(among), number, f"one of {len(among)}", ValueError)
+    return int(number)
+
+
+def _require(held: bool, value: object, kind: object, error: type[Exception] = TypeError) -> None:
+    if not held:
+        raise error(f"{type(value).__name__} {value!r:.60} is not {kind}")

@@ -1,0 +1,142 @@
+"""Values that become data and are the same again, and data that are refused."""
+
+from __future__ import annotations
+
+import io
+import json
+import math
+import pickle
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import Enum
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, Literal
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from maskfab.files.plain_data import from_data, to_data
+
+
+class Colour(Enum):
+    """An enumeration."""
+
+    RED = "r"
+
+
+@dataclass(frozen=True, eq=False)
+class Small:
+    """A record of every kind of field."""
+
+    number: float
+    words: Mapping[str, str | float | None]
+    of: NDArray[np.floating[Any]]
+    colour: Colour = Colour.RED
+    side: Literal["x", "y"] = "x"
+    deep: tuple[tuple[int, int], ...] = ()
+    more: Colour | str | None = None
+
+    def __post_init__(self) -> None:
+        if self.number == 7:
+            raise ValueError("seven")
+
+
+def again(value: Any, kind: Any) -> Any:
+    return from_data(to_data(value, kind), kind)
+
+
+@given(st.floats(allow_nan=False) | st.integers() | st.text() | st.none())
+def test_leaves_come_back_to_the_last_bit(value):
+    found = again(value, float | int | str | None)
+    assert (type(found), found) == (type(value), value)
+    if isinstance(value, float):
+        assert struct.pack("<d", found) == struct.pack("<d", value)
+
+
+@pytest.mark.parametrize("value", [np.float64(2.675), np.float32(0.1), np.int64(3), np.float64("inf")])
+def test_numbers_of_numpy_stay_such(value):
+    found = again(value, float)
+    assert (type(found), found.tobytes()) == (type(value), value.tobytes())
+
+
+def test_a_record_comes_back_whole():
+    array = np.asfortranarray(np.arange(6, dtype=np.float32).reshape(2, 3) / 7)
+    words = MappingProxyType({"b": 1.0, "a": None, "c": "x"})
+    given = Small(math.nan, words, array, deep=((1, 2), (3, 4)), more=Colour.RED)
+    found = again((given,), tuple[Small, ...])[0]
+    assert math.isnan(found.number)
+    assert (list(found.words.items()), type(found.words)) == (list(words.items()), MappingProxyType)
+    assert (found.of.dtype, found.of.tobytes("A")) == (array.dtype, array.tobytes("A"))
+    assert found.of.flags.f_contiguous
+    assert (found.colour, found.side, found.deep, found.more) == (Colour.RED, "x", ((1, 2), (3, 4)), Colour.RED)
+
+
+@pytest.mark.parametrize(
+    ("value", "kind"),
+    [(3, str), ([1], tuple[int, ...]), ((1, 2, 3), tuple[int, int]), (True, int), (object(), object), (1, Any),
+     (np.array([None]), NDArray[np.float64]), (Path(), Path), ({1: 2}, Mapping[str, int])],
+)  # fmt: skip
+def test_a_value_of_another_kind_is_no_data(value, kind):
+    with pytest.raises(TypeError):
+        to_data(value, kind)
+
+
+def test_data_of_another_kind_are_refused():
+    data = to_data(Small(1.0, {}, np.zeros(2)), Small)
+    for kind in (Colour, int, tuple[Small, ...], NDArray[np.float64]):
+        with pytest.raises((ValueError, TypeError)):
+            from_data(data, kind)
+    with pytest.raises(TypeError):
+        from_data(data, object)
+
+
+def edited(data: bytes, **changes: Any) -> bytes:
+    stored = dict(np.load(io.BytesIO(data)))
+    tree = json.loads(stored["tree"].tobytes()) | changes
+    stored["tree"] = np.frombuffer(json.dumps(tree).encode(), np.uint8)
+    buffer = io.BytesIO()
+    np.savez(buffer, **stored)
+    return buffer.getvalue()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"number": 7}, {"number": "1"}, {"number": True}, {"colour": "BLUE"}, {"side": "z"}, {"of": 1}, {"of": -1},
+     {"deep": [[1, 2, 3]]}, {"deep": 3}, {"more": [9, None]}, {"more": [0, "posix"]}, {"__class__": "Popen"}],
+)  # fmt: skip
+def test_edited_data_are_refused(changes):
+    data = to_data(Small(1.0, {}, np.zeros(2)), Small)
+    assert from_data(edited(data, number=2.0), Small).number == 2
+    with pytest.raises((ValueError, TypeError)):
+        from_data(edited(data, **changes), Small)
+
+
+class Planted:
+    """A pickle that writes a file when it is read."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+def test_no_pickle_is_read(tmp_path):
+    planted = tmp_path / "ran"
+    for data in (pickle.dumps(Planted(planted)), _with_objects(planted)):
+        with pytest.raises(ValueError, match="allow_pickle"):
+            from_data(data, NDArray[np.float64])
+    assert not planted.exists()
+
+
+def _with_objects(planted: Path) -> bytes:
+    buffer = io.BytesIO()
+    array = np.empty(1, dtype=object)
+    array[0] = Planted(planted)
+    np.savez(buffer, tree=np.frombuffer(b"0", np.uint8), **{"0": array})
+    return buffer.getvalue()
