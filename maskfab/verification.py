@@ -14,8 +14,9 @@ from jinja2 import TemplateError
 
 from maskfab import __version__, provenance
 from maskfab.comparison.files import read_back
+from maskfab.comparison.foreign.alignment import Alignment
 from maskfab.comparison.foreign.foreign_mask import Foreign, How, check_foreign, only_die
-from maskfab.comparison.foreign.layer_choice import StatedLayers
+from maskfab.comparison.foreign.layer_choice import LayersRead, StatedLayers
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.comparison.roundtrip import RoundTrip
 from maskfab.display.place import Populated
@@ -207,7 +208,7 @@ def verify_file(
     opinion = tuple(row for row in judged(plate_layout(plate), "the design", plan) if die in (None, row.die))
     stated = drawing is not None and "max_vertices" in drawing.model_fields_set
 
-    def checked(tell: Progress) -> Foreign:
+    def checked(tell: Progress) -> tuple[Alignment, tuple[Quantity, ...], LayersRead]:
         found = check_foreign(
             plate if die is None else only_die(plate, die),
             job.camera,
@@ -221,10 +222,12 @@ def verify_file(
             if house is None
             else StatedLayers(house.layer_names, house.polygons.holes == "layer"),
         )
-        # Its layout stays in the process that read it.
-        return replace(found, trip=None, quantities=(*found.quantities, *opinion))
+        return found.alignment, found.quantities, found.layers
 
-    return bounded(path, checked, progress)
+    alignment, quantities, layers = bounded(
+        path, checked, progress, kind=tuple[Alignment, tuple[Quantity, ...], LayersRead]
+    )
+    return Foreign(path, alignment, None, (*quantities, *opinion), layers)
 
 
 def _aids_differ(folder: Path, found: Findings) -> Iterator[tuple[str, str]]:

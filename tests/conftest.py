@@ -188,7 +188,7 @@ def bound_closely(bound_loosely, monkeypatch) -> Iterator[None]:
 @pytest.fixture
 def read_here(monkeypatch) -> None:
     """For tests of whole files that are about something else than the process that reads them, and its limits."""
-    monkeypatch.setattr(layout_file, "read_apart", lambda path, _, function, **__: content(function, str(path)))
+    monkeypatch.setattr(layout_file, "_read_cells", lambda path, function, _: content(function, str(path)))
     monkeypatch.setattr(bounded, "multiprocessing", SimpleNamespace(get_all_start_methods=list))
 
 

@@ -328,7 +328,7 @@ def work(reader: str) -> None:
 
 def in_one_process() -> None:
     """maskfab reads these in a process of its own for each, which may end; here the copy of the worker is that."""
-    layout_file.read_apart = _gdstk  # type: ignore[assignment]
+    layout_file._read_cells = _gdstk
     gerber.read_apart = _gerber  # type: ignore[assignment]
     step.read_apart = _step  # type: ignore[assignment]
 
@@ -383,9 +383,8 @@ def apart(reader: str, path: Path) -> str:
     return f"{answer}\t{took:.3f} {used.ru_maxrss * 1024}"
 
 
-def _gdstk(path: Path, _script: object, function: str, **_limits: object) -> object:
-    """What :func:`maskfab.readers.sandbox.child_process.read_apart` returns or raises for GDSII and OASIS, in this
-    process.
+def _gdstk(path: Path, function: str, _seconds: float) -> list[dict[str, Any]]:
+    """The cells that a process of its own reads of GDSII and OASIS, or what it raises, in this process.
 
     Whatever exception ends the process of its own is a refusal there.
     """

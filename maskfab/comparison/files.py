@@ -15,7 +15,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
-from typing import Any, TypeAlias
+from types import MappingProxyType
+from typing import Any, TypeAlias, get_type_hints
 
 from klayout import db
 
@@ -58,6 +59,15 @@ _LIKE = 2
 """A file of more vertices than so many times the design's is not looked through."""
 
 _FEW_VERTICES = 10_000
+
+_HANDED_OVER: Mapping[str, Any] = MappingProxyType(
+    {
+        name: kind
+        for name, kind in get_type_hints(RoundTrip).items()
+        if name not in {"path", "layout", "differing", "slivers"}
+    }
+)
+"""What comes of a comparison within limits, and of which kinds."""
 
 _Taken: TypeAlias = db.Layout | RoundTrip | tuple[Quantity, ...]
 """A mask file as a layout, to be compared, or compared already; of other files what the comparison has shown."""
@@ -236,26 +246,28 @@ def _within_limits(
     """
     path = folder / product.name
 
-    def work(_tell: Progress) -> dict[str, object]:
+    def work(_tell: Progress) -> tuple[Any, ...]:
         read = _take(made, product, folder)
         assert isinstance(read, db.Layout)
         trip = compare_mask(made, read, path, dots=dots)
         if dots and trip.differences:
             _refuse_many_vertices(made, read, path)
             trip.layout.write(str(differing), _clear_alone(trip.layout))
-        return {name: value for name, value in vars(trip).items() if name not in {"layout", "differing", "slivers"}}
+        return tuple(getattr(trip, name) for name in _HANDED_OVER)
 
     with tempfile.TemporaryDirectory(prefix="maskfab-verify-") as aside:
         differing = Path(aside) / "differing.oas"
-        with begun(path, work, seconds=seconds_of(made.figures.account.polygons)) as answer:
+        seconds = seconds_of(made.figures.account.polygons)
+        with begun(path, work, kind=tuple[*_HANDED_OVER.values()], seconds=seconds) as answer:  # type: ignore[misc]
 
             def found() -> RoundTrip:
-                told: dict[str, Any] = answer()
+                told = dict(zip(_HANDED_OVER, answer(), strict=True))
                 layout = made.design if dots else db.Layout()
                 if differing.is_file():
                     layout = db.Layout()
                     layout.read(str(differing))
-                return RoundTrip(layout=layout, differing=db.Region(), slivers=Sifted(db.Region(), db.Region()), **told)
+                slivers = Sifted(db.Region(), db.Region())
+                return RoundTrip(path=path, layout=layout, differing=db.Region(), slivers=slivers, **told)
 
             yield found
 

@@ -352,7 +352,12 @@ def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
 
 def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:
     """:func:`_read_back`, within limits, of a file from any source."""
-    return bounded(path, lambda _tell: _read_back(drawn, path), seconds=seconds_of(drawn.figures.account.polygons))
+    return bounded(
+        path,
+        lambda _tell: _read_back(drawn, path),
+        seconds=seconds_of(drawn.figures.account.polygons),
+        kind=tuple[Box | None, tuple[Quantity, ...]],
+    )
 
 
 def _read_back(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:

@@ -92,15 +92,16 @@ def count_vertices(layout: db.Layout) -> int:
     return _count(layout, own)
 
 
-def weight(shapes: db.RecursiveShapeIterator, most: int) -> int:
+def weight(shapes: db.RecursiveShapeIterator, most: int, largest: int = 2**31) -> int:
     """How many rectangles take as long to work with as some shapes: a quarter of their vertices, at least one for each.
 
-    Counted until there are more than ``most``: a few cells may place billions of shapes.
+    Counted until there are more than ``most``, for a few cells may place billions of shapes; a shape counts ``largest``
+    at most.
     """
     found = 0
     for each in shapes.each():
         shape = each.shape()
-        found += 1 if shape.is_box() or not shape.is_polygon() else -(-shape.polygon.num_points() // 4)
+        found += 1 if shape.is_box() or not shape.is_polygon() else min(largest, -(-shape.polygon.num_points() // 4))
         if found > most:
             break
     return found

@@ -163,7 +163,8 @@ def analyse(path: str | Path, request: Request, progress: Progress = silent) -> 
                 cure="If the file holds one opening, add --tiling, --dot and --pitch; else leave the scene out",
             )
         _check_finest(path, request)
-        return bounded(path, lambda tell: _analyse_mask(path, request, tell), progress)
+        kind = tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]
+        return Analysis(*bounded(path, lambda tell: _analyse_mask(path, request, tell), progress, kind=kind))
     return analyse_opening(_load(path, request), request, progress)
 
 
@@ -342,14 +343,16 @@ class _Seen:
     lit: LitPupils
 
 
-def _analyse_mask(path: Path, request: Request, progress: Progress) -> Analysis:
+def _analyse_mask(
+    path: Path, request: Request, progress: Progress
+) -> tuple[str, tuple[Psf, ...], tuple[Mtf, ...], tuple[Quantity, ...]]:
     seen = _see(path, request)
     give_back()
     standard, pupil = _measure_seen(seen, request, progress), seen.pupil
     del seen
     give_back()
     bar = bar_quantities(model_bar(pupil, request.camera, request.blank), request.camera, None)
-    return replace(standard, quantities=(*standard.quantities, *bar))
+    return standard.name, standard.psfs, standard.mtfs, (*standard.quantities, *bar)
 
 
 def _see(path: Path, request: Request) -> _Seen:

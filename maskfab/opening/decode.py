@@ -195,7 +195,7 @@ def from_layout(
     """
     from maskfab.readers.sandbox.bounded import bounded
 
-    return bounded(path, lambda _tell: _of_polygons(path, dots, dot_nm, layer, cell, unit_um))
+    return bounded(path, lambda _tell: _of_polygons(path, dots, dot_nm, layer, cell, unit_um), kind=Mask)
 
 
 def _of_polygons(

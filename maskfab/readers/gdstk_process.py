@@ -1,4 +1,4 @@
-"""Run as a process of its own: reads GDSII or OASIS with gdstk and pickles its content, in nanometres, to stdout.
+"""Run as a process of its own: reads GDSII or OASIS with gdstk and writes its content, in nanometres, to stdout.
 
 gdstk trusts its input: a damaged file can end the process that reads it, and may do so only later, when the name of a
 cell is asked for. A few bytes of OASIS can make klayout repeat a shape until memory is full. So both read here first,
@@ -16,7 +16,6 @@ by the numbers of those that have one.
 
 from __future__ import annotations
 
-import pickle
 import sys
 from pathlib import Path
 from typing import Any
@@ -25,7 +24,9 @@ import gdstk
 import numpy as np
 
 from maskfab.errors import SourceError
+from maskfab.readers.cell_content import CellArrays, cell_arrays
 from maskfab.readers.sandbox.limits import limit_share
+from maskfab.readers.sandbox.messages import answer_message, error_message
 
 _METRES_PER_NM = 1e-9
 _LARGEST_REPETITION = 10_000_000
@@ -127,9 +128,8 @@ def _repetition(each: Any) -> Any:
 
 if __name__ == "__main__":
     limit_share(Path(sys.argv[2]), _LARGEST_MEMORY, _MEMORY_PER_BYTE)
-    found: list[dict[str, Any]] | SourceError
     try:
-        found = content(*sys.argv[1:])
+        message = answer_message(tuple(map(cell_arrays, content(*sys.argv[1:]))), tuple[CellArrays, ...])
     except SourceError as error:
-        found = error
-    pickle.dump(found, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
+        message = error_message(error)
+    sys.stdout.buffer.write(message)

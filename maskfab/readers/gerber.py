@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,9 +15,10 @@ from maskfab.errors import SourceError
 from maskfab.geometry.plate_layout import DBU_UM, layer_info
 from maskfab.geometry.shape_limits import ROUNDING_KEY, LeftOut, is_empty, note_left_out
 from maskfab.model import CLEAR
-from maskfab.readers.gerber_process import Run
+from maskfab.readers.gerber_process import Outlines, Run
 from maskfab.readers.sandbox.bounded import library_errors
 from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
+from maskfab.readers.sandbox.messages import unusable
 
 _ON_GRID_NM = 1e-5
 _FIRST_BYTES = 256
@@ -38,7 +39,10 @@ def read_gerber(path: Path) -> db.Layout:
                 "MF304", f"{path.name} is not a Gerber file", where=str(path), cure="Give it its true suffix"
             )
     seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
-    runs, curves = read_apart(path, Path(__file__).with_name("gerber_process.py"), seconds=seconds)
+    script = Path(__file__).with_name("gerber_process.py")
+    runs, curves = read_apart(path, script, kind=Outlines, seconds=seconds)
+    if not all(corners.shape == (sizes.sum(), 2) and (sizes >= 0).all() for _, corners, sizes in runs):
+        raise unusable(path, ValueError())
     with library_errors(path):
         return _Drawing(curves).layout(runs)
 
@@ -72,7 +76,7 @@ class _Drawing:
         self._empty = 0
         self._repeated = 0
 
-    def layout(self, runs: list[Run]) -> db.Layout:
+    def layout(self, runs: Sequence[Run]) -> db.Layout:
         layout = db.Layout()
         layout.dbu = DBU_UM
         shapes = layout.create_cell("GERBER").shapes(layout.layer(layer_info(CLEAR)))

@@ -1,4 +1,4 @@
-"""Run as a process of its own: reads Gerber X2 with gerbonara and pickles its outlines, in nanometres, to stdout.
+"""Run as a process of its own: reads Gerber X2 with gerbonara and writes its outlines, in nanometres, to stdout.
 
 gerbonara reads what boards are made of and passes over what it does not know, step-and-repeat and block apertures
 among it. So every command is looked at first, and only those are let through whose effect is certain: regions, flashes
@@ -12,7 +12,6 @@ parses a megabyte in a second, beside whatever else is done, and gives back what
 from __future__ import annotations
 
 import math
-import pickle
 import re
 import sys
 import warnings
@@ -27,9 +26,13 @@ from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
 from maskfab.readers.sandbox.limits import limit_share
+from maskfab.readers.sandbox.messages import answer_message, error_message
 
 Run = tuple[bool, NDArray[np.float64], NDArray[np.int64]]
 """Outlines of one polarity, dark or not: their corners [n, 2] in nanometres, and how many each has."""
+
+Outlines = tuple[tuple[Run, ...], int]
+"""Runs in their order, and the number of circles that became polygons."""
 
 _LARGEST_NM = 2**31 - 1
 _FROM_CIRCLE_NM = 1.0
@@ -303,9 +306,9 @@ def _distinct(corners: NDArray[np.float64]) -> NDArray[np.float64]:
 if __name__ == "__main__":
     file = Path(sys.argv[1])
     limit_share(file, _LARGEST_MEMORY, _MEMORY_PER_BYTE, _SECONDS)
-    found: tuple[list[Run], int] | SourceError
     try:
-        found = content(file)
+        runs, curves = content(file)
+        message = answer_message((tuple(runs), curves), Outlines)
     except SourceError as error:
-        found = error
-    pickle.dump(found, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
+        message = error_message(error)
+    sys.stdout.buffer.write(message)

@@ -34,12 +34,14 @@ from maskfab.geometry.shape_limits import (
     note_left_out,
 )
 from maskfab.model import CLEAR, LAYERS
+from maskfab.readers.cell_content import CellArrays, cell_content
 from maskfab.readers.cif import LABEL, LayerKey, cif_content
 from maskfab.readers.dxf.dxf import POLYLINE_MODE, close_lines, look_through
 from maskfab.readers.gerber import read_gerber
 from maskfab.readers.image_mask import IMAGE_SUFFIXES
 from maskfab.readers.record_counts import refuse_many_blocks, refuse_many_in_gdsii
 from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
+from maskfab.readers.sandbox.messages import unusable
 from maskfab.units import UM_PER_INCH, UM_PER_UNIT
 
 _LARGEST_NM = 2**31 - 1
@@ -243,7 +245,7 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
             if _CYCLE not in error.what:
                 raise
     seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
-    content = read_apart(path, Path(__file__).with_name("gdstk_process.py"), function, seconds=seconds)
+    content = _read_cells(path, function, seconds)
     try:
         second = _Conversion(path).layout(content)
     except (TypeError, ValueError, OverflowError, RuntimeError) as error:
@@ -259,6 +261,15 @@ def _through_gdstk(path: Path, function: str) -> db.Layout:
             cure="Write it with boundaries and paths only",
         )
     return second
+
+
+def _read_cells(path: Path, function: str, seconds: float) -> list[dict[str, Any]]:
+    script = Path(__file__).with_name("gdstk_process.py")
+    found = read_apart(path, script, function, kind=tuple[CellArrays, ...], seconds=seconds)
+    try:
+        return [cell_content(each) for each in found]
+    except ValueError as error:
+        raise unusable(path, error) from error
 
 
 def _checked_by_klayout(path: Path) -> db.Layout:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeAlias
 
 from maskfab.readers.mesh import Floats, ReadSolid, check_reach
 from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
@@ -29,7 +30,10 @@ class Placed:
     matrix: Floats
 
 
-def read_step(path: Path) -> tuple[ReadSolid, tuple[Placed, ...]]:
+Parts: TypeAlias = tuple[ReadSolid, tuple[Placed, ...]]
+
+
+def read_step(path: Path) -> Parts:
     """The parts of a file with one root, and where each is placed.
 
     Raises:
@@ -37,7 +41,7 @@ def read_step(path: Path) -> tuple[ReadSolid, tuple[Placed, ...]]:
             takes far longer than whole files do.
     """
     seconds = PATIENCE_S + path.stat().st_size / _BYTES_PER_SECOND
-    read, placed = read_apart(path, Path(__file__).with_name("step_process.py"), seconds=seconds)
+    read, placed = read_apart(path, Path(__file__).with_name("step_process.py"), kind=Parts, seconds=seconds)
     for shape in read.shapes:
         check_reach(path, shape.vertices_nm)
     check_reach(path, *(each.matrix for each in placed))

@@ -1,4 +1,4 @@
-"""Run as a process of its own: reads STEP with OCP and pickles what it holds to stdout.
+"""Run as a process of its own: reads STEP with OCP and writes what it holds to stdout.
 
 The library's own translation into shapes takes 17 s for 10 000 places, most of it to build the assembly. Here it parses
 the file, its parts are translated and mended once each, as its reader would, and the places are taken from the
@@ -11,7 +11,6 @@ A damaged file can make the library search without end, or take all memory: both
 
 from __future__ import annotations
 
-import pickle
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -23,7 +22,8 @@ from numpy.typing import NDArray
 from maskfab.files.silence_stdout import quiet
 from maskfab.readers.mesh import Floats, ReadShape, ReadSolid
 from maskfab.readers.sandbox.limits import limit_share
-from maskfab.readers.step import Placed
+from maskfab.readers.sandbox.messages import answer_message
+from maskfab.readers.step import Parts, Placed
 
 _DEFLECTION_MM = 1e-3
 _PRECISION_MM = 1e-7
@@ -221,4 +221,4 @@ if __name__ == "__main__":
     except Exception as error:
         # The library's exceptions share no base but this, and a dangling reference ends in any of Python's.
         sys.exit(f"{str(error) or type(error).__name__}")
-    pickle.dump(found, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
+    sys.stdout.buffer.write(answer_message(found, Parts))

@@ -18,14 +18,19 @@ from maskfab.readers.layout_file import read_layout
 from maskfab.readers.sandbox import child_process, limits
 from maskfab.readers.sandbox.child_process import read_apart
 
-HEAD = "import os, pickle, signal, sys, time, warnings\n"
+HEAD = """
+import os, signal, sys, time, warnings
+from maskfab.readers.sandbox.messages import answer_message, error_message
+def say(answer, kind=int):
+    sys.stdout.buffer.write(answer_message(answer, kind))
+"""
 
 
-def answer(folder, code, *arguments, seconds=60.0):
+def answer(folder, code, *arguments, kind=int, seconds=60.0):
     script, path = folder / "reader.py", folder / "file.gds"
     script.write_text(HEAD + code, encoding="utf-8")
     path.write_bytes(b"1234")
-    return read_apart(path, script, *arguments, seconds=seconds)
+    return read_apart(path, script, *arguments, kind=kind, seconds=seconds)
 
 
 def refusal(folder, code, **options):
@@ -37,10 +42,8 @@ def refusal(folder, code, **options):
 
 
 def test_what_is_read_comes_back_with_its_arguments(tmp_path):
-    assert answer(tmp_path, "pickle.dump((sys.argv[1], open(sys.argv[2], 'rb').read()), sys.stdout.buffer)", "how") == (
-        "how",
-        b"1234",
-    )
+    code = "say((sys.argv[1], open(sys.argv[2], 'rb').read()), tuple[str, bytes])"
+    assert answer(tmp_path, code, "how", kind=tuple[str, bytes]) == ("how", b"1234")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
@@ -64,7 +67,7 @@ def test_any_other_end_is_a_refusal(tmp_path, code, stands):
 def test_an_error_of_ours_comes_as_it_is(tmp_path):
     code = """
 from maskfab.errors import OpeningError
-pickle.dump(OpeningError("MF203", "it is closed", where="here", cure="Open it"), sys.stdout.buffer)
+sys.stdout.buffer.write(error_message(OpeningError("MF203", "it is closed", where="here", cure="Open it")))
 """
     with pytest.raises(OpeningError) as caught:
         answer(tmp_path, code)
@@ -79,7 +82,7 @@ pickle.dump(OpeningError("MF203", "it is closed", where="here", cure="Open it"),
     [
         ("1 << 30, 1 << 20", "bytes(2 << 30)", "MF303"),
         ("1 << 30, 1 << 20, 1", "while True: pass", "MF316"),
-        ("1 << 30, 1 << 20, 60", "pickle.dump(1, sys.stdout.buffer)", ""),
+        ("1 << 30, 1 << 20, 60", "say(1)", ""),
     ],
 )
 def test_a_reader_ends_that_takes_more_than_its_share(tmp_path, limits, work, stands):
@@ -117,7 +120,7 @@ def test_a_reader_that_sleeps_is_ended(tmp_path):
 def test_nothing_is_imported_from_where_the_file_lies(tmp_path, monkeypatch):
     (tmp_path / "json.py").write_text("raise SystemExit('read from the folder')", encoding="utf-8")
     monkeypatch.chdir(tmp_path)
-    assert answer(tmp_path, "import json; pickle.dump(json.__name__, sys.stdout.buffer)") == "json"
+    assert answer(tmp_path, "import json; say(json.__name__, str)", kind=str) == "json"
 
 
 @pytest.mark.parametrize("reader", ["gdsii", "gerber"])

@@ -2,19 +2,26 @@
 
 from __future__ import annotations
 
+import io
+import json
 import multiprocessing
 import os
+import pickle
 import signal
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
 from klayout import db
+from numpy.typing import NDArray
 
-from maskfab.errors import OpeningError, SourceError
+from maskfab.errors import InternalError, OpeningError, SourceError
+from maskfab.readers.sandbox import bounded as sandbox
 from maskfab.readers.sandbox.bounded import bounded, library_errors
 from maskfab.readers.sandbox.child_process import read_apart
 from maskfab.readers.sandbox.limits import allow
+from maskfab.readers.sandbox.messages import answer_message
 
 pytestmark = pytest.mark.skipif(
     "fork" not in multiprocessing.get_all_start_methods(), reason="limits are those of a copied process"
@@ -31,7 +38,7 @@ def file(tmp_path):
 
 def refusal(file, work, **options):
     with pytest.raises(SourceError) as caught:
-        bounded(file, work, **options)
+        bounded(file, work, kind=str, **options)
     assert "small.gds" in caught.value.what
     assert caught.value.where == str(file)
     assert caught.value.cure
@@ -50,7 +57,7 @@ def test_the_answer_comes_back_and_so_does_what_is_told_on_the_way(file):
         tell("rules", 1, 2)
         return np.arange(3), os.getpid()
 
-    answer, process = bounded(file, work, lambda *said: heard.append(said))
+    answer, process = bounded(file, work, lambda *said: heard.append(said), kind=tuple[NDArray[np.int64], int])
     assert answer.tolist() == [0, 1, 2]
     assert heard == [("rules", 1, 2)]
     assert process != os.getpid()
@@ -79,18 +86,19 @@ def test_what_is_allowed_for_honest_work_is_there(file):
         busy(1.1)
         return "done"
 
-    assert bounded(file, work, seconds=0) == "done"
+    assert bounded(file, work, kind=str, seconds=0) == "done"
 
 
 def test_what_a_reader_takes_is_taken_of_the_same_share(file, tmp_path):
     script = tmp_path / "reader.py"
     script.write_text(
-        "import pickle, sys, time\nwhile time.process_time() < 1.05:\n    pass\npickle.dump('read', sys.stdout.buffer)",
+        "import sys, time\nfrom maskfab.readers.sandbox.messages import answer_message\n"
+        "while time.process_time() < 1.05:\n    pass\nsys.stdout.buffer.write(answer_message('read', str))",
         encoding="utf-8",
     )
 
     def work(tell):
-        answer = read_apart(file, script, seconds=60)
+        answer = read_apart(file, script, kind=str, seconds=60)
         tell("rules", 0, 1)
         busy(1.2)
         return answer
@@ -98,7 +106,7 @@ def test_what_a_reader_takes_is_taken_of_the_same_share(file, tmp_path):
     error = refusal(file, work, seconds=1)
     assert (error.code, "'rules'" in error.what) == ("MF322", True)
     # Which would do for the rest alone.
-    assert bounded(file, lambda _: busy(1.2), seconds=1) is None
+    assert bounded(file, lambda _: busy(1.2), kind=type(None), seconds=1) is None
 
 
 def test_allowing_more_changes_nothing_where_nothing_is_limited():
@@ -129,14 +137,74 @@ def test_an_error_of_ours_comes_as_it_is(file):
         raise OpeningError("MF203", "it is closed", where="here", cure="Open it")
 
     with pytest.raises(OpeningError) as caught:
-        bounded(file, work)
+        bounded(file, work, kind=str)
     assert (caught.value.code, caught.value.where) == ("MF203", "here")
 
 
 def test_a_fault_of_ours_stays_one(file):
-    with pytest.raises(ZeroDivisionError) as caught:
-        bounded(file, lambda _: 1 // 0)
+    with pytest.raises(InternalError, match="MF901 ZeroDivisionError") as caught:
+        bounded(file, lambda _: 1 // 0, kind=int)
     assert "test_bounded" in caught.value.__notes__[0]
+
+
+class Planted:
+    """A pickle that writes a file when it is read."""
+
+    def __init__(self, path):
+        self.path = path
+
+    def __reduce__(self):
+        return Path.touch, (self.path,)
+
+
+def packed(**arrays):
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **arrays)
+    return buffer.getvalue()
+
+
+FORGED = [
+    lambda path: pickle.dumps(("answer", Planted(path))),
+    lambda path: b"A" + pickle.dumps(Planted(path)),
+    lambda path: b"A" + packed(tree=np.frombuffer(b"1", np.uint8), zeros=np.zeros(10_000_000)),
+    lambda path: answer_message("a word", str),
+    lambda path: b"A",
+    lambda path: b"E" + json.dumps(["Popen", "MF303", "", "", "", ""]).encode(),
+    lambda path: b"E" + json.dumps(["SourceError", "MF000", "", "", "", ""]).encode(),
+    lambda path: b"E" + json.dumps(["SourceError", "MF303", 1, "", "", ""]).encode(),
+    lambda path: b"P" + json.dumps(["rules", "1", None]).encode(),
+    lambda path: b"X",
+    lambda path: b"",
+]
+
+
+@pytest.mark.parametrize("forge", FORGED)
+def test_nothing_but_an_answer_comes_of_a_process_that_a_file_took_over(file, tmp_path, monkeypatch, forge):
+    """Whatever it says in place of its answer is refused, and runs nothing here."""
+    planted = tmp_path / "ran"
+    message = forge(planted)
+    monkeypatch.setattr(sandbox, "answer_message", lambda answer, kind: message)
+    error = refusal_of_kind(file, lambda _: 1, int)
+    assert error.code == "MF327"
+    assert not planted.exists()
+    script = tmp_path / "reader.py"
+    script.write_text(f"import sys; sys.stdout.buffer.write({message!r})", encoding="utf-8")
+    with pytest.raises(SourceError, match="MF327"):
+        read_apart(file, script, kind=int, seconds=60)
+    assert not planted.exists()
+
+
+def refusal_of_kind(file, work, kind):
+    with pytest.raises(SourceError) as caught:
+        bounded(file, work, kind=kind)
+    return caught.value
+
+
+@pytest.mark.skipif(not os.path.exists("/proc/self/statm"), reason="memory is limited on Linux")
+def test_an_answer_longer_than_all_memory_that_it_may_take_is_refused(file, monkeypatch):
+    monkeypatch.setattr(sandbox, "MEMORY", 1000)
+    monkeypatch.setattr(sandbox, "limit_memory", lambda most: None)
+    assert refusal_of_kind(file, lambda _: "x" * 10_000, str).code == "MF327"
 
 
 def test_what_klayout_throws_is_an_error_of_the_file_and_a_fault_of_ours_is_not(file):

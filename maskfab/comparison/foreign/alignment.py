@@ -24,6 +24,8 @@ _BETTER = 0.5
 _MOST_WINDOWS = 24
 _MOST_MARKS = 8
 _FEW_SHAPES, _MORE, _MOST_HALVED = 100, 4, 2
+_LARGEST_WEIGHT = 16
+"""Of one shape: a file of the other tone may be one polygon with a hole for every dot."""
 _LARGEST = 2**31 - 1
 _CELLS = 3
 _UNITS = {
@@ -264,7 +266,8 @@ def _part_of_few(window: _Window, read: db.Layout, index: int, back: db.ICplxTra
     box = window.box
     for _ in range(_MOST_HALVED + 1):
         place = box.transformed(back).enlarged(1, 1)
-        if weight(read.top_cell().begin_shapes_rec_overlapping(index, place), window.most) <= window.most:
+        shapes = read.top_cell().begin_shapes_rec_overlapping(index, place)
+        if weight(shapes, window.most, _LARGEST_WEIGHT) <= window.most:
             return box, place
         box = box.enlarged(-(box.width() // 4), -(box.height() // 4))
     return db.Box(), db.Box()

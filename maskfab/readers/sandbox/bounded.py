@@ -11,17 +11,23 @@ import math
 import multiprocessing
 import os
 import signal
-import traceback
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from maskfab.errors import SourceError, is_lack_of_memory
 from maskfab.progress import Progress, silent
 from maskfab.readers.sandbox.limits import BYTES_PER_SECOND, SECONDS, end_by_signals, limit_memory, limit_processor
+from maskfab.readers.sandbox.messages import (
+    answer_message,
+    error_message,
+    progress_message,
+    read_message,
+    unusable,
+)
 
 Answer = TypeVar("Answer")
 
@@ -37,27 +43,39 @@ _CURE = "Write it again as plain polygons, with fewer copies and no overlaps"
 
 
 def bounded(
-    path: Path, work: Callable[[Progress], Answer], progress: Progress = silent, *, seconds: int | None = None
+    path: Path,
+    work: Callable[[Progress], Answer],
+    progress: Progress = silent,
+    *,
+    kind: Any,
+    seconds: int | None = None,
 ) -> Answer:
     """Run work within limits of time and memory and return its result; on systems without fork, without limits.
 
     Args:
         path: the file that the work reads: the larger, the longer it may take.
-        work: anything whose answer can be pickled; told what to tell of its progress.
+        work: told what to tell of its progress.
         progress: told what the work tells.
+        kind: of the answer, plain data of which come back, see :mod:`maskfab.files.plain_data`.
         seconds: of the processor, for a small file; :data:`SECONDS` if None.
 
     Raises:
-        SourceError: MF322 if it takes longer, or more memory, or ends the process; MF323 if a library throws.
-        Exception: whatever the work raises.
+        SourceError: MF322 if it takes longer, or more memory, or ends the process; MF323 if a library throws; MF327 if
+            what comes back is no answer.
+        MaskfabError: whatever the work raises, if that is maskfab's; InternalError MF901 in place of all else.
     """
-    with begun(path, work, progress, seconds=seconds) as answer:
+    with begun(path, work, progress, kind=kind, seconds=seconds) as answer:
         return answer()
 
 
 @contextmanager
 def begun(
-    path: Path, work: Callable[[Progress], Answer], progress: Progress = silent, *, seconds: int | None = None
+    path: Path,
+    work: Callable[[Progress], Answer],
+    progress: Progress = silent,
+    *,
+    kind: Any,
+    seconds: int | None = None,
 ) -> Iterator[Callable[[], Answer]]:
     """Work of :func:`bounded` that goes on beside other work here, until its answer is asked for or nobody wants it.
 
@@ -70,9 +88,8 @@ def begun(
     size = path.stat().st_size if os.path.isfile(path) else 0
     limit = math.ceil((SECONDS if seconds is None else seconds) + size / BYTES_PER_SECOND)
     here, there = multiprocessing.Pipe(duplex=False)
-    copy = multiprocessing.get_context("fork").Process(
-        target=_work, args=(there, work, limit, MEMORY + MEMORY_PER_BYTE * size)
-    )
+    memory = MEMORY + MEMORY_PER_BYTE * size
+    copy = multiprocessing.get_context("fork").Process(target=_work, args=(path, there, work, kind, limit, memory))
     with warnings.catch_warnings():
         # Of threads that would not be there in the copy; those of the libraries are at rest, or begin anew.
         warnings.simplefilter("ignore", DeprecationWarning)
@@ -81,20 +98,21 @@ def begun(
 
     def answer() -> Answer:
         stage, ended = "read", None
+
+        def tell(*told: Any) -> None:
+            nonlocal stage
+            stage = told[0]
+            progress(*told)
+
         try:
             while here.poll(_WALL_PER_PROCESSOR * limit):
-                kind, told = here.recv()
-                if kind == "progress":
-                    stage = told[0]
-                    progress(*told)
-                elif kind == "raised":
-                    raise _said(path, told)
-                else:
-                    found: Answer = told
-                    return found
+                if found := read_message(here.recv_bytes(memory), kind, path, tell):
+                    return found[0]  # type: ignore[no-any-return]
         except EOFError:
             copy.join()
             ended = copy.exitcode
+        except OSError as error:  # longer than all the memory that it may take
+            raise unusable(path, error) from error
         if ended is None or -ended in _OUT_OF_TIME:
             what = f"does not come to an end of the stage {stage!r} in the processor time that it may take"
             raise _too_much(path, what)
@@ -142,20 +160,18 @@ def _too_much(path: Path, what: str) -> SourceError:
     return SourceError("MF322", f"{path.name} {what}", where=str(path), cure=_CURE)
 
 
-def _work(there: Connection, work: Callable[[Progress], Any], seconds: int, memory: int) -> None:
+def _work(path: Path, there: Connection, work: Callable[[Progress], Any], kind: Any, seconds: int, memory: int) -> None:
     """The life of the copy."""
 
     def tell(stage: str, done: int, total: int) -> None:
-        there.send(("progress", (stage, done, total)))
+        there.send_bytes(progress_message(stage, done, total))
 
     end_by_signals()
     limit_processor(seconds)
     limit_memory(memory)
-    kind: Literal["raised", "answer"] = "answer"
     try:
-        told = work(tell)
+        message = answer_message(work(tell), kind)
     except Exception as error:
-        kind, told = "raised", error
-        error.add_note(traceback.format_exc())
-    there.send((kind, told))
+        message = error_message(_said(path, error))
+    there.send_bytes(message)
     there.close()
