@@ -101,7 +101,7 @@ def outcome(reader: str, path: Path) -> str:
         with warnings.catch_warnings():
             warnings.simplefilter("error")
             if reader in LAYOUTS:
-                return bounded(path, lambda _tell: _layout_outcome(reader, path))
+                return bounded(path, lambda _tell: _layout_outcome(reader, path), kind=str)
             if reader in PICTURES:
                 return _picture_outcome(path)
             if reader == "exr":

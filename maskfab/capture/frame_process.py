@@ -1,4 +1,4 @@
-"""Run as a process of its own: reads one frame, RAW by LibRaw or a picture by OpenImageIO, and pickles it to stdout.
+"""Run as a process of its own: reads one frame, RAW by LibRaw or a picture by OpenImageIO, and writes it to stdout.
 
 Frames come from cameras and programs of any maker, and both libraries are written in C: a damaged file may end, hang or
 fill the process that reads it, which is this one.
@@ -8,7 +8,6 @@ fill the process that reads it, which is this one.
 
 from __future__ import annotations
 
-import pickle
 import struct
 import sys
 from collections.abc import Iterator
@@ -23,6 +22,7 @@ from maskfab.capture.frames import PLANE_COLOURS, Colour, Counts, Frame, Pattern
 from maskfab.errors import SourceError
 from maskfab.readers.image_errors import said_by
 from maskfab.readers.sandbox.limits import limit_share
+from maskfab.readers.sandbox.messages import answer_message, error_message
 from maskfab.readers.tiff_tone import shown_alike
 
 MOST_PIXELS = 120_000_000
@@ -244,9 +244,8 @@ def _text(error: Exception) -> str:
 if __name__ == "__main__":
     file = Path(sys.argv[1])
     limit_share(file, _MEMORY, _MEMORY_PER_BYTE, _SECONDS, _BYTES_PER_SECOND)
-    found: Frame | SourceError
     try:
-        found = picture_frame(file) if file.suffix.lower() in PICTURES else raw_frame(file)
+        message = answer_message(picture_frame(file) if file.suffix.lower() in PICTURES else raw_frame(file), Frame)
     except SourceError as error:
-        found = error
-    pickle.dump(found, sys.stdout.buffer, protocol=pickle.HIGHEST_PROTOCOL)
+        message = error_message(error)
+    sys.stdout.buffer.write(message)

@@ -67,7 +67,7 @@ def read_frame(
             where=where,
             cure="Run pip install 'maskfab[raw]', or save the frame as linear TIFF of 16 bits",
         )
-    found: Frame = read_apart(path, Path(__file__).with_name("frame_process.py"), seconds=PATIENCE_S)
+    found: Frame = read_apart(path, Path(__file__).with_name("frame_process.py"), kind=Frame, seconds=PATIENCE_S)
     found = replace(found, sha256=sha256_of_file(path), pattern=_stated_mosaic(found, mosaic, where))
     levels, count = found.black if black is None else (black,), len(found.lattices)
     found = replace(

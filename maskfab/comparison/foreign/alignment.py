@@ -257,7 +257,7 @@ def _differing(
         differing += (found ^ (window.clear & here)).area() * window.box.area() / box.area()
         if differing > enough * clear:
             break
-    return differing / clear
+    return float(differing / clear)
 
 
 def _part_of_few(window: _Window, read: db.Layout, index: int, back: db.ICplxTrans) -> tuple[db.Box, db.Box]:

@@ -265,7 +265,7 @@ def _facing(reach_nm: int, layout: db.Layout, places: db.Region, _most: int) -> 
     around = places.bbox().enlarged(2 * reach_nm, 2 * reach_nm)
     around &= clear_box(layout)
     sides = 4 * _weight(layout, db.Region(around), MOST_LOOKED_ALONE)
-    near = min(1.0, (2 * reach_nm) ** 2 / max(1, around.area()))
+    near: float = min(1.0, (2 * reach_nm) ** 2 / max(1, around.area()))
     return math.ceil(sides * max(1.0, near * sides) ** 2)
 
 
