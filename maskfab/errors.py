@@ -139,6 +139,8 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF430": "maskfab does not write files of this kind.",
         "MF431": "An optional package that this needs is not installed.",
         "MF432": "The results have no number or die of that name.",
+        "MF436": "Corners that touch cannot have so wide or narrow a gap or neck in a mesh.",
+        "MF437": "Two corners of a mesh become one in a format's float32.",
         "MF901": "maskfab failed: an internal error, not your input.",
     }
 )

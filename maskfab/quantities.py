@@ -1110,7 +1110,15 @@ _ENTRIES = (
         "elsewhere the area that pixels of this size cannot resolve.",
         "Choose dots_per_um so that a dot is a whole number of pixels.",
     ),
-    Entry("solid_instances", "", "", "Cells in the solid", "Unit cells placed in the solid file.", _DIFFERS),
+    Entry(
+        "solid_instances",
+        "",
+        "",
+        "Films in the solid",
+        "Films placed: one of every cell in STEP, one in a mesh.",
+        _DIFFERS,
+    ),
+    Entry("solid_pieces", "", "", "Pieces of the film", "Closed surfaces of the film in a mesh.", _DIFFERS),
     Entry(
         "solid_wrong_cells",
         "",
@@ -1144,7 +1152,7 @@ _ENTRIES = (
         _DIFFERS,
     ),
     Entry("solid_glass_error", "", "nm", "Glass error", "Largest offset of a corner of the substrate.", _DIFFERS),
-    Entry("solid_flaws", "", "", "Flaws of the solid", "Shapes that are invalid or not watertight.", _DIFFERS),
+    Entry("solid_flaws", "", "", "Flaws of the solid", "Shapes that are invalid or not closed.", _DIFFERS),
     Entry("solid_dies", "", "", "Dies in the assembly", "Dies in the assembly of the plate.", _DIFFERS),
     Entry(
         "solid_strangers",

@@ -1,26 +1,31 @@
 """Written solids against the die they were written from.
 
-A file is read by a library that did not write it, and compared with the openings and orientations themselves: which
-cells it places, where, what each is made of, and how much of it there is.
+A file is read by a library that did not write it, and compared with the openings and orientations themselves: in STEP
+which cells it places, where, and what each is made of; in a mesh whether the film is closed, which dots both of its
+faces cover, and where its walls stand; in both how much of it there is.
 """
 
 from __future__ import annotations
 
 import math
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from klayout import db
 from numpy.typing import NDArray
+from scipy import ndimage, sparse
+from scipy.sparse import csgraph
 
 from maskfab.errors import SourceError
 from maskfab.export.solid.tiles import Stack, centres_nm, glass
-from maskfab.geometry.plate_layout import coverage
+from maskfab.geometry.die_grid import die_edges_nm, die_raster
+from maskfab.geometry.raster import coverage, outline_coverage
 from maskfab.model import Die, Panel, Plate, Quantity
-from maskfab.readers.mesh import Floats, Ints, ReadShape, ReadSolid, nearest_line, read_scene, read_stl, unit_lines_nm
+from maskfab.readers.mesh import Floats, Ints, ReadShape, ReadSolid, read_scene, read_stl
 from maskfab.readers.step import read_step
 
 _NM = 1.0
@@ -33,7 +38,7 @@ _TORN = 1e-6
 """A dot may be covered by this much less than wholly, for the rounding of sums."""
 
 _VOLUME_LIMIT = {".step": 1e-9, ".glb": 1e-6, ".3mf": 1e-9, ".stl": 1e-4}
-"""Relative; GLB rounds vertices to float32 within a cell, STL within the die."""
+"""Relative; GLB rounds vertices of large dies to float32, STL those of all."""
 
 
 def check_solid(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quantity, ...]:
@@ -45,18 +50,28 @@ def check_solid(die: Die, path: Path, stack: Stack | None = None) -> tuple[Quant
         stack: the thicknesses it was written with.
 
     Returns:
-        Rows that pass or fail: ``solid_instances`` (cells placed), ``solid_wrong_cells`` (cells that are missing,
-        placed twice, or whose film is not their opening's, dot by dot), ``solid_position_error`` and
+        Rows that pass or fail: ``solid_instances`` (films placed: of every cell in STEP, one in a mesh),
+        ``solid_wrong_cells`` (cells that are missing, placed twice, or whose film is not their opening's, dot by dot),
         ``solid_vertex_error`` (nm), ``solid_volume_error`` (relative), ``solid_flaws`` (shapes that are not valid or
-        not watertight), and ``solid_glass_error`` (nm, corners of the substrate; not for STL, which has none).
+        not closed), ``solid_glass_error`` (nm, corners of the substrate; not for STL, which has none); of STEP
+        ``solid_position_error`` (nm), of meshes ``solid_pieces`` (closed surfaces of the film).
 
     Raises:
         SourceError: MF301 if there is no such file, MF302 if it is empty, MF303 if it cannot be read, MF308 for
             another suffix.
     """
     stack = stack or Stack()
-    read, how = _read(die, path)
-    return tuple(_quantities(die, path, stack, read, how))
+    _check_file(path)
+    if path.suffix == ".step":
+        return tuple(_step_rows(die, path, stack, read_step(path)[0]))
+    if path.suffix not in {".glb", ".3mf", ".stl"}:
+        raise SourceError(
+            "MF308",
+            f"{path.name} is not a STEP, GLB, 3MF or STL file",
+            where=str(path),
+            cure="Give a file that ends in .step, .glb, .3mf or .stl",
+        )
+    return tuple(_mesh_rows(die, path, stack, read_stl(path) if path.suffix == ".stl" else read_scene(path)))
 
 
 def check_plate_solid(plate: Plate, path: Path) -> tuple[Quantity, ...]:
@@ -86,22 +101,6 @@ def check_plate_solid(plate: Plate, path: Path) -> tuple[Quantity, ...]:
     exact = tuple(_judged(each, each.value == each.limit) for each in counts)
     place = Quantity("solid_position_error", error, f"corners of the dies in {method}", limit=_NM)
     return (*exact, _judged(place, error <= _NM))
-
-
-def _read(die: Die, path: Path) -> tuple[ReadSolid, str]:
-    _check_file(path)
-    if path.suffix == ".step":
-        return read_step(path)[0], OCP
-    if path.suffix in {".glb", ".3mf"}:
-        return read_scene(path), TRIMESH
-    if path.suffix == ".stl":
-        return read_stl(path, die), TRIMESH
-    raise SourceError(
-        "MF308",
-        f"{path.name} is not a STEP, GLB, 3MF or STL file",
-        where=str(path),
-        cure="Give a file that ends in .step, .glb, .3mf or .stl",
-    )
 
 
 def _check_file(path: Path) -> None:
@@ -137,14 +136,18 @@ def _kinds(read: ReadSolid) -> list[_Kind]:
     return kinds
 
 
-def _quantities(die: Die, path: Path, stack: Stack, read: ReadSolid, how: str) -> Iterator[Quantity]:
+def _step_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Quantity]:
     panel = die.panel
     rows, columns = panel.orientations.shape
     kinds = _kinds(read)
     # The film lies on both sides of z = 0, the glass below it altogether.
     below = [bool((kind.vertices_nm[:, 2].max() + read.places_nm[kind.members, 2] < 0).all()) for kind in kinds]
     films = [kind for kind, is_glass in zip(kinds, below, strict=True) if not is_glass]
-    glasses = [kind for kind, is_glass in zip(kinds, below, strict=True) if is_glass]
+    glasses = [
+        kind.vertices_nm + place
+        for kind, is_glass in zip(kinds, below, strict=True)
+        for place in (read.places_nm[kind.members] if is_glass else ())
+    ]
 
     centres = centres_nm(die)
     held = np.zeros((rows, columns), dtype=np.int64)
@@ -163,36 +166,128 @@ def _quantities(die: Die, path: Path, stack: Stack, read: ReadSolid, how: str) -
             same = panel.orientations[row, column] == cell
             right[row[same], column[same]] = np.array_equal(chrome, _expected(die, cell))
     wrong = int(np.count_nonzero((held != 1) | ~right))
-    shapes_nm3 = sum(len(kind.members) * kind.shape.volume_nm3 for kind in films)
-    volume = shapes_nm3 if read.total_nm3 is None else read.total_nm3
-    clear = sum(int(np.count_nonzero(panel.pattern(int(cell)))) * int(n) for cell, n in _census(panel))
-    design = (panel.orientations.size * panel.pitch_nm**2 - clear * panel.dot_nm**2) * stack.film_nm
+    volume = sum(len(kind.members) * kind.shape.volume_nm3 for kind in films)
+    row_of = partial(_row, die, f"in {path.name}, {OCP}")
+    count, flaws = int(sum(len(kind.members) for kind in films)), sum(not shape.sound for shape in read.shapes)
+    yield row_of("solid_instances", count, "films placed", rows * columns, count == rows * columns)
+    yield row_of("solid_wrong_cells", wrong, "cells without exactly one film of their opening", 0)
+    yield row_of("solid_position_error", place_error, "films off their cells' centres", _NM)
+    yield row_of("solid_vertex_error", vertex_error, "vertices off the borders of dots and film", _NM)
+    error = abs(volume / (_chrome_nm2(die) * stack.film_nm) - 1)
+    yield row_of("solid_volume_error", error, "volume of chrome against the openings", _VOLUME_LIMIT[path.suffix])
+    yield row_of("solid_flaws", flaws, "shapes that are not closed and valid by BRepCheck", 0)
+    gap = _glass_error(die, stack, glasses)
+    yield row_of("solid_glass_error", gap, "corners of the glass off the panel's", _NM)
+
+
+def _mesh_rows(die: Die, path: Path, stack: Stack, read: ReadSolid) -> Iterator[Quantity]:
+    placed = [
+        (read.shapes[number], turn, read.shapes[number].vertices_nm @ turn.T + place)
+        for number, turn, place in zip(read.index, read.turns, read.places_nm, strict=True)
+    ]
+    glasses = [vertices for _, _, vertices in placed if (vertices[:, 2] < 0).all()]
+    films = [each for each in placed if not (each[2][:, 2] < 0).all()]
+    grid = [line - middle for line, middle in zip(die_edges_nm(die), die.centre_nm, strict=True)]
+    touches = int(np.count_nonzero(_touches(die)))
+    leg = stack.corner_leg_nm(die) if touches else 0
+    # Of float32, millimetres in STL and nanometres in GLB.
+    rounded_nm = float(np.spacing(np.float32(max(die.panel.size_nm) / 2 * 1e-6))) * 1e6
+    vertex_limit, dot_nm = max(_NM, rounded_nm), die.panel.dot_nm
+    expected = _shares(die, stack, leg)
+    wrong, vertex_error, pieces = np.ones(expected.shape, dtype=np.bool_), math.inf, 0
+    if len(films) == 1:
+        ((shape, _, vertices),) = films
+        triangles = shape.triangles
+        z = vertices[:, 2]
+        vertex_error = float(np.abs(np.abs(z) - stack.film_nm / 2).max())
+        faces = (triangles[(z[triangles] > 0).all(axis=1)], triangles[(z[triangles] < 0).all(axis=1), ::-1])
+        wrong[:] = False
+        for face in faces:
+            edges = _rim(vertices, face)
+            vertex_error = max(vertex_error, _off_lines(edges, grid, leg))
+            shares = outline_coverage(edges, *grid) if len(edges) else np.zeros(expected.shape)
+            wrong |= np.abs(shares - expected) > max(_TORN, 4 * vertex_limit / dot_nm)
+        links = sparse.coo_array((np.ones(len(triangles)), (triangles[:, 0], triangles[:, 1])), (len(vertices),) * 2)
+        links += sparse.coo_array((np.ones(len(triangles)), (triangles[:, 1], triangles[:, 2])), (len(vertices),) * 2)
+        pieces = int(csgraph.connected_components(links, directed=False, return_labels=False))
+    side = len(die.panel.cell_size.edges_nm) - 1
+    rows, columns = die.panel.orientations.shape
+    cells = int(np.count_nonzero(wrong.reshape(rows, side, columns, side).any(axis=(1, 3))))
+    # Chrome that meets by a corner is one piece where a gap parts the openings there.
+    design = int(ndimage.label(~die_raster(die), np.ones((3, 3)) if stack.corners == "gap" else None)[1])
+    volume = sum(shape.volume_nm3 * float(np.linalg.det(turn)) for shape, turn, _ in films)
+    chrome = _chrome_nm2(die) + touches * leg**2 * (1 if stack.corners == "gap" else -1)
+    row_of = partial(_row, die, f"in {path.name}, {TRIMESH}")
+    told = "".join(f" ({each})" for each in stack.touching_remark(die, touches))
     flaws = sum(not shape.sound for shape in read.shapes)
-    fine = "watertight and wound alike" if how == TRIMESH else "closed and valid by BRepCheck"
-    limit = _VOLUME_LIMIT[path.suffix]
-    # STL rounds to float32 millimetres over the whole die.
-    reach = max(panel.size_nm) / 2 * 1e-6
-    vertex_limit = max(_NM, float(np.spacing(np.float32(reach))) * 1e6) if path.suffix == ".stl" else _NM
-
-    def row_of(name: str, value: float, method: str, limit: float, passed: bool) -> Quantity:
-        text = f"{method} in {path.name}, {how}"
-        return Quantity(name, value, text, limit=limit, passed=passed, die=die.name)
-
-    count = int(sum(len(kind.members) for kind in films))
-    cells_of = rows * columns
-    yield row_of("solid_instances", count, "films placed", cells_of, count == cells_of)
-    yield row_of("solid_wrong_cells", wrong, "cells without exactly one film of their opening", 0, wrong == 0)
-    yield row_of("solid_position_error", place_error, "films off their cells' centres", _NM, place_error <= _NM)
-    off = max(vertex_error, read.snapped_nm)
+    yield row_of("solid_instances", len(films), "films placed", 1, len(films) == 1)
+    yield row_of("solid_pieces", pieces, "closed surfaces of the film", design, pieces == design)
+    yield row_of("solid_wrong_cells", cells, f"cells whose film is not their opening's{told}", 0)
     yield row_of(
-        "solid_vertex_error", off, "vertices off the borders of dots and film", vertex_limit, off <= vertex_limit
+        "solid_vertex_error", vertex_error, "walls off the borders of dots, faces off the film's", vertex_limit
     )
-    error = abs(volume / design - 1)
-    yield row_of("solid_volume_error", error, "volume of chrome against the openings", limit, error <= limit)
-    yield row_of("solid_flaws", flaws, f"shapes that are not {fine}", 0, flaws == 0)
+    error = abs(volume / (chrome * stack.film_nm) - 1)
+    yield row_of(
+        "solid_volume_error", error, f"volume of chrome against the openings{told}", _VOLUME_LIMIT[path.suffix]
+    )
+    yield row_of("solid_flaws", flaws, "shapes with a side that has not two faces, or a vertex of several fans", 0)
     if path.suffix != ".stl":
-        gap = _glass_error(die, stack, read, glasses)
-        yield row_of("solid_glass_error", gap, "corners of the glass off the panel's", _NM, gap <= _NM)
+        gap = _glass_error(die, stack, glasses)
+        yield row_of("solid_glass_error", gap, "corners of the glass off the panel's", _NM)
+
+
+def _row(
+    die: Die, read: str, name: str, value: float, method: str, limit: float, passed: bool | None = None
+) -> Quantity:
+    return Quantity(
+        name, value, f"{method} {read}", limit=limit, passed=value <= limit if passed is None else passed, die=die.name
+    )
+
+
+def _chrome_nm2(die: Die) -> int:
+    panel = die.panel
+    clear = sum(int(np.count_nonzero(panel.pattern(int(cell)))) * int(n) for cell, n in _census(panel))
+    return int(panel.orientations.size * panel.pitch_nm**2 - clear * panel.dot_nm**2)
+
+
+def _touches(die: Die) -> NDArray[np.bool_]:
+    """Corners of the grid, its rim left out, at which two openings touch."""
+    clear = die_raster(die)
+    low, left = clear[:-1, :-1], clear[1:, :-1]
+    touching: NDArray[np.bool_] = (low == clear[1:, 1:]) & (left == clear[:-1, 1:]) & (low != left)
+    return touching
+
+
+def _shares(die: Die, stack: Stack, leg: int) -> Floats:
+    """Share of every dot and gutter of a die that is chrome, [y, x], the gaps or necks of touching corners included."""
+    clear, touches = die_raster(die), _touches(die)
+    shares = (~clear).astype(np.float64)
+    changed = (leg / die.panel.dot_nm) ** 2 / 2 * (1 if stack.corners == "gap" else -1)
+    for y in (slice(None, -1), slice(1, None)):
+        for x in (slice(None, -1), slice(1, None)):
+            shares[y, x] += changed * (touches & (clear[y, x] == (stack.corners == "gap")))
+    return shares
+
+
+def _rim(vertices: Floats, triangles: Ints) -> Floats:
+    """Sides of one triangle alone, what is covered on the left of each: float64 [n, 4] of x0, y0, x1, y1."""
+    start, end = triangles.ravel(), np.roll(triangles, -1, axis=1).ravel()
+    alone = ~np.isin(start * len(vertices) + end, end * len(vertices) + start)
+    return np.column_stack([vertices[start[alone], :2], vertices[end[alone], :2]])
+
+
+def _off_lines(edges: Floats, grid: Sequence[Floats], leg: int) -> float:
+    """How far edges are off the lines of a grid, or off the ends of gaps and necks at its corners; in nanometres."""
+    start, end = edges[:, :2], edges[:, 2:]
+    near = np.stack([line[_nearest_line(line, edges[:, n::2])] for n, line in enumerate(grid)], axis=-1)
+    away = np.abs(edges.reshape(-1, 2, 2) - near).max(axis=1)
+    run = np.abs(end - start)
+    slanted = run.min(axis=1) > run.max(axis=1) / 2
+    # An edge along x may end anywhere on its line, a slanted one only where the design has it end.
+    along = np.where(run[:, 0] > run[:, 1], away[:, 1], away[:, 0])
+    ends = np.sort(np.abs(edges.reshape(-1, 2, 2) - near), axis=2)
+    across = np.maximum(ends[..., 0], np.abs(ends[..., 1] - leg)).max(axis=1)
+    return float(np.where(slanted, across, along).max(initial=0.0))
 
 
 def _chrome(die: Die, stack: Stack, kind: _Kind) -> tuple[NDArray[np.bool_], float]:
@@ -202,9 +297,9 @@ def _chrome(die: Die, stack: Stack, kind: _Kind) -> tuple[NDArray[np.bool_], flo
     covering the opposite of what the dot's middle shows, so that it matches no opening.
     """
     panel = die.panel
-    lines, half = unit_lines_nm(die) - panel.pitch_nm / 2, stack.film_nm / 2
+    lines, half = panel.cell_size.edges_nm.astype(np.float64) - panel.pitch_nm / 2, stack.film_nm / 2
     flat, z = kind.vertices_nm[:, :2], kind.vertices_nm[:, 2]
-    at = nearest_line(lines, flat)
+    at = _nearest_line(lines, flat)
     off = max(float(np.abs(lines[at] - flat).max()), float(np.abs(np.abs(z) - half).max()))
     upper = (z[kind.shape.triangles] > 0).all(axis=1)
     region = db.Region()
@@ -222,18 +317,22 @@ def _expected(die: Die, cell: int) -> NDArray[np.bool_]:
     return np.pad(~die.panel.pattern(cell), pad, constant_values=True)
 
 
+def _nearest_line(lines: Floats, values: Floats) -> Ints:
+    """Index of the line nearest to each value."""
+    return np.searchsorted((lines[1:] + lines[:-1]) / 2, values).astype(np.int64)
+
+
 def _census(panel: Panel) -> Iterator[tuple[int, int]]:
     held, counts = np.unique(panel.orientations, return_counts=True)
     yield from zip(held.tolist(), counts.tolist(), strict=True)
 
 
-def _glass_error(die: Die, stack: Stack, read: ReadSolid, glasses: list[_Kind]) -> float:
+def _glass_error(die: Die, stack: Stack, glasses: Sequence[Floats]) -> float:
     """Distance of the substrate's corners from the design's, the largest of all coordinates; inf for none or many."""
-    if len(glasses) != 1 or len(glasses[0].members) != 1:
+    if len(glasses) != 1:
         return math.inf
-    corners = glasses[0].vertices_nm + read.places_nm[glasses[0].members[0]]
     low, high = glass(die, stack)
-    return float(max(np.abs(corners.min(axis=0) - low).max(), np.abs(corners.max(axis=0) - high).max()))
+    return float(max(np.abs(glasses[0].min(axis=0) - low).max(), np.abs(glasses[0].max(axis=0) - high).max()))
 
 
 def _judged(quantity: Quantity, passed: bool) -> Quantity:

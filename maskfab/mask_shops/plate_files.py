@@ -79,7 +79,12 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
     dpi = plotted_dpi(section, shop)
     _check_stated(dpi, formats)
     settings = FileSettings(
-        Stack(section.chrome * NM_PER_UM, Stack().glass_nm if glass_nm is None else glass_nm, section.exaggeration),
+        Stack(
+            section.chrome * NM_PER_UM,
+            Stack().glass_nm if glass_nm is None else glass_nm,
+            section.exaggeration,
+            "neck" if spec.order is not None and spec.order.corner_touches == "join" else "gap",
+        ),
         round(section.stl_limit_mb * _MB),
         section.dots_per_um,
         dpi,

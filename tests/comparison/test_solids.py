@@ -10,6 +10,7 @@ from sweeps import sweep
 
 from maskfab.comparison.solids import check_plate_solid, check_solid
 from maskfab.errors import SourceError
+from maskfab.export.solid.film import box_mesh
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack
@@ -17,9 +18,12 @@ from maskfab.files.silence_stdout import quiet
 from maskfab.model import Die, Opening, Panel, Tiling
 from maskfab.plate.hexagonal import hexagonal_sheet
 from maskfab.readers import step as read_step_module
+from maskfab.readers.mesh import is_manifold
 from maskfab.readers.step import read_step
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
+MAY_FOLLOW = {"solid_volume_error", "solid_pieces", "solid_vertex_error"}
+"""What an opening closed by mistake may change besides dots, where it parted chrome or touched others."""
 everywhere = pytest.mark.parametrize("format_", WRITERS)
 but_step_when_quick = pytest.mark.parametrize("format_", sweep(reversed(WRITERS), 3))
 
@@ -47,9 +51,11 @@ def test_a_written_die_comes_back_exactly(small_plate, tmp_path, format_, n):
     rows = check_solid(die, written(die, tmp_path, format_))
     assert failed(rows) == set()
     found = values(rows)
-    assert found["solid_instances"] == 20
+    assert found["solid_instances"] == (20 if format_ == "step" else 1)
     assert found["solid_wrong_cells"] == found["solid_flaws"] == 0
-    assert found["solid_position_error"] < 1e-3
+    assert found["solid_position_error" if format_ == "step" else "solid_vertex_error"] < (
+        0.1 if format_ == "stl" else 1e-3
+    )
     assert {row.die for row in rows} == {die.name}
 
 
@@ -83,8 +89,13 @@ def test_one_turned_cell_is_found(small_plate, tmp_path, format_):
     turns[2, 3] = (turns[2, 3] + 1) % 8
     wrong = replace(die, panel=replace(die.panel, orientations=turns))
     rows = check_solid(die, written(wrong, tmp_path, format_))
-    assert failed(rows) == {"solid_wrong_cells"}
-    assert values(rows)["solid_wrong_cells"] == 1
+    if format_ == "step":
+        assert failed(rows) == {"solid_wrong_cells"}
+        assert values(rows)["solid_wrong_cells"] == 1
+        return
+    # In one surface the corners at which it touches its neighbours are others, too.
+    assert "solid_wrong_cells" in failed(rows)
+    assert 1 <= values(rows)["solid_wrong_cells"] <= 9
 
 
 @everywhere
@@ -94,7 +105,7 @@ def test_one_closed_dot_is_found(small_plate, tmp_path, format_):
     mask[0, 0] = False
     wrong = replace(die, panel=replace(die.panel, opening=replace(die.panel.opening, mask=mask)))
     rows = check_solid(die, written(wrong, tmp_path, format_))
-    assert failed(rows) == {"solid_wrong_cells", "solid_volume_error"}
+    assert {"solid_wrong_cells", "solid_volume_error"} <= failed(rows) <= {*MAY_FOLLOW, "solid_wrong_cells"}
     assert values(rows)["solid_wrong_cells"] == 20
 
 
@@ -121,8 +132,7 @@ def test_a_lost_row_is_found(small_plate, tmp_path, format_):
     fewer = replace(die, panel=replace(die.panel, orientations=die.panel.orientations[:3]))
     rows = check_solid(die, written(fewer, tmp_path, format_))
     assert {"solid_wrong_cells", "solid_volume_error"} <= failed(rows)
-    # Three rows are centred half a pitch off four, so the cells of a flat file are cut in two.
-    assert format_ == "stl" or values(rows)["solid_instances"] == 15
+    assert values(rows)["solid_instances"] == (15 if format_ == "step" else 1)
 
 
 @but_step_when_quick
@@ -180,6 +190,25 @@ def test_a_hole_in_a_mesh_is_not_watertight(small_plate, tmp_path):
     # The last triangle is made to point at its own first corner.
     path.write_bytes(data[:-26] + data[-38:-26] + data[-14:])
     assert "solid_flaws" in failed(check_solid(die, path))
+
+
+@pytest.mark.parametrize(
+    ("moved", "sound"),
+    [((5, 0, 0), True), ((2, 0, 0), False), ((2, 2, 0), False), ((2, 2, 1), False), ((0.0, 0.0, 3.0), True)],
+    ids=["apart", "tiles", "an edge of four faces", "one vertex of two fans", "above"],
+)
+def test_only_closed_surfaces_of_two_faces_a_side_and_one_fan_a_vertex_are_manifold(moved, sound):
+    """Two boxes: apart, abutting, sharing one edge, sharing one vertex."""
+    mesh = box_mesh(np.zeros(3), np.array([2.0, 2.0, 1.0]))
+    points = np.concatenate([mesh.vertices_nm, mesh.vertices_nm + moved])
+    triangles = np.concatenate([mesh.triangles, mesh.triangles + len(mesh.vertices_nm)])
+    _, number = np.unique(points, axis=0, return_inverse=True)
+    welded = number.ravel()[triangles]
+    assert is_manifold(welded) is sound
+    assert not is_manifold(welded[1:])
+    turned = welded.copy()
+    turned[0] = turned[0, ::-1]
+    assert not is_manifold(turned)
 
 
 @pytest.mark.parametrize("change", [b"\0", b"solid", -1, -50, 83, 10])

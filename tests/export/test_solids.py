@@ -2,22 +2,27 @@ from __future__ import annotations
 
 import json
 import struct
+import time
 import zipfile
 from dataclasses import replace
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import assume, given
 from hypothesis import strategies as st
+from scipy import ndimage
 from sweeps import examples
 
 from maskfab.errors import OutputError
+from maskfab.export.solid.film import film
 from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
-from maskfab.export.solid.tiles import Stack, centres_nm, film, rotation
+from maskfab.export.solid.tiles import Stack, centres_nm, rotation
+from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.model import Die, Opening, Panel, Tiling, orient
-from maskfab.readers.mesh import read_scene
+from maskfab.readers.mesh import is_manifold
 
 WRITERS = {"step": write_step, "glb": write_glb, "3mf": write_3mf, "stl": write_stl}
 
@@ -45,20 +50,6 @@ def test_a_rotation_moves_dots_as_the_model_does(orientation):
         assert expected[int(v) + 4, int(u) + 4]
 
 
-@pytest.mark.parametrize("gutter_nm", [0, 8000, 8002])
-def test_a_film_is_the_cell_less_its_openings(gutter_nm):
-    panel = die_of(random_opening(), [[0]], gutter_nm).panel
-    mesh = film(panel, 0, Stack(chrome_nm=80))
-    a, b, c = (mesh.vertices_nm[mesh.triangles[:, n]] for n in range(3))
-    volume = np.einsum("ni,ni->", a, np.cross(b, c)) / 6
-    clear = panel.opening.clear_dots * panel.dot_nm**2
-    assert volume == pytest.approx(80 * (panel.pitch_nm**2 - clear), rel=1e-12)
-    assert (mesh.vertices_nm.min(axis=0) == [-panel.pitch_nm / 2, -panel.pitch_nm / 2, -40]).all()
-    edges = np.concatenate([mesh.triangles[:, [n, (n + 1) % 3]] for n in range(3)])
-    _, faces = np.unique(np.sort(edges, axis=1), axis=0, return_counts=True)
-    assert set(faces) == {2}
-
-
 def heights_nm(corners):
     """Heights of triangles [n, 3, 3] over their longest sides."""
     sides = corners - np.roll(corners, 1, axis=1)
@@ -69,6 +60,96 @@ def volume_nm3(corners):
     return float(np.einsum("ni,ni->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6)
 
 
+def chrome_nm2(die, corners="gap"):
+    """Area of a die's chrome, bridged as film() bridges it, from its raster alone; and how many corners touch."""
+    clear = die_raster(die)
+    x, y = (np.diff(line) for line in die_edges_nm(die))
+    touches = sum(
+        clear[row, column] == clear[row + 1, column + 1] != clear[row, column + 1] == clear[row + 1, column]
+        for row, column in np.ndindex(clear.shape[0] - 1, clear.shape[1] - 1)
+    )
+    leg = Stack(corners=corners).corner_leg_nm(die) if touches else 0
+    return float((~clear * np.outer(y, x)).sum()) + (1 if corners == "gap" else -1) * touches * leg**2, touches
+
+
+def merged(path):
+    """The film of a file, as trimesh reads it with all vertices of one place merged."""
+    scene = trimesh.load_scene(path)
+    names = [name for name in scene.geometry if "GLASS" not in name]
+    (node,) = (each for each in scene.graph.nodes_geometry if scene.graph[each][1] in names)
+    mesh = scene.geometry[names[0]].copy()
+    mesh.merge_vertices()
+    mesh.apply_transform(scene.graph[node][0])
+    scale = {"meters": 1e9, "millimeters": 1e6, "micron": 1e3, "microns": 1e3, None: 1e6}[scene.units]
+    return mesh.apply_scale(scale)
+
+
+NOISE = np.random.default_rng(11).random((9, 9)) < 0.4
+PLAIN = np.zeros((9, 9), dtype=np.bool_)
+PLAIN[3:6, 2:8] = True
+BORDERS = np.zeros((9, 9), dtype=np.bool_)
+BORDERS[4, :] = BORDERS[:, 4] = True
+CORNERS = np.zeros((9, 9), dtype=np.bool_)
+CORNERS[0, 0] = CORNERS[4, 4] = CORNERS[8, 8] = True
+
+
+@pytest.mark.parametrize(
+    ("mask", "gutter_nm", "touching"),
+    [(PLAIN, 8000, False), (NOISE, 8000, True), (NOISE, 0, True), (BORDERS, 0, False), (CORNERS, 0, True)],
+    ids=["plain", "touching", "touching across cells", "joined across cells", "touching across cells only"],
+)
+@pytest.mark.parametrize("corners", ["gap", "neck"])
+@pytest.mark.parametrize("format_", ["stl", "glb", "3mf"])
+def test_the_film_of_a_die_is_one_closed_two_manifold(tmp_path, format_, corners, mask, gutter_nm, touching):
+    """By trimesh, vertices of one place merged: two faces a side, wound alike, one fan a vertex, volume to the digit."""
+    turns = np.random.default_rng(3).integers(0, 8, (4, 5))
+    die, path = die_of(Opening("x", mask, 8000), turns, gutter_nm), tmp_path / f"x.{format_}"
+    WRITERS[format_](die, path, stack=Stack(corners=corners))
+    mesh = merged(path)
+    assert mesh.is_watertight
+    assert mesh.is_winding_consistent
+    counts = np.unique(mesh.edges_sorted, axis=0, return_counts=True)[1]
+    assert set(counts.tolist()) == {2}
+    assert is_manifold(np.asarray(mesh.faces))
+    area, touches = chrome_nm2(die, corners)
+    assert (touches > 0) is touching
+    assert mesh.volume == pytest.approx(100 * area, rel=1e-6 if format_ == "stl" else 1e-12)
+    pieces = ndimage.label(~die_raster(die), np.ones((3, 3)) if corners == "gap" else None)[1]
+    assert mesh.body_count == pieces
+    assert heights_nm(np.asarray(mesh.triangles)).min() > 1
+
+
+def test_a_file_says_what_became_of_corners_that_touch(tmp_path):
+    die = die_of(Opening("x", CORNERS, 8000), np.zeros((4, 5), dtype=int))
+    write_stl(die, tmp_path / "x.stl")
+    assert (tmp_path / "x.stl").read_bytes().startswith(b"unit mm; 12 touching corners have a gap of 0.8 um")
+    write_glb(die, tmp_path / "x.glb", stack=Stack(corners="neck", corner_nm=2000))
+    said = chunks(tmp_path / "x.glb")[0]["asset"]["extras"]["comments"]
+    assert said[-1] == "12 touching corners have a neck of 2 um"
+
+
+@pytest.mark.parametrize("corner_nm", [9.0, 4001.0])
+@pytest.mark.parametrize("format_", ["stl", "glb", "3mf"])
+def test_a_gap_that_cannot_be_is_refused_before_anything_is_written(tmp_path, format_, corner_nm):
+    path = tmp_path / f"x.{format_}"
+    die = die_of(Opening("x", CORNERS, 8000), np.zeros((2, 2), dtype=int))
+    with pytest.raises(OutputError, match=r"MF436.*10 nm and 4000 nm.*D1.*export\.formats"):
+        WRITERS[format_](die, path, stack=Stack(corner_nm=corner_nm))
+    assert not path.exists()
+    # Where nothing touches nobody asks.
+    WRITERS[format_](die_of(Opening("x", PLAIN, 8000), [[0]]), path, stack=Stack(corner_nm=corner_nm))
+
+
+def test_corners_that_float32_cannot_part_are_refused(tmp_path):
+    """Dots of 5 nm on a panel of 40 mm, whose corners float32 millimetres have 1.9 nm apart, and of 1 nm."""
+    opening = Opening("x", np.array([[1, 0, 1], [0, 0, 0], [1, 0, 1]], dtype=np.bool_), 1)
+    die = die_of(opening, np.zeros((1, 2), dtype=int), gutter_nm=20_000_000)
+    with pytest.raises(OutputError, match=r"MF437.*3mf"):
+        write_stl(die, tmp_path / "x.stl")
+    assert not (tmp_path / "x.stl").exists()
+    write_3mf(die, tmp_path / "x.3mf")
+
+
 @examples(60)
 @given(
     dots=st.integers(1, 12),
@@ -76,47 +157,43 @@ def volume_nm3(corners):
     seed=st.integers(0, 2**32 - 1),
     gutter_nm=st.sampled_from([0, 400, 8000, 8002, 12_346]),
     dot_nm=st.sampled_from([1000, 4031, 8000]),
+    corners=st.sampled_from(["gap", "neck"]),
+    band=st.sampled_from([10, 4000]),
 )
-def test_every_triangle_of_a_film_has_an_area_and_its_sides_are_shared_by_two(dots, clear, seed, gutter_nm, dot_nm):
-    """Corners on one line, holes, kissing corners and parted chrome; 5 nm is what float32 millimetres resolve."""
-    opening = Opening("noise", np.random.default_rng(seed).random((dots, dots)) < clear, dot_nm)
+def test_every_triangle_of_a_film_has_an_area_and_every_side_two(dots, clear, seed, gutter_nm, dot_nm, corners, band):
+    """Corners on one line, holes, touching corners, parted chrome, bands; 5 nm is what float32 millimetres resolve."""
+    rng = np.random.default_rng(seed)
+    opening = Opening("noise", rng.random((dots, dots)) < clear, dot_nm)
     assume(gutter_nm or not opening.mask.all())
-    panel = Panel(opening, dot_nm, gutter_nm, np.zeros((1, 1), dtype=int), Tiling.RANDOM, 1)
-    mesh = film(panel, 0, Stack())
-    corners = mesh.vertices_nm[mesh.triangles]
-    assert heights_nm(corners).min() >= 5
-    there = np.concatenate([mesh.triangles[:, [n, (n + 1) % 3]] for n in range(3)]).tolist()
-    assert len({(a, b) for a, b in there}) == len(there)
-    assert {(a, b) for a, b in there} == {(b, a) for a, b in there}
-    chrome_nm2 = panel.pitch_nm**2 - opening.clear_dots * dot_nm**2
-    assert volume_nm3(corners) == pytest.approx(100 * chrome_nm2, rel=1e-12)
+    die = die_of(opening, rng.integers(0, 8, (2, 3)), gutter_nm)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("maskfab.export.solid.film._BAND_CORNERS", band)
+        mesh, touches = film(die, Stack(corners=corners))
+    found = mesh.vertices_nm[mesh.triangles]
+    assert heights_nm(found).min() >= 5
+    assert len(np.unique(mesh.vertices_nm, axis=0)) == len(mesh.vertices_nm)
+    assert is_manifold(mesh.triangles)
+    area, expected = chrome_nm2(die, corners)
+    assert touches == expected
+    assert volume_nm3(found) == pytest.approx(100 * area, rel=1e-9)
     # None overlaps another: the upper face is as large as all its triangles, and none is turned over.
-    upper = corners[(corners[..., 2] == 50).all(axis=1)]
+    upper = found[(found[..., 2] == 50).all(axis=1)]
     doubled = np.cross(upper[:, 1] - upper[:, 0], upper[:, 2] - upper[:, 0])[:, 2]
     assert doubled.min() > 0
-    assert doubled.sum() / 2 == chrome_nm2
+    assert doubled.sum() / 2 == area
 
 
-@pytest.mark.parametrize("gutter_nm", [0, 8002])
-@pytest.mark.parametrize("format_", ["glb", "3mf", "stl"])
-def test_no_triangle_in_a_file_is_without_area(tmp_path, format_, gutter_nm):
-    """As read back, rounded as the format rounds: files of 11 mm, where float32 millimetres are 0.5 nm apart."""
-    turns = np.random.default_rng(3).integers(0, 8, (1, 60))
-    die, path = die_of(random_opening(dots=21), turns, gutter_nm), tmp_path / f"x.{format_}"
-    WRITERS[format_](die, path)
-    if format_ == "stl":
-        record = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
-        table = np.frombuffer(path.read_bytes(), record, offset=84)
-        solids = [table["corners"].astype(np.float64) * 1e6]
-        assert np.linalg.norm(table["normal"], axis=1) == pytest.approx(1, abs=1e-6)
-    else:
-        shapes = read_scene(path).shapes
-        assert all(shape.sound for shape in shapes)
-        solids = [shape.vertices_nm[shape.triangles] for shape in shapes]
-    assert min(heights_nm(corners).min() for corners in solids) > 1
-    chrome_nm2 = die.panel.pitch_nm**2 - die.panel.opening.clear_dots * 8000**2
-    for corners in solids if format_ == "stl" else solids[1:]:
-        assert volume_nm3(corners) == pytest.approx(100 * chrome_nm2 * (60 if format_ == "stl" else 1), rel=1e-4)
+@pytest.mark.slow
+def test_ten_thousand_cells_are_one_solid_within_twenty_seconds(tmp_path):
+    turns = np.random.default_rng(4).integers(0, 8, (100, 100))
+    die, path = die_of(Opening("x", NOISE, 4000), turns), tmp_path / "x.stl"
+    before = time.process_time()
+    write_stl(die, path, limit_bytes=1_000_000_000)
+    assert time.process_time() - before < 20
+    mesh = merged(path)
+    assert mesh.is_watertight
+    assert is_manifold(np.asarray(mesh.faces))
+    assert mesh.volume == pytest.approx(100 * chrome_nm2(die)[0], rel=1e-5)
 
 
 def test_centres_are_measured_from_the_slots_middle():
@@ -201,8 +278,7 @@ def test_a_glb_obeys_its_specification(small_plate, tmp_path):
     assert document["asset"]["extras"]["exaggeration"] == 50
     assert "50 times too thick" in document["asset"]["extras"]["comments"][-1]
     assert document["buffers"] == [{"byteLength": len(binary)}]
-    used = set(die.panel.orientations.ravel().tolist())
-    assert len(document["meshes"]) == 1 + len(used)
+    assert [mesh["name"] for mesh in document["meshes"]] == ["RANDOM_GLASS", "RANDOM_FILM"]
     for mesh in document["meshes"]:
         (primitive,) = mesh["primitives"]
         points, indices = (
@@ -218,16 +294,12 @@ def test_a_glb_obeys_its_specification(small_plate, tmp_path):
         assert np.frombuffer(blocks[1], "<u4").max() == points["count"] - 1
         assert positions.min(axis=0).tolist() == points["min"]
         assert positions.max(axis=0).tolist() == points["max"]
-    root, glass, *cells = document["nodes"]
-    assert root["children"] == list(range(1, len(document["nodes"])))
-    assert glass["mesh"] == 0
-    assert len(cells) == die.panel.orientations.size
-    for node, centre, cell in zip(cells, centres_nm(die).reshape(-1, 2), die.panel.orientations.ravel(), strict=True):
-        assert np.abs(np.array(node["translation"]) * 1e9 - [*centre, 0]).max() < 1e-3
-        assert document["meshes"][node["mesh"]]["name"].endswith(f"_R{cell}")
+    root, *parts = document["nodes"]
+    assert root["children"] == [1, 2]
+    assert [(part["name"], part["mesh"]) for part in parts] == [("GLASS", 0), ("FILM", 1)]
 
 
-def test_a_3mf_holds_every_mesh_once_in_micrometres(small_plate, tmp_path):
+def test_a_3mf_holds_glass_and_film_in_micrometres(small_plate, tmp_path):
     die, path = replace(small_plate.dies[2], name="RANDOM"), tmp_path / "x.3mf"
     write_3mf(die, path, ["a < b & c"])
     with zipfile.ZipFile(path) as package:
@@ -239,15 +311,15 @@ def test_a_3mf_holds_every_mesh_once_in_micrometres(small_plate, tmp_path):
     said = {each.get("name"): each.text for each in model.findall("m:metadata", space)}
     assert said["Description"].startswith("a < b & c; chrome 100 nm")
     objects = model.findall("m:resources/m:object", space)
-    assert len(objects) == 1 + len(np.unique(die.panel.orientations))
-    assert len(model.findall("m:build/m:item", space)) == 1 + die.panel.orientations.size
+    assert [each.get("name") for each in objects] == ["RANDOM_GLASS", "RANDOM_FILM"]
+    assert [each.get("partnumber") for each in model.findall("m:build/m:item", space)] == ["GLASS", "FILM"]
 
 
-def test_ninety_thousand_cells_of_glb_take_some_tens_of_bytes_each(tmp_path):
-    turns = np.random.default_rng(2).integers(0, 8, (300, 300))
-    path = tmp_path / "x.glb"
-    write_glb(die_of(random_opening(), turns), path)
-    assert path.stat().st_size < 100 * turns.size
+@pytest.mark.parametrize("format_", ["stl", "glb", "3mf"])
+def test_outlines_of_more_cells_than_a_mesh_holds_are_refused(tmp_path, format_):
+    die = die_of(Opening("x", NOISE, 8000), np.zeros((300, 300), dtype=int))
+    with pytest.raises(OutputError, match=r"MF412.*vertices in all cells.*1500000"):
+        WRITERS[format_](die, tmp_path / f"x.{format_}")
 
 
 def test_a_step_header_tells_its_makers_but_not_the_time(small_plate, tmp_path):

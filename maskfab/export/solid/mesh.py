@@ -1,8 +1,7 @@
 """Triangle meshes of dies: GLB, 3MF and STL, byte-identical between runs.
 
-GLB and 3MF hold one mesh for each orientation in use and place it once for each cell, so that they grow by some tens of
-bytes a cell; they are plain enough to be written here, and are read back by a library that did not write them. STL
-knows no instances and repeats every triangle of every cell.
+All hold the film as :func:`maskfab.export.solid.film.film` makes it, one closed surface. They are plain enough to be
+written here, and are read back by a library that did not write them.
 """
 
 from __future__ import annotations
@@ -10,7 +9,7 @@ from __future__ import annotations
 import json
 import struct
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape, quoteattr
@@ -20,18 +19,8 @@ from numpy.typing import NDArray
 
 from maskfab import __version__
 from maskfab.errors import OutputError
-from maskfab.export.solid.tiles import (
-    MOST_MESH_CELLS,
-    MOST_MESH_VERTICES,
-    Mesh,
-    Stack,
-    box_mesh,
-    cells,
-    check_solid_size,
-    films,
-    glass,
-    unit_names,
-)
+from maskfab.export.solid.film import Mesh, box_mesh, film
+from maskfab.export.solid.tiles import Floats, Stack, check_mesh_size, glass
 from maskfab.files.atomic import partial
 from maskfab.model import Die
 from maskfab.units import MM_PER_NM, UM_PER_NM
@@ -63,28 +52,33 @@ _RELATIONS = (
 
 
 def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
-    """Write a die as binary glTF 2.0, in metres: glass and chrome, one node for each cell.
+    """Write a die as binary glTF 2.0, in metres: a node of glass, and one of chrome.
 
-    Vertices are float32 within a cell, right to 0.004 nm for one of 168 µm; places are decimals. The root
-    node turns z up into glTF's y up. Comments and thicknesses stand in ``asset.extras``.
+    The film's vertices are whole nanometres under a node that scales them, so float32 holds them exactly in dies of up
+    to 33.5 mm; beyond, they are rounded to 2 or 4 nm. The root node turns z up into glTF's y up. Comments and
+    thicknesses stand in ``asset.extras``.
 
     Raises:
-        OutputError: MF401 if the file cannot be written; MF410 or MF412 as
-            :func:`maskfab.export.solid.tiles.check_solid_size`.
+        OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.export.solid.film.film`; MF410 or
+            MF412 as :func:`maskfab.export.solid.tiles.check_mesh_size`; MF437 if rounding makes one of two vertices.
     """
     stack = stack or Stack()
-    check_solid_size(die, "glb", MOST_MESH_VERTICES, MOST_MESH_CELLS)
-    names, chrome = unit_names(die.panel), films(die.panel, stack)
+    check_mesh_size(die, "glb")
+    chrome, touches = film(die, stack)
     low, high = glass(die, stack)
-    # A unit box and a scale are exact where corners in float32 metres would not be.
-    substrate = (f"{die.name}_GLASS", box_mesh(np.zeros(3), np.full(3, 1e9)))
-    solids = [substrate, *((f"{die.name}_{names[cell]}", mesh) for cell, mesh in chrome.items())]
+    nodes: list[dict[str, Any]] = [{"name": die.name, "matrix": _Y_UP, "children": [1, 2]}]
     blocks: list[bytes] = []
     views: list[dict[str, Any]] = []
     accessors: list[dict[str, Any]] = []
     meshes: list[dict[str, Any]] = []
-    for n, (name, mesh) in enumerate(solids):
-        points = (mesh.vertices_nm * 1e-9).astype("<f4")
+    # A unit cube of glass and a film one unit thick: in both, scales are exact where corners in metres would not be.
+    flat = np.array([1.0, 1.0, stack.film_nm])
+    parts = (
+        ("GLASS", box_mesh(np.zeros(3), np.ones(3)), {"translation": _metres(low), "scale": _metres(high - low)}),
+        ("FILM", Mesh(chrome.vertices_nm / flat, chrome.triangles), {"scale": _metres(flat)}),
+    )
+    for n, (name, mesh, place) in enumerate(parts):
+        points = _float32(die, "glb", mesh.vertices_nm)
         for block, target in ((points, _VERTICES), (mesh.triangles.astype("<u4"), _INDICES)):
             start = sum(view["byteLength"] for view in views)
             views.append({"buffer": 0, "byteOffset": start, "byteLength": block.nbytes, "target": target})
@@ -93,19 +87,15 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
         accessors.append({"bufferView": 2 * n, "componentType": _FLOAT, "count": len(points), "type": "VEC3", **bounds})
         indices = {"bufferView": 2 * n + 1, "componentType": _UNSIGNED, "type": "SCALAR"}
         accessors.append({**indices, "count": mesh.triangles.size})
-        primitive = {"attributes": {"POSITION": 2 * n}, "indices": 2 * n + 1, "material": min(n, 1)}
-        meshes.append({"name": name, "primitives": [primitive]})
-    index = {cell: n for n, cell in enumerate(chrome, 1)}
-    nodes: list[dict[str, Any]] = [
-        {"name": die.name, "matrix": _Y_UP, "children": list(range(1, die.panel.orientations.size + 2))},
-        {"name": "GLASS", "mesh": 0, "translation": _metres(low), "scale": _metres(high - low)},
-        *({"name": name, "mesh": index[cell], "translation": _metres(centre)} for name, cell, centre in cells(die)),
-    ]
+        primitive = {"attributes": {"POSITION": 2 * n}, "indices": 2 * n + 1, "material": n}
+        meshes.append({"name": f"{die.name}_{name}", "primitives": [primitive]})
+        nodes.append({"name": name, "mesh": n, **place})
+    said = [*comments, *stack.remarks(), *stack.touching_remark(die, touches)]
     document = {
         "asset": {
             "version": "2.0",
             "generator": f"maskfab {__version__}",
-            "extras": {"comments": [*comments, *stack.remarks()], "exaggeration": stack.exaggeration},
+            "extras": {"comments": said, "exaggeration": stack.exaggeration},
         },
         "scene": 0,
         "scenes": [{"nodes": [0]}],
@@ -122,28 +112,26 @@ def write_glb(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
     text = json.dumps(document, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
     data = b"".join(blocks)
-    with partial(path) as place, place.open("wb") as file:
+    with partial(path) as place_aside, place_aside.open("wb") as file:
         file.write(struct.pack("<4sII", b"glTF", 2, 12 + 8 + len(text) + 8 + len(data)))
         file.write(struct.pack("<I4s", len(text), b"JSON") + text)
         file.write(struct.pack("<I4s", len(data), b"BIN\0") + data)
 
 
 def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack | None = None) -> None:
-    """Write a die as 3MF, in micrometres: glass and chrome, one build item for each cell.
+    """Write a die as 3MF, in micrometres: an object of glass, and one of chrome.
 
     Coordinates are decimals, exact to 1e-4 nm. Comments and thicknesses stand in the metadata ``Description``.
 
     Raises:
-        OutputError: MF401 if the file cannot be written; MF410 or MF412 as
-            :func:`maskfab.export.solid.tiles.check_solid_size`.
+        OutputError: MF401 if the file cannot be written; MF436 as :func:`maskfab.export.solid.film.film`; MF410 or
+            MF412 as :func:`maskfab.export.solid.tiles.check_mesh_size`.
     """
     stack = stack or Stack()
-    check_solid_size(die, "3mf", MOST_MESH_VERTICES, MOST_MESH_CELLS)
-    names, chrome = unit_names(die.panel), films(die.panel, stack)
+    check_mesh_size(die, "3mf")
+    chrome, touches = film(die, stack)
     low, high = glass(die, stack)
-    objects = [(f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))]
-    objects += [(f"{die.name}_{names[cell]}", mesh) for cell, mesh in chrome.items()]
-    index = {cell: n for n, cell in enumerate(chrome, 2)}
+    said = (*comments, *stack.remarks(), *stack.touching_remark(die, touches))
     with partial(path) as place, zipfile.ZipFile(place, "w", zipfile.ZIP_DEFLATED) as package:
         _store(package, "[Content_Types].xml", _CONTENT_TYPES)
         _store(package, "_rels/.rels", _RELATIONS)
@@ -152,14 +140,12 @@ def write_3mf(die: Die, path: Path, comments: Sequence[str] = (), stack: Stack |
             'xmlns="http://schemas.microsoft.com/3dmanufacturing/core/2015/02">\n',
             f'<metadata name="Title">{escape(die.name)}</metadata>\n',
             f'<metadata name="Application">maskfab {__version__}</metadata>\n',
-            f'<metadata name="Description">{escape("; ".join((*comments, *stack.remarks())))}</metadata>\n',
+            f'<metadata name="Description">{escape("; ".join(said))}</metadata>\n',
             "<resources>\n",
         ]
-        for n, (name, mesh) in enumerate(objects, 1):
-            parts += _mesh_xml(n, name, mesh)
-        parts.append("</resources>\n<build>\n")
-        parts.append(_item(1, *low, name="GLASS"))
-        parts += (_item(index[cell], *centre.tolist(), name=name) for name, cell, centre in cells(die))
+        parts += _mesh_xml(1, f"{die.name}_GLASS", box_mesh(np.zeros(3), high - low))
+        parts += _mesh_xml(2, f"{die.name}_FILM", chrome)
+        parts += ["</resources>\n<build>\n", _item(1, *low, name="GLASS"), _item(2, 0.0, 0.0, 0.0, name="FILM")]
         parts.append("</build>\n</model>\n")
         _store(package, _MODEL, "".join(parts))
 
@@ -175,9 +161,9 @@ def write_stl(
 ) -> None:
     """Write the chrome of a die as binary STL, in millimetres; without the glass, which would touch it everywhere.
 
-    Every cell is a closed surface of its own. Corners are float32 millimetres from the middle of the die, so they are
-    rounded to 0.5 nm at 8 to 16 mm from it, to 1 nm at 16 to 32 mm. The head of 80 bytes holds the unit and as much of
-    the first comment as fits.
+    Vertices are float32 millimetres from the middle of the die, so they are rounded to 0.5 nm at 8 to 16 mm from it, to
+    1 nm at 16 to 32 mm; those of one place are rounded alike. The head of 80 bytes holds the unit and as much of the
+    remarks and of the first comment as fits.
 
     Args:
         die: what to write.
@@ -188,35 +174,52 @@ def write_stl(
         force: write it nonetheless.
 
     Raises:
-        OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF410 or
-            MF412 as :func:`maskfab.export.solid.tiles.check_solid_size`.
+        OutputError: MF401 if the file cannot be written; MF411 if it would be larger than ``limit_bytes``; MF436 as
+            :func:`maskfab.export.solid.film.film`; MF410 or MF412 as
+            :func:`maskfab.export.solid.tiles.check_mesh_size`; MF437 if rounding makes one of two vertices.
     """
     stack = stack or Stack()
-    check_solid_size(die, "stl", MOST_MESH_VERTICES, MOST_MESH_CELLS)
-    chrome = films(die.panel, stack)
-    triangles = _triangles(die, chrome)
-    size = _STL_HEAD + _STL_TRIANGLE.itemsize * triangles
+    check_mesh_size(die, "stl")
+    chrome, touches = film(die, stack)
+    count = len(chrome.triangles)
+    size = _STL_HEAD + _STL_TRIANGLE.itemsize * count
     if size > limit_bytes and not force:
         raise OutputError(
             "MF411",
             f"an STL of {die.panel.orientations.size} cells would take {size / 1e6:.1f} MB, "
             f"more than {limit_bytes / 1e6:g} MB",
             where=f"die {die.name}",
-            cure="Use glb or 3mf, which repeat no triangle, or raise export.stl_limit_mb",
+            cure="Use glb, which takes half of it, or raise export.stl_limit_mb",
         )
-    records = {cell: _stl_records(mesh) for cell, mesh in chrome.items()}
-    said = "; ".join(("unit mm", *stack.remarks()[1:], *comments))
+    table = np.zeros(count, dtype=_STL_TRIANGLE)
+    table["corners"] = _float32(die, "stl", chrome.vertices_nm * MM_PER_NM)[chrome.triangles]
+    # Of what is exact: a wall is no higher than the rounding of a die's coordinates leaves it.
+    corners = chrome.vertices_nm[chrome.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
+    said = "; ".join(("unit mm", *stack.remarks()[1:], *stack.touching_remark(die, touches), *comments))
     head = said.encode("ascii", "replace")[:80].ljust(80)
     with partial(path) as place, place.open("wb") as file:
-        file.write(head + struct.pack("<I", triangles))
-        for _, cell, centre in cells(die):
-            table, corners = records[cell]
-            table["corners"] = (corners + centre) * MM_PER_NM
-            file.write(table.tobytes())
+        file.write(head + struct.pack("<I", count))
+        file.write(table.tobytes())
 
 
-def _triangles(die: Die, chrome: Mapping[int, Mesh]) -> int:
-    return sum(len(chrome[cell].triangles) for cell in die.panel.orientations.ravel().tolist())
+def _float32(die: Die, kind: str, vertices: Floats) -> NDArray[np.float32]:
+    """Vertices as a format rounds them, [n, 3].
+
+    Raises:
+        OutputError: MF437 if two become one.
+    """
+    rounded = vertices.astype("<f4")
+    flat, heights = rounded[:, 0] + 1j * rounded[:, 1], rounded[:, 2]
+    if sum(len(np.unique(flat[heights == each])) for each in np.unique(heights)) < len(vertices):
+        raise OutputError(
+            "MF437",
+            f"corners of die {die.name} lie so near to one another that float32 makes one of two in a {kind}",
+            where=f"die {die.name}",
+            cure=f"Use 3mf, whose decimals are exact, and leave {kind} out of export.formats",
+        )
+    return rounded
 
 
 def _surface(alpha: float) -> dict[str, Any]:
@@ -258,12 +261,3 @@ def _store(package: zipfile.ZipFile, name: str, text: str) -> None:
     entry = zipfile.ZipInfo(name, (1980, 1, 1, 0, 0, 0))
     entry.compress_type = zipfile.ZIP_DEFLATED
     package.writestr(entry, text.encode())
-
-
-def _stl_records(mesh: Mesh) -> tuple[NDArray[Any], NDArray[np.float64]]:
-    """Records with normals but without places, and the corners in nanometres, float64 [n, 3, 3]."""
-    corners = mesh.vertices_nm[mesh.triangles]
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    table = np.zeros(len(corners), dtype=_STL_TRIANGLE)
-    table["normal"] = normals / np.linalg.norm(normals, axis=1, keepdims=True)
-    return table, corners

@@ -9,26 +9,22 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maskfab.export.solid.film import Mesh, box_mesh, film
 from maskfab.export.solid.tiles import (
     CHROME_RGB,
     GLASS_ALPHA,
     GLASS_RGB,
     MOST_CAD_CELLS,
     MOST_CAD_VERTICES,
-    MOST_MESH_CELLS,
-    MOST_MESH_VERTICES,
     Floats,
-    Mesh,
     Stack,
-    box_mesh,
     cells,
+    check_mesh_size,
     check_solid_size,
-    films,
     glass,
     holes_nm,
     openings_in_use,
     rotation,
-    unit_names,
 )
 from maskfab.model import ORIENTATIONS, Die, Panel
 from maskfab.units import MM_PER_NM
@@ -67,28 +63,24 @@ def cadquery_assembly(die: Die, stack: Stack | None = None) -> cadquery.Assembly
 
 
 def trimesh_scene(die: Die, stack: Stack | None = None) -> trimesh.Scene:
-    """A die as a scene: one closed mesh for each orientation in use, one node for each cell, and the glass.
+    """A die as a scene of two closed meshes, ``GLASS`` and ``FILM``: see :func:`maskfab.export.solid.film.film`.
 
     Args:
         die: what to model; the centre of its slot is the origin, chrome lies round z = 0.
         stack: thicknesses; 100 nm of chrome on 2.3 mm of glass if None.
 
     Raises:
-        OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_solid_size`.
+        OutputError: MF410 or MF412 as :func:`maskfab.export.solid.tiles.check_mesh_size`; MF436 as
+            :func:`maskfab.export.solid.film.film`.
     """
     stack = stack or Stack()
-    check_solid_size(die, "trimesh scene", MOST_MESH_VERTICES, MOST_MESH_CELLS)
+    check_mesh_size(die, "trimesh scene")
     import trimesh
 
-    names = unit_names(die.panel)
     scene = trimesh.Scene(base_frame=die.name)
     scene.units = "millimeters"
-    scene.add_geometry(_trimesh(box_mesh(*glass(die, stack)), _GLASS), node_name="GLASS", geom_name="GLASS")
-    chrome = {cell: _trimesh(mesh, _CHROME) for cell, mesh in films(die.panel, stack).items()}
-    for name, cell, centre in cells(die):
-        place = np.eye(4)
-        place[:3, 3] = centre * MM_PER_NM
-        scene.add_geometry(chrome[cell], node_name=name, geom_name=names[cell], transform=place)
+    for name, mesh, colour in (("GLASS", box_mesh(*glass(die, stack)), _GLASS), ("FILM", film(die, stack)[0], _CHROME)):
+        scene.add_geometry(_trimesh(mesh, colour), node_name=name, geom_name=name)
     return scene
 
 

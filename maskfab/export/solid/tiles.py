@@ -1,4 +1,4 @@
-"""The chrome film of one cell as a solid, and the rigid placements that make a die of it.
+"""What solids of a die are made of: thicknesses, the glass, and the rigid placements of its cells.
 
 A film centred on z = 0 is its own mirror image in z, so half a turn about an in-plane axis acts on it as a mirror does:
 all eight orientations of an opening are rigid placements of one tile, and nothing needs a mirrored solid.
@@ -8,18 +8,19 @@ Coordinates are nanometres from the centre of the die's slot; z points away from
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
-from klayout import db
 from numpy.typing import NDArray
 
 from maskfab.errors import OutputError
-from maskfab.export.solid.triangulation import triangulated
 from maskfab.geometry.polygonize import outline
 from maskfab.geometry.unit_cell import unit_name
-from maskfab.model import ORIENTATIONS, Die, Panel, Point, Polygon
+from maskfab.model import ORIENTATIONS, Die, Panel
+from maskfab.units import UM_PER_NM
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -29,7 +30,10 @@ GLASS_RGB = (0.70, 0.85, 0.90)
 GLASS_ALPHA = 0.3
 MOST_CAD_VERTICES, MOST_CAD_CELLS = 4_000, 40_000
 """Of exact solids: the cut of an outline takes 0.5 s for 230 vertices, 8 s for 2200; a thousand cells take 0.6 s."""
-MOST_MESH_VERTICES, MOST_MESH_CELLS = 1_000_000, 1_000_000
+MOST_MESH_VERTICES = 1_500_000
+"""Of the outlines of all cells: a mesh has four times as many triangles."""
+_NARROWEST_CORNER_NM, _CORNER_SHARE = 10.0, 0.1
+"""Of a gap or neck at a corner: of the former float32 millimetres make corners of their own, the latter is of a dot."""
 
 
 @dataclass(frozen=True)
@@ -40,38 +44,51 @@ class Stack:
         chrome_nm: of the film.
         glass_nm: of the substrate.
         exaggeration: factor on the film's thickness, for viewers that cannot show 100 nm; files say so.
+        corners: what openings that touch by a corner get in a mesh: a gap of chrome between them, or a neck that joins
+            them. No closed surface has a corner of no width.
+        corner_nm: width of that; a tenth of a dot if None.
     """
 
     chrome_nm: float = 100.0
     glass_nm: float = 2_300_000.0
     exaggeration: float = 1.0
+    corners: Literal["gap", "neck"] = "gap"
+    corner_nm: float | None = None
 
     @property
     def film_nm(self) -> float:
         """Thickness of the film as drawn, from -film/2 to film/2; the glass lies below it."""
         return self.chrome_nm * self.exaggeration
 
+    def corner_leg_nm(self, die: Die) -> int:
+        """Distance from a corner that touches to where its gap or neck ends on the sides of the openings.
+
+        Raises:
+            OutputError: MF436 for a gap or neck below 10 nm, or above half a dot, which could meet the next.
+        """
+        dot_nm = die.panel.dot_nm
+        width = _CORNER_SHARE * dot_nm if self.corner_nm is None else self.corner_nm
+        if not _NARROWEST_CORNER_NM <= width <= dot_nm / 2:
+            raise OutputError(
+                "MF436",
+                f"openings touch by a corner, and a {self.corners} of {width:g} nm there is not within "
+                f"{_NARROWEST_CORNER_NM:g} nm and {dot_nm / 2:g} nm, half a dot",
+                where=f"die {die.name}",
+                cure="State one that is, or leave glb, 3mf and stl out of export.formats",
+            )
+        return round(width / math.sqrt(2))
+
+    def touching_remark(self, die: Die, touches: int) -> tuple[str, ...]:
+        """Remark of a mesh about so many corners that touched."""
+        if not touches:
+            return ()
+        width_um = self.corner_leg_nm(die) * math.sqrt(2) * UM_PER_NM
+        return (f"{touches} touching corners have a {self.corners} of {width_um:.3g} um",)
+
     def remarks(self) -> tuple[str, ...]:
         """Remarks of a file about its thicknesses."""
         said = f"chrome {self.chrome_nm:g} nm on {self.glass_nm / 1e6:g} mm of glass"
         return (said,) if self.exaggeration == 1 else (said, f"film drawn {self.exaggeration:g} times too thick")
-
-
-@dataclass(frozen=True, eq=False)
-class Mesh:
-    """A closed surface, counter-clockwise triangles seen from outside.
-
-    Attributes:
-        vertices_nm: float64 [n, 3].
-        triangles: int64 [m, 3].
-    """
-
-    vertices_nm: Floats
-    triangles: Ints
-
-    def turned(self, orientation: int) -> Mesh:
-        """The mesh under the rigid placement of an orientation."""
-        return Mesh(self.vertices_nm @ rotation(orientation).T, self.triangles)
 
 
 def rotation(orientation: int) -> Floats:
@@ -124,50 +141,6 @@ def holes_nm(panel: Panel, opening: int) -> list[Floats]:
     return [np.array(polygon) + shift for polygon in outline(panel.openings[opening].mask, panel.dot_nm)]
 
 
-def film(panel: Panel, opening: int, stack: Stack) -> Mesh:
-    """The chrome of one cell, not turned, its openings cut out; from the cell's centre. Every triangle has an area.
-
-    Where two clear dots meet by a corner the surface has that edge twice, so every edge has two faces.
-    """
-    points: list[Point] = []
-    following: list[int] = []
-    triangles: list[Ints] = []
-    for contours in _chrome(panel, opening):
-        triangles.append(triangulated(contours) + len(points))
-        for contour in contours:
-            first = len(points)
-            points += contour
-            following += (*range(first + 1, len(points)), first)
-    flat, upper = np.array(points) - panel.pitch_nm / 2, np.concatenate(triangles)
-    count = len(flat)
-    # The upper face, then the lower one, whose corners stand in the same order.
-    vertices = np.column_stack([np.tile(flat, (2, 1)), np.repeat([0.5, -0.5], count) * stack.film_nm])
-    here, there = np.arange(count), np.array(following)
-    walls = ([here + count, there + count, there], [here + count, there, here])
-    return Mesh(vertices, np.concatenate([upper, upper[:, ::-1] + count, *(np.column_stack(wall) for wall in walls)]))
-
-
-def _chrome(panel: Panel, opening: int) -> Iterator[list[Polygon]]:
-    """Contours of every piece of a cell's chrome, from the cell's lower left corner: hull first, chrome on their left.
-
-    Pieces are parted, and contours touch themselves, where two clear dots meet by a corner.
-    """
-    gutter = panel.gutter_nm // 2
-    clear = db.Region()
-    for hole in outline(panel.openings[opening].mask, panel.dot_nm, (gutter, gutter)):
-        clear.insert(db.Polygon([db.Point(x, y) for x, y in hole]))
-    cell = db.Region(db.Box(0, 0, panel.pitch_nm, panel.pitch_nm))
-    for piece in (cell - clear).merged(True, 1).each():
-        holes = (piece.each_point_hole(n) for n in range(piece.holes()))
-        yield [tuple((point.x, point.y) for point in each)[::-1] for each in (piece.each_point_hull(), *holes)]
-
-
-def films(panel: Panel, stack: Stack) -> dict[int, Mesh]:
-    """The chrome of every unit in use, turned."""
-    tiles = {opening: film(panel, opening, stack) for opening in openings_in_use(panel)}
-    return {cell: tiles[cell // ORIENTATIONS].turned(cell % ORIENTATIONS) for cell in units_in_use(panel)}
-
-
 def glass(die: Die, stack: Stack) -> tuple[Floats, Floats]:
     """Lower and upper corner of the substrate under a panel, float64 [3] each."""
     x0, y0, x1, y1 = die.box_nm
@@ -176,35 +149,52 @@ def glass(die: Die, stack: Stack) -> tuple[Floats, Floats]:
     return np.array([x0 - x, y0 - y, top - stack.glass_nm]), np.array([x1 - x, y1 - y, top])
 
 
-def box_mesh(low_nm: Floats, high_nm: Floats) -> Mesh:
-    """A box between two corners."""
-    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
-    quads = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
-    triangles = [half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))]
-    return Mesh(low_nm + corners * (high_nm - low_nm), np.array(triangles, dtype=np.int64))
-
-
 def check_solid_size(die: Die, kind: str, most_vertices: int, most_cells: int) -> None:
-    """Refuse what cannot be made, or not in reasonable time, before any work starts.
+    """Refuse what a solid modeller cannot make, or not in reasonable time, before any work starts.
 
     Raises:
         OutputError: MF410 if a cell has no chrome at all; MF412 if the outlines of the openings in use have more than
             ``most_vertices`` vertices together, or the panel more than ``most_cells`` cells.
     """
-    panel, where = die.panel, f"die {die.name}"
+    _check_chrome(die, kind)
+    size = die.panel.orientations.size
+    if size > most_cells:
+        raise _too_large(die, kind, f"{size} cells are more than the {most_cells}")
+    vertices = sum(_vertices(die.panel, opening) for opening in openings_in_use(die.panel))
+    if vertices > most_vertices:
+        raise _too_large(die, kind, f"outlines of {vertices} vertices are more than the {most_vertices}")
+
+
+def check_mesh_size(die: Die, kind: str) -> None:
+    """As :func:`check_solid_size`, of a mesh, which repeats the outlines of every cell.
+
+    Raises:
+        OutputError: MF410 if a cell has no chrome at all; MF412 for more than :data:`MOST_MESH_VERTICES`.
+    """
+    _check_chrome(die, kind)
+    used, times = np.unique(die.panel.orientations // ORIENTATIONS, return_counts=True)
+    vertices = sum(_vertices(die.panel, opening) * n for opening, n in zip(used.tolist(), times.tolist(), strict=True))
+    if vertices > MOST_MESH_VERTICES:
+        what = f"outlines of {vertices} vertices in all cells are more than the {MOST_MESH_VERTICES}"
+        raise _too_large(die, kind, what)
+
+
+def _vertices(panel: Panel, opening: int) -> int:
+    return sum(map(len, outline(panel.openings[opening].mask, panel.dot_nm)))
+
+
+def _check_chrome(die: Die, kind: str) -> None:
+    panel = die.panel
     for opening in openings_in_use(panel):
         if panel.gutter_nm == 0 and panel.openings[opening].mask.all():
             raise OutputError(
                 "MF410",
                 f"opening {panel.openings[opening].name} is clear all over its cell, so no chrome is left for a {kind}",
-                where=where,
+                where=f"die {die.name}",
                 cure=f"Leave {kind} out of export.formats, or give the panel a gutter",
             )
+
+
+def _too_large(die: Die, kind: str, what: str) -> OutputError:
     cure = f"Leave {kind} out of export.formats for this die, or lay out a smaller panel"
-    cells = panel.orientations.size
-    if cells > most_cells:
-        raise OutputError("MF412", f"{cells} cells are more than the {most_cells} of a {kind}", where=where, cure=cure)
-    vertices = sum(len(hole) for opening in openings_in_use(panel) for hole in holes_nm(panel, opening))
-    if vertices > most_vertices:
-        what = f"outlines of {vertices} vertices are more than the {most_vertices} of a {kind}"
-        raise OutputError("MF412", what, where=where, cure=cure)
+    return OutputError("MF412", f"{what} of a {kind}", where=f"die {die.name}", cure=cure)

@@ -1,0 +1,222 @@
+"""The chrome of a die as one closed surface.
+
+The openings of all cells are merged on whole nanometres, so neighbours share no wall, and what is left of the film is
+cut into triangles band by band. Bands part in the middle of dots, where nothing but the sides of openings crosses, so
+both sides of a cut have the same corners.
+
+Corners of dots mostly lie on common lines, and cutting ears off a polygon joins some of them to triangles without area.
+Such a triangle and its neighbour across its longest side have another diagonal, too: the same corners, as many
+triangles and the same outline, so what was closed stays closed, exactly.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from klayout import db
+from numpy.typing import NDArray
+
+from maskfab.export.solid.tiles import Floats, Ints, Stack, cells, units_in_use
+from maskfab.geometry.plate_layout import simple_polygon
+from maskfab.geometry.unit_cell import unit_shapes
+from maskfab.model import CLEAR, Die, Point, Polygon
+
+Triangle = tuple[int, int, int]
+
+_FLAT_NM = 5.0
+"""Triangles of less height are flat: float32 millimetres within a die could take their area."""
+_BAND_CORNERS = 4_000
+"""About as many as a band has: the time that ears take grows faster than their number beyond some thousands."""
+
+
+@dataclass(frozen=True, eq=False)
+class Mesh:
+    """A closed surface, counter-clockwise triangles seen from outside.
+
+    Attributes:
+        vertices_nm: float64 [n, 3], no two alike.
+        triangles: int64 [m, 3].
+    """
+
+    vertices_nm: Floats
+    triangles: Ints
+
+
+def film(die: Die, stack: Stack) -> tuple[Mesh, int]:
+    """The chrome of a die from its slot's centre, round z = 0, and the number of corners that touched.
+
+    Every side of a triangle belongs to two, and the triangles round every vertex are one fan. Chrome that openings part
+    altogether is several such surfaces. Where openings touch by a corner they get the gap or neck of the stack.
+
+    Raises:
+        OutputError: MF436 as :meth:`maskfab.export.solid.tiles.Stack.corner_leg_nm`.
+    """
+    clear = _clear(die)
+    touches = _touches(clear)
+    if touches:
+        leg = stack.corner_leg_nm(die)
+        squares = db.Region([db.Polygon(_square(x, y, leg)) for x, y in touches])
+        clear = clear - squares if stack.corners == "gap" else clear | squares
+    corners, triangles, sides = _face(die, clear.merged(True, 1))
+    # The upper face, then the lower one, whose corners stand in the same order.
+    count = len(corners)
+    vertices = np.column_stack([np.tile(corners, (2, 1)), np.repeat([0.5, -0.5], count) * stack.film_nm])
+    here, there = sides.T
+    walls = ([here + count, there + count, there], [here + count, there, here])
+    faces = [triangles, triangles[:, ::-1] + count, *(np.column_stack(wall) for wall in walls)]
+    return Mesh(vertices, np.concatenate(faces)), len(touches)
+
+
+def box_mesh(low_nm: Floats, high_nm: Floats) -> Mesh:
+    """A box between two corners."""
+    corners = np.array([[x, y, z] for z in (0, 1) for y in (0, 1) for x in (0, 1)])
+    quads = ((0, 2, 3, 1), (4, 5, 7, 6), (0, 1, 5, 4), (2, 6, 7, 3), (0, 4, 6, 2), (1, 3, 7, 5))
+    triangles = [half for a, b, c, d in quads for half in ((a, b, c), (a, c, d))]
+    return Mesh(low_nm + corners * (high_nm - low_nm), np.array(triangles, dtype=np.int64))
+
+
+def _clear(die: Die) -> db.Region:
+    """Openings of all cells, merged, from the slot's centre."""
+    layout = db.Layout()
+    layer, top = layout.layer(1, 0), layout.create_cell("DIE")
+    units = {}
+    for unit in units_in_use(die.panel):
+        cell = units[unit] = layout.create_cell(f"R{unit}")
+        for polygon in unit_shapes(die.panel, unit).get(CLEAR, ()):
+            cell.shapes(layer).insert(simple_polygon(polygon))
+    half = die.panel.pitch_nm / 2
+    for _, unit, (x, y, _) in cells(die):
+        top.insert(db.CellInstArray(units[unit].cell_index(), db.Trans(round(x - half), round(y - half))))
+    return db.Region(top.begin_shapes_rec(layer)).merged(True, 1)
+
+
+def _touches(merged: db.Region) -> list[Point]:
+    """Places at which shapes touch by a corner alone: those that outlines visit twice."""
+    ends = (value for edge in merged.edges().each() for value in (edge.x1, edge.y1))
+    visited, times = np.unique(np.fromiter(ends, np.int64).reshape(-1, 2), axis=0, return_counts=True)
+    return [(x, y) for x, y in visited[times > 1].tolist()]
+
+
+def _square(x: int, y: int, leg: int) -> list[db.Point]:
+    """A square that stands on its corner."""
+    return [db.Point(x - leg, y), db.Point(x, y + leg), db.Point(x + leg, y), db.Point(x, y - leg)]
+
+
+def _face(die: Die, clear: db.Region) -> tuple[Ints, Ints, Ints]:
+    """What is not clear of a panel: corners int64 [n, 2], triangles [m, 3], and the sides on its outline [k, 2]."""
+    (x0, y0), (width, height) = _low(die), die.panel.size_nm
+    cuts = [y0, *_cuts(die, y0, sum(each.num_points() for each in clear.each())), y0 + height]
+    shapes = db.Shapes()
+    shapes.insert(clear)
+    points: list[Point] = []
+    following: list[int] = []
+    triangles: list[Ints] = []
+    for low, high in pairwise(cuts):
+        band = db.Box(x0, low, x0 + width, high)
+        near = db.Region([each.polygon for each in shapes.each_overlapping(band)])
+        for contours in _contours(db.Region(band) - near):
+            triangles.append(triangulated(contours) + len(points))
+            for contour in contours:
+                first = len(points)
+                points += contour
+                following += (*range(first + 1, len(points)), first)
+    x, y = np.array(points, dtype=np.int64).reshape(-1, 2).T
+    key, number = np.unique((x - x0) << 32 | (y - y0), return_inverse=True)
+    outer = (y != y[following]) | ~np.isin(y, cuts[1:-1])
+    sides = np.column_stack([number, number[following]])[outer]
+    return np.column_stack([(key >> 32) + x0, (key & 0xFFFFFFFF) + y0]), number[np.concatenate(triangles)], sides
+
+
+def _low(die: Die) -> Point:
+    (x, y), (x0, y0) = die.origin_nm, die.centre_nm
+    return x - x0, y - y0
+
+
+def _cuts(die: Die, low_nm: int, corners: int) -> list[int]:
+    """Heights between bands: middles of dots, where no outline has a corner."""
+    size, rows = die.panel.cell_size, die.panel.orientations.shape[0]
+    middles = size.dot_edges_nm[:-1] + size.dot_nm // 2
+    every = (low_nm + np.arange(rows)[:, None] * size.pitch_nm + middles).ravel()
+    bands = min(corners // _BAND_CORNERS + 1, len(every))
+    return [int(each) for each in every[np.arange(1, bands) * len(every) // bands]]
+
+
+def _contours(chrome: db.Region) -> Iterator[list[Polygon]]:
+    """Contours of every piece of a region: hull first, chrome on their left."""
+    for piece in chrome.merged(True, 1).each():
+        holes = (piece.each_point_hole(n) for n in range(piece.holes()))
+        yield [tuple((point.x, point.y) for point in each)[::-1] for each in (piece.each_point_hull(), *holes)]
+
+
+def triangulated(contours: Sequence[Polygon]) -> NDArray[np.int64]:
+    """Triangles between the corners of a polygon: int64 [m, 3], counter-clockwise, counting through all contours.
+
+    All have an area, and none is lower than 5 nm where another diagonal helps.
+
+    Args:
+        contours: hull counter-clockwise, holes clockwise, in nanometres. They may touch themselves in a corner, where
+            the polygon is parted; no corner lies on a side.
+    """
+    from manifold3d import triangulate
+
+    triangles = np.array(triangulate([np.array(each, dtype=np.float64) for each in contours]), dtype=np.int64)
+    points = np.array([point for each in contours for point in each], dtype=np.int64)
+    sides = np.roll(points[triangles], -1, axis=1) - points[triangles]
+    doubled = sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]
+    flat = np.flatnonzero(doubled < _FLAT_NM * np.hypot(sides[..., 0], sides[..., 1]).max(axis=1))
+    if not flat.size:
+        return triangles
+    return np.array(_turned(points.tolist(), [(a, b, c) for a, b, c in triangles.tolist()], flat.tolist()), np.int64)
+
+
+def _turned(points: Sequence[Point], triangles: list[Triangle], flat: list[int]) -> list[Triangle]:
+    """The triangles, diagonals of the flat ones turned wherever that raises the lower of two neighbours.
+
+    Two neighbours on one line stay there, but get a shorter diagonal. So no turn is ever taken back.
+    """
+    owner = {side: n for n, (a, b, c) in enumerate(triangles) for side in ((a, b), (b, c), (c, a))}
+    turned = set(flat)
+    while turned:
+        flat = [n for n in sorted({*flat, *turned}) if _height(points, triangles[n]) < _FLAT_NM]
+        turned = set()
+        # The longest first: of several on one line it is the one with a neighbour off the line.
+        for n in sorted(flat, key=lambda n: _longest(points, triangles[n]), reverse=True):
+            a, b, c = max(_rotations(triangles[n]), key=lambda each: _distance(points, each[0], each[2]))
+            across = owner.get((a, c))
+            if across is None or _height(points, (a, b, c)) >= _FLAT_NM:
+                continue
+            (d,) = {*triangles[across]} - {a, c}
+            one: Triangle = (a, b, d)
+            two: Triangle = (b, c, d)
+            old = [_height(points, (a, b, c)), _height(points, (a, c, d))]
+            new = [_height(points, one), _height(points, two)]
+            closer = not any(old + new) and _distance(points, b, d) < _distance(points, a, c)
+            if min(new) > min(old) or closer:
+                triangles[n], triangles[across] = one, two
+                del owner[a, c], owner[c, a]
+                owner |= {(b, d): n, (d, a): n, (d, b): across, (c, d): across, (a, b): n, (b, c): across}
+                turned |= {n, across}
+    return triangles
+
+
+def _rotations(triangle: Triangle) -> tuple[Triangle, Triangle, Triangle]:
+    a, b, c = triangle
+    return (a, b, c), (b, c, a), (c, a, b)
+
+
+def _distance(points: Sequence[Point], a: int, b: int) -> float:
+    return math.dist(points[a], points[b])
+
+
+def _longest(points: Sequence[Point], triangle: Triangle) -> float:
+    return max(_distance(points, a, c) for a, _, c in _rotations(triangle))
+
+
+def _height(points: Sequence[Point], triangle: Triangle) -> float:
+    """Over the longest side; 0 exactly on a line, negative clockwise."""
+    (xa, ya), (xb, yb), (xc, yc) = (points[n] for n in triangle)
+    return ((xb - xa) * (yc - ya) - (yb - ya) * (xc - xa)) / _longest(points, triangle)
