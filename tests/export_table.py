@@ -106,14 +106,14 @@ def layouts(folder: Path) -> Iterator[Row]:
 
 
 def solids(folder: Path) -> Iterator[Row]:
-    die = worst_case(100).dies[0]
-    for writer, suffix, limit, most in (
-        (write_step, "step", 8, 8000),
-        (write_glb, "glb", 0.5, 1500),
-        (write_3mf, "3mf", 1.2, 500),
+    for writer, suffix, cells, limit, most in (
+        (write_step, "step", 100, 8, 8000),
+        (write_glb, "glb", 30, 20, 25_000),
+        (write_3mf, "3mf", 30, 20, 15_000),
     ):
+        die = worst_case(cells).dies[0]
         file, kind = folder / f"worst.{suffix}", suffix.upper()
-        yield f"{kind} of 100 x 100 cells", best(lambda write=writer, to=file: write(die, to))[0], limit, "s"
+        yield f"{kind} of {cells} x {cells} cells", best(lambda write=writer, to=file: write(die, to))[0], limit, "s"
         yield "the same", size(file), most, "kB"
         found = check_solid(die, file)
         flaws = int(_named(found, "solid_flaws"))

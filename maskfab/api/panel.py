@@ -141,7 +141,11 @@ class Panel(model.Panel):
         return cadquery_assembly(self._die(), _stack(chrome, glass))
 
     def to_trimesh(self, chrome: Length = "100 nm", glass: Length = "2.3 mm") -> trimesh.Scene:
-        """A scene of closed meshes, one for each orientation; arguments and errors as :meth:`to_cadquery`."""
+        """A scene of two closed meshes in millimetres, ``GLASS`` and ``FILM``, the chrome of all pixels.
+
+        Where openings touch by a corner the chrome between them is a tenth of a dot wide, for a surface of no width is
+        not closed. Arguments and errors as :meth:`to_cadquery`; MF436 for dots below 100 nm that touch so.
+        """
         from maskfab.export.solid.objects import trimesh_scene
 
         return trimesh_scene(self._die(), _stack(chrome, glass))

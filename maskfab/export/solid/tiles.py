@@ -176,7 +176,7 @@ def check_mesh_size(die: Die, kind: str) -> None:
     vertices = sum(_vertices(die.panel, opening) * n for opening, n in zip(used.tolist(), times.tolist(), strict=True))
     if vertices > MOST_MESH_VERTICES:
         what = f"outlines of {vertices} vertices in all cells are more than the {MOST_MESH_VERTICES}"
-        raise _too_large(die, kind, what)
+        raise _too_large(die, kind, what, ", use step, which places every cell")
 
 
 def _vertices(panel: Panel, opening: int) -> int:
@@ -195,6 +195,6 @@ def _check_chrome(die: Die, kind: str) -> None:
             )
 
 
-def _too_large(die: Die, kind: str, what: str) -> OutputError:
-    cure = f"Leave {kind} out of export.formats for this die, or lay out a smaller panel"
+def _too_large(die: Die, kind: str, what: str, instead: str = "") -> OutputError:
+    cure = f"Leave {kind} out of export.formats for this die{instead}, or lay out a smaller panel"
     return OutputError("MF412", f"{what} of a {kind}", where=f"die {die.name}", cure=cure)
