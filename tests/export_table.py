@@ -14,6 +14,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import TypeVar
 
@@ -113,7 +114,7 @@ def solids(folder: Path) -> Iterator[Row]:
     ):
         die = worst_case(cells).dies[0]
         file, kind = folder / f"worst.{suffix}", suffix.upper()
-        yield f"{kind} of {cells} x {cells} cells", best(lambda write=writer, to=file: write(die, to))[0], limit, "s"
+        yield f"{kind} of {cells} x {cells} cells", best(partial(writer, die, file))[0], limit, "s"
         yield "the same", size(file), most, "kB"
         found = check_solid(die, file)
         flaws = int(_named(found, "solid_flaws"))

@@ -10,9 +10,9 @@ import ast
 import inspect
 import json
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
-from difflib import get_close_matches
+from difflib import SequenceMatcher
 from functools import cache
 from types import MappingProxyType
 from typing import Any, get_args
@@ -63,6 +63,10 @@ _LIMITS: Mapping[str, str] = MappingProxyType(
 )
 
 
+_LIKE, _PART_OF_A_WORD = 0.7, 0.9
+"""Likeness of words, 1 of equal ones: from which on one may be meant, and of one that is part of the other."""
+
+
 @dataclass(frozen=True)
 class Key:
     """One key of a job file.
@@ -102,22 +106,41 @@ def tables() -> tuple[Table, ...]:
     return tuple(_tables(JobSpec, ""))
 
 
-def keys_of(path: str) -> tuple[Key, ...]:
+def keys_of(path: str, *, or_word: bool = False) -> tuple[Key, ...]:
     """The keys of a path such as ``camera.stop.diameter``, or of a table such as ``camera`` or ``[camera]``.
+
+    Args:
+        path: of a key or table.
+        or_word: take a word such as ``diameter``, too: every key that it ends, and those of every table that it ends.
 
     Raises:
         JobError: MF105 for an unknown path, with those that look like it.
     """
-    paths = [key.path for table in tables() for key in table.keys]
+    every = [key for table in tables() for key in table.keys]
     wanted = path.strip().strip("[]").lower()
-    keys = tuple(key for table in tables() for key in table.keys if wanted in {key.path, key.path.rpartition(".")[0]})
+    keys = tuple(key for key in every if wanted in {key.path, key.path.rpartition(".")[0]})
+    if or_word and not keys:
+        keys = tuple(key for key in every if wanted in {key.name, key.path.rpartition(".")[0].rpartition(".")[2]})
     if not (wanted and keys):
-        near = get_close_matches(wanted.rpartition(".")[2], {each.rpartition(".")[2] for each in paths}, n=3)
-        meant = [each for each in paths if each.rpartition(".")[2] in near] or get_close_matches(wanted, paths, n=3)
+        meant = _alike(wanted, {place for key in every for place in (key.path, key.path.rpartition(".")[0])} - {""})
         listed = "maskfab explain lists all codes; a key is written as camera.pixel, a table as camera"
         cure = f"Did you mean {' or '.join(meant)}? {listed}" if meant else listed
         raise JobError("MF105", f"a job has no key or table {path!r}", where="KEY", cure=cure)
     return keys
+
+
+def _alike(wanted: str, paths: Set[str]) -> list[str]:
+    """The likeliest paths, three at most: by their last word, and of those that are alike in it by what precedes it."""
+    table, _, word = wanted.rpartition(".")
+
+    def likeness(path: str) -> tuple[float, float]:
+        before, _, last = path.rpartition(".")
+        held = _PART_OF_A_WORD if word in last.split("_") else SequenceMatcher(None, word, last).ratio()
+        return 1.0 if word == last else held, SequenceMatcher(None, table, before).ratio()
+
+    known = {path: likeness(path) for path in paths if wanted}
+    near = sorted(path for path, (last, _) in known.items() if last >= _LIKE)
+    return sorted(near, key=lambda path: sum(known[path]), reverse=True)[:3]
 
 
 def _tables(model: type[Section], name: str) -> Iterator[Table]:

@@ -77,7 +77,34 @@ def test_a_path_finds_a_key_or_the_keys_of_a_table(path, names):
     assert {key.name for key in keys_of(path)} == names
 
 
-@pytest.mark.parametrize(("typed", "meant"), [("camera.pixl", "camera.pixel"), ("gap", "scene.gap"), ("", "camera")])
+@pytest.mark.parametrize(
+    ("word", "paths"),
+    [
+        ("diameter", {"camera.stop.diameter"}),
+        ("seed", {"die.seed", "design.seed"}),
+        ("stop", {key.path for key in keys_of("camera.stop")}),
+    ],
+)
+def test_a_word_finds_every_key_and_table_that_it_ends(word, paths):
+    assert {key.path for key in keys_of(word, or_word=True)} == paths
+    with pytest.raises(JobError, match="MF105"):
+        keys_of(word)
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("camera.pixl", "camera.pixel"),
+        ("gap", "scene.gap"),
+        ("", "camera"),
+        ("stop", "mean camera.stop "),
+        ("camera.stp", "mean camera.stop?"),
+        ("dimeter", "mean camera.stop.diameter?"),
+        ("emiters", "mean emitters?"),
+        ("emiters.gap", "mean emitters."),
+        ("emiters.gap", "emitters.gap_to_opening"),
+    ],
+)
 def test_an_unknown_path_is_refused_with_what_was_meant(typed, meant):
     with pytest.raises(JobError, match="MF105") as refused:
         keys_of(typed)

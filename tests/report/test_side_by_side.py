@@ -147,6 +147,14 @@ def test_two_runs_from_files_to_a_page(capsys, small_result, other, tmp_path):
     assert {"PLAIN", "TURNED"} <= {line.split()[0] for line in text.splitlines()}
 
 
+def test_a_report_is_not_compared_with_itself(small_result, other, tmp_path):
+    """Its best would be tied with itself: by one path, by its own and its folder's, or as a copy."""
+    copied = Path(shutil.copytree(small_result, tmp_path / "copy"))
+    for named in ((small_result,), (small_result / "report.json",), (other, small_result), (copied,)):
+        with pytest.raises(JobError, match=rf"MF105.*report {len(named) + 1}, .*, is the same as report 1, .*once"):
+            mf.compare(small_result, *named)
+
+
 def test_names_from_elsewhere_are_inert(document):
     wild = report("<script>alert(1)</script>", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.5])
     page = compare_page(compare_reports([wild, report("two", document, PLAIN=[20.0, 21.0], TURNED=[22.0, 23.0])]))
@@ -182,7 +190,7 @@ def test_bands_over_another_spread_are_told_apart(document, tmp_path):
     process = {"corner_radius_um": 1.0, "cd_bias_um": 0.0, "roughness": None}
     for name, bias_um in (("one", 0.1), ("two", 0.2), ("three", 0.1)):
         (tmp_path / name).mkdir()
-        stated = {"process": process, "spread": {"bias_um": bias_um, "radius_um": 0.0}}
+        stated = {"title": name, "process": process, "spread": {"bias_um": bias_um, "radius_um": 0.0}}
         (tmp_path / name / "report.json").write_text(json.dumps({**document, **stated}))
     told = mf.compare(*(tmp_path / name for name in ("one", "two", "three"))).compared.left_out
     assert [each.split()[0] for each in told if "another spread" in each] == ["two"]
@@ -251,8 +259,8 @@ def test_titles_from_elsewhere_are_inert(document, tmp_path, title):
     folder = tmp_path / "a\n\x1b[2J<b>"
     folder.mkdir()
     (folder / "report.json").write_text(json.dumps({**document, "title": title}))
-    shutil.copytree(folder, tmp_path / "two")
-    found = mf.compare(folder, tmp_path / "two").compared
+    (tmp_path / "two.json").write_text(json.dumps({**document, "title": "two"}))
+    found = mf.compare(folder, tmp_path / "two.json").compared
     page = compare_page(found)
     assert "<script" not in page
     assert "<b>" not in page

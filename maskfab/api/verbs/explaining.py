@@ -43,7 +43,8 @@ def explain(code: str | None = None) -> Answer:
         MF111  A random tiling needs a seed.
 
     Args:
-        code: such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``; None for the list of codes.
+        code: such as ``"MF106"``, or a key or table of a job such as ``"camera.stop"``, or its last word; None
+            for the list of codes.
 
     Raises:
         JobError: MF105 for what is neither.
@@ -62,14 +63,20 @@ def explain(code: str | None = None) -> Answer:
 def _of_keys(path: str) -> Answer:
     from maskfab.jobfile.reference import keys_of
 
-    keys = keys_of(path)
+    keys = keys_of(path, or_word=True)
+    document = {"keys": [asdict(key) for key in keys]}
+    if len({key.section for key in keys}) > 1 and all(key.name == path.strip().lower() for key in keys):
+        # A word that ends several keys: which is meant, their first sentences tell.
+        width = max(len(key.path) for key in keys)
+        lines = [f"{key.path:<{width}}  {key.meaning.partition('. ')[0].rstrip('.')}." for key in keys]
+        return Answer("\n".join([*lines, f"maskfab explain {keys[0].path} tells more"]), document)
     refused = _refused_if() if any(key.section == "design.rules" for key in keys) else {}
     told = []
     for key in keys:
         default = "required" if key.default is None else key.default or "none"
         parts = _parts(("Meaning", key.meaning), ("Form", key.form), ("Default", default), *refused.get(key.path, ()))
         told.append(key.path + key.section.partition(" ")[1] + key.section.partition(" ")[2] + "\n" + parts)
-    return Answer("\n\n".join(told), {"keys": [asdict(key) for key in keys]})
+    return Answer("\n\n".join(told), document)
 
 
 def _refused_if() -> dict[str, tuple[tuple[str, str]]]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from maskfab import provenance
-from maskfab.errors import OutputError
+from maskfab.errors import JobError, OutputError
 from maskfab.files.finished import JOB_COPY, REPORT, read_manifest
 from maskfab.report.documents.report_data import SCHEMA_VERSION
 from maskfab.report.side_by_side.told_report import check_told
@@ -42,8 +42,18 @@ def read_reports(paths: list[Path]) -> tuple[FinishedReport, ...]:
     Raises:
         OutputError: MF403 for a place without a report, MF407 for one that was edited, is damaged, or of another
             version.
+        JobError: MF105 for a report that is named twice, or is equal to another in all that it says.
     """
     found = [_read(path) for path in paths]
+    for number, each in enumerate(found):
+        earlier = next((n for n, other in enumerate(found[:number]) if other.document == each.document), None)
+        if earlier is not None:
+            raise JobError(
+                "MF105",
+                f"report {number + 1}, {each.name}, is the same as report {earlier + 1}, {found[earlier].name}",
+                where="REPORT",
+                cure="Name each report once; two dies of one report are compared by naming it alone",
+            )
     names = [each.name for each in found]
     return tuple(
         FinishedReport(
