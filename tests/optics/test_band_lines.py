@@ -48,6 +48,10 @@ BANDS = {
 }
 
 
+# It covers what a white band does, and takes hardly a line.
+DARK_BUT_ONE = Band((FLAT, curve("laser", (400, 0), *peak(532.0, 0.01, 1), (700, 0))), "laser")
+
+
 def fine_lines(band: Band, apart_nm: float) -> Spectrum:
     """Gauss-Legendre nodes between all rows, closer than a distance: brute force, but it sees every row."""
     low, high = band.range_nm
@@ -92,24 +96,24 @@ def test_light_is_found_wherever_it_is(middle: float, half_width: float) -> None
         assert found.centroid_nm == pytest.approx(middle, abs=1e-9)
 
 
-def check(name: str, diameter_um: float, seed: int | None, apart_nm: float, target: float) -> None:
+def check(name: str, diameter_um: float, seed: int | None, apart_nm: float) -> None:
     band = BANDS[name]
     setting = camera(diameter_um, wavelengths=band.range_nm, window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=2 * math.ceil((diameter_um / 2 + 20) / 56), seed=seed), setting.stop)
     exact = psf(source, setting, fine_lines(band, apart_nm))
-    (foretold,) = band_errors(source, setting, [band], target)
+    foretold = band_errors(source, setting, [band])
     assert foretold
     for count, error in foretold.items():
         real = np.linalg.norm(psf(source, setting, band_lines(band, count)) - exact) / np.linalg.norm(exact)
         print(f"{name:14} {diameter_um:6g} um {count:3} lines: foretold {error:.1e}, real {real:.1e}")
         # What is left is the brute force's own.
         assert real <= error + 1e-10, count
-    assert min(foretold.values()) < 2 * target
+    assert min(foretold.values()) < 2e-3
 
 
 @pytest.mark.parametrize(("die", "name"), sweep(in_turns([(50.0, None), (200.0, 1)], BANDS), len(BANDS)))
 def test_lines_err_no_more_than_foretold(die: tuple[float, int | None], name: str) -> None:
-    check(name, *die, 20.0, 1e-3)
+    check(name, *die, 20.0)
 
 
 @pytest.mark.slow
@@ -119,7 +123,7 @@ def test_lines_err_no_more_than_foretold(die: tuple[float, int | None], name: st
 def test_lines_err_no_more_than_foretold_at_any_stop(
     name: str, seed: int | None, diameter_um: float, apart_nm: float
 ) -> None:
-    check(name, diameter_um, seed, apart_nm, 1e-3)
+    check(name, diameter_um, seed, apart_nm)
 
 
 def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -134,7 +138,7 @@ def test_the_pupil_is_transformed_once_for_all_lines_of_a_band(monkeypatch: pyte
     band = BANDS["mercury"]
     setting = camera(400.0, wavelengths=band.range_nm, window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
-    (foretold,) = band_errors(source, setting, [band], 1e-2)
+    foretold = band_errors(source, setting, [band])
     assert sum(foretold) >= 5
     # Four parities of the whole dots and of either band of the rim.
     assert len(calls) <= 12
@@ -153,14 +157,26 @@ def test_more_bands_and_lines_look_at_the_field_no_more_often(monkeypatch: pytes
     setting = camera(400.0, wavelengths=(400.0, 700.0), window_um=96.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
     looks, most = [], []
-    for bands, target in (([white], 2e-3), ([white, *BANDS.values()], 1e-3)):
-        found = band_errors(source, setting, bands, target)
-        assert len(found) == len(bands)
+    for bands in ([DARK_BUT_ONE], [white, DARK_BUT_ONE, *BANDS.values()]):
+        found = band_errors(source, setting, bands)
         looks.append(len(calls))
-        most.append(max(found[0]))
+        most.append(max(found))
         calls.clear()
     assert looks[0] == looks[1]
     assert most[1] > most[0]
+
+
+def test_the_worst_band_tells_the_error_of_a_number_of_lines_and_the_easiest_caps_none() -> None:
+    """A narrow line of light stands still at once; a wide band takes more lines than the narrow one was tried with."""
+    wide = Band((FLAT,), "white")
+    setting = camera(400.0, wavelengths=(400.0, 700.0), window_um=96.0)
+    source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
+    both = band_errors(source, setting, [DARK_BUT_ONE, wide])
+    easy, hard = (band_errors(source, setting, [band]) for band in (DARK_BUT_ONE, wide))
+    assert max(easy) < max(hard) == max(both)
+    assert all(both[count] >= error for alone in (easy, hard) for count, error in alone.items())
+    assert both[max(both)] < 1e-6
+    assert band_errors(source, setting, []) == {}
 
 
 def test_rays_measure_the_window_as_its_places_do() -> None:
@@ -168,7 +184,7 @@ def test_rays_measure_the_window_as_its_places_do() -> None:
     # As wide as a whole number of the samples that it is held against.
     setting = camera(400.0, wavelengths=band.range_nm, window_um=94.0)
     source = pupil(panel(noise(7, 0.5, 4), cells=8, seed=1), setting.stop)
-    (foretold,) = band_errors(source, setting, [band], 1e-4)
+    foretold = band_errors(source, setting, [band])
     exact = psf(source, setting, band.quadrature(8))
     for count in (1, 4):
         real = np.linalg.norm(psf(source, setting, band_lines(band, count)) - exact) / np.linalg.norm(exact)

@@ -70,7 +70,7 @@ def check(tiling: str, mask: str, shape: str, diameter_um: float, gap_um: float,
     design = laid(tiling, MASKS[mask], diameter_um + 120)
     clear, source = panel_aperture(design), pupil(design, setting.stop)
     plain = point_psf(source, setting, LINE)
-    found = estimate(design, source, setting, Scene(gap_um=gap_um, field_um=field_um), 0.1)
+    found = estimate(design, source, setting, Scene(gap_um=gap_um, field_um=field_um))
     reaches = {"shift": field_um, "3 x 3": field_um * math.sqrt(2) / 2}
     foretold = {"shift": found.shift.error, "3 x 3": found.places[3], "diffraction": found.diffraction.error}
     real = {

@@ -8,10 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from optics.scene_cases import CASES, Case, planned, priced
+from hypothesis import given
+from hypothesis import strategies as st
+from optics.scene_cases import CASES, RGB, Case, planned, priced
 from optics_cases import aberrated_psf, camera, defocused_psf, focused_psf, noise, panel, pupil
+from sweeps import examples, sweep
 
-from maskfab.model import Camera, Psf
+from maskfab import resources
+from maskfab.errors import JobError
+from maskfab.model import Camera, Panel, Psf, Stop, Tiling
+from maskfab.opening.openings import load_opening
 from maskfab.optics.field.methods import PATHS, PRUNED, admissible
 from maskfab.optics.image import psf
 from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_psf, point_psfs, point_step_um
@@ -23,7 +29,10 @@ from maskfab.optics.scene import omission_error
 from maskfab.optics.scene.cost import PHASED, SPECTRUM, Choice, CostModel
 from maskfab.optics.scene.omission_error import PLACES, grey
 from maskfab.optics.scene.plan import Plan, plan
+from maskfab.optics.scene.scene import Scene
+from maskfab.optics.scene.scene_psf import spectrum_psf
 from maskfab.optics.wavefront.panel_gap import gap_psf, shifted_psf
+from maskfab.plate.tiling import orientations
 
 LEFT_IN_PART = ("width of the bands", "field between places")
 
@@ -186,3 +195,57 @@ def test_one_psf_is_priced_once_for_all_places_and_lines(monkeypatch: pytest.Mon
     assert dict(known.priced()) == alone
     assert len(known.estimates.places) > 3
     assert 2 * len(counted) < len(alone)
+
+
+def _ordinary() -> list[tuple[str, Tiling, tuple[float, float, float], float]]:
+    """Openings of the paper behind telephones' and laboratory cameras, the least work first."""
+    cameras = [(5000.0, 600.0, 128.0), (4160.0, 800.0, 96.0), (5000.0, 1000.0, 128.0), (10_000.0, 2000.0, 128.0)]
+    return [
+        (opening, tiling, camera, accuracy)
+        for camera in cameras
+        for opening in ("paper_inv_random", "toled")
+        for tiling in (Tiling.PERIODIC, Tiling.RANDOM)
+        for accuracy in (1e-2, 1e-3)
+    ]
+
+
+@pytest.mark.parametrize(("opening", "tiling", "lens", "accuracy"), sweep(_ordinary(), 4))
+def test_an_ordinary_colour_scene_has_a_plan_that_errs_no_more_than_it_says(
+    opening: str, tiling: Tiling, lens: tuple[float, float, float], accuracy: float
+) -> None:
+    """Against the rim exact, double precision, and four times the lines or more."""
+    focal_um, diameter_um, window_um = lens
+    setting = Camera(focal_um, Stop("circle", diameter_um), (610.0, 530.0, 470.0), 2.0, window_um)
+    unit = load_opening(resources.path("layouts") / "openings" / f"{opening}.toml")
+    cells = math.ceil(1.1 * diameter_um / 168) + 2
+    chosen = orientations(tiling, cells, cells, 1)
+    laid_out = Panel(unit, 8000, 0, chosen, tiling, 1 if tiling.seeded else None)
+    scene, openings = Scene(bands=RGB), panel_aperture(laid_out)
+    found = plan(laid_out, setting, scene, accuracy)
+    assert found.price.error <= accuracy
+    finest = replace(found.choice, path="parity", precision="double", grey_rim=False, lines=4 * found.choice.lines)
+    best = replace(found, choice=finest)
+    for band in scene.bands:
+        seen, true = (spectrum_psf(openings, setting, scene, each, band) for each in (found, best))
+        assert relative_difference(seen, true) <= found.price.error
+
+
+LOOSE = {each.name: each for each in CASES if each.name in (
+    "plain random", "far objects", "weak spherical", "gap and field, tight", "colours", "colours, slit",
+    "aberrated and deep",
+)}  # fmt: skip
+
+
+@given(st.sampled_from(sorted(LOOSE)), st.floats(-7, -0.1), st.floats(1e-4, 3))
+@examples(60)
+def test_a_looser_accuracy_is_not_refused_where_a_tighter_one_is_met_and_costs_no_more(
+    name: str, tight: float, looser: float
+) -> None:
+    each = LOOSE[name]
+    accuracy = min(0.99, 10 ** (tight + looser))
+    try:
+        strict = plan(each.panel, each.camera, each.scene, 10**tight)
+    except JobError:
+        # Nothing that maskfab can compute is so exact.
+        return
+    assert plan(each.panel, each.camera, each.scene, accuracy).price.seconds <= strict.price.seconds

@@ -6,7 +6,7 @@ which all of them are bounded; a flop of a Fourier transform moves more data and
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from math import log2
 from types import MappingProxyType
@@ -35,8 +35,6 @@ _DOT_WORK = 250.0
 _DOT_READ = 80.0
 # Moments are gathered into products too thin to run at full speed.
 _GATHERING = 4.0
-# Single precision will do where its error is so small a share of what matters.
-_SINGLE_SHARE = 1 / 40
 _BYTES = 8
 
 
@@ -144,13 +142,6 @@ def admissible(task: FieldTask) -> tuple[FieldPath, ...]:
 def field(pupil: Pupil, u: Floats, v: Floats, precision: Precision = "double") -> ParityField:
     """The field by the cheapest path that takes the pupil; see :meth:`FieldPath.field`."""
     return admissible(FieldTask.of(pupil, u, v))[0].field(pupil, u, v, precision)
-
-
-def precise_enough(paths: Sequence[FieldPath], target: float) -> tuple[Precision, float]:
-    """The cheaper precision that hardly adds to a relative L2 error of the PSF that matters, and its own error."""
-    errors: dict[Precision, float] = {each: max(path.error[each] for path in paths) for each in ("double", "single")}
-    precision: Precision = "single" if errors["single"] <= _SINGLE_SHARE * target else "double"
-    return precision, errors[precision]
 
 
 def _require_quadrant(u: Floats, v: Floats) -> None:

@@ -19,7 +19,6 @@ from numpy.typing import NDArray
 from maskfab.model import Camera, Psf
 from maskfab.optics.field.methods import FieldTask, admissible, field
 from maskfab.optics.field.parity import ParityField
-from maskfab.optics.field.waves import Precision
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.units import UM_PER_NM
@@ -58,9 +57,7 @@ def point_psf(pupil: Pupil, camera: Camera, wavelength_nm: float, margin: int = 
     return _point_psf(field(pupil, frequency, frequency), pupil, camera, wavelength_nm)
 
 
-def point_psfs(
-    pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None, precision: Precision = "double"
-) -> list[Psf]:
+def point_psfs(pupil: Pupil, camera: Camera, margin: int = 0, leak: Leak | None = None) -> list[Psf]:
     """PSFs at every wavelength of the camera, the pupil made ready once, by the cheapest path that takes it.
 
     With a leak the pupil is that of the openings of a binary mask, and the film's light is added.
@@ -74,7 +71,7 @@ def point_psfs(
         for path in admissible(FieldTask.of(pupil, widest, widest))
         if all(path.refusal(task) is None for task in tasks)
     )
-    prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), precision)
+    prepared = path.prepare(pupil, float(widest[-1]), float(widest[-1]), "double")
     return [
         _point_psf(prepared.field(frequency, frequency), pupil, camera, wavelength)
         if leak is None

@@ -12,23 +12,20 @@ number of samples that a wave's phase from one to the next is of π.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.optics.field.parity import SampledField
-from maskfab.optics.field.waves import Precision, Reals, real_type
 
 Floats = NDArray[np.float64]
 
 _TAPS = 14
 # Samples for each that the longest lag needs at least.
-_OVERSAMPLING: Mapping[Precision, float] = MappingProxyType({"double": 5.0, "single": 4.0})
+_OVERSAMPLING = 5.0
 
-RAYS_ERROR: Mapping[Precision, float] = MappingProxyType({"double": 4e-8, "single": 9e-7})
+RAYS_ERROR = 4e-8
 """Relative error of the wave of the longest lag, twice Π|x - k| (π/n)^14 / 14! halfway between samples; of all others
 far less. Rounding comes on top."""
 
@@ -46,10 +43,10 @@ class Rays:
     """
 
     step: float
-    values: Reals
+    values: Floats
 
     @classmethod
-    def of(cls, field: SampledField, reach_um: float, highest: float, slopes: Floats, precision: Precision) -> Rays:
+    def of(cls, field: SampledField, reach_um: float, highest: float, slopes: Floats) -> Rays:
         """Sample a field along rays.
 
         Args:
@@ -57,11 +54,10 @@ class Rays:
             reach_um: most of x + sy, of its light and for any of the slopes.
             highest: t that will be asked for, cycles per micrometre.
             slopes: s of the rays.
-            precision: of the samples.
         """
-        step, count = _grid(reach_um, highest, precision)
+        step, count = _grid(reach_um, highest)
         t = step * np.arange(count + _TAPS, dtype=np.float64)
-        values = np.empty((count, slopes.size, 4), dtype=real_type(precision))
+        values = np.empty((count, slopes.size, 4))
         for start in range(0, count, _BLOCK):
             block = t[start : min(start + _BLOCK, count)]
             # Beyond the diagonal no ray needs the field, but for the neighbours of those close to it.
@@ -70,25 +66,25 @@ class Rays:
             tall = [each.T for each in along_x]
             # The four that share their neighbours side by side in memory.
             sides = [_mirrored(*pair) for pair in (tall, tall[::-1], along_y, along_y[::-1])]
-            known = np.stack(sides, axis=-1, dtype=values.dtype, casting="same_kind").reshape(-1, 4)
+            known = np.stack(sides, axis=-1).reshape(-1, 4)
             first, weights = _neighbours(np.arange(start, start + block.size)[:, None] * slopes)
             first += _TAPS + (inner.size + _TAPS) * np.arange(block.size)[:, None]
-            near = weights.astype(values.dtype, copy=False)[..., None]
+            near = weights[..., None]
             found = values[start : start + block.size]
             np.multiply(near[0], known[first], out=found)
             for k in range(1, _TAPS):
                 found += near[k] * known[first + k]
         return cls(step, values.reshape(count, -1))
 
-    def combined(self, places: Floats, scales: Floats, weights: Floats) -> Reals:
+    def combined(self, places: Floats, scales: Floats, weights: Floats) -> Floats:
         """Σ_k w_k |F(p / c_k)|² at places p along all rays, [p, rays].
 
         Args:
             places: p > 0, float64 [p], ascending.
             scales, weights: c_k and w_k, float64 [k].
         """
-        count, kind = self.values.shape[0], self.values.dtype
-        found = np.empty((places.size, self.values.shape[1]), dtype=kind)
+        count = self.values.shape[0]
+        found = np.empty((places.size, self.values.shape[1]))
         for start in range(0, places.size, _PLACES):
             some = places[start : start + _PLACES]
             first, near = _neighbours(some[:, None] / scales / self.step)
@@ -97,19 +93,19 @@ class Rays:
             used = slice(int(index.min()), int(index.max()) + 1)
             index += count * np.arange(some.size)[:, None]
             matrix = np.bincount(index.ravel(), near.ravel(), count * some.size).reshape(-1, count)[:, used]
-            np.matmul(matrix.astype(kind), self.values[used], out=found[start : start + some.size])
+            np.matmul(matrix, self.values[used], out=found[start : start + some.size])
         return found
 
 
-def beyond(reach_um: float, highest: float, precision: Precision) -> float:
+def beyond(reach_um: float, highest: float) -> float:
     """The highest frequency at which rays look at a field; arguments as for :meth:`Rays.of`."""
-    step, count = _grid(reach_um, highest, precision)
+    step, count = _grid(reach_um, highest)
     return step * (count + _TAPS - 1)
 
 
-def _grid(reach_um: float, highest: float, precision: Precision) -> tuple[float, int]:
+def _grid(reach_um: float, highest: float) -> tuple[float, int]:
     """Step and number of samples."""
-    step = 1 / (4 * _OVERSAMPLING[precision] * reach_um)
+    step = 1 / (4 * _OVERSAMPLING * reach_um)
     return step, math.ceil(highest / step) + _TAPS
 
 

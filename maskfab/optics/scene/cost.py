@@ -60,9 +60,6 @@ at distortions of -5, 2 and 20 %.
 FINEST = max(RESAMPLED)
 """Of a PSF that others are held against."""
 
-# Share of the accuracy that an error may take without a choice against it.
-_HARDLY = 0.01
-
 DEPTHS = 2
 """Distances that stand for a range of depths: its ends."""
 
@@ -346,7 +343,7 @@ class CostModel:
 
 
 def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
-    """Values of :attr:`Choice.distortion` that may be the best: none finer than one that hardly counts.
+    """Values of :attr:`Choice.distortion` that may meet an accuracy, and the finest.
 
     Args:
         left_out: error of leaving the distortion out.
@@ -354,9 +351,8 @@ def resamplings(left_out: float, accuracy: float) -> tuple[int, ...]:
     """
     if not left_out:
         return (0,)
-    enough = next((finer for finer, error in RESAMPLED.items() if error <= _HARDLY * accuracy), FINEST)
-    fine = tuple(finer for finer, error in RESAMPLED.items() if finer == enough or accuracy > error > RESAMPLED[enough])
-    return (0, *fine) if left_out <= max(accuracy, RESAMPLED[enough]) else fine
+    fine = tuple(finer for finer, error in RESAMPLED.items() if finer == FINEST or error < accuracy)
+    return (0, *fine) if left_out <= max(accuracy, RESAMPLED[FINEST]) else fine
 
 
 def _options(known: Estimate) -> tuple[bool, ...]:

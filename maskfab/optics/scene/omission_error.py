@@ -31,8 +31,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Camera, Panel, Psf, Stop, Tiling
-from maskfab.optics.field.methods import PATHS, precise_enough
-from maskfab.optics.field.waves import Precision
+from maskfab.optics.field.methods import PATHS
 from maskfab.optics.image.psf import point_psfs
 from maskfab.optics.light.band_lines import band_errors
 from maskfab.optics.numbers.metrics import relative_difference
@@ -139,28 +138,26 @@ def _mean(panel: Panel, camera: Camera, pilot: Psf) -> MeanPsf:
     return MeanPsf(pilot, nothing, nothing)
 
 
-def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: float) -> Estimates:
+def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene) -> Estimates:
     """The errors of leaving out everything that a scene could ask for.
+
+    They do not depend on the accuracy that is asked for, so that a plan never costs more where it may err more.
 
     Args:
         panel: opening, tiling and extent.
         pupil: its openings inside the stop, the rim exact.
         camera: lens, window and lines.
         scene: what is looked at.
-        target: relative L2 error that matters; bands are refined until they err by a quarter of it, or by 512 lines.
 
     Raises:
         JobError: MF104 for a distance within the focal length, a gap that is no distance or a wrong aberration.
     """
     ends = wavelength_range_nm(camera, scene)
     sampled = replace(camera, wavelengths_nm=tuple(dict.fromkeys(ends)))
-    precision, own = precise_enough(PATHS, target)
-    pilots = point_psfs(pupil, sampled, precision=precision)
+    pilots = point_psfs(pupil, sampled)
     # Only what is weighed against speckle needs the mean over layouts, which costs several PSFs.
     asks = scene.gap_um or scene.aberrations or not scene.nearest_um == scene.farthest_um == scene.focus_um
     means = [_mean(panel, sampled, pilot) for pilot in pilots] if asks else []
-    bands = band_errors(pupil, camera, scene.bands, target / 4)
-    counts = sorted(set.intersection(*(set(each) for each in bands))) if bands else [0]
     moved = math.hypot(*shift_um(camera, scene.gap_um, (max(scene.field_um, scene.steepest_um), 0.0)))
 
     @cache
@@ -181,14 +178,14 @@ def estimate(panel: Panel, pupil: Pupil, camera: Camera, scene: Scene, target: f
         distortion=_distortion(pilots, scene, turned),
         shift=_shift(means, openings(), pupil, sampled, scene, scene.field_um) if moved else NOTHING,
         diffraction=_diffraction(means, crowding, sampled, scene.gap_um) if scene.gap_um else NOTHING,
-        rim=_rim(pupil, pilots, sampled, precision, own),
+        rim=_rim(pupil, pilots, sampled),
         layout=_layout(means) if means else None,
         pilot=pilots[0],
         places=(
             {n: _between(means, openings(), pupil, sampled, scene, n) for n in PLACES} if moved else {PLACES[0]: 0.0}
         ),
-        bands={count: max((each[count] for each in bands), default=0.0) for count in counts},
-        in_bands=len(bands),
+        bands=band_errors(pupil, camera, scene.bands) or {0: 0.0},
+        in_bands=len(scene.bands),
         crowding=crowding,
         range_nm=ends,
     )
@@ -324,11 +321,12 @@ def _layout(means: list[MeanPsf]) -> Estimate:
     return Estimate(GAP_SAFETY / 2 * scatter, "scatter of layouts about the ensemble's mean", GAP_SAFETY / 2)
 
 
-def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera, precision: Precision, own: float) -> Estimate:
+def _rim(pupil: Pupil, pilots: list[Psf], camera: Camera) -> Estimate:
     if not pupil.rim_row.size:
         return Estimate(0.0, "the stop cuts no dot")
     plain = grey(pupil)
-    worst = max(map(relative_difference, point_psfs(plain, camera, precision=precision), pilots)) + own
+    own = max(path.error["double"] for path in PATHS)
+    worst = max(map(relative_difference, point_psfs(plain, camera), pilots)) + own
     return Estimate(RIM_SAFETY * worst, "grey rim's PSF against the exact one, at the ends of the spectrum", RIM_SAFETY)
 
 

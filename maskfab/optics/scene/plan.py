@@ -62,8 +62,8 @@ class Plan:
         phase_tolerance: to hand to a phased PSF; 0 where there is none.
         nearest_object_um: focused nearer than this, the change of scale alone exceeds the accuracy.
         fullest: all of the scene that can be computed, to hold the choice against: the rim exact, every image point its
-            own PSF, as many lines as were priced; samples over a gap twice as fine as the choice's and good for half of
-            the accuracy, or as fine as can be.
+            own PSF, lines that err by a quarter of the accuracy at most or as many as were priced; samples over a gap
+            twice as fine as the choice's and good for half of the accuracy, or as fine as can be.
         fullest_error: the numerical error of that, beside which a measured difference means nothing.
     """
 
@@ -93,7 +93,7 @@ def cost_model(panel: Panel, camera: Camera, scene: Scene, accuracy: float) -> C
     _check_field(panel, camera, scene)
     sampled = sampling_camera(camera, scene)
     pupil = cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
-    estimates = estimate(panel, pupil, camera, scene, accuracy)
+    estimates = estimate(panel, pupil, camera, scene)
     tasks = {}
     reaches = {finer: _reach_um(sampled, scene, finer) for finer in resamplings(estimates.distortion.error, accuracy)}
     for scale, (finer, reach) in itertools.product((False, True), reaches.items()):
@@ -196,7 +196,9 @@ def _steepest(camera: Camera, scene: Scene, wavelength_nm: float) -> float:
 
 def _fullest(known: CostModel, priced: Sequence[tuple[Choice, SceneCost]], choice: Choice) -> Choice:
     """The fullest choice; of its samples over a gap no more than tell the error of the plan's own choice."""
-    best = max(priced, key=_fullness)[0]
+    bands = known.estimates.bands
+    lines = next((count for count, error in bands.items() if error <= known.accuracy / 4), max(bands))
+    best = max((each for each in priced if each[0].lines == lines), key=_fullness)[0]
     alike = (replace(best, samples_per_dot=count) for count in GAP_SAMPLES if count <= best.samples_per_dot)
     for each in alike:
         enough = each.samples_per_dot >= 2 * choice.samples_per_dot and known.own_error(each) <= known.accuracy / 2
@@ -209,7 +211,7 @@ def _fullness(priced: tuple[Choice, SceneCost]) -> tuple[float, ...]:
     choice, price = priced
     asked = (choice.diffraction, choice.defocus, choice.aberrations, choice.scale, not choice.grey_rim)
     # Less of an error of its own: more samples, double precision; among equals, less time.
-    return sum(asked) + (choice.distortion > 0), choice.places, choice.lines, -price.error, -price.seconds
+    return sum(asked) + (choice.distortion > 0), choice.places, -price.error, -price.seconds
 
 
 def plan_document(die: str, found: Plan) -> dict[str, object]:
