@@ -121,6 +121,7 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     Raises:
         InputError: for what it would refuse before its work; a display that cannot be is found by the work itself.
     """
+    job.check_window()
     check_target(out, force=force)
     pipeline.named_shop(job)
     key = pipeline.key_of(job, measured_beside(job))

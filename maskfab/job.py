@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from maskfab import jobfile, provenance, units
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
-from maskfab.jobfile import DieSection, JobSpec, check_optics, is_table
+from maskfab.jobfile import DieSection, JobSpec, check_window, check_windows, is_table
 from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate
 from maskfab.opening import openings
 from maskfab.plate import maps
@@ -76,6 +76,19 @@ class Job:
     def signature(self) -> str:
         return provenance.signature(self.digest, self.seeds)
 
+    def check_window(self) -> None:
+        """Refuse a window that shows replicas of the PSF, for verbs that show a PSF.
+
+        Raises:
+            JobError: MF104, MF113 or MF115 as :func:`maskfab.jobfile.check_window`, of the camera's lines and of the
+                ends of the scene's bands.
+        """
+        check_windows(self.spec, self.where)
+        for band in () if self.scene is None else self.scene.bands:
+            for number, die in enumerate(self.spec.die):
+                place = f"{self.where}: scene.spectrum, {band.name}: die[{number}]"
+                check_window(replace(self.camera, wavelengths_nm=band.range_nm), die.dot, where=place)
+
     def panels(self) -> dict[str, Panel]:
         """The panel of every die, by its name; see :func:`maskfab.plate.panels.die_panels` for what is refused."""
         return die_panels(self.spec, self.openings, where=self.where)
@@ -131,9 +144,7 @@ def resolve(stated: JobSpec, path: Path) -> Job:
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
     named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
     resolved = _with_shop(_with_curves(named, path), path)
-    job = Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.drawn()), str(path))
-    _check_bands(job)
-    return job
+    return Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.drawn()), str(path))
 
 
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, where: str) -> None:
@@ -209,15 +220,6 @@ def _with_shop(stated: JobSpec, path: Path) -> JobSpec:
     return stated.model_copy(
         update={"export": section.model_copy(update={"shop": name}), "shops": {name: dump_shop(shop)}}
     )
-
-
-def _check_bands(job: Job) -> None:
-    """The limits of the camera's lines hold at the ends of the scene's bands too."""
-    for band in () if job.scene is None else job.scene.bands:
-        low, high = band.range_nm
-        for number, die in enumerate(job.spec.die):
-            place = f"{job.where}: scene.spectrum, {band.name}: die[{number}]"
-            check_optics(replace(job.camera, wavelengths_nm=(low, high)), die.dot, where=place)
 
 
 def _resolved(die: DieSection, held: tuple[Opening, ...]) -> DieSection:

@@ -189,6 +189,7 @@ def run(
         InputError: for bad input, before anything is written.
     """
     job = job if isinstance(job, Job) else load_job(job)
+    job.check_window()
     place = check_target(Path(out), force=force)
     named_shop(job)
     measured = measured_beside(job)

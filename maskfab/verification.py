@@ -201,6 +201,7 @@ def verify_file(
             where=f"{job.where}: order.bias",
             cure='Verify the directory or the package that holds the file, or hold it against a job of bias = "none"',
         )
+    job.check_window()
     house = shop_of(job.spec, job.where)
     plate, drawing = job.plate(), job.spec.export
     # A design holds what is clear, whatever tone the job's own files have.

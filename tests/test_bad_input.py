@@ -180,6 +180,31 @@ def test_the_window_that_the_cure_names_is_accepted(capsys, tmp_path):
     assert command(capsys, "analyse", tmp_path / "ring.toml", *LOOK[:-3], "--window", width, "--quiet").code == 0
 
 
+WIDE = (('"64 um"', '"300 um"'), ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'))
+"""A window wider than λf/dot at 470 nm."""
+
+
+@pytest.mark.parametrize(
+    "words",
+    [["run", "JOB", "--out", "OUT"], ["run", "JOB", "--out", "OUT", "--dry-run"], ["plan", "JOB"],
+     ["verify", "MASK", "--against", "JOB"], ["bench", "JOB"]],
+    ids=" ".join,
+)  # fmt: skip
+def test_what_shows_a_psf_refuses_a_window_with_replicas_in_it(capsys, tmp_path, words):
+    stands = {"JOB": write_job(tmp_path, *WIDE), "OUT": tmp_path / "out", "MASK": tmp_path / "mask.gds"}
+    error = command(capsys, *(stands.get(word, word) for word in words), "--json").document["error"]
+    assert (error["code"], "at 470 nm" in error["what"]) == ("MF113", True)
+    assert not stands["OUT"].exists()
+
+
+@pytest.mark.parametrize("verb", ["simulate", "learn"])
+def test_a_verb_that_shows_no_psf_takes_a_camera_of_any_window(capsys, tmp_path, verb):
+    """It comes to a die that is not there, which is looked for in the job."""
+    out = ["--out", tmp_path / "out.pt"] if verb == "learn" else []
+    error = command(capsys, verb, write_job(tmp_path, *WIDE), *out, "--die", "NONE", "--json").document["error"]
+    assert (error["code"], error["what"]) == ("MF105", "the job has no die 'NONE'")
+
+
 # --- the job file itself ---------------------------------------------------------------------------------------------
 
 

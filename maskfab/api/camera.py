@@ -9,7 +9,7 @@ from maskfab.api.curves import Mtf, Psf
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
 from maskfab.camera.photo_camera import camera_line
 from maskfab.errors import JobError
-from maskfab.jobfile import CameraSection, check_lens, check_optics, parse_section
+from maskfab.jobfile import CameraSection, check_lens, check_pupil, check_window, parse_section
 from maskfab.model import Camera as Lens
 from maskfab.model import Panel as Tiled
 from maskfab.optics.image.lag_table import lag_table
@@ -98,14 +98,17 @@ class Camera:
                 for a panel smaller than the stop.
             SourceError: MF309 if nothing is clear in front of the stop.
         """
-        line, camera, pupil = self._line(wavelength), self.model, self._pupil(panel)
+        line, camera = self._line(wavelength), self.model
+        check_window(camera, panel.dot_nm / NM_PER_UM, where="Camera")
+        pupil = self._pupil(panel)
         found = point_psf(pupil, camera, line, pixel_margin(camera) if pixels else 0)
         found = pixel_psf(found, camera) if pixels else found
         return Psf(found.values, found.step_um, found.wavelength_nm, found.kind)
 
     @one_thread
     def mtf(self, panel: Tiled, wavelength: Wavelength | None = None) -> Mtf:
-        """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`."""
+        """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`,
+        but for the window, which it does not use."""
         line, camera = self._line(wavelength), self.model
         table = lag_table(self._pupil(panel), longest_lag_um(camera))
         found = presampled_mtf(table, camera, line)
@@ -113,7 +116,7 @@ class Camera:
 
     def _pupil(self, panel: Tiled) -> Pupil:
         camera = self.model
-        check_optics(camera, panel.dot_nm / NM_PER_UM, where="Camera")
+        check_pupil(camera, panel.dot_nm / NM_PER_UM, where="Camera")
         check_cover(panel, camera.stop, "the panel", where="Camera: stop")
         return cut(panel_aperture(panel, camera.stop.diameter_um / 2), camera.stop)
 

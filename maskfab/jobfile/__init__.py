@@ -4,7 +4,15 @@ Every length is written with its unit (``"168 um"``); a validated spec holds mic
 dumps back to text that loads to the same spec.
 """
 
-from maskfab.jobfile.checks import check_die, check_lens, check_optics, even_nm
+from maskfab.jobfile.checks import (
+    check_die,
+    check_lens,
+    check_optics,
+    check_pupil,
+    check_window,
+    check_windows,
+    even_nm,
+)
 from maskfab.jobfile.read import parse_section, read, validate
 from maskfab.jobfile.scene_values import ACCURACIES, COLDEST_K, HOTTEST_K, is_table
 from maskfab.jobfile.sections import (
@@ -87,6 +95,9 @@ __all__ = [
     "check_lens",
     "check_name",
     "check_optics",
+    "check_pupil",
+    "check_window",
+    "check_windows",
     "even_nm",
     "is_table",
     "parse_section",

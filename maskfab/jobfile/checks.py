@@ -24,7 +24,8 @@ def check_dies(spec: JobSpec, where: str) -> None:
     """Dies of different names, tiled with a seed where chance is asked for, on the grid of 1 nm, before a fit camera.
 
     Raises:
-        JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_optics` for the camera.
+        JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left to
+            what shows a PSF, see :func:`check_windows`.
     """
     check_lens(spec.camera.camera(), where=f"{where}: camera.stop")
     for name, count in Counter(die.name for die in spec.die).items():
@@ -47,7 +48,7 @@ def check_dies(spec: JobSpec, where: str) -> None:
     for number, die in enumerate(spec.die):
         place = f"{where}: die[{number}]"
         check_die(die, place)
-        check_optics(spec.camera.camera(), die.dot, where=place)
+        check_pupil(spec.camera.camera(), die.dot, where=place)
 
 
 def check_die(die: DieSection, where: str) -> None:
@@ -280,12 +281,23 @@ def check_lens(camera: Camera, *, where: str) -> None:
         )
 
 
+def check_windows(spec: JobSpec, where: str) -> None:
+    """Refuse the window of a PSF that a die has no room for, by :func:`check_window`; photographs use none."""
+    for number, die in enumerate(spec.die):
+        check_window(spec.camera.camera(), die.dot, where=f"{where}: die[{number}]")
+
+
 def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
-    """Refuse a window with replicas of the PSF in it, and an aperture or a PSF too fine to hold.
+    """Refuse what :func:`check_pupil` and :func:`check_window` refuse."""
+    check_pupil(camera, dot_um, where=where)
+    check_window(camera, dot_um, where=where)
+
+
+def check_pupil(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse an aperture too fine to hold, and a wavelength that is there twice.
 
     Raises:
-        JobError: MF105 if a wavelength is there twice; MF113 if the window is wider than λf/dot at the shortest
-            wavelength; MF115 if the stop is more than 6000 dots across, or the window more than 4096 samples wide.
+        JobError: MF105 if a wavelength is there twice; MF115 if the stop is more than 6000 dots across.
     """
     twice = [line for line, count in Counter(camera.wavelengths_nm).items() if count > 1]
     if twice:
@@ -295,6 +307,24 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             where=f"{where}: camera.wavelengths",
             cure="List each wavelength once",
         )
+    across = camera.stop.diameter_um / dot_um
+    if across > _MOST_DOTS_ACROSS_STOP:
+        raise JobError(
+            "MF115",
+            f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
+            f"{_MOST_DOTS_ACROSS_STOP}",
+            where=where,
+            cure="Use a smaller stop or a coarser dot",
+        )
+
+
+def check_window(camera: Camera, dot_um: float, *, where: str) -> None:
+    """Refuse a window with replicas of the PSF in it, and one that is too fine to hold.
+
+    Raises:
+        JobError: MF104 for a window smaller than a pixel; MF113 if it is wider than λf/dot at the shortest wavelength;
+            MF115 if it is more than 4096 samples wide.
+    """
     shortest = min(camera.wavelengths_nm)
     limit = shortest * UM_PER_NM * camera.focal_um / dot_um
     if camera.window_um > limit:
@@ -311,15 +341,6 @@ def check_optics(camera: Camera, dot_um: float, *, where: str) -> None:
             f"window {camera.window_um:g} um is smaller than one sensor pixel of {camera.pixel_um:g} um",
             where=f"{where}: camera.window",
             cure="Use a window of many pixels",
-        )
-    across = camera.stop.diameter_um / dot_um
-    if across > _MOST_DOTS_ACROSS_STOP:
-        raise JobError(
-            "MF115",
-            f"a stop of {camera.stop.diameter_um:g} um is {across:.0f} dots of {dot_um:g} um across; the limit is "
-            f"{_MOST_DOTS_ACROSS_STOP}",
-            where=where,
-            cure="Use a smaller stop or a coarser dot",
         )
     finest = min(camera.pixel_um, shortest * UM_PER_NM * camera.focal_um / camera.stop.diameter_um) / 2
     samples = camera.window_um / finest

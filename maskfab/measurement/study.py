@@ -198,6 +198,8 @@ def planned(job: Job, given: Folder | None = None, learned: Callable[[Setting], 
     if not (study.optics or study.protocols):
         what = "the study shows neither optics nor photographs"
         raise JobError("MF146", what, where=f"{where}: study", cure='Add optics = true, or protocols = ["camera"]')
+    if study.optics:
+        job.check_window()
     cases = study.case or (CaseSection(name=OWN_SCENE),)
     jobs = {case.name: _in_case(job, case, i) for i, case in enumerate(cases)}
     if len(jobs) < len(cases):

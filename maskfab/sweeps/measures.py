@@ -30,7 +30,7 @@ from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate_of
 from maskfab.optimiser.model.scene_statistics import scene_statistics
 from maskfab.optimiser.model.taking import Taking
 from maskfab.optimiser.rules.footprints import Footprints
-from maskfab.sweeps.wanted import WORKS
+from maskfab.sweeps.wanted import WORKS, by_psf
 
 _SURROGATES = 8
 
@@ -87,6 +87,8 @@ def measured(job: Job, wanted: Sequence[str]) -> list[Quantity]:
     Raises:
         JobError: for what cannot be measured.
     """
+    if by_psf(wanted):
+        job.check_window()
     works = frozenset(WORKS[name] for name in wanted)
     functions = list(dict.fromkeys(MEASURES[name] for name in wanted))
     return [

@@ -12,11 +12,11 @@ from typing import Any
 
 from maskfab.errors import JobError
 from maskfab.job import Job, load_job, resolve
-from maskfab.jobfile import JobSpec, validate
+from maskfab.jobfile import JobSpec, check_windows, validate
 from maskfab.jobfile.sweep_file import LimitSection, SweepSpec, Value, read_sweep
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.sweeps.fields import Document, Field, Level, fields_of
-from maskfab.sweeps.wanted import require_known
+from maskfab.sweeps.wanted import by_psf, require_known
 
 MOST_CASES = 100_000
 """Cases of one sweep: their jobs take some kilobytes each, and their files a folder that other programs can open."""
@@ -176,6 +176,8 @@ def _case(
         document = field.placed(document, level)
     try:
         spec = validate(document, where=where)
+        if by_psf(quantities):
+            check_windows(spec, where)
         if any(_names_files(field) for field in fields):
             spec = resolve(spec, path).spec
     except JobError as refusal:

@@ -35,6 +35,14 @@ _FOUND_BY: Mapping[str, tuple[str, ...]] = MappingProxyType(
 WORKS: Mapping[str, str] = MappingProxyType({name: work for work, names in _FOUND_BY.items() for name in names})
 """Work that finds a quantity, by the quantity's name, the cheapest first."""
 
+_BY_PSF = frozenset({"psf as written", "scatter", "scene"})
+"""Works that look at the camera's window."""
+
+
+def by_psf(names: Sequence[str]) -> bool:
+    """Whether any of the quantities is of the PSF in the camera's window."""
+    return not _BY_PSF.isdisjoint(WORKS[name] for name in names)
+
 
 def require_known(names: Sequence[str], where: str) -> None:
     """Refuse quantities that no case has.

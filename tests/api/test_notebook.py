@@ -319,7 +319,7 @@ TILE = {"tiling": "random", "seed": 1, "size": "560 um"}
         (JobError, "MF105", lambda bar: mf.Camera("5 mm", **LOOK).psf(mf.Panel.tile(bar, **TILE), "531 nm")),
         (JobError, "MF105", lambda bar: mf.Camera("5 mm", **LOOK).psf(mf.Panel.tile(bar, **TILE))),
         (JobError, "MF114", lambda bar: mf.Camera("5 mm", **LOOK).mtf(mf.Panel.tile(bar, size="112 um"), 530)),
-        (JobError, "MF113", lambda bar: mf.Camera("1 mm", **LOOK | {"window": "1 mm"}).mtf(
+        (JobError, "MF113", lambda bar: mf.Camera("1 mm", **LOOK | {"window": "1 mm"}).psf(
             mf.Panel.tile(bar, **TILE), 530)),
         (JobError, "MF104", lambda bar: mf.Camera("5 mm", **LOOK).mtf(mf.Panel.tile(bar, **TILE), 530).frequency_at(2)),
         (JobError, "MF105", lambda bar: mf.Camera("5 mm", **LOOK).mtf(mf.Panel.tile(bar, **TILE), 530).frequency_at(

@@ -70,6 +70,7 @@ def bench(
         workload = accuracy.standard_workload()
     else:
         loaded = job_of(job)
+        loaded.check_window()
         panels = {each.name: each.panel for each in loaded.plate().dies}
         workload = accuracy.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
     timings = accuracy.race(workload, rounds, progress)

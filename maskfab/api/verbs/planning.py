@@ -63,6 +63,7 @@ def plan(job: AnyJob, camera: Camera | None = None, *, die: str | Sequence[str] 
         JobError: MF105 for a die that the job does not have; MF114 or MF115 if a scene cannot be modelled.
     """
     loaded = job_of(job, camera)
+    loaded.check_window()
     section = loaded.spec.scene or SceneSection()
     panels = loaded.panels()
     panels = {name: panels[name] for name in dies_of(die, panels)}
