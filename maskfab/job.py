@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from maskfab import jobfile, provenance, units
+from maskfab.arguments import checked_arguments
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
 from maskfab.jobfile import DieSection, JobSpec, check_window, check_windows, is_table
@@ -113,6 +114,7 @@ class Job:
         return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest, crew=crew)
 
 
+@checked_arguments
 def load_job(path: str | Path) -> Job:
     """Read a job file and every file it names; nothing is computed yet.
 

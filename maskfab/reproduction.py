@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from maskfab import provenance
+from maskfab.arguments import checked_arguments
 from maskfab.errors import OutputError
 from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, read_manifest
 from maskfab.files.staging import put_back
@@ -82,6 +83,7 @@ class Reproduction:
         return str(self)
 
 
+@checked_arguments
 def reproduce(directory: str | Path, *, progress: Progress = silent) -> Reproduction:
     """Make a finished output directory once more, from the job that lies in it, and compare every byte.
 

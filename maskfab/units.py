@@ -28,6 +28,8 @@ UM_PER_UNIT: Mapping[str, float] = MappingProxyType(
 )
 MOST_DPI = 254_000
 _LONGEST_NM = 2.0**53
+_SHORTEST_UM, _LONGEST_UM = 1e-6, 1e18
+"""Lengths between a picometre and the outer planets, whose powers and ratios a float holds."""
 _QUANTITY = re.compile(
     r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[-+]?(?:nan|inf(?:inity)?))\s*(\S*)\s*", re.IGNORECASE
 )
@@ -41,7 +43,7 @@ def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False
 
     Raises:
         JobError: MF103 if there is no unit or it is no unit of length; MF104 if the length is not
-            finite and positive (or zero where that is allowed).
+            positive (or zero where that is allowed), or not from 1e-6 to 1e18 um.
     """
     number, unit = _split(text, where)
     if unit not in UM_PER_UNIT:
@@ -57,6 +59,9 @@ def parse_length_um(text: object, *, where: str = "", zero_allowed: bool = False
             where=where,
             cure='Write a number with its unit, such as "168 um"',
         )
+    if value and not _SHORTEST_UM <= value <= _LONGEST_UM:
+        what = f"{text!r} is not within {_SHORTEST_UM:g} um to {_LONGEST_UM:g} um"
+        raise JobError("MF104", what, where=where, cure="Check the unit and the exponent")
     return value
 
 
@@ -65,10 +70,10 @@ def parse_pitch_um(text: object, *, where: str = "") -> float:
     number, unit = _split(text, where)
     if unit.lower() not in {"dpi", "ppi"}:
         return parse_length_um(text, where=where)
-    if not math.isfinite(number) or number <= 0:
+    if not (math.isfinite(number) and 0 < number <= MOST_DPI * NM_PER_UM and UM_PER_INCH / number <= _LONGEST_UM):
         raise JobError(
             "MF104",
-            f"{text!r} must be a finite, positive density",
+            f"{text!r} must be a positive density, of at most {MOST_DPI * NM_PER_UM} dpi",
             where=where,
             cure='Write a positive density, such as "300 dpi"',
         )

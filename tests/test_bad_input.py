@@ -65,7 +65,7 @@ JOBS = {
     "infinite": ('die_size = "560 um"', 'die_size = "inf um"', "MF104", "plate.die_size", ["'inf um'", "finite"]),
     "overflow": ('blank = "27 mm"', 'blank = "1e400 mm"', "MF104", "plate.blank", ["'1e400 mm'"]),
     "beyond GDSII": ('blank = "27 mm"', 'blank = "5 m"', "MF104", "plate.blank", ["'5 m'", "2 m"]),
-    "astronomic": ('focal = "5 mm"', 'focal = "1e300 m"', "MF104", "camera.focal", ["'1e300 m'", "1 km"]),
+    "astronomic": ('focal = "5 mm"', 'focal = "1e9 m"', "MF104", "camera.focal", ["'1e9 m'", "1 km"]),
     "negative gutter": (PITCH, PITCH + '\ngutter = "-1 um"', "MF104", "die[0].gutter", ["'-1 um'", "at least 0"]),
     "negative density": ('pitch = "56 um"', 'pitch = "-300 dpi"', "MF104", "die[0].pitch", ["'-300 dpi'"]),
     "no columns": ("columns = 2", "columns = 0", "MF104", "plate.columns", ["= 0", "greater than or equal to 1"]),

@@ -13,7 +13,7 @@ import maskfab
 from maskfab import resources
 from maskfab.error_codes import explained, grouped
 from maskfab.errors import CATALOGUE, MaskfabError
-from maskfab.job import load_job
+from maskfab.job import Job, load_job
 
 PACKAGE = Path(maskfab.__file__).parent
 LAYOUTS = resources.path("layouts")
@@ -49,6 +49,12 @@ def test_causes_and_cures_are_sentences_that_say_more_than_the_meaning():
         assert len(entry.cause) + len(entry.cure) > len(entry.meaning)
 
 
+def shown(job: Job) -> None:
+    """The plate laid out, and its PSF looked for, as a run does."""
+    job.check_window()
+    job.plate()
+
+
 @pytest.mark.parametrize("code", JOB_LINES)
 def test_a_job_line_that_is_an_example_raises_its_code(tmp_path, code):
     heading, line, key = JOB_LINES[code].groups()
@@ -63,5 +69,5 @@ def test_a_job_line_that_is_an_example_raises_its_code(tmp_path, code):
     job = tmp_path / "job.toml"
     job.write_text(f"{before}{heading}\n{line}\n{section}{''.join(rest)}", encoding="utf-8")
     with pytest.raises(MaskfabError) as caught:
-        load_job(job).plate()
+        shown(load_job(job))
     assert caught.value.code == code, caught.value

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from maskfab.api.curves import Mtf, Psf
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
+from maskfab.arguments import checked_arguments
 from maskfab.camera.photo_camera import camera_line
 from maskfab.errors import JobError
 from maskfab.jobfile import CameraSection, check_lens, check_pupil, check_window, parse_section
@@ -38,6 +39,7 @@ class Camera:
 
     section: CameraSection
 
+    @checked_arguments
     def __init__(
         self,
         focal: Length,
@@ -84,6 +86,7 @@ class Camera:
         """The camera that the optics take, in micrometres and nanometres."""
         return self.section.camera()
 
+    @checked_arguments
     @one_thread
     def psf(self, panel: Tiled, wavelength: Wavelength | None = None, *, pixels: bool = False) -> Psf:
         """Point spread function of the panel as designed.
@@ -105,6 +108,7 @@ class Camera:
         found = pixel_psf(found, camera) if pixels else found
         return Psf(found.values, found.step_um, found.wavelength_nm, found.kind)
 
+    @checked_arguments
     @one_thread
     def mtf(self, panel: Tiled, wavelength: Wavelength | None = None) -> Mtf:
         """Presampled modulation transfer function of the panel as designed; arguments and errors as for :meth:`psf`,

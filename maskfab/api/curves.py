@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab import model
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.mtf import LEVELS, presampled_mtf
@@ -74,6 +75,7 @@ class Mtf(model.Mtf):
         """Mean of the radial minimum over its frequencies, with its error."""
         return auc_radial_min(self, None)
 
+    @checked_arguments
     def frequency_at(self, level: float) -> model.Quantity:
         """First frequency, in cy/mm, at which the radial mean falls to a level, with its error; no value if it never
         does.

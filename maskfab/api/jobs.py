@@ -11,20 +11,29 @@ from maskfab.job import Job, load_job
 
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera
+    from maskfab.api.panel import Panel
     from maskfab.api.plate import Plate
 
-AnyJob: TypeAlias = "Plate | Job | str | Path"
-"""A plate of Python, a loaded job, or the path of a job file."""
+AnyJob: TypeAlias = "Plate | Panel | Job | str | Path"
+"""A plate of Python, a panel that is alone on one, a loaded job, or the path of a job file."""
 
 
 def job_of(job: AnyJob, camera: Camera | None = None) -> Job:
     """The validated job of whatever states one.
 
     Raises:
-        JobError: MF105 for a second camera beside that of a job; else as for the job.
+        JobError: MF105 for a second camera beside that of a job, and for what states none; else as for the job.
     """
     if not isinstance(job, Job | str | Path):
-        return job.job(camera)
+        # Plates bring along all that lays out and draws.
+        from maskfab.api.panel import Panel
+        from maskfab.api.plate import Plate
+
+        plate = Plate.of(PANEL=job) if isinstance(job, Panel) else job
+        if not isinstance(plate, Plate):
+            cure = "Give a Plate, a Panel, or the path of a job file"
+            raise JobError("MF105", f"a {type(job).__name__} states no job", where="job", cure=cure)
+        return plate.job(camera)
     if camera is not None:
         raise JobError(
             "MF105",

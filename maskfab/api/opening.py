@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 
 from maskfab import __version__, model
 from maskfab.api.lengths import Length, length_text
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import write_text
 from maskfab.opening import decode, openings, shapes
@@ -37,6 +38,7 @@ class Opening(model.Opening):
     """
 
     @classmethod
+    @checked_arguments
     def bar(cls, dots: int, size: tuple[int, int], pitch: Length, *, name: str | None = None) -> Self:
         """A rectangle of width x height dots in the middle of the pixel.
 
@@ -53,6 +55,7 @@ class Opening(model.Opening):
         return cls._checked(name or f"bar_{width}x{height}", mask, pitch, made, "Opening.bar")
 
     @classmethod
+    @checked_arguments
     def of(cls, mask: ArrayLike, pitch: Length, *, name: str = "opening") -> Self:
         """An opening from an array [dots, dots] of bool or of 0 and 1, row 0 the lowest.
 
@@ -65,7 +68,7 @@ class Opening(model.Opening):
             OpeningError: MF201 not square, MF202 other values, MF203 nothing clear.
             JobError: MF103 to MF107 for the pitch, MF110 for the name, MF115 for too many dots.
         """
-        return cls._checked(name, decode.from_array(np.asarray(mask), "Opening.of: mask"), pitch, {}, "Opening.of")
+        return cls._checked(name, decode.from_array(mask, "Opening.of: mask"), pitch, {}, "Opening.of")
 
     @classmethod
     def _checked(
@@ -84,6 +87,7 @@ class Opening(model.Opening):
         """Side of the pixel at its nominal size, without a gutter."""
         return self.dots * self.dot_nm / NM_PER_UM
 
+    @checked_arguments
     @one_thread
     def reduced(
         self,
@@ -135,6 +139,7 @@ class Opening(model.Opening):
         )
         return Opening.of_model(found)
 
+    @checked_arguments
     def save(self, path: str | Path) -> Path:
         """Write it as a readable file (.toml); an earlier file is replaced.
 
@@ -163,6 +168,7 @@ class Opening(model.Opening):
         )
 
 
+@checked_arguments
 def read_opening(
     source: str | Path | ArrayLike,
     *,

@@ -6,14 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Self
 
+from numpy.typing import ArrayLike
+
 from maskfab import model
 from maskfab.api.lengths import Length, length_text
+from maskfab.arguments import checked_arguments
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
 from maskfab.job import check_alike
 from maskfab.jobfile import DieSection, check_die, even_nm, parse_section
 from maskfab.jobfile.values import um_text
 from maskfab.model import Tiling
+from maskfab.opening.decode import from_array
+from maskfab.opening.openings import checked
 from maskfab.plate.maps import CellMap, panel_shape, shifted_openings
 from maskfab.plate.panels import tiled
 from maskfab.units import NM_PER_UM, parse_length_um, parse_pitch_um, to_nm
@@ -50,9 +55,10 @@ class Panel(model.Panel):
     cells: CellMap | None = None
 
     @classmethod
+    @checked_arguments
     def tile(
         cls,
-        opening: model.Opening,
+        opening: model.Opening | ArrayLike,
         tiling: str | CellMap = Tiling.PERIODIC,
         *,
         seed: int | None = None,
@@ -64,7 +70,7 @@ class Panel(model.Panel):
         """Lay an opening out.
 
         Args:
-            opening: the clear shape of a pixel.
+            opening: the clear shape of a pixel; or, with ``pitch``, an array of it as :meth:`maskfab.Opening.of` takes.
             tiling: how pixels are turned: periodic, random, paper4, flips, rot90, rot90flip, blue_noise or hexagonal;
                 or a map, such as that of a design, in the middle.
             seed: of a random tiling, and of what lies beyond a map.
@@ -78,22 +84,30 @@ class Panel(model.Panel):
                 a seed, MF115 for too many pixels, MF122 for a map that does not fit.
         """
         gap_um = parse_length_um(length_text(gutter), where=f"{_WHERE}: gutter", zero_allowed=True)
-        pixel = CellSize(opening.dots, opening.dot_nm, even_nm(gap_um, where=f"{_WHERE}: gutter", name="gutter"))
+        gutter_nm = even_nm(gap_um, where=f"{_WHERE}: gutter", name="gutter")
+        drawn = opening if isinstance(opening, model.Opening) else None
+        mask = from_array(opening, f"{_WHERE}: opening") if drawn is None else drawn.mask
         if pitch is not None:
             place = f"{_WHERE}: pitch"
             pitch_um = parse_pitch_um(length_text(pitch), where=place)
-            pixel = CellSize.of_pitch(pitch_um, opening.dots, pixel.gutter_nm, where=place)
+            pixel = CellSize.of_pitch(pitch_um, len(mask), gutter_nm, where=place)
+        elif drawn is not None:
+            pixel = CellSize(drawn.dots, drawn.dot_nm, gutter_nm)
+        else:
+            cure = 'Add pitch = "168 um", or make an Opening'
+            raise JobError("MF105", "an array does not state the pitch of its pixel", where=_WHERE, cure=cure)
+        unit = drawn or checked("opening", mask, pixel.dot_nm, {}, f"{_WHERE}: opening")
         cells = tiling if isinstance(tiling, CellMap) else None
         if cells is not None and size is None:
             rows, columns = cells.cells.shape
             size = max(rows, columns) * pixel.pitch_um
             if seed is None and panel_shape(cells, rows, rows) == (rows, columns):
                 seed = 0  # nothing lies beyond the map, so nothing is drawn from it
-        held = (opening, *others)
+        held = (unit, *others)
         stated = {
-            "name": opening.name,
-            "label": opening.name,
-            "opening": opening.name,
+            "name": unit.name,
+            "label": unit.name,
+            "opening": unit.name,
             "others": tuple(each.name for each in others) or None,
             "dot": um_text(pixel.dot_nm / NM_PER_UM),
             "gutter": um_text(gap_um),
@@ -119,12 +133,20 @@ class Panel(model.Panel):
         assert self.section.size is not None
         return to_nm(self.section.size)
 
+    @checked_arguments
     def plot(self, cells: int = 6) -> Drawing:
-        """Some pixels in the middle, with the gutters between them."""
+        """Some pixels in the middle, with the gutters between them.
+
+        Raises:
+            JobError: MF104 for no pixel.
+        """
+        if cells < 1:
+            raise JobError("MF104", f"cells = {cells} is below 1", where="Panel.plot: cells", cure="Give 1 or more")
         from maskfab.report.plots import die_figures
 
         return die_figures.panel_close_up(self, cells)
 
+    @checked_arguments
     def to_cadquery(self, chrome: Length = "100 nm", glass: Length = "2.3 mm") -> cadquery.Assembly:
         """Glass and the chrome of every pixel as an assembly in millimetres, the panel's middle at the origin.
 
@@ -140,6 +162,7 @@ class Panel(model.Panel):
 
         return cadquery_assembly(self._die(), _stack(chrome, glass))
 
+    @checked_arguments
     def to_trimesh(self, chrome: Length = "100 nm", glass: Length = "2.3 mm") -> trimesh.Scene:
         """A scene of two closed meshes in millimetres, ``GLASS`` and ``FILM``, the chrome of all pixels.
 

@@ -12,6 +12,7 @@ from maskfab import model
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.panel import Panel
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError, OutputError
 from maskfab.export.outputs import MASK_TAILS, mask_writer
 from maskfab.files.atomic import partial
@@ -64,6 +65,7 @@ class Plate:
     sections: Mapping[str, Any]
 
     @classmethod
+    @checked_arguments
     def of(
         cls,
         dies: Mapping[str, Panel] | None = None,
@@ -140,6 +142,7 @@ class Plate:
             more,
         )
 
+    @checked_arguments
     def job(self, camera: Camera | None = None) -> Job:
         """The plate and a camera as a validated job, as one read from a file.
 
@@ -170,6 +173,7 @@ class Plate:
             del stated["size"]
         return stated
 
+    @checked_arguments
     def layout(self, camera: Camera | None = None) -> model.Plate:
         """Dies, marks and gauges in their places.
 
@@ -179,6 +183,7 @@ class Plate:
         """
         return self.job(camera).plate()
 
+    @checked_arguments
     def write(self, path: str | Path, camera: Camera | None = None) -> Path:
         """Write the plate in the format that the suffix names: .oas .gds .dxf .gbr .cif .svg.
 

@@ -26,6 +26,10 @@ PHOTONS_PER_LUX_SECOND_UM2 = 4.09e3
 """On a square micrometre, at 555 nm: 1 / (683 lm/W) over the energy of a photon."""
 
 
+_MOST_DB = 300.0
+"""More light than any well holds, and little enough for a float."""
+
+
 @dataclass(frozen=True)
 class Exposure:
     """Light of white.
@@ -56,7 +60,7 @@ class Exposure:
             raise JobError(
                 "MF141", f"a level of {level_db:g} dB has no light to speak of", where="levels", cure="Give 10 to 40 dB"
             )
-        square = 10 ** (level_db / 10)
+        square = 10 ** (min(level_db, _MOST_DB) / 10)
         electrons = (square + math.sqrt(square**2 + 4 * square * sensor.read_noise**2)) / 2
         found = cls(round(electrons) if whole else electrons, level_db, f"{level_db:g} dB")
         found.check(sensor)

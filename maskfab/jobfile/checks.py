@@ -263,14 +263,23 @@ def even_nm(value_um: float, *, where: str, name: str) -> int:
 
 
 def check_lens(camera: Camera, *, where: str) -> None:
-    """Refuse a stop through which no lens of its focal length can bring light to a focus.
+    """Refuse a stop through which no lens of its focal length can bring light to a focus, and a pinhole.
 
-    By the sine condition the numerical aperture is D / 2f, the sine of an angle.
+    By the sine condition the numerical aperture is D / 2f, the sine of an angle. A stop narrower than a wavelength is
+    no aperture of scalar diffraction.
 
     Raises:
-        JobError: MF131 if D / 2f exceeds 1.
+        JobError: MF131 if D / 2f exceeds 1; MF104 if D is less than the longest wavelength.
     """
     width, widest = camera.stop.diameter_um, 2 * camera.focal_um
+    line = max(camera.wavelengths_nm) * UM_PER_NM
+    if width < line:
+        raise JobError(
+            "MF104",
+            f"a stop of {width:g} um is narrower than the wavelength of {line:g} um",
+            where=where,
+            cure='Give the diameter of the lens, such as "4 mm"',
+        )
     if width > widest:
         raise JobError(
             "MF131",

@@ -14,7 +14,7 @@ from tokenize import TokenError
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError, SourceError
@@ -155,13 +155,18 @@ def from_npy(path: Path) -> Mask:
     return from_array(values, where)
 
 
-def from_array(values: NDArray[Any], where: str) -> Mask:
+def from_array(given: ArrayLike, where: str) -> Mask:
     """Mask of an array [dots, dots] of bool or 0/1, row 0 lowest.
 
     Raises:
         OpeningError: MF201 not square, MF202 another value.
         JobError: MF115 too large.
     """
+    try:
+        values = np.asarray(given)
+    except ValueError:
+        what, cure = "the rows of the array differ in length", "Give one square array, [dots, dots]"
+        raise OpeningError("MF201", what, where=where, cure=cure) from None
     if values.ndim != 2:
         raise OpeningError(
             "MF201",

@@ -33,6 +33,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError, SourceError
 from maskfab.jobfile import check_name
 from maskfab.jobfile.toml import loads
@@ -71,6 +72,7 @@ class CellMap:
         object.__setattr__(self, "cells", frozen(np.asarray(self.cells, dtype=np.int8)))
 
 
+@checked_arguments
 def read_map(path: str | Path) -> CellMap:
     """The map held by a TOML file.
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError
 from maskfab.jobfile import BlankSection, SceneSection, parse_section
 from maskfab.measurement import analysis
@@ -56,6 +57,7 @@ class Analysis(analysis.Analysis):
         return self.picture()
 
 
+@checked_arguments
 def analyse(
     subject: Opening | str | Path,
     camera: Camera | None = None,

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from maskfab import resources
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target, staged
 
@@ -45,6 +46,7 @@ def templates() -> tuple[str, ...]:
     return tuple(path.stem for path in every if "die" in tomllib.loads(path.read_text(encoding="utf-8")))
 
 
+@checked_arguments
 def new(folder: str | Path, source: str = FIRST) -> Begun:
     """Begin a job of one's own: a folder with a commented job, and the openings and maps that it names.
 
@@ -70,6 +72,7 @@ def new(folder: str | Path, source: str = FIRST) -> Begun:
     return Begun(Path(folder) / JOB, tuple(Path(folder) / name for name in (JOB, *named)))
 
 
+@checked_arguments
 def schema(of: Literal["job", "report", "check"] = "job") -> dict[str, Any]:
     """The JSON Schema (draft 2020-12) of a job file, of report.json or of ``maskfab check --json``.
 

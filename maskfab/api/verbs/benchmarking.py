@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.arguments import checked_arguments
 from maskfab.benchmark import accuracy, accuracy_page
 from maskfab.benchmark.accuracy import Timing
 from maskfab.files.staging import check_target
@@ -52,6 +53,7 @@ class Benchmark:
         return self.picture()
 
 
+@checked_arguments
 def bench(
     job: AnyJob | None = None, *, die: str | None = None, rounds: int = 9, progress: Progress = silent
 ) -> Benchmark:

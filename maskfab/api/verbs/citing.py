@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from maskfab import __version__
+from maskfab.arguments import checked_arguments
 from maskfab.files.finished import read_manifest
 
 _PROGRAM = """\
@@ -42,6 +43,7 @@ class Citation:
         return {"program": self.program, "paper": self.paper}
 
 
+@checked_arguments
 def cite(directory: str | Path | None = None) -> Citation:
     """Entries in BibTeX of maskfab, and of the paper whose experiment it is for.
 

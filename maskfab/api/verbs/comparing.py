@@ -5,13 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from maskfab.arguments import checked_arguments
+from maskfab.errors import JobError
 from maskfab.files.finished import write_mark
 from maskfab.files.staging import check_target, staged
 from maskfab.report.side_by_side.compared import Compared, compare_reports
 from maskfab.report.side_by_side.finished_report import read_reports
 from maskfab.report.side_by_side.page import compare_page, compare_text
+
+if TYPE_CHECKING:
+    from maskfab.pipeline import Result
 
 PAGE = "compare.html"
 
@@ -49,18 +54,39 @@ class Comparison:
         return str(self)
 
 
-def compare(*reports: str | Path, dies: Sequence[str] = (), reference: str | None = None) -> Comparison:
+@checked_arguments
+def compare(
+    *reports: str | Path | Result | Sequence[str | Path | Result],
+    dies: Sequence[str] = (),
+    reference: str | None = None,
+) -> Comparison:
     """Put the dies of finished runs side by side: paired differences over the same photographs, numbers, jobs.
 
     Args:
-        reports: directories of finished runs, or report.json files; of one, its dies are compared.
+        reports: directories of finished runs, report.json files, or results of :func:`maskfab.run`, one by one or in
+            a list; of one, its dies are compared.
         dies: only these, by ``DIE`` or, of several reports, ``REPORT:DIE``.
         reference: die that gains are over; by default that of the first report.
 
     Raises:
-        JobError: MF105 for a die that is not there, or for nothing to compare.
+        JobError: MF105 for a die that is not there, for nothing to compare, and for what is no report.
         OutputError: MF403 for a place without a report; MF407 for one that was edited, is damaged, or of another
             version.
     """
-    read = read_reports([Path(each) for each in reports])
+    every = [each for given in reports for each in (given if isinstance(given, list | tuple) else [given])]
+    if not every:
+        cure = "Give the directories of finished runs"
+        raise JobError("MF105", "there is no report to compare", where="compare: reports", cure=cure)
+    read = read_reports([_place(each) for each in every])
     return Comparison(compare_reports(read, dies, reference))
+
+
+def _place(report: object) -> Path:
+    if isinstance(report, str | Path):
+        return Path(report)
+    from maskfab.pipeline import Result  # which brings along all that runs
+
+    if not isinstance(report, Result):
+        cure = "Give the directory of a finished run, or the result of run()"
+        raise JobError("MF105", f"a {type(report).__name__} is no report", where="compare: reports", cure=cure)
+    return report.directory

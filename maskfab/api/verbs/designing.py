@@ -14,6 +14,7 @@ from maskfab import provenance
 from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, check_target, write_text
 from maskfab.jobfile import EmittersSection, WiresSection, read, validate
@@ -100,6 +101,7 @@ class Design:
         """Names of its files in a folder, by part."""
         return beside(Path(f"{self.found.opening.name}.toml"))
 
+    @checked_arguments
     def save(self, path: str | Path, *, force: bool = False) -> list[Path]:
         """Write the opening (.toml), its map beside it as X_map.toml; or a folder with these, a page and its numbers.
 
@@ -155,6 +157,7 @@ def beside(target: Path) -> dict[str, Path]:
     }
 
 
+@checked_arguments
 @one_thread
 def design(
     job: str | Path | None = None,

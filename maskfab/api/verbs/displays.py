@@ -10,6 +10,7 @@ from typing import Any, overload
 from maskfab import units
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, length_text
+from maskfab.arguments import checked_arguments
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.place import Populated, widest_gaps
@@ -111,6 +112,7 @@ def check(
 ) -> DisplayCheck: ...
 @overload
 def check(job: AnyJob, *, shop: str, formats: Sequence[str] = ..., progress: Progress = ...) -> ShopCheck: ...
+@checked_arguments
 @one_thread
 def check(
     job: AnyJob,
@@ -215,6 +217,7 @@ class Rendering:
         return self.picture()
 
 
+@checked_arguments
 @one_thread
 def render(
     job: AnyJob,

@@ -21,6 +21,7 @@ from maskfab.api.opening import Opening
 from maskfab.api.panel import Panel
 from maskfab.api.plate import Plate
 from maskfab.api.verbs.plates import verify
+from maskfab.arguments import checked_arguments
 from maskfab.kept.store import VARIABLE, Store
 from maskfab.model import Quantity
 from maskfab.progress import Progress, silent
@@ -74,6 +75,7 @@ class Examination:
         return str(self)
 
 
+@checked_arguments
 def doctor(*, progress: Progress = silent) -> Examination:
     """Examine this installation: versions, threads, memory, optional parts, and a self-test that takes seconds.
 

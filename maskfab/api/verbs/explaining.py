@@ -9,6 +9,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from maskfab import error_codes
+from maskfab.arguments import checked_arguments
 from maskfab.errors import CATALOGUE
 
 _WIDTH = 100
@@ -34,6 +35,7 @@ class Answer:
         return dict(self.document)
 
 
+@checked_arguments
 def explain(code: str | None = None) -> Answer:
     """Explain an error code (meaning, example, usual cause, cure) or a key of a job (form, default, meaning).
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from maskfab import dry_run
 from maskfab.api.jobs import AnyJob, job_of
+from maskfab.arguments import checked_arguments
 from maskfab.dry_run import Forecast
 from maskfab.kept.store import Store
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from maskfab.api.camera import Camera
 
 
+@checked_arguments
 def forecast(
     job: AnyJob, camera: Camera | None = None, *, out: str | Path, force: bool = False, cache: bool = True
 ) -> Forecast:

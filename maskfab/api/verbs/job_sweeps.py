@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from maskfab.arguments import checked_arguments
 from maskfab.progress import Progress, silent
 from maskfab.report.sweep_files import rows_of, sweep_document, write_sweep
 from maskfab.sweeps import sweeping
@@ -75,6 +76,7 @@ class Sweep:
         return "\n".join(lines)
 
 
+@checked_arguments
 def sweep(
     study: str | Path,
     out: str | Path,

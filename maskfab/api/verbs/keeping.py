@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError
 from maskfab.kept.store import VARIABLE, Entry, Store
 
@@ -51,6 +52,7 @@ class Kept:
         return str(self)
 
 
+@checked_arguments
 def cache(limit: str | None = None) -> Kept:
     """Tell what earlier runs have found, and remove what was used longest ago.
 

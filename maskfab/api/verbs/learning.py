@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.camera import Camera
 from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.arguments import checked_arguments
 from maskfab.camera.design import Design
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder
@@ -60,6 +61,7 @@ class Learning:
         return "\n".join([f"die {found.trade.die}: {found.trade.camera}", *rows, *skipped, str(self.path)])
 
 
+@checked_arguments
 def learn(
     job: AnyJob,
     camera: Camera | None = None,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Wavelength, wavelength_text
+from maskfab.arguments import checked_arguments
 from maskfab.camera.stated_light import stated_sensor
 from maskfab.capture.frames import Frame
 from maskfab.capture.gain import Gain, photon_transfer
@@ -84,6 +85,7 @@ class Measurement:
         return self.plot().svg()
 
 
+@checked_arguments
 @one_thread
 def measure(
     captures: str | Path | Sequence[str | Path],

@@ -13,6 +13,7 @@ from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
 from maskfab.api.stands import way_round
 from maskfab.api.verbs.measuring import idle_keys, light_words
+from maskfab.arguments import checked_arguments
 from maskfab.capture.designed_edge import Light
 from maskfab.capture.edge_regions import NARROWEST_PX, Region
 from maskfab.capture.edge_verdict import edge_verdict
@@ -95,6 +96,7 @@ class EdgeMeasurement:
         return self.plot().svg()
 
 
+@checked_arguments
 @one_thread
 def measure_edge(
     picture: str | Path,
@@ -169,6 +171,7 @@ def measure_edge(
     return EdgeMeasurement(found, frame.name, frame.sha256, None if known is None else known.digest, tuple(notes))
 
 
+@checked_arguments
 @one_thread
 def measure_mtf(
     curve: str | Path,

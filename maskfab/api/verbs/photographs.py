@@ -15,6 +15,7 @@ from maskfab.api.camera import Camera
 from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import LEARNED, learned_restorers, read_checkpoints
+from maskfab.arguments import checked_arguments
 from maskfab.camera import scenes as scene_sets
 from maskfab.camera import surroundings
 from maskfab.camera.design import Design
@@ -115,6 +116,7 @@ class Simulation:
         return self.picture() if self.shown else None
 
 
+@checked_arguments
 @one_thread
 def simulate(
     job: AnyJob,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from maskfab.api.jobs import AnyJob, dies_of, job_of
+from maskfab.arguments import checked_arguments
 from maskfab.jobfile import SceneSection
 from maskfab.model import UNSTATED
 from maskfab.optics.scene import plan as plans
@@ -51,6 +52,7 @@ class Plans:
         )
 
 
+@checked_arguments
 def plan(job: AnyJob, camera: Camera | None = None, *, die: str | Sequence[str] | None = None) -> Plans:
     """Plan the model of the job's [scene]: effects to include, error of those omitted, time and memory.
 

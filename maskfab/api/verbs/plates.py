@@ -12,6 +12,7 @@ from maskfab.api.camera import Camera
 from maskfab.api.jobs import AnyJob, job_of
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.plate import Plate
+from maskfab.arguments import checked_arguments
 from maskfab.comparison.foreign.foreign_mask import How
 from maskfab.delivery.archive import is_package
 from maskfab.delivery.pack import verify_package
@@ -47,6 +48,7 @@ def run(
 def run(
     job: Job | str | Path, *, out: str | Path, force: bool = ..., progress: Progress = ..., cache: bool = ...
 ) -> Result: ...
+@checked_arguments
 def run(
     job: AnyJob,
     camera: Camera | str | Path | None = None,
@@ -106,6 +108,7 @@ class Verification(Quantities):
         self.layer, self.tone, self.other_layers = layer, tone, tuple(other_layers)
 
 
+@checked_arguments
 def verify(
     subject: str | Path,
     *,

@@ -13,6 +13,7 @@ from maskfab.api.jobs import AnyJob
 from maskfab.api.lengths import Length
 from maskfab.api.verbs.blurs import Undone, blurs_of
 from maskfab.api.verbs.restored import Restoration, RestoredPhoto
+from maskfab.arguments import checked_arguments
 from maskfab.camera.protocol import AUTO
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.choice import Chosen
@@ -48,6 +49,7 @@ class _Light:
     told: tuple[str, ...]
 
 
+@checked_arguments
 @one_thread
 def restore(
     photos: str | Path | Sequence[str | Path],

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from maskfab import __version__
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.opening import Opening
+from maskfab.arguments import checked_arguments
 from maskfab.errors import JobError
 from maskfab.jobfile import check_name
 from maskfab.opening import display_layouts
@@ -18,6 +19,7 @@ _DRAWN = ("stripe", "blobs", "diamond-discs")
 _USUAL_DOTS, _USUAL_PITCH = 21, "168 um"
 
 
+@checked_arguments
 def shape(
     kind: str,
     *,
@@ -89,6 +91,7 @@ def shape(
     return Opening(called, mask, dot_nm, made, emitters)
 
 
+@checked_arguments
 def shapes() -> tuple[str, ...]:
     """Every kind that :func:`shape` draws."""
     return (*_DRAWN, *display_layouts.DISPLAYS)

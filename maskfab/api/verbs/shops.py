@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any, overload
 
 from maskfab.api.jobs import AnyJob, job_of
+from maskfab.arguments import checked_arguments
 from maskfab.delivery.pack import Package, pack
 from maskfab.errors import JobError
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
@@ -79,6 +80,7 @@ def shops(name: None = None, *, compare: None = None, progress: Progress = ...) 
 def shops(name: str, *, compare: None = None, progress: Progress = ...) -> Shop: ...
 @overload
 def shops(name: str | None = None, *, compare: AnyJob, progress: Progress = ...) -> Comparison: ...
+@checked_arguments
 @one_thread
 def shops(
     name: str | None = None, *, compare: AnyJob | None = None, progress: Progress = silent
@@ -151,6 +153,7 @@ class Ordered:
         return "\n".join(lines)
 
 
+@checked_arguments
 def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> Ordered:
     """List the blanks of an order of a job to a house; with ``answers``, which are written into the job file.
 
@@ -183,6 +186,7 @@ def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> O
     return Ordered(form, written, command)
 
 
+@checked_arguments
 @one_thread
 def package(
     job: AnyJob,

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.folders import given_folder
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import learned_restorers, read_checkpoints
+from maskfab.arguments import checked_arguments
 from maskfab.files.staging import check_target
 from maskfab.measurement import study as studies
 from maskfab.measurement.claims import Claim
@@ -120,6 +121,7 @@ def plan(
     return studies.planned(loaded, given, learned)
 
 
+@checked_arguments
 def study(
     job: AnyJob,
     *,

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab import provenance
+from maskfab.arguments import checked_arguments
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.transfer import lattice
 from maskfab.errors import JobError
@@ -72,6 +73,7 @@ class ParetoFront:
         return self.plot().svg()
 
 
+@checked_arguments
 @one_thread
 def pareto(
     job: str | Path,

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from maskfab.arguments import checked_arguments
 from maskfab.errors import OutputError
 from maskfab.files.staging import check_file, write_text
 from maskfab.report.viewer.page import viewer_page
@@ -40,6 +41,7 @@ class View:
         return str(self)
 
 
+@checked_arguments
 def view(directory: str | Path, out: str | Path | None = None, *, force: bool = False) -> View:
     """Make one page, complete in itself, to look into the plate of a finished run with any browser.
 

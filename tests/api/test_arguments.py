@@ -1,0 +1,176 @@
+"""Public functions called with anything: nothing but maskfab's own refusals comes out of the door."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Callable, Iterator
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from small_job import write_job
+
+import maskfab as mf
+from maskfab.errors import InputError, JobError
+
+BAD: dict[str, Any] = {
+    "None": None, "nan": math.nan, "inf": math.inf, "zero": 0, "negative": -1, "tiny": 1e-300, "huge": 1e300,
+    "text": "x", "no list": [], "huge list": [1e300, -1e300], "thing": object(), "array": np.ones((2, 3)),
+    "ragged": [[1, 0], [1]],
+}  # fmt: skip
+"""By what they are called in the report of a failure."""
+
+UNASKED = {"Design", "MaskfabError", "Psf", "Quantities", "__version__", "doctor", "shapes"}
+"""Results, which only maskfab makes, and functions without arguments."""
+
+PUBLIC = set(mf.__all__) - UNASKED
+
+LINES = ["610 nm", "530 nm", "470 nm"]
+LOOK = {
+    "focal": "5 mm",
+    "stop": "400 um",
+    "pixel": "2 um",
+    "wavelengths": ["610 nm", "530 nm", "470 nm"],
+    "window": "64 um",
+}
+
+
+def calls(job: Path, out: Path) -> dict[str, tuple[Callable[..., Any], dict[str, Any]]]:
+    """Every public function and method with arguments that its annotations allow, and that make it do little."""
+    bar = mf.Opening.bar(dots=7, size=(3, 5), pitch="56 um")
+    panel, camera = mf.Panel.tile(bar, size="560 um"), mf.Camera(**LOOK)
+    plate = mf.Plate.of(A=panel)
+    none = job.with_name("none.toml")
+    loaded = mf.load_job(job)
+    of_job, behind = {"job": loaded}, {"job": loaded, "die": "NONE"}
+    return {
+        "Camera": (mf.Camera, LOOK),
+        "Camera.psf": (camera.psf, {"panel": panel, "wavelength": 530}),
+        "Camera.mtf": (camera.mtf, {"panel": panel, "wavelength": 530}),
+        "Mtf.frequency_at": (camera.mtf(panel, 530).frequency_at, {"level": 0.5}),
+        "Opening.bar": (mf.Opening.bar, {"dots": 7, "size": (3, 5), "pitch": "56 um"}),
+        "Opening.of": (mf.Opening.of, {"mask": np.ones((2, 2)), "pitch": "16 um"}),
+        "Opening.reduced": (bar.reduced, {"clear_dots": 99}),
+        "Opening.save": (bar.save, {"path": out / "a.toml"}),
+        "Panel.tile": (mf.Panel.tile, {"opening": bar, "size": "560 um"}),
+        "Panel.plot": (panel.plot, {}),
+        "Panel.to_trimesh": (panel.to_trimesh, {}),
+        "Plate.of": (mf.Plate.of, {"A": panel}),
+        "Plate.job": (plate.job, {}),
+        "Plate.layout": (plate.layout, {}),
+        "Plate.write": (plate.write, {"path": out / "a.psd"}),
+        "analyse": (mf.analyse, {"subject": none, "camera": camera}),
+        "bench": (mf.bench, behind),
+        "cache": (mf.cache, {}),
+        "check": (mf.check, behind),
+        "cite": (mf.cite, {"directory": out}),
+        "compare": (mf.compare, {"reports": out}),
+        "design": (mf.design, {"dots": 7, "pitch": "56 um", "clear_dots": 99}),
+        "explain": (mf.explain, {"code": "MF101"}),
+        "forecast": (mf.forecast, {"job": none, "out": out}),
+        "learn": (mf.learn, behind | {"out": out / "a.pt"}),
+        "load_job": (mf.load_job, {"path": none}),
+        "measure": (mf.measure, behind | {"captures": none}),
+        "measure_edge": (mf.measure_edge, behind | {"picture": none}),
+        "measure_mtf": (mf.measure_mtf, behind | {"curve": none}),
+        "new": (mf.new, {"folder": out, "source": "none"}),
+        "order": (mf.order, of_job | {"shop": "none"}),
+        "package": (mf.package, of_job | {"shop": "none"}),
+        "pareto": (mf.pareto, {"job": none}),
+        "plan": (mf.plan, behind),
+        "read_map": (mf.read_map, {"path": none}),
+        "read_opening": (mf.read_opening, {"source": np.ones((2, 2)), "pitch": "16 um"}),
+        "render": (mf.render, behind),
+        "reproduce": (mf.reproduce, {"directory": out}),
+        "restore": (mf.restore, behind | {"photos": none}),
+        "run": (mf.run, {"job": none, "out": out}),
+        "schema": (mf.schema, {}),
+        "shape": (mf.shape, {"kind": "disc", "dots": 7, "pitch": "56 um", "clear_dots": 9}),
+        "shops": (mf.shops, {}),
+        "simulate": (mf.simulate, behind | {"reference": "NONE"}),
+        "study": (mf.study, of_job),
+        "sweep": (mf.sweep, {"study": none, "out": out}),
+        "verify": (mf.verify, {"subject": none, "against": none}),
+        "view": (mf.view, {"directory": out}),
+    }  # fmt: skip
+
+
+def given(function: Callable[..., Any], arguments: dict[str, Any]) -> Iterator[tuple[str, Callable[[], Any]]]:
+    """Calls with one bad argument each, and what it is."""
+    for name, parameter in inspect.signature(function).parameters.items():
+        # A progress is a function, and what is left out is not bad.
+        for said, value in BAD.items() if name != "progress" else ():
+            named = {key: held for key, held in arguments.items() if key != name}
+            if parameter.kind in (parameter.POSITIONAL_ONLY, parameter.VAR_POSITIONAL):
+                yield f"{name} = {said}", partial(function, value, **named)
+            elif value is not parameter.default:
+                yield f"{name} = {said}", partial(function, **named, **{name: value})
+
+
+def test_wrong_types_and_extreme_values_are_refused_by_an_error_of_maskfabs_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    job = write_job(tmp_path, ('["530 nm"]', '["610 nm", "530 nm", "470 nm"]'))
+    every = calls(job, tmp_path / "nowhere" / "out")
+    assert {name.partition(".")[0] for name in every} == PUBLIC
+    raw, count = [], 0
+    for name, (function, arguments) in every.items():
+        for said, call in given(function, arguments):
+            count += 1
+            try:
+                call()
+            except InputError:
+                pass
+            except Exception as error:  # what is looked for
+                raw.append(f"{name}({said}): {type(error).__name__}: {error}")
+    assert raw == []
+    assert count > 2000
+
+
+@pytest.mark.parametrize(
+    ("call", "code", "said"),
+    [
+        (lambda: mf.Camera(wavelengths=None), "MF105", "focal"),
+        (lambda: mf.Camera(**LOOK | {"wavelengths": None}), "MF105", "Camera: wavelengths"),
+        (lambda: mf.Camera(**LOOK | {"stop": 1e-300}), "MF104", "1e-300"),
+        (lambda: mf.Camera(**LOOK | {"stop": "0.5 um"}), "MF104", "wavelength of 0.61 um"),
+        (lambda: mf.Camera(**LOOK, windows=3), "MF105", "windows"),
+        (lambda: mf.Panel.tile(np.ones((7, 7)), size="560 um"), "MF105", "pitch"),
+        (lambda: mf.compare(3), "MF105", "no report"),
+        (lambda: mf.compare([]), "MF105", "no report"),
+        (lambda: mf.simulate(mf.Opening.of(np.ones((2, 2)), "16 um")), "MF105", "states no job"),
+        (lambda: mf.simulate("job.toml", levels=24), "MF105", "24 is not a list"),
+        (lambda: mf.simulate("job.toml", checkpoints="net.pt"), "MF105", "'net.pt' is not a list"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place_and_its_cure(call: Callable[[], Any], code: str, said: str) -> None:
+    with pytest.raises(JobError) as caught:
+        call()
+    assert caught.value.code == code
+    assert said in str(caught.value)
+    assert caught.value.where
+    assert caught.value.cure
+
+
+def test_what_a_user_would_expect_of_the_door_works(tmp_path: Path) -> None:
+    """A panel alone is a plate of one, an array with a pitch is an opening, and reports may come in a list."""
+    mask = np.zeros((7, 7))
+    mask[1:4, 2:6] = 1
+    bar = mf.Opening.of(mask, pitch="56 um")
+    panel = mf.Panel.tile(bar, size="560 um", gutter="8 um")
+    drawn = mf.Panel.tile(mask, size="560 um", pitch="64 um", gutter="8 um")
+    assert np.array_equal(drawn.held[0].mask, bar.mask)
+    assert (drawn.held[0].dot_nm, drawn.pitch_nm) == (panel.held[0].dot_nm, panel.pitch_nm)
+    camera = mf.Camera(**LOOK)
+    alone = mf.plan(panel, camera)
+    assert alone.to_dict() == mf.plan(mf.Plate.of(PANEL=panel), camera).to_dict()
+    with pytest.raises(InputError) as one:
+        mf.compare(tmp_path / "a", tmp_path / "b")
+    with pytest.raises(InputError) as listed:
+        mf.compare([tmp_path / "a", tmp_path / "b"])
+    assert str(one.value) == str(listed.value)
+    assert one.value.code == "MF403"
