@@ -61,6 +61,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
         "MF145": "A claim of a study is about something that the study does not have.",
         "MF146": "A study shows nothing, or has no scenes.",
         "MF148": "A learned restorer was trained for another die, camera, sensor or light.",
+        "MF150": "A budget is shorter than the least work that is useful.",
         "MF160": "A sweep's field does not state its values once, or a sweep has no case, or too many.",
         "MF161": "A sweep asks for a quantity that no case has.",
         "MF162": "Two cases of a sweep are one and the same.",

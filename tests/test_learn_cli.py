@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from once import leaves
 
+from maskfab.api.verbs import learning
 from maskfab.api.verbs import photographs as verb
 from maskfab.api.verbs.learning import learn, learned_restorers, trade_of
 from maskfab.api.verbs.photographs import simulate
@@ -24,6 +25,7 @@ from maskfab.camera.record import Record
 from maskfab.camera.restorers.restorer import Blur
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.cli import run_command_line
+from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.export.images.light_image import write_png
 from maskfab.job import load_job
@@ -156,6 +158,8 @@ def test_a_network_is_trained_and_trained_on(
 
     monkeypatch.setattr(lessons, "drawn", drawn)
     monkeypatch.setattr(training, "Course", lambda seed: replace(SMALL, seed=seed))
+    # A training of one step, which no budget of the command line allows.
+    monkeypatch.setattr(learning, "Clock", lambda budget_s, refuses: Clock(budget_s))
     path = tmp_path / "toled.npz"
     arguments = ["learn", str(JOB), "--die", "TOLED", "--level", "32", "--minutes", "1e-6", "-o", str(path)]
     told = []
@@ -189,6 +193,7 @@ def test_two_minutes_of_training_are_worth_more_than_a_tenth_of_a_decibel(tmp_pa
         course=Course(),
         device="cpu",
         before=None,
+        clock=Clock(),
         progress=silent,
     )
     for _ in range(120):

@@ -13,6 +13,7 @@ from maskfab.camera.protocol import Protocol
 from maskfab.camera.sensor import Sensor
 from maskfab.camera.stated_light import stated_light, stated_sensor
 from maskfab.camera.transfer import lattice
+from maskfab.clock import NO_END, Clock
 from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
@@ -156,7 +157,7 @@ def design(
     where: str,
     images: Path | None = None,
     progress: Progress = silent,
-    budget_s: float | None = None,
+    clock: Clock = NO_END,
     checkpoint: Path | None = None,
     price_rules: bool = False,
 ) -> Designed:
@@ -168,7 +169,7 @@ def design(
         where: the job, for errors.
         images: folder of photographs to design for; synthetic scenes if None.
         progress: told where the work stands.
-        budget_s: seconds after which the best so far is taken.
+        clock: of its budget, after which the best so far is taken.
         checkpoint: file that saves the state of the search, from which it goes on if it exists.
         price_rules: search once more without each rule, beyond the budget.
 
@@ -190,7 +191,7 @@ def design(
     if isinstance(section, RelaxSection):
         from maskfab.optimiser.relax.relax import relax
 
-        found = relax(section, camera, scenes, command, progress, budget_s=budget_s, checkpoint=checkpoint)
+        found = relax(section, camera, scenes, command, progress, clock=clock, checkpoint=checkpoint)
     else:
         from maskfab.optimiser.search.search import search
 
@@ -206,7 +207,7 @@ def design(
             display=display,
             spread=spread_of(spec, where),
             seen=seen if needed else None,
-            budget_s=budget_s,
+            clock=clock,
             checkpoint=checkpoint,
             price_rules=price_rules,
         )
@@ -220,7 +221,7 @@ def design(
         notes += ("Not used of the job, for dots are designed with sharp corners: radius of [process.spread].",)
     account = found.account
     if account is not None:
-        account = replace(account, budget_s=budget_s, scenes=scenes_line(source, images))
+        account = replace(account, budget_s=clock.budget_s, scenes=scenes_line(source, images))
     return replace(found, notes=notes, account=account)
 
 

@@ -16,6 +16,7 @@ from maskfab.camera.photographs import Folder
 from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.sensor import Sensor
 from maskfab.camera.transfer import CellGrid, OpenStop, lattice
+from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.jobfile import validate
 from maskfab.model import Camera, Tiling
@@ -241,7 +242,7 @@ def test_a_design_over_a_depth_lists_its_conditions_and_their_mean(tmp_path):
 
 @pytest.mark.usefixtures("few")
 def test_a_short_budget_says_that_conditions_are_not_told_apart():
-    found = design(job({"depth": ["2 m", "inf"], "accuracy": 0.05}), "again", where="job", budget_s=1)
+    found = design(job({"depth": ["2 m", "inf"], "accuracy": 0.05}), "again", where="job", clock=Clock(1))
     assert found.scene is None
     assert any("conditions are told apart" in each for each in found.notes)
 

@@ -11,6 +11,7 @@ from once import leaves
 from sweeps import sweep
 
 from maskfab.camera.photographs import Photograph
+from maskfab.clock import Clock
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import RelaxSection, parse_section
 from maskfab.model import Camera, Stop
@@ -20,6 +21,7 @@ from maskfab.optimiser.relax.relax import relax, schedule
 from maskfab.optimiser.result import Designed, constraints_of
 from maskfab.optimiser.rules.families import FAMILIES
 from maskfab.optimiser.rules.repair import nearest
+from maskfab.optimiser.stages import NO_BOUNDS
 
 pytestmark = pytest.mark.usefixtures("bound_loosely")
 
@@ -166,14 +168,14 @@ def test_the_nearest_opening_shares_more_than_any_compact_one() -> None:
 
 def test_a_budget_shortens_the_schedule_and_says_so(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(iterations=100_000)
-    result = relax(wanted, LENS, scenes, "x", budget_s=0.6)
-    assert result.notes[1:] == JUDGED
+    result = relax(wanted, LENS, scenes, "x", clock=Clock(0.6))
+    assert result.notes[1:] == (NO_BOUNDS, *JUDGED)
     assert "instead of 100000" in result.notes[0]
     assert result.cut
 
 
 def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, ...]) -> None:
-    plain, bounded = (relax(section(), LENS, scenes, "x", budget_s=budget) for budget in (None, 600.0))
+    plain, bounded = (relax(section(), LENS, scenes, "x", clock=Clock(budget)) for budget in (None, 600.0))
     assert opening_text(plain.opening) == opening_text(bounded.opening)
     assert bounded.notes == JUDGED
     assert not bounded.cut
@@ -182,7 +184,7 @@ def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, 
 def test_interrupted_and_resumed_ends_where_uninterrupted_does(scenes: tuple[Photograph, ...], tmp_path: Path) -> None:
     wanted, path = section(iterations=40, starts=2), tmp_path / "state.npz"
     whole = relax(wanted, LENS, scenes, "x")
-    cut = relax(wanted, LENS, scenes, "x", budget_s=0.01, checkpoint=path)
+    cut = relax(wanted, LENS, scenes, "x", clock=Clock(0.01), checkpoint=path)
     assert "goes on from the checkpoint" in cut.notes[0]
     assert cut.evaluated < whole.evaluated
     resumed = relax(wanted, LENS, scenes, "x", checkpoint=path)

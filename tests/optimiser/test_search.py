@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 
 import numpy as np
@@ -12,11 +13,11 @@ from sweeps import sweep
 
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice
+from maskfab.clock import Clock
 from maskfab.errors import MaskfabError
 from maskfab.jobfile import SearchSection, parse_section
 from maskfab.opening.openings import opening_text, parse_opening
 from maskfab.optimiser.bounds.auc_bound import auc_bound, rings
-from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.orientation_map import MapMode, design_map
 from maskfab.optimiser.model.expected_psnr import surrogate
 from maskfab.optimiser.model.layout_error import pupil_error
@@ -117,7 +118,7 @@ def test_opening_and_map_in_turns_never_lose(scenes: tuple[Photograph, ...]) -> 
 
 
 def test_a_denser_middle_has_two_openings_and_its_price(scenes: tuple[Photograph, ...]) -> None:
-    found = search(section(pitch="336 um", map="equal_light", density=0.35), scenes, "x", budget_s=1.0)
+    found = search(section(pitch="336 um", map="equal_light", density=0.35), scenes, "x", clock=Clock(1.0))
     assert found.outer is not None
     assert found.cells is not None
     assert found.outer.clear_dots < 9 < found.opening.clear_dots == 13
@@ -176,7 +177,7 @@ def test_auc_of_other_pitches(scenes: tuple[Photograph, ...], tiling: str) -> No
 
 def test_a_map_of_another_pitch(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(dots=4, pitch="336 um", clear_dots=5, map="equal_light", shortlist=1)
-    found = search(wanted, scenes, "x", budget_s=1e-3)
+    found = search(wanted, scenes, "x", clock=Clock(1e-3))
     assert found.cells is not None
     assert found.cells.cells.shape == (12, 12)
     assert found.designed is not None
@@ -185,7 +186,8 @@ def test_a_map_of_another_pitch(scenes: tuple[Photograph, ...]) -> None:
 
 def test_what_a_budget_leaves_to_be_done_is_no_longer_than_the_budget(scenes: tuple[Photograph, ...]) -> None:
     wanted = section(dots=4, pitch="336 um", clear_dots=5, map="equal_light", shortlist=1)
-    short, long = (search(wanted, scenes, "x", budget_s=budget) for budget in (1e-3, 30.0))
+    # Of the processor, so that no other work on the machine counts.
+    short, long = (search(wanted, scenes, "x", clock=Clock(budget, now=time.process_time)) for budget in (1e-3, 60.0))
     assert short.designed is not None
     assert long.designed is not None
     assert short.designed.fields <= 16 < long.designed.fields
@@ -249,7 +251,7 @@ def test_circuits_are_kept_room_for(scenes: tuple[Photograph, ...]) -> None:
 
 
 def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograph, ...]) -> None:
-    found = search(section(dots=12, clear_dots=32, anneal=10_000), scenes, "x", budget_s=0.05)
+    found = search(section(dots=12, clear_dots=32, anneal=10_000), scenes, "x", clock=Clock(0.05))
     scan, annealing, bounds = found.notes
     assert "shapes had been judged" in scan
     assert "of 10000 evaluations" in annealing
@@ -260,7 +262,7 @@ def test_a_budget_ends_the_scan_and_says_how_far_it_came(scenes: tuple[Photograp
 
 
 def test_a_budget_that_is_not_used_up_changes_nothing(scenes: tuple[Photograph, ...]) -> None:
-    plain, bounded = (search(section(anneal=20), scenes, "x", budget_s=budget) for budget in (None, 600.0))
+    plain, bounded = (search(section(anneal=20), scenes, "x", clock=Clock(budget)) for budget in (None, 600.0))
     assert opening_text(plain.opening) == opening_text(bounded.opening)
     assert bounded.notes == ()
 
@@ -296,7 +298,7 @@ def test_interrupted_and_resumed_ends_where_uninterrupted_does(
     ("dots", "pitch", "clear_dots"), sweep([(1, "14 um", 1), (2, "32 um", 1), (6, "84 um", 9), (20, "500 um", 399)], 3)
 )
 def test_any_pitch_and_number_of_dots(scenes: tuple[Photograph, ...], dots: int, pitch: str, clear_dots: int) -> None:
-    found = search(section(dots=dots, pitch=pitch, clear_dots=clear_dots), scenes, "x", budget_s=1.0)
+    found = search(section(dots=dots, pitch=pitch, clear_dots=clear_dots), scenes, "x", clock=Clock(1.0))
     assert found.opening.clear_dots == clear_dots
     assert np.isfinite(found.psnr).all()
 

@@ -15,6 +15,7 @@ from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text, lengths_as_text
 from maskfab.api.opening import Opening
 from maskfab.arguments import checked_arguments
+from maskfab.clock import Clock
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import check_file, check_target, write_text
 from maskfab.jobfile import EmittersSection, WiresSection, read, validate
@@ -201,7 +202,8 @@ def design(
         sections: further sections as a job file has them, of those that a design uses: light, plate (for its
             ``die_size``), process (for its ``spread``), sensor, exposure and scene.
         images: folder of photographs to design for; synthetic scenes if None.
-        budget: ``"60 s"``: take the best that was found by then.
+        budget: ``"60 s"`` from the call on: take the best that was found by then. It is kept within a fifth; bounds and
+            the like are left out where they would take most of it.
         checkpoint: file that saves the state, from which it goes on if it exists.
         price_rules: anneal once more without each rule, beyond the budget, to tell what each costs.
         progress: told where the work stands.
@@ -209,10 +211,11 @@ def design(
 
     Raises:
         JobError: as for a job file with such a [design]; MF102 for a section that a design does not use; MF105 for what
-            is stated beside a job; MF123 for rules that contradict each other, and for a display that does not fit.
+            is stated beside a job; MF123 for rules that contradict each other, and for a display that does not fit;
+            MF150 for a budget that the first openings exceed.
         OutputError: MF401 for a checkpoint in a directory that does not exist.
     """
-    limit_s = None if budget is None else parse_time_s(budget, where="budget")
+    clock = Clock(None if budget is None else parse_time_s(budget, where="budget"), refuses=True)
     stated: dict[str, Any] = {
         "name": name,
         "method": method,
@@ -247,7 +250,7 @@ def design(
         where=where,
         images=None if images is None else Path(images),
         progress=progress,
-        budget_s=limit_s,
+        clock=clock,
         checkpoint=None if checkpoint is None else Path(checkpoint),
         price_rules=price_rules,
     )

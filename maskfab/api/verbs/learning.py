@@ -15,6 +15,7 @@ from maskfab.arguments import checked_arguments
 from maskfab.camera.design import Design
 from maskfab.camera.photo_camera import camera_line
 from maskfab.camera.photographs import Folder
+from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.files.staging import check_file
 from maskfab.job import Job
@@ -88,18 +89,20 @@ def learn(
         white: light that is white in photographs that hold light, EXR and HDR; it must be stated if they hold more
             than 1.
         levels: signal-to-noise ratios of white behind the published display, dB; by default those of the job.
-        minutes: that are trained.
+        minutes: that the call takes, kept within a fifth.
         seed: of weights, scenes and noise.
         device: ``"cpu"``, ``"cuda"``, or ``"auto"`` for CUDA where there is any.
         force: train anew, and replace ``out``.
         progress: told where the work stands.
 
     Raises:
-        JobError: MF105 for a die or device that is not there, or minutes that are none; MF148 for a checkpoint of
+        JobError: MF105 for a die or device that is not there, or minutes that are none; MF150 for fewer minutes than
+            setting up and a step take; MF148 for a checkpoint of
             another die, camera, sensor or light; as :func:`maskfab.api.verbs.photographs.simulate` for the others.
         SourceError: MF301 without photographs in the folder; MF303, MF304 for a file that is no checkpoint.
         OutputError: MF401 where ``out`` cannot be written.
     """
+    clock = Clock(60 * minutes, refuses=True)
     from maskfab.camera.learning.checkpoint import Checkpoint
     from maskfab.camera.learning.run import Run
     from maskfab.camera.learning.training import Course, device_of
@@ -129,9 +132,10 @@ def learn(
         course=before.course if before else Course(seed=seed),
         device=chosen,
         before=before,
+        clock=clock,
         progress=progress,
     )
-    return Learning(path, run.until(60 * minutes, progress), given.skipped)
+    return Learning(path, run.trained(progress), given.skipped)
 
 
 def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:

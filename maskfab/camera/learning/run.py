@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import time
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -20,11 +20,14 @@ from maskfab.camera.protocol import Protocol, evaluate
 from maskfab.camera.quality import psnr
 from maskfab.camera.restorers.dct import Dct
 from maskfab.camera.restorers.learned import Learned
+from maskfab.clock import Clock
 from maskfab.optics.numbers.colour import code_of_light
 from maskfab.progress import Progress
 
 LOOKS = 10
 """Times that a run judges and keeps what it has."""
+
+SET_UP = "the scenes that training is judged by"
 
 
 @dataclass
@@ -39,8 +42,8 @@ class Run:
         view: of records.
         scenes: that it is judged by.
         history: as of :class:`maskfab.camera.learning.checkpoint.Checkpoint`.
+        clock: of the budget, from the beginning of the command's work.
         earlier_s: seconds that it took before.
-        begun_s: of ``time.monotonic``.
     """
 
     path: Path
@@ -50,8 +53,8 @@ class Run:
     view: View
     scenes: Sequence[Lesson]
     history: list[Mapping[str, float]] = field(default_factory=list)
+    clock: Clock = field(default_factory=Clock)
     earlier_s: float = 0.0
-    begun_s: float = field(default_factory=time.monotonic)
 
     @classmethod
     def of(
@@ -65,45 +68,62 @@ class Run:
         course: Course,
         device: str,
         before: Checkpoint | None,
+        clock: Clock,
         progress: Progress,
     ) -> Run:
-        """One that begins, or goes on from a checkpoint."""
-        begun, levels = time.monotonic(), trade.levels
+        """One that begins, or goes on from a checkpoint.
+
+        Raises:
+            JobError: MF150 for a clock that refuses what it cannot keep, as soon as the scenes done show it.
+        """
+        levels = trade.levels
         kept, others = kept_for_validation(photographs, max(2, len(levels)), lamps=bool(protocol.brackets))
         progress("scenes to judge by", 0, len(kept))
-        view = before.view if before else fitted(protocol, design, levels, kept)
+        view = before.view if before else fitted(protocol, design, levels, kept, clock)
         lessons = Lessons(protocol, design, levels, view, others, course.seed)
         scenes = []
-        for done, scene in enumerate(kept):
-            scenes.append(lessons.of(scene, levels[done % len(levels)]))
-            progress("scenes to judge by", done + 1, len(kept))
-        made = cls(path, trade, design, Training(course, lessons, device), view, scenes, begun_s=begun)
+        begun = clock.spent
+        for done, scene in enumerate(kept, start=1):
+            scenes.append(lessons.of(scene, levels[(done - 1) % len(levels)]))
+            progress("scenes to judge by", done, len(kept))
+            clock.require((clock.spent - begun) / done * (len(kept) - done), SET_UP, "minutes")
+        made = cls(path, trade, design, Training(course, lessons, device), view, scenes, clock=clock)
         if before is not None:
             made.training.restore(before.state)
             made.history.extend(before.history)
             made.earlier_s = before.seconds
         return made
 
-    def until(self, seconds: float, progress: Progress) -> Checkpoint:
-        """Train so many seconds from the beginning, one step at least.
+    def trained(self, progress: Progress) -> Checkpoint:
+        """Train as long as the budget, one step at least; the last look, which takes as long as one before, is in it.
 
         Raises:
+            JobError: MF150 for a clock that refuses what it cannot keep, if the first step and look show it.
             OutputError: MF401 if the checkpoint cannot be written.
         """
-        losses, looks = list[float](), 0
+        seconds = math.inf if self.clock.budget_s is None else self.clock.budget_s
+        losses, looks, step, look = list[float](), 0, 0.0, 0.0
         while True:
+            begun = self.clock.spent
             losses.append(self.training.advance())
-            share = (time.monotonic() - self.begun_s) / seconds
-            if share >= (looks + 1) / LOOKS:
-                looks = min(LOOKS, int(share * LOOKS))
+            spent = self.clock.spent
+            step = max(step, spent - begun)
+            if not look:
+                self.clock.require(0.0, f"{SET_UP}, and a step", "minutes")
+            over = spent + step + look >= seconds
+            # The first look tells how long the last one takes.
+            if over or not look or spent / seconds >= (looks + 1) / LOOKS:
+                looks = int(spent / seconds * LOOKS)
                 found = self._kept(float(np.mean(losses)))
+                look = max(look, self.clock.spent - spent, 1e-9)
+                over = over or self.clock.spent + step + look > seconds
                 losses.clear()
-                progress(told(self.history[-1]), looks, LOOKS)
-                if looks == LOOKS:
+                progress(told(self.history[-1]), LOOKS if over else looks, LOOKS)
+                if over:
                     return found
 
     def _kept(self, loss: float) -> Checkpoint:
-        seconds = self.earlier_s + time.monotonic() - self.begun_s
+        seconds = self.earlier_s + self.clock.spent
         self.history.append({"minutes": seconds / 60, "step": self.training.step, "loss": loss, **self.gains()})
         training = self.training
         found = Checkpoint(self.trade, training.course, self.view, seconds, tuple(self.history), training.state())
@@ -128,10 +148,17 @@ def told(row: Mapping[str, float]) -> str:
     return f"{row['step']:.0f} steps, loss {row['loss']:.3f}, {gains}"
 
 
-def fitted(protocol: Protocol, design: Design, levels: Sequence[float], scenes: Sequence[Photograph]) -> View:
-    """The view whose second picture suits the scenes best, on average at every level."""
-    strengths = {}
-    for level in levels:
+def fitted(
+    protocol: Protocol, design: Design, levels: Sequence[float], scenes: Sequence[Photograph], clock: Clock
+) -> View:
+    """The view whose second picture suits the scenes best, on average at every level.
+
+    Raises:
+        JobError: MF150 as :meth:`Run.of`.
+    """
+    strengths, begun = {}, clock.spent
+    for done, level in enumerate(levels, start=1):
         table = evaluate([design], scenes, scenes, [level], protocol=protocol, restorers=(Dct(),), details=False)
         strengths[protocol.exposure(level).behind(design.transmission)] = table.scores[0].epsilon
+        clock.require((clock.spent - begun) / done * (len(levels) - done), SET_UP, "minutes")
     return View(strengths)

@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.clock import NO_END, Clock
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, frozen, orient, split_cells
 from maskfab.optimiser.maps.orientation_map import LIGHT_TOLERANCE, DesignedMap, MapMode, design_map
@@ -71,7 +72,7 @@ def joint(
     mode: MapMode = MapMode.EQUAL_LIGHT,
     kicks: int = 0,
     positions: int = 1,
-    steps: int | None = None,
+    clock: Clock = NO_END,
     progress: Progress = silent,
 ) -> Joint:
     """Design a unit and its map in turns.
@@ -85,7 +86,7 @@ def joint(
         mode: the same.
         kicks: the same, of the first map.
         positions: the same; the places stay those of the first map.
-        steps: the same, of the first map.
+        clock: the same; no round is begun when its time is over.
         progress: told after every round.
 
     Raises:
@@ -110,13 +111,15 @@ def joint(
         kicks=kicks,
         positions=positions,
         allows=constraints.allows,
-        steps=steps,
+        clock=clock,
         progress=progress,
     )
     best = alone
     losses = [_loss(error, alone.psnr)]
     swaps = 0
     for done in range(rounds):
+        if clock.over:
+            break
         changed, count = _refitted(mask, replace(best, start_clear_dots=alone.start_clear_dots), error, constraints)
         if not count:
             break
@@ -129,6 +132,7 @@ def joint(
             shifts=best.shifts,
             start=best.orientations,
             light=alone.start_clear_dots,
+            clock=clock,
         )
         found = _loss(error, again.psnr)
         if found >= losses[-1]:

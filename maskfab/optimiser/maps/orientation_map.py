@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from maskfab.camera.transfer import CellGrid
+from maskfab.clock import NO_END, Clock
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Scalar, frozen, orient, side_by_side, split_cells
 from maskfab.optimiser.model.layout_error import PanelError, Slope
@@ -52,6 +53,8 @@ _MOST_CELLS = 1000
 """Along the panel, as of every map's file."""
 _KICKED_SHARE = 0.04
 # At first one turn is worth some 2e-3 dB.
+FIRST_STEPS = 16
+"""Fields of a descent that bring most of the gain."""
 _ENOUGH_DB = 2e-5
 _WORTH_ANOTHER_DB = 1e-3
 
@@ -113,6 +116,7 @@ def design_map(
     light: int | None = None,
     keep_units: bool = False,
     steps: int | None = None,
+    clock: Clock | None = None,
     progress: Progress = silent,
 ) -> DesignedMap:
     """Design the orientation map of the cells that cover the stop.
@@ -131,6 +135,7 @@ def design_map(
         light: clear dots inside the stop that equal light is; None takes those of the random map.
         keep_units: cells keep the unit that ``start`` gives them and turn only; the random map is then ``start``.
         steps: after so many fields the map is taken as it is; None for as many as help.
+        clock: when its time is over, the map is taken as it is after :data:`FIRST_STEPS` fields; None for no end.
         progress: told after every descent.
 
     Raises:
@@ -152,13 +157,15 @@ def design_map(
         stack = np.stack([shifted(stack[0], shift) for shift in kept])
     else:
         kept = ()
-    search = _Search(stack, error, mode, target, math.inf if steps is None else steps)
+    search = _Search(stack, error, mode, target, math.inf if steps is None else steps, clock or NO_END)
     draw = np.random.default_rng([seed, 1])
     if keep_units:
         search.bar(drawn)
     best = search.descend(search.packed(drawn) if mode is MapMode.EDGE_PACKING else drawn)
     progress("map", 1, kicks + 1)
     for kick in range(kicks):
+        if search.over:
+            break
         found = search.descend(search.kicked(best.chosen, draw))
         best = min(best, found, key=lambda state: state.loss)
         progress("map", kick + 2, kicks + 1)
@@ -277,7 +284,13 @@ class _Search:
     """The constants of one search: what every cell can hold, what the stop leaves of it."""
 
     def __init__(
-        self, units: NDArray[np.bool_], error: PanelError, mode: MapMode, target: float, steps: float = math.inf
+        self,
+        units: NDArray[np.bool_],
+        error: PanelError,
+        mode: MapMode,
+        target: float,
+        steps: float = math.inf,
+        clock: Clock = NO_END,
     ) -> None:
         dots = error.dots
         self.error, self.mode = error, mode
@@ -288,11 +301,17 @@ class _Search:
         self.live = np.flatnonzero(self.inside.any(axis=1))
         self.cut = np.flatnonzero(self.inside.any(axis=1) & ~self.inside.all(axis=1))
         self.rim = (self.flat * self.inside[self.cut, None]).astype(np.float32)
-        self.target, self.steps = target, steps
+        self.target, self.steps, self.clock = target, steps, clock
         self.history: list[float] = []
         self.barred = np.zeros(self.light.shape, dtype=np.bool_)
         y, x = np.divmod(np.arange(dots * dots), dots)
         self.apart = (y[:, None] - y + dots - 1, x[:, None] - x + dots - 1)
+
+    @property
+    def over(self) -> bool:
+        """Whether the map is taken as it is."""
+        fields = len(self.history)
+        return fields >= self.steps or (fields >= FIRST_STEPS and self.clock.over)
 
     def bar(self, drawn: NDArray[np.int8]) -> None:
         """Keep every cell's unit."""
@@ -329,7 +348,7 @@ class _Search:
             price = self.price(state)
             after = self.fresh(self._descended(state, price))
             # Where light has a price, the way may end above its beginning by what the band of light is worth.
-            if after.loss > state.loss - _WORTH_ANOTHER_DB or len(self.history) >= self.steps:
+            if after.loss > state.loss - _WORTH_ANOTHER_DB or self.over:
                 return min(state, after, key=lambda each: each.loss)
             state = after
 
@@ -362,7 +381,7 @@ class _Search:
                     if refused > _REFUSALS:
                         return chosen
                 most = max(1, round(len(cells) * _SHRINKAGE))
-            if len(self.history) >= self.steps:
+            if self.over:
                 return tried
             chosen, loss, turns, refused = tried, after.loss, self._turns(tried, after.slope()), 0
             share = min(_LARGEST_SHARE, _GROWTH * len(cells) / helpful)

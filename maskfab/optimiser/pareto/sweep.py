@@ -22,6 +22,7 @@ import numpy as np
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice
+from maskfab.clock import Clock
 from maskfab.display.circuit import pixel_room
 from maskfab.errors import InputError, JobError
 from maskfab.eye.grain import predicted_rms
@@ -29,11 +30,10 @@ from maskfab.eye.viewing import TELEPHONE_UM, Viewing
 from maskfab.jobfile import ParetoSection, SearchSection
 from maskfab.model import Opening
 from maskfab.optimiser.account import asked_of
-from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.design import require_closed
 from maskfab.optimiser.maps.cluster import SIDE, Groups, clustered
 from maskfab.optimiser.maps.density import graded
-from maskfab.optimiser.maps.orientation_map import DesignedMap, MapMode, design_map
+from maskfab.optimiser.maps.orientation_map import FIRST_STEPS, DesignedMap, MapMode, design_map
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.model.robustness import compared_bias_um, moved_by_bias
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
@@ -46,7 +46,7 @@ from maskfab.optimiser.rules.fit_rule import Display, footprints_of, misfit, of_
 from maskfab.optimiser.rules.footprints import Footprints
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.search.alternatives import alternatives
-from maskfab.optimiser.search.finish import FIRST_STEPS, groups_of, map_of, map_seed
+from maskfab.optimiser.search.finish import groups_of, map_of, map_seed
 from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
 from maskfab.optimiser.search.scan import PRICED, allowed
 from maskfab.plate.tiling import orientations

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import cast
 
@@ -18,11 +19,11 @@ import torch
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import CellGrid, lattice
+from maskfab.clock import NO_END, Clock
 from maskfab.errors import JobError
 from maskfab.jobfile import RelaxSection
 from maskfab.model import Camera, Opening, Tiling
 from maskfab.optimiser.account import ANNEALING, Account, asked_of, stopped
-from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.model.expected_psnr import Surrogate, surrogate_behind
 from maskfab.optimiser.relax.descent import Descent, DescentResult, Outcome, RelaxStep, descend, iterations_within
 from maskfab.optimiser.relax.expected_error import boundary_leak, expected_error
@@ -36,6 +37,7 @@ from maskfab.optimiser.result import Designed, Facts, appraised, camera_facts, c
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Bettered, Mask, anneal
 from maskfab.optimiser.rules.repair import nearest
+from maskfab.optimiser.stages import NO_BOUNDS, Stages
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
 
@@ -70,7 +72,7 @@ def relax(
     command: str,
     progress: Progress = silent,
     *,
-    budget_s: float | None = None,
+    clock: Clock = NO_END,
     checkpoint: Path | None = None,
 ) -> Designed:
     """Descend as the section says.
@@ -81,7 +83,7 @@ def relax(
         scenes: photographs, for the objectives that look at some and for the expected PSNR.
         command: for the provenance.
         progress: told where the work stands.
-        budget_s: seconds for the descent and what follows it. Without a checkpoint the schedule is made so short;
+        clock: of the budget for the descent and what follows it. Without a checkpoint the schedule is made so short;
             with one the whole schedule is begun, and left to be gone on with.
         checkpoint: file of the descent to go on from, and to keep.
 
@@ -90,7 +92,6 @@ def relax(
             rules that no opening keeps.
         SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
     """
-    clock = Clock(budget_s)
     rules = constraints_of(section)
     rules.require_possible()
     progress("photographs", 0, 1)
@@ -98,12 +99,18 @@ def relax(
     estimate = surrogate_behind(scenes, room)
     progress("photographs", 1, 1)
     plan = schedule(section, rules, camera, scenes, estimate)
-    found, bettered, notes = _descended(plan, clock, checkpoint, progress)
-    mask, loss, more, unfinished = _ruled(found, plan, section, rules, clock, progress)
     periodic = section.tiling is Tiling.PERIODIC
-    progress("bounds", 0, 1)
-    psnr, known, head_room, gap = appraised(estimate, mask, periodic=periodic)
-    progress("bounds", 1, 1)
+    clear = np.ones((section.dots, section.dots), dtype=np.bool_)
+    stages = Stages.of(partial(estimate, periodic=periodic), clear, clock)
+    found, bettered, notes = _descended(plan, stages.search, checkpoint, progress)
+    mask, loss, more, unfinished = _ruled(found, plan, section, rules, stages.search, progress)
+    if stages.bounded:
+        progress("bounds", 0, 1)
+        psnr, known, head_room, gap = appraised(estimate, mask, periodic=periodic)
+        progress("bounds", 1, 1)
+    else:
+        psnr, known, head_room, gap = estimate(mask, periodic=periodic), {}, None, None
+        more = (*more, NO_BOUNDS)
     evaluated = found.iterations + section.anneal
     facts: Facts = {
         **origin(section, command, camera_facts(camera)),

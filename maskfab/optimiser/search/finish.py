@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
 from maskfab.camera.transfer import lattice
+from maskfab.clock import Clock
 from maskfab.jobfile import SearchSection
 from maskfab.optimiser.bounds.map_bound import map_gap
-from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import joint, laid
 from maskfab.optimiser.maps.cluster import Groups, clustered, most_dots
 from maskfab.optimiser.maps.density import Graded, graded
@@ -24,11 +24,7 @@ from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress
 
 _KICKS = 3
-_DESCENT_S, FIRST_STEPS = 5.0, 16
-"""A descent takes about so long; budgets of less give it so many fields, which bring most of the gain."""
 _LONGEST = 20
-BOUNDS_S = 5.0
-"""Bounds take about so long; a design whose whole budget is less goes without them."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,7 +37,7 @@ class Mapped:
         outer: the sparser one of two, bool [dots, dots].
         psnr: expected restored PSNR in dB by level of a panel of two; one is judged without its panel, and has None.
         head_room: by level, dB that no layout of as many dots and as much light can gain over the map; None without a
-            map, for a panel of two, over several distances, and where the budget is shorter than bounds take.
+            map, for a panel of two, over several distances, and where the budget leaves no time for bounds.
         notes: what a user should know, as sentences.
         cut: the budget cut it short.
         fit: of the display on a die, for a panel of two that must hold one.
@@ -69,6 +65,8 @@ def mapped(
     clock: Clock,
     progress: Progress,
     groups: Groups | None = None,
+    *,
+    bounded: bool = True,
 ) -> Mapped:
     """Lay the unit out as the section says.
 
@@ -80,9 +78,10 @@ def mapped(
         error: of panels, the same scenes; None where no map is wanted.
         facts: provenance of the map, to which its own is added.
         find: gives openings of so many clear dots, the best first, for a panel of two.
-        clock: a map whose time is over is designed without kicks.
+        clock: a map whose time is over is taken as it is after its first steps, which bring most of the gain.
         progress: told where the work stands.
         groups: how groups of pixels are judged; None unless they share their light.
+        bounded: prove what no other map gains.
 
     Raises:
         JobError: MF115 for a map of too many cells, or of cells of too many dots; MF123 for openings that break the
@@ -92,11 +91,7 @@ def mapped(
         return Mapped(unit)
     mode, seed = MapMode(section.map), map_seed(section)
     kicks = 0 if clock.over else _KICKS
-    notes: tuple[str, ...] = ()
-    steps = FIRST_STEPS if clock.over and clock.shorter_than(_DESCENT_S) else None
-    if clock.over:
-        descent = "one descent" if steps is None else f"the first {steps} steps of a descent"
-        notes = (f"The budget left the map {descent}, and no turns with the opening.",)
+    notes = ("The budget left the maps one descent each.",) if clock.over else ()
     if section.density is not None:
         made = graded(unit, error, section.density, find, constraints=rules, seed=seed, kicks=kicks, progress=progress)
         return _of_two(section, made, error, facts, "middle", notes)
@@ -108,17 +103,19 @@ def mapped(
         unit,
         error,
         rules,
-        rounds=0 if notes else section.joint,
+        rounds=section.joint,
         seed=seed,
         mode=mode,
         kicks=kicks,
         positions=section.positions,
-        steps=steps,
+        clock=clock,
         progress=progress,
     )
+    told = f"The budget ended the map after {both.designed.fields} steps of its last descent."
+    notes = (told,) if clock.over else ()
     room = None
     # What bounds a panel in focus bounds no mean over distances.
-    if isinstance(error, PupilError) and not clock.shorter_than(BOUNDS_S):
+    if isinstance(error, PupilError) and bounded:
         pupil = laid(both.unit, both.designed, error)
         room = map_gap(estimate, pupil, int(both.unit.sum()), both.designed.psnr).head_room
         facts = {**facts, **by_level("head_room", room, error.levels)}

@@ -16,13 +16,13 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
 from maskfab.jobfile.values import Symmetry
 from maskfab.model import Tiling
 from maskfab.optimiser.account import ANNEALING
-from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import Bettered, Mask, Objective, Ranked, Scan, State, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind

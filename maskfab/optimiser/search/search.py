@@ -16,13 +16,13 @@ import numpy as np
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import FEWEST_CELLS, CellGrid, lattice
+from maskfab.clock import NO_END, Clock
 from maskfab.errors import JobError
 from maskfab.files.checkpoint import Kept
 from maskfab.jobfile import SearchSection
 from maskfab.model import Opening, Tiling
 from maskfab.optimiser.account import Account, asked_of, stopped
 from maskfab.optimiser.bounds.auc_bound import rings
-from maskfab.optimiser.clock import Clock
 from maskfab.optimiser.maps.alternate import require_places
 from maskfab.optimiser.maps.orientation_map import MapMode, require_size
 from maskfab.optimiser.model.layout_error import PupilError
@@ -49,12 +49,13 @@ from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.search.alternatives import Alternatives, alternatives
 from maskfab.optimiser.search.auc_search import best_for_auc
-from maskfab.optimiser.search.finish import BOUNDS_S, Mapped, groups_of, map_seed, mapped
+from maskfab.optimiser.search.finish import Mapped, groups_of, map_seed, mapped
 from maskfab.optimiser.search.judges import MAP_LEAK_SCENES, Judges
 from maskfab.optimiser.search.over_scene import over_scene
 from maskfab.optimiser.search.relaxed_rules import annealed_without
-from maskfab.optimiser.search.scan import Best, allowed, annealed, scanned
+from maskfab.optimiser.search.scan import Best, allowed, annealed, first_shape, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
+from maskfab.optimiser.stages import NO_BOUNDS, Stages
 from maskfab.plate.maps import shifted
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
@@ -75,7 +76,7 @@ def search(
     display: Display | None = None,
     spread: Spread = EXACT,
     seen: SceneConditions | None = None,
-    budget_s: float | None = None,
+    clock: Clock = NO_END,
     checkpoint: Path | None = None,
     price_rules: bool = False,
 ) -> Designed:
@@ -91,8 +92,8 @@ def search(
         display: that the opening must hold; None for any or none.
         spread: over which the panel is appraised.
         seen: conditions of the scene; None where nothing of it must be modelled.
-        budget_s: seconds for the search; what every result needs is done beyond them: one descent of a map, and
-            bounds, where these do not take longer than the budget.
+        clock: ends every stage in time for those after it; bounds, appraisals and alternatives are left out where
+            they would take most of what is left.
         checkpoint: file to go on from, and to keep.
         price_rules: anneal once more without each rule, beyond the budget.
 
@@ -102,7 +103,6 @@ def search(
             MF115 for a map of too many cells, or of cells of too many dots.
         SourceError, OutputError: MF303, MF304, MF401 for the checkpoint.
     """
-    clock = Clock(budget_s)
     rules = constraints_of(section, display=display)
     room = lattice(section.dots, rules.dot_nm, camera=camera)
     if section.map is not None:
@@ -114,13 +114,16 @@ def search(
     judges = Judges(section, scenes, room, taking, seen)
     expected = judges.expected
     progress("photographs", 1, 1)
+    stages = Stages.of(
+        expected, first_shape(section), clock, mapped=section.map is not None, fitted=display is not None
+    )
     made_for = camera_facts(camera, taking, seen)
     kept = None if checkpoint is None else Kept(checkpoint, run_key(section, scenes, *made_for.values()))
     if section.objective == "auc":
-        found = _by_auc(section, rules, room, clock, progress)
+        found = _by_auc(section, rules, room, stages.search, progress)
     else:
-        found = scanned(section, rules, expected, clock, kept, progress)
-        found = annealed(found, section, rules, expected, clock, kept, progress)
+        found = scanned(section, rules, expected, stages.search, kept, progress)
+        found = annealed(found, section, rules, expected, stages.search, kept, progress)
     panels = judges if section.map is None else replace(judges, leak_scenes=MAP_LEAK_SCENES)
     if section.map is not None and section.objective != "auc" and not _of_two_openings(section):
         found = shortlisted(
@@ -128,7 +131,7 @@ def search(
             section.shortlist,
             panels.panel,
             rules,
-            clock,
+            stages.search,
             progress,
             mode=MapMode(section.map),
             seed=map_seed(section),
@@ -138,7 +141,7 @@ def search(
 
     def of_count(clear_dots: int) -> Iterator[Mask]:
         other = section.model_copy(update={"clear_dots": clear_dots})
-        return allowed(other, replace(rules, clear_dots=clear_dots), expected, clock, progress)
+        return allowed(other, replace(rules, clear_dots=clear_dots), expected, stages.map, progress)
 
     laid = mapped(
         section,
@@ -148,17 +151,18 @@ def search(
         None if section.map is None else panels.panel,
         origin(section, command, made_for),
         of_count,
-        clock,
+        stages.map,
         progress,
         groups=groups_of(panels, rules.dot_nm),
+        bounded=stages.bounded,
     )
     fit = _required_fit(display, laid, rules, progress)
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
     known: Facts = {}
-    short = clock.shorter_than(BOUNDS_S)
+    short = not stages.bounded or not clock.affords(stages.bounds_s)
     if psnr is None and short:
-        notes += (f"Bounds are proved in {BOUNDS_S:g} s, and the budget is less: no headroom is told.",)
+        notes += (NO_BOUNDS,)
     elif psnr is None:
         progress("bounds", 0, 1)
         psnr, known, head_room, gap = appraised(judges.estimate, laid.unit, periodic=expected.periodic)
@@ -169,7 +173,7 @@ def search(
     near = None if short else _alternatives(section, found, laid, rules, expected, panels.in_focus)
     scene = None if seen is None or short else over_scene(section, laid, rules.dot_nm, panels, seen)
     if seen is not None and short:
-        notes += (f"The scene counts in the search; with a budget of {BOUNDS_S:g} s its conditions are told apart.",)
+        notes += ("The scene counts in the search; with a longer budget its conditions are told apart.",)
     facts |= {**known, **by_level("expected_psnr", psnr, taking.levels), "evaluated": found.evaluated}
     facts |= {} if priced is None else of_prices(priced)
     account = _account(section, found, rules, laid)

@@ -14,7 +14,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from maskfab.optimiser.clock import Clock
+from maskfab.clock import Clock
 from maskfab.optimiser.maps.orientation_map import MapMode, design_map
 from maskfab.optimiser.model.layout_error import PanelError
 from maskfab.optimiser.rules.constraints import Constraints
@@ -43,7 +43,7 @@ def shortlisted(
         most: openings on the list; 1 leaves everything as it is.
         error: of panels of such units; the levels weigh in it as they do in the scan.
         rules: that all on the list keep.
-        clock: no further map is begun when its time is over.
+        clock: no further map is begun or compared when its time is over.
         progress: told after every map.
         mode, seed, positions: of :func:`maskfab.optimiser.maps.orientation_map.design_map`.
 
@@ -61,9 +61,18 @@ def shortlisted(
         if clock.over:
             return None
         quick = design_map(
-            each.unit, error, mode=mode, seed=seed, kicks=0, positions=positions, allows=rules.allows, light=light
+            each.unit,
+            error,
+            mode=mode,
+            seed=seed,
+            kicks=0,
+            positions=positions,
+            allows=rules.allows,
+            light=light,
+            clock=clock,
         )
-        return float(np.dot(error.weights, quick.psnr))
+        # Maps that were ended early are not compared.
+        return None if clock.over else float(np.dot(error.weights, quick.psnr))
 
     values: list[float] = []
     with ThreadPoolExecutor(os.cpu_count() or 1) as pool:

@@ -1,0 +1,132 @@
+"""Budgets by a clock that the tests turn: every stage leaves the later ones their time, and too little is refused."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from maskfab.camera.learning.run import Run
+from maskfab.clock import NO_END, Clock
+from maskfab.errors import JobError
+from maskfab.optimiser.stages import Stages
+
+UNIT = np.ones((3, 3), dtype=np.bool_)
+
+
+@dataclass
+class Hand:
+    """Time that goes by when something is done."""
+
+    s: float = 0.0
+
+    def __call__(self) -> float:
+        return self.s
+
+    def spend(self, seconds: float) -> None:
+        self.s += seconds
+
+
+def test_a_budget_is_counted_from_when_its_clock_was_made() -> None:
+    hand = Hand(100.0)
+    clock = Clock(10.0, now=hand)
+    early = clock.before(4.0)
+    hand.spend(3.0)
+    assert (clock.spent, clock.left(), clock.left(0.5), early.left()) == (3.0, 7.0, 3.5, 3.0)
+    assert clock.affords(7.9)
+    assert not clock.affords(8.1)
+    hand.spend(3.0)
+    assert (clock.over, early.over) == (False, True)
+    assert NO_END.left() is None
+    assert NO_END.before(5.0).left() is None
+    assert NO_END.affords(math.inf)
+    assert not NO_END.over
+
+
+def test_a_budget_that_cannot_be_kept_is_refused_with_the_least_that_can() -> None:
+    hand = Hand()
+    clock = Clock(10.0, refuses=True, now=hand)
+    hand.spend(8.0)
+    clock.require(3.9, "a step", "minutes")
+    with pytest.raises(JobError) as caught:
+        clock.require(4.1, "a step", "minutes")
+    assert caught.value.code == "MF150"
+    assert "10 s is too short for a step" in caught.value.what
+    assert caught.value.cure == "Give 15 s or more"
+    Clock(1.0, now=hand).require(99.0, "a step", "minutes")
+
+
+@given(st.floats(1e-4, 1.0), st.floats(0.1, 1e4), st.booleans(), st.booleans())
+def test_the_stages_of_a_design_leave_time_to_those_after_them(
+    judgement_s: float, budget_s: float, mapped: bool, fitted: bool
+) -> None:
+    hand = Hand()
+    clock = Clock(budget_s, refuses=True, now=hand)
+    try:
+        stages = Stages.of(lambda _: hand.spend(judgement_s), UNIT, clock, mapped=mapped, fitted=fitted)
+    except JobError:
+        # Not even the first openings would have kept it.
+        assert budget_s < 3000 * judgement_s
+        return
+    search, design, left = stages.search.left(), stages.map.left(), clock.left()
+    assert search is not None
+    assert design is not None
+    assert left is not None
+    assert search <= design <= left
+    assert (search < design) == (mapped and design > 0)
+    assert not stages.bounded or design + stages.bounds_s <= left
+    # A budget of hours is spent on the search, and proves its bounds.
+    assert budget_s < 2e4 * judgement_s or (stages.bounded and search > 0.3 * budget_s)
+
+
+def test_a_budget_costs_no_judgement_where_there_is_none() -> None:
+    assert Stages.of(lambda _: pytest.fail("judged"), UNIT, NO_END, mapped=True) == Stages(NO_END, NO_END)
+
+
+class Lessons:
+    """A training whose steps take a time."""
+
+    def __init__(self, hand: Hand, step_s: float) -> None:
+        self.hand, self.step_s, self.step = hand, step_s, 0
+
+    def advance(self) -> float:
+        self.hand.spend(self.step_s)
+        self.step += 1
+        return 1.0
+
+
+@given(st.floats(1.0, 1000.0), st.floats(0, 1.3), st.floats(1e-3, 0.5), st.floats(1e-3, 0.3))
+def test_a_training_keeps_its_minutes_within_a_fifth_or_is_refused(
+    budget_s: float, set_up: float, step: float, look: float
+) -> None:
+    """Set-up, steps and looks as shares of the budget; steps and looks take as long each time."""
+    hand = Hand()
+    clock = Clock(budget_s, refuses=True, now=hand)
+    hand.spend(set_up * budget_s)
+    lessons: Any = Lessons(hand, step * budget_s)
+    nothing: Any = None
+    run = Run(Path("none"), nothing, nothing, lessons, nothing, (), clock=clock)
+
+    def kept(loss: float) -> str:
+        hand.spend(look * budget_s)
+        run.history.append({"step": lessons.step, "loss": loss, "gain": 0.0, "gain_over_filter": 0.0})
+        return "found"
+
+    run._kept = kept  # type: ignore[method-assign, assignment]
+    try:
+        run.trained(lambda *_: None)
+    except JobError:
+        assert set_up + step > 1.2 - 1e-9
+        assert not run.history
+        return
+    least = set_up + step + look
+    assert hand.s <= max(1.0, least) * budget_s * (1 + 1e-9)
+    assert run.history[-1]["step"] == lessons.step
+    # What is left at the end is less than another step and look would take.
+    assert lessons.step == 1 or hand.s >= (1 - step - look) * budget_s * (1 - 1e-9)
