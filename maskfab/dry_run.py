@@ -134,7 +134,7 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     pace = Pace.of(() if cache is None else cache.entries())
     crew = _Foreseeing(cache, pace)
     with suppress(_NotKeptError):
-        plate = job.displays_of(plate, largest=True, crew=crew).plate
+        plate = job.displays_of(plate, crew=crew).plate
     displays = crew.stage("displays")
     pipeline.begin_photographs(job, job.plate(), crew)
     photographs = crew.stage("photographs")

@@ -100,18 +100,16 @@ class Job:
 
         return compose(self.spec, self.openings, self.signature, where=self.where)
 
-    def displays(self, progress: Progress = silent, *, largest: bool = False) -> Populated:
+    def displays(self, progress: Progress = silent) -> Populated:
         """The job laid out with the emitters and wires that it asks for; see :mod:`maskfab.display.place`."""
-        return self.displays_of(self.plate(), progress, largest=largest)
+        return self.displays_of(self.plate(), progress)
 
-    def displays_of(
-        self, plate: Plate, progress: Progress = silent, *, largest: bool = False, crew: Alone | None = None
-    ) -> Populated:
+    def displays_of(self, plate: Plate, progress: Progress = silent, *, crew: Alone | None = None) -> Populated:
         """Displays of the job's plate, which is laid out already; by a crew, if there is one."""
         from maskfab.display.place import Populated, populate
 
         rules = self.display_rules
-        return Populated(plate, {}) if rules is None else populate(plate, rules, progress, largest=largest, crew=crew)
+        return Populated(plate, {}) if rules is None else populate(plate, rules, progress, crew=crew)
 
 
 @checked_arguments

@@ -251,7 +251,7 @@ def _make(
             check_processes(job, plate)
             check_pictures(job, plate)
             Conditions.of(job, "camera")  # light that cannot be is refused before dies are worked on
-            built = job.displays_of(plate, progress, largest=True, crew=crew)
+            built = job.displays_of(plate, progress, crew=crew)
             photographs = begin_photographs(job, plate, crew)
             plate = built.plate
             seen = plate_as_seen(job, plate)

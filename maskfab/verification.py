@@ -112,7 +112,7 @@ def verify(directory: str | Path, progress: Progress = silent) -> Verified:
         signature = job.signature.replace(__version__, str(manifest["maskfab_version"]), 1)
         plate = compose(job.spec, job.openings, signature, where=job.where)
         with crew_of(job) as crew:
-            built = job.displays_of(plate, progress, largest=True, crew=crew)
+            built = job.displays_of(plate, progress, crew=crew)
         # A run takes its photographs beside its displays, before these are there.
         bare, plate = plate, built.plate
         made = draw_files(job, plate, str(manifest["maskfab_version"]))

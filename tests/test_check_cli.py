@@ -13,6 +13,7 @@ from jsonschema import Draft202012Validator
 from small_job import Answer, command, finished, listing, write_job
 
 from maskfab.display import place
+from maskfab.display.circuit import NOT_PLACED
 from maskfab.display.emitters.placement import Verdict
 from maskfab.report.documents.check_data import check_schema
 
@@ -66,7 +67,9 @@ def test_a_display_that_fits(capsys, tmp_path):
     assert found["borders"]["side_violations"] == found["borders"]["diagonal_violations"] == 0
     assert (die["broken"], found["proofs"], die["largest_gap"]) == ([], [], None)
     # Three circuits of 200 um^2; everything closed is as wide as a dot.
-    assert die["circuits"] == {"room_um2": 42 * 64, "closed_um2": 42 * 64, "need_um2": 600}
+    assert die["circuits"] == {
+        "room_um2": 42 * 64, "closed_um2": 42 * 64, "need_um2": 600, "not_modelled": NOT_PLACED
+    }  # fmt: skip
     assert die["light"]["centroid_px"] == found["emitters"]["centroid_px"]
     assert die["light"]["wander_px"] == 0
     values = {each["name"]: each["value"] for each in die["quantities"]}
@@ -116,11 +119,11 @@ def test_not_knowing_fails_only_where_something_is_required(capsys, tmp_path, mo
     assert answer.code == code
 
 
-def test_the_largest_is_searched_for_only_if_asked(capsys, tmp_path):
-    job = display(tmp_path, required="0.01")
-    enough, most = the_display(checked(capsys, job)), the_display(checked(capsys, job, "--largest"))
-    assert enough["found_share"] < most["found_share"] <= most["bound_share"]
-    assert most["rectangles_share"] == enough["rectangles_share"]
+def test_emitters_are_the_largest_whatever_is_required(capsys, tmp_path):
+    little, much = (the_display(checked(capsys, display(tmp_path, required=each))) for each in ("0.01", "0.1"))
+    assert little["found_share"] == much["found_share"] <= much["bound_share"]
+    assert little["emitters"]["areas_um2"] == much["emitters"]["areas_um2"]
+    assert little["found_share"] > little["rectangles_share"]
 
 
 def test_the_widest_gap_fits_and_the_excluded_one_does_not(capsys, tmp_path):
@@ -135,7 +138,7 @@ def test_a_plate_is_made_with_the_display_that_was_checked(capsys, tmp_path):
     rules = "\n".join(f"{k} = {v}" for k, v in RULES.items())
     changes = (("[plate]", f'[emitters]\n{rules}\n\n[export]\nformats = ["gdsii"]\n\n[plate]'),)
     report = json.loads((finished(tmp_path, *changes) / "report.json").read_text(encoding="utf-8"))
-    answer = command(capsys, "check", tmp_path / "job.toml", "--largest", "--json", "--quiet")
+    answer = command(capsys, "check", tmp_path / "job.toml", "--json", "--quiet")
     assert answer.document["job_hash"] == report["job_hash"]
     made = {die["name"]: die["display"] for die in report["dies"]}
     assert {die["name"]: die["display"] for die in answer.document["dies"]} == made
@@ -151,7 +154,7 @@ def test_the_text_says_everything_and_nothing_is_written(capsys, tmp_path):
     assert answer.code == 0
     assert "emitters: 1/1" in answer.stderr
     title, *rows = answer.stdout.splitlines()
-    assert title == "PLAIN: FITS"
+    assert title == "PLAIN: FITS; circuits by area alone"
     told = {row[2:18].rstrip(): row[19:] for row in rows}
     assert told.keys() >= {
         "footprint", "rectangles", "areas", "borders", "rules broken", "circuits", "light", "current density",
@@ -160,6 +163,7 @@ def test_the_text_says_everything_and_nothing_is_written(capsys, tmp_path):
     assert told["rectangles"] == "14.06 %"
     assert told["footprint"].endswith("required 14.00 %")
     assert told["circuits"] == "2688 um^2 available, 600 um^2 needed"
+    assert "none is placed, and no gap between circuits and openings" in told["not modelled"]
     assert told["rules broken"].startswith("none")
     assert listing(tmp_path) == before
 
@@ -260,7 +264,7 @@ def test_check_has_help_with_an_example(capsys):
     answer = command(capsys, "check", "--help")
     assert (answer.code, answer.stderr) == (0, "")
     assert "maskfab check " in answer.stdout.split("Example")[1]
-    for option in ("--die", "--largest", "--largest-gap", "--json", "--quiet"):
+    for option in ("--die", "--largest-gap", "--json", "--quiet"):
         assert option in answer.stdout
 
 

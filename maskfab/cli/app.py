@@ -87,7 +87,7 @@ _VERBS: tuple[tuple[Callable[..., None], str], ...] = (
     (plan, "Examples: maskfab plan layouts/upc12.toml | maskfab plan job.toml --die TOLED_R150 --json"),
     (
         check,
-        "Examples: maskfab check job.toml | maskfab check job.toml --die TOLED_R150 --largest --json | "
+        "Examples: maskfab check job.toml | maskfab check job.toml --die TOLED_R150 --largest-gap --json | "
         "maskfab check job.toml --shop generic-chrome",
     ),
     (

@@ -20,6 +20,13 @@ from maskfab.units import NM_PER_UM
 
 Mask = NDArray[np.bool_]
 
+BY_AREA = "circuits by area alone"
+NOT_PLACED = (
+    "Circuits are judged by area alone: none is placed, and no gap between circuits and openings or wires is kept, so "
+    "a display that fits may have no place for them"
+)
+"""What no answer on a display says."""
+
 
 @dataclass(frozen=True)
 class CircuitRules:

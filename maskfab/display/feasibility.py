@@ -152,7 +152,7 @@ class Feasibility:
         return tuple(proof for proof in (*proofs, self.room.certificate, wires) if proof is not None)
 
 
-def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> Feasibility | None:
+def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> Feasibility | None:
     """Emitters for the pixels of a panel, or a proof that there are none; None for a sheet that has no pixels.
 
     Emitters that come with the opening are taken as they are and measured; else the best that is found is placed.
@@ -161,7 +161,8 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = False) -> 
     Args:
         panel: its opening, gutter and orientations.
         rules: the maker's.
-        largest: search on for the largest emitters even if the required ones are found.
+        largest: search on for the largest emitters even if the required ones are found, as for a plate; a designer tries
+            openings without.
 
     Raises:
         JobError: MF117 if a rule is wider than the pixel, MF118 if rules and dots share no grid coarse enough, MF120

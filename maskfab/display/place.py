@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 from maskfab.display.emitters.borders import meetings
 from maskfab.display.emitters.fit import LargestGap
@@ -28,7 +27,6 @@ def populate(
     rules: DisplayRules,
     progress: Progress = silent,
     *,
-    largest: bool = False,
     crew: Alone | None = None,
 ) -> Populated:
     """Emitters and wires for every die; dies of equal pixels, in which equal orientations meet, are worked on once.
@@ -39,7 +37,6 @@ def populate(
         plate: laid out, without emitters.
         rules: the maker's.
         progress: told how many dies are done, of those that differ.
-        largest: as for :func:`maskfab.display.feasibility.feasibility`.
         crew: who works on the dies; what is found does not show who did.
 
     Raises:
@@ -51,7 +48,7 @@ def populate(
     keys = [(_key(die.panel), None if rules.wires is None else die.panel.orientations.tobytes()) for die in plate.dies]
     panels = {key: die.panel for key, die in zip(reversed(keys), reversed(plate.dies), strict=True)}
     distinct = list(dict.fromkeys(keys))
-    calls = [(partial(feasibility, largest=largest), _arguments(panels[key], rules)) for key in distinct]
+    calls = [(feasibility, _arguments(panels[key], rules)) for key in distinct]
     progress("emitters", 0, len(calls))
     tasks = (crew or Alone()).each(calls, lambda done: progress("emitters", done, len(calls)))
     known = {key: task.result() for key, task in zip(distinct, tasks, strict=True)}

@@ -55,7 +55,8 @@ def _emitters(die: Die, found: Feasibility) -> Iterator[Quantity]:
     yield Quantity(
         "circuit_room",
         room.area_um2,
-        f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um^2; counted in cells",
+        f"closed area of a pixel wide enough for circuits, which need {room.need_um2:.0f} um^2; counted in cells, none "
+        "of them placed",
         die=name,
     )
     yield from _wires(die, found)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 
+from maskfab.display.circuit import BY_AREA
 from maskfab.display.emitters.placement import Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.model import Quantity
@@ -61,13 +62,13 @@ class Displays:
 
     @property
     def told(self) -> str:
-        """In words."""
+        """In words, with how circuits were judged."""
         if not self.asked:
             return "the job has no [emitters]" if self.dies else "maskfab check JOB tells what fits"
         rest = [(self.does_not_fit, "do not" if self.does_not_fit != 1 else "does not"), (self.unknown, "unknown")]
         counts = [f"{count} {words}" for count, words in rest if count]
         fit = "fits" if self.fits == 1 else "fit"
-        return ", ".join([f"{self.fits} of {self.dies} {fit}", *counts])
+        return f"{', '.join([f'{self.fits} of {self.dies} {fit}', *counts])}; {BY_AREA}"
 
 
 @dataclass(frozen=True)
@@ -103,12 +104,16 @@ class Verdicts:
         )
 
     def to_dict(self) -> dict[str, dict[str, int | bool | str | None]]:
-        """As report.json has them."""
+        """As report.json has them; ``circuits`` says how those of displays were judged."""
         verdict = self.display.verdict
         return {
             "files": {**asdict(self.files), "passed": self.files.passed},
             "optics": {**asdict(self.optics), "passed": self.optics.passed},
-            "display": {**asdict(self.display), "verdict": None if verdict is None else verdict.value},
+            "display": {
+                **asdict(self.display),
+                "verdict": None if verdict is None else verdict.value,
+                **({} if verdict is None else {"circuits": BY_AREA}),
+            },
         }
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 
+from maskfab.display.circuit import BY_AREA, NOT_PLACED
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.emitters.measure import Violation
 from maskfab.display.feasibility import Feasibility
@@ -17,7 +18,7 @@ def display_lines(name: str, found: Feasibility | None, gap: LargestGap | None) 
     if found is None:
         yield f"{name}: no pixels to place emitters in"
         return
-    yield f"{name}: {found.verdict}"
+    yield f"{name}: {found.verdict}; {BY_AREA}"
     for part in (_footprint, _placement, _circuits, _wires, _light, _proofs):
         for label, text in part(found):
             yield f"  {label:<16} {text}"
@@ -63,6 +64,7 @@ def _broken(each: Violation) -> str:
 def _circuits(found: Feasibility) -> Iterator[Line]:
     room = found.room
     yield "circuits", f"{_round(room.area_um2)} um^2 available, {_round(room.need_um2)} um^2 needed"
+    yield "not modelled", NOT_PLACED
 
 
 def _wires(found: Feasibility) -> Iterator[Line]:

@@ -54,4 +54,4 @@ def test_the_worst_answer_on_displays_stands_for_all_and_each_is_counted(answers
     found = Verdicts.of([check("polygons")], displays(*answers), 3)
     assert found.display.verdict is verdict
     assert found.lines == ("FILES: PASS, can be ordered: 1 of 1 checks pass", "OPTICS: NOT CHECKED",
-                           f"DISPLAY: {verdict.value}: {told}")  # fmt: skip
+                           f"DISPLAY: {verdict.value}: {told}; circuits by area alone")  # fmt: skip

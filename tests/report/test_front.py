@@ -7,6 +7,7 @@ from jsonschema import Draft202012Validator
 from report.test_report_html import read
 
 from maskfab.camera.intervals import MeanDifference
+from maskfab.display.circuit import BY_AREA
 from maskfab.measurement.process_spread import ProcessSpread
 from maskfab.measurement.restored import Photographs, Restored
 from maskfab.model import Process, Roughness
@@ -105,12 +106,17 @@ def test_what_is_missing_is_said_with_what_to_add(run, photographs, told):
 
 def test_displays_that_do_not_fit_are_no_pass(run):
     document = document_of(run, None)
-    counts = {"dies": 12, "fits": 1, "does_not_fit": 6, "unknown": 5, "verdict": "DOES NOT FIT"}
+    counts = {
+        "dies": 12, "fits": 1, "does_not_fit": 6, "unknown": 5, "verdict": "DOES NOT FIT", "circuits": BY_AREA
+    }  # fmt: skip
     display = stamps({**document, "verdicts": {**document["verdicts"], "display": counts}})[2]
     assert (display.mood, display.sign, display.word) == ("bad", "✗", "1 OF 12 FIT")
-    assert display.told == "6 do not fit, 5 are unknown"
+    assert display.told == "6 do not fit, 5 are unknown; circuits by area alone"
     open_ = {**counts, "does_not_fit": 0, "verdict": "UNKNOWN"}
     assert stamps({**document, "verdicts": {**document["verdicts"], "display": open_}})[2].mood == "open"
+    fits = {**counts, "does_not_fit": 0, "unknown": 0, "fits": 12, "verdict": "FITS"}
+    display = stamps({**document, "verdicts": {**document["verdicts"], "display": fits}})[2]
+    assert (display.mood, display.told) == ("good", "on 12 of 12 dies; circuits by area alone")
 
 
 def test_the_table_puts_photographs_first_and_marks_the_group_of_the_best(run):

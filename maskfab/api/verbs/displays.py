@@ -105,7 +105,6 @@ def check(
     job: AnyJob,
     *,
     die: str | Sequence[str] | None = ...,
-    largest: bool = ...,
     largest_gap: bool = ...,
     shop: None = ...,
     progress: Progress = ...,
@@ -118,7 +117,6 @@ def check(
     job: AnyJob,
     *,
     die: str | Sequence[str] | None = None,
-    largest: bool = False,
     largest_gap: bool = False,
     shop: str | None = None,
     formats: Sequence[str] = (),
@@ -130,7 +128,6 @@ def check(
     Args:
         job: a plate, a loaded job, or the path of a job file; with [emitters], unless for a shop.
         die: one or several; by default all.
-        largest: search for the largest emitters, even if smaller ones suffice.
         largest_gap: also find the widest possible gap between colours.
         shop: name of a mask shop, or the path of a profile, whose rules are checked instead.
         formats: that the shop is sent; by default its first.
@@ -144,7 +141,7 @@ def check(
         cure = "Name a shop, or leave formats out"
         raise JobError("MF105", "formats applies to a shop's rules only", where="formats", cure=cure)
     if shop is not None:
-        for name, value in {"die": die, "largest": largest, "largest_gap": largest_gap}.items():
+        for name, value in {"die": die, "largest_gap": largest_gap}.items():
             if value:
                 cure = f"Leave {name} out, or the shop"
                 raise JobError("MF105", f"{name} does not apply to a shop's rules", where=name, cure=cure)
@@ -157,7 +154,7 @@ def check(
     asked = dies_of(die, [each.name for each in plate.dies])
     plate = replace(plate, dies=tuple(each for each in plate.dies if each.name in asked))
     with crew_of(loaded) as crew:
-        built = loaded.displays_of(plate, progress, largest=largest, crew=crew)
+        built = loaded.displays_of(plate, progress, crew=crew)
     return DisplayCheck(built, widest_gaps(plate, rules, progress) if largest_gap else {}, loaded.digest)
 
 

@@ -15,9 +15,6 @@ def check(
     context: typer.Context,
     job: JobFile,
     die: Annotated[list[str] | None, typer.Option(help="Die of the job (repeatable); default: all.")] = None,
-    largest: Annotated[
-        bool, typer.Option("--largest", help="Search for the largest emitters, even if smaller ones suffice.")
-    ] = False,
     shop: Annotated[str | None, typer.Option(help="Check against this mask shop's rules instead.")] = None,
     formats: Annotated[
         list[str] | None,
@@ -35,7 +32,7 @@ def check(
 
     with named_as_options(context), watched(quiet) as progress:
         found = check_job(  # type: ignore[call-overload]
-            job, die=die, largest=largest, largest_gap=largest_gap, shop=shop, formats=formats or (), progress=progress
+            job, die=die, largest_gap=largest_gap, shop=shop, formats=formats or (), progress=progress
         )
     if as_json:
         print_json(found.to_dict())

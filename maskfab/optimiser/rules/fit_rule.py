@@ -75,12 +75,16 @@ class Display:
         )
 
     def on(self, panel: Panel) -> Feasibility | None:
-        """Answer of the check to a panel; None for a sheet that has no pixels."""
+        """Answer of the check to a panel, as to a die of a plate; None for a sheet that has no pixels."""
         return feasibility(panel, self.rules)
 
     def broken_on(self, panel: Panel) -> str | None:
-        """Why the display does not fit a panel; None if it does."""
+        """Why the display does not fit a die; None if it does."""
         return misfit(self.on(panel))
+
+    def broken_in_trial(self, panel: Panel) -> str | None:
+        """Why the display does not fit a panel, its emitters no larger than they must be; None if it does."""
+        return misfit(feasibility(panel, self.rules, largest=False))
 
     def most_lines(self, panel: Panel) -> int | None:
         """Lines that can be drawn each way on a panel that it fits; None where none are asked for."""
@@ -122,7 +126,7 @@ class Display:
 
     def without_wires(self, panel: Panel) -> Feasibility | None:
         """Its emitters and their circuits on a panel, were there nothing to wire."""
-        return feasibility(panel, replace(self.rules, wires=None))
+        return feasibility(panel, replace(self.rules, wires=None), largest=False)
 
     def without_opening(self, nothing: Mask, dot_nm: int) -> Feasibility | None:
         """Its emitters and their circuits on a pixel without an opening; judged once."""
@@ -230,7 +234,7 @@ def _crowd(constraints: Constraints, need_um2: float, what: str) -> str | None:
 def _unwired(constraints: Constraints, unit: Mask) -> str | None:
     """The whole display, so that emitters without a way to the pixel's side count too."""
     display: Display = constraints["wires"]
-    return display.unwired(unit, constraints.dot_nm) or display.broken_on(display.panel(unit, constraints.dot_nm))
+    return display.unwired(unit, constraints.dot_nm) or display.broken_in_trial(display.panel(unit, constraints.dot_nm))
 
 
 def _unwired_quickly(constraints: Constraints, unit: Mask) -> str | None:
@@ -242,7 +246,7 @@ def _not_fitting_beside(constraints: Constraints, units: Mask) -> bool:
     """Whether it does not fit a die whose cells draw one of two openings."""
     display: Display = constraints["emitters"]
     dense, sparse = units
-    return display.broken_on(display.die(dense, constraints.dot_nm, None, sparse)) is not None
+    return display.broken_in_trial(display.die(dense, constraints.dot_nm, None, sparse)) is not None
 
 
 def _by_nothing(constraints: Constraints) -> Conflict | None:

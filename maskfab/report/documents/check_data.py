@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from maskfab.display.circuit import NOT_PLACED
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.place import Populated
@@ -43,6 +44,7 @@ def _die(die: Die, found: Feasibility | None, gap: LargestGap | None) -> Documen
             "room_um2": found.room.area_um2,
             "closed_um2": found.room.closed_um2,
             "need_um2": found.room.need_um2,
+            "not_modelled": NOT_PLACED,
         },
         "light": _light(found),
         "largest_gap": None
@@ -73,7 +75,9 @@ def check_schema() -> Document:
     broken = closed_object({"rule": text, "area_um2": number, "place_um": pair})
     parts = {
         "broken": {"type": "array", "items": broken},
-        "circuits": closed_object({"room_um2": number, "closed_um2": number, "need_um2": number}),
+        "circuits": closed_object(
+            {"room_um2": number, "closed_um2": number, "need_um2": number, "not_modelled": text}
+        ),
         "light": closed_object(
             {"density_ma_per_cm2": colours, "relative_life": colours, "centroid_px": pair, "wander_px": number}
         ),

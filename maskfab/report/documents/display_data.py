@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from maskfab.display.circuit import NOT_PLACED
 from maskfab.display.emitters.placement import Certificate, Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.model import COLOURS
@@ -36,7 +37,7 @@ def display_document(found: Feasibility) -> Document:
             "pieces": len(found.reaches),
             "stranded": len(found.stranded),
         },
-        "circuits": {"room_um2": found.room.area_um2, "need_um2": found.room.need_um2},
+        "circuits": {"room_um2": found.room.area_um2, "need_um2": found.room.need_um2, "not_modelled": NOT_PLACED},
         "borders": None
         if borders is None
         else {
@@ -101,7 +102,9 @@ def display_schema() -> Document:
                     }
                 )
             ),
-            "circuits": closed_object({"room_um2": number, "need_um2": number}),
+            "circuits": closed_object(
+                {"room_um2": number, "need_um2": number, "not_modelled": text}, optional=("not_modelled",)
+            ),
             "borders": or_null(
                 closed_object(
                     {

@@ -221,7 +221,10 @@ def _verdicts_schema() -> Document:
         {
             "files": tally,
             "optics": tally,
-            "display": closed_object({**of_dies, "verdict": {"enum": [*verdicts, None]}})
+            "display": closed_object(
+                {**of_dies, "verdict": {"enum": [*verdicts, None]}, "circuits": {"type": "string"}},
+                optional=("circuits",),
+            )
             | {"description": "the worst answer of all dies; null: the job asks for no display"},
         }
     )

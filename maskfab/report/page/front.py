@@ -212,15 +212,16 @@ def _of_displays(counts: Document) -> Stamp:
     verdict, dies = counts["verdict"], counts["dies"]
     if verdict is None:
         return Stamp("DISPLAY", "NOT JUDGED", "open", "the job has no [emitters]")
+    circuits = [counts["circuits"]] if "circuits" in counts else []
     rest = [
         f"{number} {words[number != 1]}"
         for key, words in (("does_not_fit", ("does not fit", "do not fit")), ("unknown", ("is unknown", "are unknown")))
         if (number := counts[key])
     ]
     if verdict == Verdict.FITS:
-        return Stamp("DISPLAY", "FITS", "good", f"on {counts['fits']} of {dies} dies")
+        return Stamp("DISPLAY", "FITS", "good", "; ".join([f"on {counts['fits']} of {dies} dies", *circuits]))
     mood: Mood = "bad" if verdict == Verdict.DOES_NOT_FIT else "open"
-    return Stamp("DISPLAY", f"{counts['fits']} OF {dies} FIT", mood, ", ".join(rest))
+    return Stamp("DISPLAY", f"{counts['fits']} OF {dies} FIT", mood, "; ".join([", ".join(rest), *circuits]))
 
 
 def _missing(taken: Document, name: str, photographed: int) -> str:
