@@ -37,6 +37,7 @@ from maskfab.job import Job, load_job
 from maskfab.jobfile import PLATE_BITMAPS, ExportSection
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.judge.verdict import asked
+from maskfab.jobfile.uses import USES, unused
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import Recalling
 from maskfab.kept.results import give_result, keep_result
@@ -82,6 +83,8 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 MANIFEST_VERSION = 1
+UNUSED = "unused_keys"
+_NOTES = (UNUSED, "display_seed")
 OVERVIEW = "overview.png"
 
 Found = TypeVar("Found")
@@ -129,6 +132,12 @@ class Result:
     def plate(self) -> Quantities:
         """Numbers of the whole plate."""
         return Quantities(self.report.plate)
+
+    @property
+    def notes(self) -> tuple[Quantity, ...]:
+        """What a user must know beside the checks: keys of the job that were not used, dies of another seed."""
+        every = (*self.report.plate, *(each for die in self.report.dies.values() for each in die))
+        return tuple(each for each in every if each.name in _NOTES)
 
     def __getitem__(self, die: str) -> Quantities:
         if die not in self.report.dies:
@@ -374,7 +383,7 @@ class Findings:
         for name, note in design_data.camera_notes(job).items():
             if name in of_dies:
                 of_dies[name] += (note,)
-        of_plate += tuple(view_rows(job))
+        of_plate += (*view_rows(job), *_unused_row(job))
         if self.measured is not None:
             of_plate += self.measured.note(job.digest)
         everything = [*of_plate]
@@ -766,6 +775,13 @@ def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
     dies = plate_as_seen(job, plate).dies
     reference = None if job.spec.report is None else job.spec.report.reference
     return Begun(conditions, {die.name: crew.submit(photograph_die, given(die)) for die in dies}, reference, crew)
+
+
+def _unused_row(job: Job) -> Iterator[Quantity]:
+    """What a job states and a run does not use, as a note."""
+    names = unused(job.spec, *USES["run"], *(USES["run for a house"] if named_shop(job) is not None else ()))
+    if names:
+        yield Quantity(UNUSED, ", ".join(names), "of the job: no file and no number here depends on it")
 
 
 def _mask(die: Die) -> Die:

@@ -556,6 +556,22 @@ _ENTRIES = (
         "Camera that the die's opening or map was made for, where it is not the job's.",
         "Design it again with maskfab design and this job's camera.",
     ),
+    Entry(
+        "unused_keys",
+        "",
+        "",
+        "Not used of the job",
+        "Keys and tables of the job on which neither the files nor the numbers depend.",
+        "Remove them, or see maskfab explain KEY for the verbs that they are for.",
+    ),
+    Entry(
+        "display_seed",
+        "",
+        "",
+        "Die of another seed",
+        "Seed of a die whose opening or map names the seeds of dies that its display fits, and not this one.",
+        "Leave the die's seed out, or state one that its map names.",
+    ),
     # A scene
     Entry(
         "scene_psf_change",

@@ -55,6 +55,7 @@ class Package:
         checks: what reading the files back has shown; empty if the house would refuse the plate.
         files: what is in the zip, the manifest excepted.
         missing: lines of the order that are blank.
+        unused: keys and tables that the job states and the package does not depend on.
     """
 
     path: Path | None
@@ -62,6 +63,7 @@ class Package:
     checks: tuple[Quantity, ...] = ()
     files: tuple[WrittenFile, ...] = ()
     missing: tuple[Answer, ...] = ()
+    unused: tuple[str, ...] = ()
 
 
 def pack(

@@ -161,7 +161,7 @@ def feasibility(panel: Panel, rules: DisplayRules, *, largest: bool = True) -> F
     Args:
         panel: its opening, gutter and orientations.
         rules: the maker's.
-        largest: search on for the largest emitters even if the required ones are found, as for a plate; a designer tries
+        largest: search on for the largest emitters even if the required ones are found, as on a plate; designers try
             openings without.
 
     Raises:

@@ -12,12 +12,11 @@ from typing import Any
 from maskfab.jobfile.reference import FORMS, holds_sections, written_key
 from maskfab.jobfile.section import Section
 from maskfab.jobfile.sections import JobSpec
+from maskfab.jobfile.uses import INNER
 
 _TEXTS = frozenset(
     {"LengthOrZero", "SignedLength", "PlateLength", "Length", "Pitch", "Area", "Time", "Distance", "Name", "Line"}
 )
-_INNER = frozenset({"openings", "maps", "curves", "shops"})
-"""Tables that a resolved job holds and nobody writes."""
 
 
 def job_schema() -> dict[str, Any]:
@@ -26,7 +25,7 @@ def job_schema() -> dict[str, Any]:
     kinds = {kind.__name__: kind for kind in _sections(Section)}
     for name, rules in {JobSpec.__name__: stated, **stated["$defs"]}.items():
         if name in kinds:
-            written = {key: each for key, each in rules["properties"].items() if key not in _INNER}
+            written = {key: each for key, each in rules["properties"].items() if key not in INNER}
             rules["properties"] = {key: _as_written(kinds[name], key, each) for key, each in written.items()}
             rules.pop("title", None)
     return {"$schema": "https://json-schema.org/draft/2020-12/schema", "title": "maskfab job", **stated}

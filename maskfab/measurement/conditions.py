@@ -20,6 +20,8 @@ from maskfab.camera.stated_light import in_decibels, stated_light, stated_sensor
 from maskfab.camera.stated_light import told as sensor_told
 from maskfab.errors import JobError
 from maskfab.job import Job
+from maskfab.jobfile import JobSpec
+from maskfab.jobfile.uses import USES, Keys, unused
 from maskfab.model import Camera, MaskBlank, Panel
 from maskfab.optics.scene.plan import plan
 from maskfab.optics.scene.scene import Scene
@@ -28,6 +30,8 @@ ProtocolName = Literal["camera", "f1", "paper"]
 Light = Literal["linear", "code"]
 
 _FIXED = {"f1": F1, "paper": PAPER}
+_ELSEWHERE = tuple(set(JobSpec.model_fields) - {"camera", "sensor", "exposure", "scene", "process"})
+"""Tables that no photograph is expected to depend on, whatever else is made of the job."""
 
 
 @dataclass(frozen=True)
@@ -62,7 +66,8 @@ class Conditions:
         stated: how the light was asked for.
         scene: keys of the job's [scene] that it states, as a job file writes them; what of them is left out, every die
             says for itself.
-        unused: of the job, what the photographs have no use for: they are taken through dies as drawn.
+        unused: of camera, sensor, light, scene and process of the job, what the photographs have no use for: they are
+            taken through dies as drawn.
     """
 
     protocol: Protocol
@@ -94,7 +99,6 @@ class Conditions:
             JobError: MF105 for an unknown protocol, or light that is not the protocol's; MF140, MF141 for a sensor or a
                 light that cannot be, MF143 for brackets that cannot.
         """
-        shaping = () if job.spec.process is None else job.spec.process.shaping
         if protocol in _FIXED:
             if brackets is not None:
                 what = f"protocol {protocol} takes one exposure"
@@ -103,10 +107,8 @@ class Conditions:
                 what = f"protocol {protocol} takes code values for light"
                 raise JobError("MF105", what, where="light", cure="Use protocol camera")
             chosen = tuple(LEVELS if levels is None else levels)
-            spec = job.spec
-            idle = {"camera": spec.camera, "sensor": spec.sensor, "exposure": spec.exposure, "scene": spec.scene}
-            unused = *(f"[{name}]" for name, section in idle.items() if section is not None), *shaping
-            return cls(_lit(_FIXED[protocol], chosen), F1_CAMERA, chosen, in_decibels(chosen), unused=unused)
+            left = unused(job.spec, *uses_of(job, protocol), *_ELSEWHERE)
+            return cls(_lit(_FIXED[protocol], chosen), F1_CAMERA, chosen, in_decibels(chosen), unused=left)
         if protocol != "camera":
             what = f"there is no protocol {protocol!r}"
             raise JobError("MF105", what, where="protocol", cure="Use camera, f1 or paper")
@@ -123,7 +125,8 @@ class Conditions:
         if brackets is None:
             brackets = (None if job.spec.exposure is None else job.spec.exposure.brackets) or ()
         kind = _lit(Protocol("camera", sensor, linear=light != "code", brackets=tuple(brackets)), chosen)
-        return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene, shaping)
+        left = unused(job.spec, *uses_of(job, protocol), *_ELSEWHERE)
+        return cls(kind, job.camera, chosen, told + _merging(kind.brackets), scene, left)
 
     def restorers(self, names: str | Sequence[str] | None) -> tuple[tuple[Restorer, ...], bool]:
         """Restorers that are asked for, and whether one of them is to be chosen for each photograph.
@@ -205,6 +208,13 @@ class Conditions:
             "scene": dict(self.scene),
             "unused": list(self.unused),
         }
+
+
+def uses_of(job: Job, protocol: str = "camera") -> Keys:
+    """Keys of a job that photographs by a protocol depend on."""
+    if protocol != "camera":
+        return USES["simulate --protocol"]
+    return (*USES["simulate"], *(() if job.spec.scene is None else USES["simulate a scene"]))
 
 
 def _lit(protocol: Protocol, levels: Sequence[float]) -> Protocol:

@@ -24,8 +24,9 @@ from maskfab.errors import JobError
 from maskfab.files.release_memory import give_back
 from maskfab.job import Job
 from maskfab.jobfile import CaseSection, ClaimSection, SceneSection, StudySection, parse_section
+from maskfab.jobfile.uses import USES, unused
 from maskfab.measurement.claims import OPTICAL, Claim, Take, finding_of_optics, of_optics, of_photographs, pairs
-from maskfab.measurement.conditions import Conditions, Surroundings
+from maskfab.measurement.conditions import Conditions, Surroundings, uses_of
 from maskfab.measurement.optics import middle_nm
 from maskfab.model import Camera, Mtf, Panel, Psf
 from maskfab.optics.image.lag_table import lag_table
@@ -122,6 +123,15 @@ class Plan:
     settings: tuple[Setting, ...]
     photographs: tuple[Photograph, ...]
     skipped: tuple[str, ...]
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Names of all that the job states and no part of the study depends on."""
+        spec, uses = self.job.spec, [*USES["study"]]
+        uses += USES["study of optics"] if self.study.optics else ()
+        for setting in self.settings:
+            uses += uses_of(setting.job, setting.protocol.name)
+        return unused(spec, *uses)
 
     @property
     def study(self) -> StudySection:

@@ -10,7 +10,6 @@ from maskfab.camera import scenes as scene_sets
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Folder, folder
 from maskfab.camera.protocol import Protocol
-from maskfab.camera.sensor import Sensor
 from maskfab.camera.stated_light import stated_light, stated_sensor
 from maskfab.camera.transfer import lattice
 from maskfab.clock import NO_END, Clock
@@ -18,6 +17,7 @@ from maskfab.display.feasibility import DisplayRules
 from maskfab.errors import JobError, OutputError
 from maskfab.jobfile import JobSpec, RelaxSection, SearchSection
 from maskfab.jobfile.sections import DesignSection, SceneSection
+from maskfab.jobfile.uses import USES, Keys, unused
 from maskfab.model import UNSTATED
 from maskfab.opening.openings import dot_of_pitch
 from maskfab.optics.scene.scene import Scene
@@ -36,11 +36,11 @@ _DIE_STOPS = 2.1
 of 4 mm."""
 _MOST_ACROSS = 100
 """Pixels along a side of such a die at most: the check of 100 x 100 takes seconds."""
-_OF_DISPLAYS = ("emitters", "wires", "light")
+_OF_DISPLAYS = ("emitters", "wires")
 _F1S_OWN = ("sensor", "exposure")
 """Sections of a job that say how photographs are taken, in whose place protocol F1 has its own."""
 _NOT_DESIGNED_FOR = ("spectrum", "illuminant", "distortion", "saturation")
-"""Keys of [scene] that openings are not compared by."""
+"""Keys of [scene] that openings are not compared by, and that are set aside before its plan."""
 
 
 def taking_of(spec: JobSpec) -> Taking:
@@ -59,30 +59,30 @@ def taking_of(spec: JobSpec) -> Taking:
 
 
 def notes_of(
-    spec: JobSpec, scenes: Folder, taking: Taking = F1_TAKING, seen: SceneConditions | None = None
+    spec: JobSpec,
+    scenes: Folder,
+    uses: Keys,
+    taking: Taking = F1_TAKING,
+    seen: SceneConditions | None = None,
 ) -> tuple[str, ...]:
     """Sentences on what a search leaves out of a job, and of the folder of its photographs.
 
     Args:
         spec: of the job.
         scenes: the folder.
+        uses: keys that the search depends on, whatever its light and its scene.
         taking: of the photographs that openings are compared by.
         seen: conditions of the scene, as far as it is used.
     """
     if taking.is_f1:
         told = "Openings are compared in the light of protocol F1, code values taken for light"
-        idle = [f"[{name}]" for name in _F1S_OWN if getattr(spec, name) is not None]
         named = isinstance(spec.design, SearchSection) and spec.design.protocol == "camera"
-        idle += ["protocol of [design]"] if named else []
+        idle = ["protocol of [design]"] if named else []
     else:
-        told = "Openings are compared by the job's camera, sensor and light"
-        own, usual = taking.protocol.sensor, Sensor()
-        idle = [f"{key} of [sensor]" for key in ("full_well", "mosaic") if getattr(own, key) != getattr(usual, key)]
-        idle += ["brackets of [exposure]"] if spec.exposure is not None and spec.exposure.brackets else []
-    if spec.scene is not None:
-        stated = spec.scene.model_dump(exclude_defaults=True)
-        idle += ["[scene]"] if seen is None else [f"{key} of [scene]" for key in _NOT_DESIGNED_FOR if key in stated]
-    idle += () if spec.process is None else spec.process.shaping
+        told, idle = "Openings are compared by the job's camera, sensor and light", []
+        uses += USES["design by its own light"]
+    uses += () if seen is None else USES["design for a scene"]
+    idle += unused(spec, *uses)
     notes = [f"{told}; not used of the job: {', '.join(idle)}."] if idle else []
     notes += [] if seen is None else [f"Of the scene, {sentence}." for sentence in seen.neglected]
     if scenes.skipped:
@@ -95,7 +95,7 @@ def display_notes(spec: JobSpec) -> tuple[str, ...]:
     unfitted = [f"[{name}]" for name in _OF_DISPLAYS if getattr(spec, name) is not None]
     if not unfitted or getattr(spec.design, "fit", False):
         return ()
-    return (f"Not used of the job, for [design] does not say fit = true: {', '.join(unfitted)}.",)
+    return (f"The opening need not fit {', '.join(unfitted)}, for [design] does not say fit = true.",)
 
 
 def check_possible(spec: JobSpec, *, where: str) -> None:
@@ -211,14 +211,17 @@ def design(
             checkpoint=checkpoint,
             price_rules=price_rules,
         )
-    notes = (*found.notes, *notes_of(spec, source, taking, seen), *display_notes(spec))
+    spread = found.robust is not None
+    uses = (
+        USES["design"]
+        + (USES["design that fits"] if display is not None else ())
+        + (USES["design over a spread"] if spread else ())
+    )
+    notes = (*found.notes, *notes_of(spec, source, uses, taking, seen), *display_notes(spec))
     if price_rules and (found.account is None or found.account.without is None):
         notes += ("No search without a rule was made: that takes rules, and annealing for restored photographs.",)
-    if found.robust is None and spread_of(spec, where) != EXACT:
-        notes += ("Not used of the job, for a descent and a short budget are not appraised over it: [process.spread].",)
-    stated = None if spec.process is None else spec.process.spread
-    if stated is not None and stated.radius is not None:
-        notes += ("Not used of the job, for dots are designed with sharp corners: radius of [process.spread].",)
+    if not spread and spread_of(spec, where) != EXACT:
+        notes += ("A descent and a short budget are not appraised over [process.spread].",)
     account = found.account
     if account is not None:
         account = replace(account, budget_s=clock.budget_s, scenes=scenes_line(source, images))

@@ -23,8 +23,10 @@ SCHEMA_VERSION = 1
 DOCUMENT, FIGURE = "render.json", "render.png"
 
 
-def render_document(panels: Sequence[SeenPanel], samples: int, job_hash: str) -> dict[str, Any]:
-    """Everything that was measured; what render.json and ``--json`` say."""
+def render_document(
+    panels: Sequence[SeenPanel], samples: int, job_hash: str, unused: Sequence[str] = ()
+) -> dict[str, Any]:
+    """Everything that was measured, and what of the job was not used; what render.json and ``--json`` say."""
     viewing = panels[0].viewing
     return {
         "schema_version": SCHEMA_VERSION,
@@ -40,6 +42,7 @@ def render_document(panels: Sequence[SeenPanel], samples: int, job_hash: str) ->
             }
             for each in panels
         ],
+        "unused": list(unused),
     }
 
 
@@ -49,6 +52,7 @@ def write_rendering(
     samples: int,
     job_hash: str,
     progress: Progress = silent,
+    unused: Sequence[str] = (),
 ) -> list[Path]:
     """Write everything into a new directory, and return the paths.
 
@@ -86,7 +90,7 @@ def write_rendering(
             {"path": path.name, "bytes": path.stat().st_size, "sha256": provenance.sha256_of_file(path)}
             for path in sorted(folder.iterdir())
         ]
-        told = {**render_document(panels, samples, job_hash), "files": files}
+        told = {**render_document(panels, samples, job_hash, unused), "files": files}
         text = json.dumps(told, indent=1, ensure_ascii=False, allow_nan=False)
         (folder / DOCUMENT).write_text(text + "\n", encoding="utf-8")
     return sorted(target.iterdir())

@@ -34,6 +34,7 @@ def study_document(study: Study) -> dict[str, Any]:
         "title": plan.study.title,
         "scenes": list(study.scenes),
         "skipped": list(plan.skipped),
+        "unused": list(plan.unused),
         "claims": [_claim(claim) for claim in study.claims],
         "optics": [
             {

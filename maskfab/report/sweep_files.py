@@ -34,6 +34,7 @@ def sweep_document(found: Swept) -> dict[str, Any]:
             {**each.of._asdict(), **{k: _finite(v) for k, v in vars(each).items() if k != "of"}}
             for each in found.sensitivities
         ],
+        "unused": list(plan.unused),
         "failed": [{"case": number, "why": why} for number, why in found.failed],
         "cases": [
             {"case": number, "values": list(case.stated), **record}

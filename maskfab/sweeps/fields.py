@@ -65,6 +65,15 @@ class Field:
     levels: tuple[Level, ...]
     drawn: bool
 
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """Its keys of a job, without numbers of dies, each once: ``die.gutter``."""
+        return tuple(dict.fromkeys(".".join(part for part in path if not part.isdigit()) for path in self.paths))
+
+    def of(self, table: str) -> bool:
+        """Whether it varies a key of a table."""
+        return any(path[0] == table for path in self.paths)
+
     def placed(self, document: Document, level: Level) -> Document:
         """The document of a job with this value in place of its own."""
         for path in self.paths:

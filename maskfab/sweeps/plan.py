@@ -14,9 +14,10 @@ from maskfab.errors import JobError
 from maskfab.job import Job, load_job, resolve
 from maskfab.jobfile import JobSpec, check_windows, validate
 from maskfab.jobfile.sweep_file import LimitSection, SweepSpec, Value, read_sweep
+from maskfab.jobfile.uses import USES, covered, named, unused
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.sweeps.fields import Document, Field, Level, fields_of
-from maskfab.sweeps.wanted import by_psf, require_known
+from maskfab.sweeps.wanted import WORKS, by_psf, require_known
 
 MOST_CASES = 100_000
 """Cases of one sweep: their jobs take some kilobytes each, and their files a folder that other programs can open."""
@@ -70,6 +71,19 @@ class Plan:
     def quantities(self) -> tuple[str, ...]:
         """Names of those that are wanted."""
         return self.spec.sweep.quantities
+
+    @property
+    def unused(self) -> tuple[str, ...]:
+        """Names of all that the job states, or the study varies, and the quantities wanted do not depend on."""
+        spec = self.job.spec
+        works = {WORKS[name] for name in self.quantities}
+        uses = [key for use in ("sweep", *(f"sweep {work}" for work in works)) for key in USES[use]]
+        if "surrogate" in works and getattr(spec.design, "protocol", None) != "f1":
+            uses += USES["design by its own light"]
+        if "photographs" in works and (spec.scene is not None or any(field.of("scene") for field in self.fields)):
+            uses += USES["simulate a scene"]
+        varied = [path for field in self.fields for path in field.keys if not covered(path, uses)]
+        return tuple(dict.fromkeys((*unused(spec, *uses), *map(named, varied))))
 
     @property
     def limits(self) -> tuple[LimitSection, ...]:

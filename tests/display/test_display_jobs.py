@@ -221,7 +221,9 @@ def test_a_run_with_emitters_and_wires_is_the_same_in_every_file_and_verifies(ca
     assert "Their displays" in page
     # Circuits have no place yet: verdict, list of what is not modelled, section of the display and data say so.
     assert "circuits by area alone" in answer.stderr
-    stamp, listed, told = (page.find(text) for text in ("circuits by area alone", "Circuits in the opaque area", NOT_PLACED))
+    stamp, listed, told = (
+        page.find(text) for text in ("circuits by area alone", "Circuits in the opaque area", NOT_PLACED)
+    )
     assert -1 < stamp < listed < page.rfind(NOT_PLACED)
     assert told > -1
     assert report["dies"][0]["display"]["circuits"]["not_modelled"] == NOT_PLACED

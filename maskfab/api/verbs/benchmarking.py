@@ -12,6 +12,7 @@ from maskfab.arguments import checked_arguments
 from maskfab.benchmark import accuracy, accuracy_page
 from maskfab.benchmark.accuracy import Timing
 from maskfab.files.staging import check_target
+from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.progress import Progress, silent
 
 
@@ -23,15 +24,20 @@ class Benchmark:
         timings: by contestant.
         bound_ms: processor time of the matrix products alone, by precision.
         absent: libraries that are not installed, and why.
+        unused: keys and tables that the job states and the race does not depend on.
     """
 
     timings: Sequence[Timing]
     bound_ms: Mapping[str, float]
     absent: Mapping[str, str]
+    unused: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
-        return accuracy_page.race_document(self.timings, self.bound_ms, self.absent)
+        return {
+            **accuracy_page.race_document(self.timings, self.bound_ms, self.absent),
+            "unused": list(self.unused),
+        }
 
     def picture(self) -> bytes:
         """A PNG of error against time."""
@@ -47,7 +53,7 @@ class Benchmark:
         return accuracy_page.write_accuracy(Path(out), self.to_dict(), self.picture())
 
     def __str__(self) -> str:
-        return "\n".join(accuracy_page.race_table(self.timings, self.bound_ms, self.absent))
+        return "\n".join([*accuracy_page.race_table(self.timings, self.bound_ms, self.absent), *in_words(self.unused)])
 
     def _repr_png_(self) -> bytes:
         return self.picture()
@@ -68,12 +74,14 @@ def bench(
     Raises:
         JobError: MF105 for a die that the job does not have.
     """
+    left: tuple[str, ...] = ()
     if job is None:
         workload = accuracy.standard_workload()
     else:
         loaded = job_of(job)
         loaded.check_window()
+        left = unused(loaded.spec, *USES["bench"])
         panels = {each.name: each.panel for each in loaded.plate().dies}
         workload = accuracy.workload_of(panels[dies_of(die, panels)[0]], loaded.camera)
     timings = accuracy.race(workload, rounds, progress)
-    return Benchmark(timings, accuracy.gemm_bound_ms(workload), accuracy.absent())
+    return Benchmark(timings, accuracy.gemm_bound_ms(workload), accuracy.absent(), left)

@@ -15,6 +15,7 @@ from maskfab.capture.restoring.measured_psf import read_psfs
 from maskfab.capture.restoring.standing import StandingBlur
 from maskfab.capture.stands import stand_words
 from maskfab.errors import JobError, SourceError
+from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.units import parse_length_um
 
@@ -108,11 +109,13 @@ def _of_dies(
     way = way_round(stands, loaded)
     _require_pixel(pixel_um, loaded.camera.pixel_um, "the job")
     conditions = Conditions.of(loaded, "camera")
+    of_scene = () if loaded.scene is None else USES["simulate a scene"]
+    rest = in_words(unused(loaded.spec, *USES["restore"], *of_scene))
     found = {}
     for name in dict.fromkeys(asked):
         design, left_out = conditions.design(name, panels[name], Surroundings.of(loaded))
-        told = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
-        found[name] = Undone(StandingBlur(design, way), (told, *left_out))
+        said = f"die {name} as designed, {stand_words(way)}, pixels of {loaded.camera.pixel_um:g} um"
+        found[name] = Undone(StandingBlur(design, way), (said, *left_out, *rest))
     return tuple(found[name] for name in (asked if len(asked) == photos else asked * photos))
 
 

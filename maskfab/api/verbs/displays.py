@@ -20,6 +20,7 @@ from maskfab.eye.picture import read_picture
 from maskfab.eye.side_by_side import SeenPanel, judge, target_pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
+from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.mask_shops.judge import Finding, accepted
 from maskfab.mask_shops.package_rules import check_package
 from maskfab.mask_shops.profiles import load_shop
@@ -48,11 +49,13 @@ class DisplayCheck:
         built: the plate with emitters and wires, and what was found of each die.
         gaps: widest gap between colours, by die, where it was asked for.
         digest: of the job.
+        unused: keys and tables that the job states and the answer does not depend on.
     """
 
     built: Populated
     gaps: Mapping[str, LargestGap]
     digest: str
+    unused: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -64,14 +67,15 @@ class DisplayCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Every die with the answer about it."""
-        return check_data.check_document(self.built, self.gaps, self.digest, passed=self.passed)
+        return check_data.check_document(self.built, self.gaps, self.digest, self.unused, passed=self.passed)
 
     def __str__(self) -> str:
-        return "\n".join(
+        lines = [
             line
             for each in self.built.plate.dies
             for line in display_text.display_lines(each.name, self.built.found.get(each.name), self.gaps.get(each.name))
-        )
+        ]
+        return "\n".join([*lines, *in_words(self.unused)])
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -81,6 +85,7 @@ class ShopCheck:
     shop: Shop
     findings: tuple[Finding, ...]
     digest: str
+    unused: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -94,10 +99,11 @@ class ShopCheck:
             "shop": self.shop.name,
             "job_hash": self.digest,
             "rules": [dict(vars(each)) for each in self.findings],
+            "unused": list(self.unused),
         }
 
     def __str__(self) -> str:
-        return "\n".join(str(each) for each in self.findings)
+        return "\n".join([*(str(each) for each in self.findings), *in_words(self.unused)])
 
 
 @overload
@@ -155,7 +161,8 @@ def check(
     plate = replace(plate, dies=tuple(each for each in plate.dies if each.name in asked))
     with crew_of(loaded) as crew:
         built = loaded.displays_of(plate, progress, crew=crew)
-    return DisplayCheck(built, widest_gaps(plate, rules, progress) if largest_gap else {}, loaded.digest)
+    gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
+    return DisplayCheck(built, gaps, loaded.digest, unused(loaded.spec, *USES["check"]))
 
 
 def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Progress) -> ShopCheck:
@@ -166,7 +173,7 @@ def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Pr
     progress("rules", 0, 1)
     findings = check_package(loaded.spec, loaded.plate(), profile, sent)
     progress("rules", 1, 1)
-    return ShopCheck(profile, findings, loaded.digest)
+    return ShopCheck(profile, findings, loaded.digest, unused(loaded.spec, *USES["check --shop"]))
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -177,18 +184,20 @@ class Rendering:
         panels: by die.
         samples: along the side of a display pixel.
         digest: of the job.
+        unused: keys and tables that the job states and the pictures do not depend on.
     """
 
     panels: Mapping[str, SeenPanel]
     samples: int
     digest: str
+    unused: tuple[str, ...] = ()
 
     def __getitem__(self, die: str) -> Quantities:
         return Quantities(self.panels[die].quantities)
 
     def to_dict(self) -> dict[str, Any]:
         """Everything that was measured."""
-        return render_files.render_document(list(self.panels.values()), self.samples, self.digest)
+        return render_files.render_document(list(self.panels.values()), self.samples, self.digest, self.unused)
 
     def save(self, out: str | Path, progress: Progress = silent) -> list[Path]:
         """Write emitted light, the image that the eye sees, a comparison and the results into a new directory.
@@ -196,7 +205,8 @@ class Rendering:
         Raises:
             OutputError: MF401 or MF402 for a place that cannot be written.
         """
-        return render_files.write_rendering(Path(out), list(self.panels.values()), self.samples, self.digest, progress)
+        panels = list(self.panels.values())
+        return render_files.write_rendering(Path(out), panels, self.samples, self.digest, progress, self.unused)
 
     def picture(self) -> bytes:
         """A PNG of the panels side by side."""
@@ -205,7 +215,8 @@ class Rendering:
         return comparison(list(self.panels.values()))
 
     def __str__(self) -> str:
-        return "\n".join(line for name, each in self.panels.items() for line in (name, *table_lines(each.quantities)))
+        lines = [line for name, each in self.panels.items() for line in (name, *table_lines(each.quantities))]
+        return "\n".join([*lines, *in_words(self.unused)])
 
     def _repr_html_(self) -> str:
         return "".join(f"<h4>{name}</h4>{html_table(each.quantities)}" for name, each in self.panels.items())
@@ -262,4 +273,4 @@ def render(
         side = min(_USUAL_PIXELS, *panel.orientations.shape) if pixels is None else pixels
         judged[name] = judge(name, panel, target_pictures(side, photograph), samples, viewing, with_jod=with_jod)
     progress("panels", len(shown), len(shown))
-    return Rendering(judged, samples, loaded.digest)
+    return Rendering(judged, samples, loaded.digest, unused(loaded.spec, *USES["render"]))

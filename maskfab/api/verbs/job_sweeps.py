@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from maskfab.arguments import checked_arguments
+from maskfab.jobfile.uses import in_words
 from maskfab.progress import Progress, silent
 from maskfab.report.sweep_files import rows_of, sweep_document, write_sweep
 from maskfab.sweeps import sweeping
@@ -73,6 +74,7 @@ class Sweep:
             for each in found.yields
         ]
         lines += [f"case {number} failed: {why}" for number, why in found.failed[:_MOST_LINES]]
+        lines += in_words(found.plan.unused)
         return "\n".join(lines)
 
 

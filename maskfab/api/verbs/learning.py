@@ -19,7 +19,8 @@ from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.files.staging import check_file
 from maskfab.job import Job
-from maskfab.measurement.conditions import Conditions, Surroundings
+from maskfab.jobfile.uses import in_words, unused
+from maskfab.measurement.conditions import Conditions, Surroundings, uses_of
 from maskfab.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -38,11 +39,13 @@ class Learning:
         path: of its checkpoint.
         checkpoint: what is in it.
         skipped: files of the folder that are no photographs.
+        unused: keys and tables that the job states and the training does not depend on.
     """
 
     path: Path
     checkpoint: Checkpoint
     skipped: tuple[str, ...]
+    unused: tuple[str, ...] = ()
 
     @property
     def gain(self) -> float:
@@ -51,7 +54,12 @@ class Learning:
 
     def to_dict(self) -> dict[str, Any]:
         """Settings of the training, and its course."""
-        return {"path": str(self.path), "skipped": list(self.skipped), **self.checkpoint.about()}
+        return {
+            "path": str(self.path),
+            "skipped": list(self.skipped),
+            "unused": list(self.unused),
+            **self.checkpoint.about(),
+        }
 
     def __str__(self) -> str:
         from maskfab.camera.learning.run import told
@@ -59,7 +67,9 @@ class Learning:
         found = self.checkpoint
         rows = [f"{each['minutes']:6.1f} min: {told(each)}" for each in found.history]
         skipped = [f"Skipped, as no photographs: {', '.join(self.skipped)}."] if self.skipped else []
-        return "\n".join([f"die {found.trade.die}: {found.trade.camera}", *rows, *skipped, str(self.path)])
+        return "\n".join(
+            [f"die {found.trade.die}: {found.trade.camera}", *rows, *skipped, *in_words(self.unused), str(self.path)]
+        )
 
 
 @checked_arguments
@@ -135,7 +145,7 @@ def learn(
         clock=clock,
         progress=progress,
     )
-    return Learning(path, run.trained(progress), given.skipped)
+    return Learning(path, run.trained(progress), given.skipped, unused(loaded.spec, *uses_of(loaded)))
 
 
 def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:

@@ -22,6 +22,7 @@ from maskfab.capture.taken import window_middle
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
+from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.view import sees_mirrored
 from maskfab.model import Quantity
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
     from maskfab.report.plots.sheet import Drawing
 
 _LEAST_WINDOW, _MOST_WINDOW = 32, 400
-_UNUSED = ("gap", "depth", "field", "aberrations", "distortion", "saturation")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -153,10 +153,10 @@ def measure(
     given = [captures] if isinstance(captures, str | Path) else captures
     progress("captures", 0, 1)
     frames, darks, flats = read(given, stated), read(dark), read(flat)
-    told = None if not pair else photon_transfer(read(pair), darks if len(darks) > 1 else ())
+    gained = None if not pair else photon_transfer(read(pair), darks if len(darks) > 1 else ())
     side = min(window, *frames[0].shape) // 2 * 2
     middle = window_middle(light_place(frames, side), frames[0], side)
-    electrons_per_count, read_noise_e = _noise(gain, read_noise, told)
+    electrons_per_count, read_noise_e = _noise(gain, read_noise, gained)
     merging = merged(
         [each.cropped(middle, side) for each in frames],
         electrons_per_count=electrons_per_count,
@@ -178,7 +178,7 @@ def measure(
         sensor=sensor,
         progress=progress,
     )
-    return Measurement(found, known.digest, _notes(known, line_nm, told))
+    return Measurement(found, known.digest, _notes(known, line_nm, gained))
 
 
 def _noise(gain: float | None, read_noise: float | None, told: Gain | None) -> tuple[float, float]:
@@ -209,17 +209,11 @@ def _notes(job: Job, line_nm: float | None, gain: Gain | None) -> tuple[str, ...
             f"each count, read noise {gain.read_noise_e:.2f} ± {gain.read_noise_error_e:.2f} electrons (one standard "
             "error); what is stated counts instead."
         )
-    idle = idle_keys(job)
-    if idle:
-        notes.append(f"Not used of [scene]: {', '.join(idle)}; the fit finds what of them it sees as Zernike terms.")
-    process, plate = job.spec.process, job.spec.plate
-    unfitted = ["corner_radius of [process]"] if process is not None and process.corner_radius else []
-    unfitted += ["[process.roughness]"] if process is not None and process.roughness is not None else []
-    unfitted += ["[process.spread]"] if process is not None and process.spread is not None else []
-    unfitted += ["optical_density of [plate]"] if plate is not None and plate.optical_density is not None else []
-    if unfitted:
-        fitted = "sharp corners, smooth edges and no leak"
-        notes.append(f"Not used of the job: {', '.join(unfitted)}; the die is fitted with {fitted}.")
+    notes += unused_notes(job, "measure", line_nm)
+    if job.spec.scene is not None:
+        notes.append("Of the scene, the fit finds what it sees of gap, depth and lens as Zernike terms.")
+    if job.spec.process is not None or job.blank.optical_density is not None:
+        notes.append("The die is fitted with sharp corners, smooth edges and no leak.")
     return tuple(notes)
 
 
@@ -233,10 +227,7 @@ def light_words(job: Job, line_nm: float | None) -> str:
     return f"one line of {lines[0]}" if len(lines) == 1 else f"lines of {', '.join(lines)}, one for each colour"
 
 
-def idle_keys(job: Job) -> tuple[str, ...]:
-    """Keys of the job's scene that are stated, and that nothing measured takes."""
-    section = job.spec.scene
-    if section is None:
-        return ()
-    fields = type(section).model_fields
-    return tuple(key for key in _UNUSED if key in fields and getattr(section, key) != fields[key].default)
+def unused_notes(job: Job, use: str, line_nm: float | None) -> tuple[str, ...]:
+    """Sentence that names what a measurement leaves of the job; the light counts where no line is stated."""
+    light = USES["measure without --line"] if line_nm is None else ()
+    return in_words(unused(job.spec, *USES[use], *light))

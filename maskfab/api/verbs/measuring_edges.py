@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.lengths import Length, Wavelength, length_text, wavelength_text
 from maskfab.api.stands import way_round
-from maskfab.api.verbs.measuring import idle_keys, light_words
+from maskfab.api.verbs.measuring import light_words, unused_notes
 from maskfab.arguments import checked_arguments
 from maskfab.capture.designed_edge import Light
 from maskfab.capture.edge_regions import NARROWEST_PX, Region
@@ -26,6 +26,7 @@ from maskfab.capture.stands import stand_named, stand_words
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
+from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.measurement.view import sees_mirrored
 from maskfab.model import Panel
 from maskfab.provenance import sha256_of_file
@@ -227,15 +228,13 @@ def _design(
 def _design_notes(job: Job, die: str | None, line_nm: float | None, stands: str | None) -> list[str]:
     """Sentences on what the design was assumed to stand in, and on what of the job was not used."""
     if die is None:
-        return ["No die was named: of the job its camera's pixel alone was used."]
+        rest = in_words(unused(job.spec, *USES["measure without a die"]))
+        return ["No die was named: of the job its camera's pixel alone was used.", *rest]
     stood = stand_words(way_round(stands, job))
     if stands is None:
         stood += ", by the side of its chrome" if sees_mirrored(job) else ""
     notes = [f"Assumed: the job's camera in focus, the die {stood}, and {light_words(job, line_nm)}."]
-    idle = [f"[scene] {key}" for key in idle_keys(job)] + ["[process]"] * (job.spec.process is not None)
-    if idle:
-        notes.append(f"Not in the design's MTF: {', '.join(idle)}.")
-    return notes
+    return [*notes, *unused_notes(job, "measure --edge", line_nm)]
 
 
 def _line_nm(line: Wavelength | None) -> float | None:

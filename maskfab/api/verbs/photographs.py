@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +30,8 @@ from maskfab.camera.scores import Gain, Score, ScoreTable
 from maskfab.camera.shots import Crop, Shot, truth_of
 from maskfab.errors import JobError
 from maskfab.job import Job
-from maskfab.measurement.conditions import Conditions, Light, ProtocolName, Surroundings
+from maskfab.jobfile.uses import unused
+from maskfab.measurement.conditions import Conditions, Light, ProtocolName, Surroundings, uses_of
 from maskfab.model import Panel
 from maskfab.progress import Progress, silent
 from maskfab.report.quantity_table import dataframe
@@ -215,6 +216,7 @@ def simulate(
     progress("photographs", len(dies), len(dies))
     table = ScoreTable(tuple(scores))
     reasons = {name: f"{refusal.code} {refusal.what}" for name, refusal in refused.items()}
+    asked = replace(asked, unused=unused(loaded.spec, *uses_of(loaded, protocol)))
     return Simulation(table, base, asked, assumed, reasons, scenes, source.skipped, shown)
 
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.arguments import checked_arguments
 from maskfab.jobfile import SceneSection
+from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.model import UNSTATED
 from maskfab.optics.scene import plan as plans
 from maskfab.optics.scene.model_bar import Omission, bar_of_scene, weighed, weighed_table
@@ -27,11 +28,13 @@ class Plans:
         accuracy: admissible relative L2 error of the PSF.
         plans: by die.
         omissions: by die; none where neither scene nor blank is stated.
+        unused: keys and tables that the job states and the plan does not depend on.
     """
 
     accuracy: float
     plans: Mapping[str, Plan]
     omissions: Mapping[str, Sequence[Omission]]
+    unused: tuple[str, ...] = ()
 
     def __getitem__(self, die: str) -> Plan:
         return self.plans[die]
@@ -42,14 +45,15 @@ class Plans:
             {**plans.plan_document(name, found), "not_modelled": weighed(self.omissions[name], self.accuracy)}
             for name, found in self.plans.items()
         ]
-        return {"accuracy": self.accuracy, "dies": dies}
+        return {"accuracy": self.accuracy, "dies": dies, "unused": list(self.unused)}
 
     def __str__(self) -> str:
-        return "\n".join(
+        lines = [
             line
             for name, found in self.plans.items()
             for line in [*plans.plan_table(name, found), *weighed_table(self.omissions[name], self.accuracy)]
-        )
+        ]
+        return "\n".join([*lines, *in_words(self.unused)])
 
 
 @checked_arguments
@@ -80,4 +84,4 @@ def plan(job: AnyJob, camera: Camera | None = None, *, die: str | Sequence[str] 
         name: bar_of_scene(panel, loaded.camera, loaded.blank, field_um) if asked else ()
         for name, panel in panels.items()
     }
-    return Plans(section.accuracy, found, bars)
+    return Plans(section.accuracy, found, bars, unused(loaded.spec, *USES["plan"]))

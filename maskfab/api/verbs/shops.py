@@ -6,6 +6,7 @@ import os
 import shlex
 import textwrap
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any, overload
@@ -15,6 +16,7 @@ from maskfab.arguments import checked_arguments
 from maskfab.delivery.pack import Package, pack
 from maskfab.errors import JobError
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
+from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.mask_shops.comparing import Bid, compare_shops
 from maskfab.mask_shops.filling import OrderForm, write_answers
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
@@ -26,7 +28,13 @@ _LINE, _LEAST = 100, 30
 
 
 class Comparison(tuple[Bid, ...]):
-    """Houses against one plate, those that take it first; ``print(comparison)`` is a table."""
+    """Houses against one plate, those that take it first; ``print(comparison)`` is a table.
+
+    Attributes:
+        unused: keys and tables that the job states and no house's answer depends on.
+    """
+
+    unused: tuple[str, ...] = ()
 
     @property
     def passed(self) -> bool:
@@ -48,7 +56,8 @@ class Comparison(tuple[Bid, ...]):
                     "blanks": list(bid.blanks),
                 }
                 for bid in self
-            ]
+            ],
+            "unused": list(self.unused),
         }
 
     def __str__(self) -> str:
@@ -71,7 +80,7 @@ class Comparison(tuple[Bid, ...]):
             lines += ["", *textwrap.wrap(told, _LINE)]
         if not all(bid.taken for bid in self):
             lines += ["", "where, and what to do: maskfab check JOB --shop NAME"]
-        return "\n".join(lines)
+        return "\n".join([*lines, *in_words(self.unused)])
 
 
 @overload
@@ -112,7 +121,9 @@ def shops(
         own = shop_of(job.spec, job.where)
         known |= {} if own is None else {own.name: own}
     bids = compare_shops(job.spec, job.plate(), tuple(known.values()), progress)
-    return Comparison(sorted(bids, key=lambda bid: not bid.taken))
+    found = Comparison(sorted(bids, key=lambda bid: not bid.taken))
+    found.unused = unused(job.spec, *USES["shops"])
+    return found
 
 
 class Ordered:
@@ -122,10 +133,13 @@ class Ordered:
         form: the order with all that is answered; its ``questions`` are what is left.
         written: keys of the job file that were written.
         next: the command that makes the package.
+        unused: keys and tables that the job states and the order does not depend on.
     """
 
-    def __init__(self, form: OrderForm, written: tuple[str, ...], next_command: str) -> None:
-        self.form, self.written, self.next = form, written, next_command
+    def __init__(
+        self, form: OrderForm, written: tuple[str, ...], next_command: str, unused: tuple[str, ...] = ()
+    ) -> None:
+        self.form, self.written, self.next, self.unused = form, written, next_command, unused
 
     @property
     def passed(self) -> bool:
@@ -143,13 +157,14 @@ class Ordered:
             "written": list(self.written),
             "order": [vars(each) for each in order.answers],
             "next": self.next,
+            "unused": list(self.unused),
         }
 
     def __str__(self) -> str:
         lines = [f"written: {', '.join(self.written)}"] if self.written else []
         lines += [str(each) for each in self.form.refused]
         lines += [f"blank: order.{each.key}: {each}" for each in self.form.questions]
-        lines += [f"next: {self.next}"]
+        lines += [*in_words(self.unused), f"next: {self.next}"]
         return "\n".join(lines)
 
 
@@ -183,7 +198,7 @@ def order(job: AnyJob, shop: str, answers: Mapping[str, str] | None = None) -> O
         written = write_answers(Path(job), answers, form, named, date.today())
     told = job if isinstance(job, str | Path) else "JOB.toml"
     command = f"maskfab package {shlex.quote(str(told))} --shop {shlex.quote(shop)}"
-    return Ordered(form, written, command)
+    return Ordered(form, written, command, unused(loaded.spec, *USES["order"]))
 
 
 @checked_arguments
@@ -213,7 +228,9 @@ def package(
         JobError: MF105 for a format that there is not; else as for the job.
     """
     profile, sent = load_shop(shop), formats_of(formats)
-    return pack(job_of(job), profile, out, sent, force=force, progress=progress)
+    loaded = job_of(job)
+    made = pack(loaded, profile, out, sent, force=force, progress=progress)
+    return replace(made, unused=unused(loaded.spec, *USES["package"]))
 
 
 def formats_of(asked: Sequence[str]) -> tuple[Format, ...]:

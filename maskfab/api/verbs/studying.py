@@ -12,6 +12,7 @@ from maskfab.api.jobs import AnyJob, dies_of, job_of
 from maskfab.api.verbs.learning import learned_restorers, read_checkpoints
 from maskfab.arguments import checked_arguments
 from maskfab.files.staging import check_target
+from maskfab.jobfile.uses import in_words
 from maskfab.measurement import study as studies
 from maskfab.measurement.claims import Claim
 from maskfab.progress import Progress, silent
@@ -67,7 +68,9 @@ class Study:
 
     def __str__(self) -> str:
         stated = self.found.plan.study
-        return "\n".join([f"{stated.figure}: {stated.title}", *self._tables(), *self._claims()])
+        return "\n".join(
+            [f"{stated.figure}: {stated.title}", *self._tables(), *self._claims(), *in_words(self.found.plan.unused)]
+        )
 
     def _tables(self) -> list[str]:
         lines = []

@@ -13,7 +13,8 @@ from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.transfer import lattice
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
-from maskfab.jobfile import JobSpec, SearchSection, read
+from maskfab.jobfile import SearchSection, read
+from maskfab.jobfile.uses import USES
 from maskfab.opening.openings import load_opening, opening_text
 from maskfab.optimiser.design import notes_of, require_weights, scenes_line, scenes_of, stated_display, taking_of
 from maskfab.optimiser.pareto.designs import FrontDesign, designs
@@ -26,8 +27,6 @@ from maskfab.units import parse_time_s
 
 if TYPE_CHECKING:
     from maskfab.report.plots.sheet import Drawing
-
-_OF_ONE_DESIGN = ("objective", "anneal", "shortlist", "positions", "joint", "density", "cluster", "most_dots")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -145,17 +144,7 @@ def pareto(
     made = designs(found, spec, command or f"maskfab.pareto({path.as_posix()!r})", camera, taking)
     digest = provenance.job_hash(spec.model_copy(update={"openings": {**spec.openings, **texts}}).dump())
     told = scenes_line(scenes, None if images is None else Path(images))
-    return ParetoFront(found, made, digest, told, (*notes_of(spec, scenes, taking), *_idle(spec, section)))
-
-
-def _idle(spec: JobSpec, section: SearchSection) -> tuple[str, ...]:
-    """Sentences on what a sweep leaves out of [design], and of what is made."""
-    fields = type(section).model_fields
-    idle = [key for key in _OF_ONE_DESIGN if getattr(section, key) != fields[key].default]
-    told = [f"Of [design] a sweep does not use: {', '.join(idle)}; the jobs of its designs do."] if idle else []
-    if spec.process is not None and spec.process.spread is not None:
-        told.append("Not used of the job, for a sweep appraises nothing over it: [process.spread].")
-    return tuple(told)
+    return ParetoFront(found, made, digest, told, notes_of(spec, scenes, USES["pareto"], taking))
 
 
 def _lines(found: Pareto, designs: Sequence[FrontDesign]) -> list[str]:

@@ -29,6 +29,7 @@ def check(
     """Check whether emitters, circuits and wires fit in the opaque area around the openings; prove it where not."""
     from maskfab.api.verbs.displays import check as check_job
     from maskfab.cli.common.shop_verdict import print_findings
+    from maskfab.jobfile.uses import in_words
 
     with named_as_options(context), watched(quiet) as progress:
         found = check_job(  # type: ignore[call-overload]
@@ -38,6 +39,8 @@ def check(
         print_json(found.to_dict())
     elif shop is not None:
         print_findings(found.findings, found.shop.name, passed=found.passed)
+        for line in in_words(found.unused):
+            typer.echo(line)
     else:
         typer.echo(found)
     leave(found.passed)

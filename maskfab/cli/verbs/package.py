@@ -31,6 +31,7 @@ def package(
 ) -> None:
     """Pack a plate for a mask shop (mask files, order sheet, drawing, job, certificate) if it keeps the rules."""
     from maskfab.api.verbs.shops import package as pack_job
+    from maskfab.jobfile.uses import in_words
     from maskfab.mask_shops.profiles import load_shop
 
     profile = load_shop(shop)
@@ -49,6 +50,7 @@ def package(
                 "rules": findings_document(made.findings),
                 "checks": [quantity_document(check) for check in made.checks],
                 "blanks": [each.key for each in made.missing],
+                "unused": list(made.unused),
             }
         )
     else:
@@ -60,6 +62,8 @@ def package(
         if made.missing:
             keys = ", ".join(each.key for each in made.missing)
             typer.echo(f"blank on the order sheet, for [order] does not state them: {keys}")
+        for line in in_words(made.unused):
+            typer.echo(line)
         if made.path is not None:
             typer.echo(made.path)
     leave(made.path is not None)

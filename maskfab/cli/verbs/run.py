@@ -47,7 +47,7 @@ def run(
     else:
         for path in sorted(result.directory.iterdir()):
             typer.echo(path)
-        summarise([*fast_lens(loaded.camera), *report.checks], result.verdicts)
+        summarise([*fast_lens(loaded.camera), *result.notes, *report.checks], result.verdicts)
     if result.taken is not None and not quiet:
         whole = "taken from the cache" in report.seconds
         told = "the whole run" if whole else "{} of {} findings".format(*result.taken)

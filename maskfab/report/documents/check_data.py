@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from maskfab.display.circuit import NOT_PLACED
@@ -20,12 +20,16 @@ from maskfab.units import NM_PER_UM
 Document = dict[str, Any]
 
 
-def check_document(built: Populated, gaps: Mapping[str, LargestGap], digest: str, *, passed: bool) -> Document:
-    """Every die with the answer about it; ``display`` is null where a sheet has no pixels."""
+def check_document(
+    built: Populated, gaps: Mapping[str, LargestGap], digest: str, unused: Sequence[str] = (), *, passed: bool
+) -> Document:
+    """Every die with the answer about it; ``display`` is null where a sheet has no pixels, ``unused`` names what of the
+    job the answer does not depend on."""
     return {
         "job_hash": digest,
         "verdict": "pass" if passed else "fail",
         "dies": [_die(die, built.found.get(die.name), gaps.get(die.name)) for die in built.plate.dies],
+        "unused": list(unused),
     }
 
 
@@ -75,9 +79,7 @@ def check_schema() -> Document:
     broken = closed_object({"rule": text, "area_um2": number, "place_um": pair})
     parts = {
         "broken": {"type": "array", "items": broken},
-        "circuits": closed_object(
-            {"room_um2": number, "closed_um2": number, "need_um2": number, "not_modelled": text}
-        ),
+        "circuits": closed_object({"room_um2": number, "closed_um2": number, "need_um2": number, "not_modelled": text}),
         "light": closed_object(
             {"density_ma_per_cm2": colours, "relative_life": colours, "centroid_px": pair, "wander_px": number}
         ),
@@ -97,7 +99,12 @@ def check_schema() -> Document:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "maskfab check",
         **closed_object(
-            {"job_hash": text, "verdict": {"enum": ["pass", "fail"]}, "dies": {"type": "array", "items": die}}
+            {
+                "job_hash": text,
+                "verdict": {"enum": ["pass", "fail"]},
+                "dies": {"type": "array", "items": die},
+                "unused": {"type": "array", "items": text},
+            }
         ),
         "$defs": {"quantity": schema()["$defs"]["quantity"]},
     }
