@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -12,10 +12,11 @@ from maskfab import jobfile, provenance, units
 from maskfab.arguments import checked_arguments
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
-from maskfab.jobfile import DieSection, JobSpec, check_window, check_windows, is_table
-from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate
+from maskfab.jobfile import DieSection, JobSpec, check_seed, check_window, check_windows, is_table
+from maskfab.model import UNSTATED, Camera, MaskBlank, Opening, Panel, Plate, Quantity
 from maskfab.opening import openings
 from maskfab.plate import maps
+from maskfab.plate.die_seeds import DieSeeds
 from maskfab.plate.panels import die_panels
 from maskfab.progress import Progress, silent
 
@@ -72,6 +73,17 @@ class Job:
 
         section = self.spec.emitters
         return None if section is None else DisplayRules.of(section, self.spec.light, self.spec.wires, where=self.where)
+
+    @property
+    def seed_notes(self) -> dict[str, Quantity]:
+        """By die, a note where its map or its opening names the seeds that its display fits, and not this one."""
+        notes = {}
+        for die in self.spec.die:
+            name, known = named_seeds(die, self.spec, self.openings[die.name])
+            told = None if known is None or die.seed is None else known.against(die.seed, name)
+            if told is not None:
+                notes[die.name] = Quantity("display_seed", die.seed, told, die=die.name)
+        return notes
 
     @property
     def signature(self) -> str:
@@ -142,7 +154,7 @@ def resolve(stated: JobSpec, path: Path) -> Job:
         for opening in found[die.name]:
             _keep(texts, opening.name, openings.opening_text(opening), "openings", f"{path}: die[{i}].opening")
     dies = tuple(_resolved(die, found[die.name]) for die in stated.die)
-    named = _with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path)
+    named = _with_seeds(_with_maps(stated.model_copy(update={"die": dies, "openings": texts}), path), found, path)
     resolved = _with_shop(_with_curves(named, path), path)
     return Job(resolved, _moved(resolved, found, path), provenance.job_hash(resolved.drawn()), str(path))
 
@@ -173,6 +185,33 @@ def _with_maps(stated: JobSpec, path: Path) -> JobSpec:
         _keep(texts, cells.name, maps.map_text(cells), "maps", f"{path}: die[{i}].map")
         dies.append(die.model_copy(update={"map": cells.name}))
     return stated.model_copy(update={"die": tuple(dies), "maps": texts})
+
+
+def _with_seeds(stated: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Path) -> JobSpec:
+    """The spec with a seed for every die that needs one and states none: the first that its files name.
+
+    Raises:
+        JobError: MF111 where they name none.
+    """
+    dies = tuple(_seeded(die, stated, found[die.name]) for die in stated.die)
+    for i, die in enumerate(dies):
+        check_seed(die, f"{path}: die[{i}]")
+    return stated.model_copy(update={"die": dies})
+
+
+def _seeded(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> DieSection:
+    if die.seed is not None or not (die.tiling.seeded or die.others):
+        return die
+    _, named = named_seeds(die, spec, held)
+    return die if named is None else die.model_copy(update={"seed": named.fit[0]})
+
+
+def named_seeds(die: DieSection, spec: JobSpec, held: Sequence[Opening]) -> tuple[str, DieSeeds | None]:
+    """The map of a die, or else its opening, by name, and the seeds of dies that it names; None where it names none."""
+    if die.map is not None:
+        cells = maps.parse_map(spec.maps[die.map], die.map)
+        return cells.name, DieSeeds.of(cells.provenance)
+    return held[0].name, DieSeeds.of(held[0].provenance)
 
 
 def _moved(resolved: JobSpec, found: Mapping[str, tuple[Opening, ...]], path: Path) -> dict[str, tuple[Opening, ...]]:

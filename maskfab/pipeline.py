@@ -36,8 +36,8 @@ from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load_job
 from maskfab.jobfile import PLATE_BITMAPS, ExportSection
 from maskfab.jobfile.shop_profile import Shop
-from maskfab.judge.verdict import asked
 from maskfab.jobfile.uses import USES, unused
+from maskfab.judge.verdict import asked
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import Recalling
 from maskfab.kept.results import give_result, keep_result
@@ -380,9 +380,10 @@ class Findings:
             for name in self.changes:
                 of_process = job.spec.written, process_spread(job)
                 of_dies[name] += tuple(restored_bands(self.restored, name, self.changes, *of_process))
-        for name, note in design_data.camera_notes(job).items():
-            if name in of_dies:
-                of_dies[name] += (note,)
+        for notes in (design_data.camera_notes(job), job.seed_notes):
+            for name, note in notes.items():
+                if name in of_dies:
+                    of_dies[name] += (note,)
         of_plate += (*view_rows(job), *_unused_row(job))
         if self.measured is not None:
             of_plate += self.measured.note(job.digest)

@@ -14,7 +14,7 @@ from maskfab.arguments import checked_arguments
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
 from maskfab.job import check_alike
-from maskfab.jobfile import DieSection, check_die, even_nm, parse_section
+from maskfab.jobfile import DieSection, check_die, check_seed, even_nm, parse_section
 from maskfab.jobfile.values import um_text
 from maskfab.model import Tiling
 from maskfab.opening.decode import from_array
@@ -120,6 +120,7 @@ class Panel(model.Panel):
         if section.size is None:
             raise JobError("MF105", "the key 'size' is missing", where=_WHERE, cure='Add size = "4.4 mm"')
         check_die(section, _WHERE)
+        check_seed(section, _WHERE)
         check_alike(held, f"{_WHERE}: others")
         laid = held if cells is None else shifted_openings(cells, held, where=f"{_WHERE}: map")
         side_nm = to_nm(section.size, where=f"{_WHERE}: size", name="size")

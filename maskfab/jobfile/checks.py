@@ -21,7 +21,7 @@ _FILM_UM = (0.01, 1e6)
 
 
 def check_dies(spec: JobSpec, where: str) -> None:
-    """Dies of different names, tiled with a seed where chance is asked for, on the grid of 1 nm, before a fit camera.
+    """Dies of different names, on the grid of 1 nm, before a fit camera.
 
     Raises:
         JobError: MF105 to MF131, see :func:`check_lens` and :func:`check_pupil` for the camera; its window is left to
@@ -52,19 +52,11 @@ def check_dies(spec: JobSpec, where: str) -> None:
 
 
 def check_die(die: DieSection, where: str) -> None:
-    """A tiling with the seed and the map that it needs, and a dot and a gutter on the grid of 1 nm.
+    """A tiling with the map that it needs, and a dot and a gutter on the grid of 1 nm.
 
     Raises:
-        JobError: MF105, MF107, MF111 or MF122.
+        JobError: MF105, MF107 or MF122.
     """
-    if (die.tiling.seeded or die.others) and die.seed is None:
-        what = f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
-        raise JobError(
-            "MF111",
-            f"die {die.name!r} {what} without a seed",
-            where=f"{where}.seed",
-            cure="Add seed = 1",
-        )
     if (die.tiling is Tiling.MAP) != (die.map is not None):
         without = die.map is None
         raise JobError(
@@ -82,6 +74,22 @@ def check_die(die: DieSection, where: str) -> None:
         )
     units.to_nm(die.dot, where=f"{where}.dot", name="dot")
     even_nm(die.gutter, where=f"{where}.gutter", name="gutter")
+
+
+def check_seed(die: DieSection, where: str) -> None:
+    """A seed where chance is asked for.
+
+    Raises:
+        JobError: MF111.
+    """
+    if (die.tiling.seeded or die.others) and die.seed is None:
+        what = f"is tiled {die.tiling}" if die.tiling.seeded else f"chooses among {1 + len(die.others or ())} openings"
+        raise JobError(
+            "MF111",
+            f"die {die.name!r} {what} without a seed",
+            where=f"{where}.seed",
+            cure="Add seed = 1",
+        )
 
 
 def check_display(spec: JobSpec, where: str) -> None:

@@ -8,13 +8,16 @@ from maskfab.display.circuit import BY_AREA, NOT_PLACED
 from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.emitters.measure import Violation
 from maskfab.display.feasibility import Feasibility
+from maskfab.model import Quantity
 from maskfab.units import NM_PER_UM
 
 Line = tuple[str, str]
 
 
-def display_lines(name: str, found: Feasibility | None, gap: LargestGap | None) -> Iterator[str]:
-    """The lines for one die; None stands for a sheet that has no pixels."""
+def display_lines(
+    name: str, found: Feasibility | None, gap: LargestGap | None, seed: Quantity | None = None
+) -> Iterator[str]:
+    """The lines for one die; None stands for a sheet that has no pixels, ``seed`` is a note on the die's."""
     if found is None:
         yield f"{name}: no pixels to place emitters in"
         return
@@ -22,6 +25,8 @@ def display_lines(name: str, found: Feasibility | None, gap: LargestGap | None) 
     for part in (_footprint, _placement, _circuits, _wires, _light, _proofs):
         for label, text in part(found):
             yield f"  {label:<16} {text}"
+    if seed is not None:
+        yield f"  {'note':<16} {seed.method}"
     if gap is not None:
         yield f"  {'widest gap':<16} {_gap(gap)}"
 

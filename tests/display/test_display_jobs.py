@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 from small_job import OPENING, command, listing, write_job
 
-from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.display.circuit import NOT_PLACED
+from maskfab.display.emitters.placement import Proof, Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.wires.tracks import transparent_tracks
 from maskfab.geometry.plate_layout import plate_layout, region

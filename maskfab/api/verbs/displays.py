@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, overload
 
@@ -24,6 +24,7 @@ from maskfab.jobfile.uses import USES, in_words, unused
 from maskfab.mask_shops.judge import Finding, accepted
 from maskfab.mask_shops.package_rules import check_package
 from maskfab.mask_shops.profiles import load_shop
+from maskfab.model import Quantity
 from maskfab.pipeline import crew_of
 from maskfab.progress import Progress, silent
 from maskfab.report import display_text, render_files
@@ -50,12 +51,14 @@ class DisplayCheck:
         gaps: widest gap between colours, by die, where it was asked for.
         digest: of the job.
         unused: keys and tables that the job states and the answer does not depend on.
+        notes: by die, that its seed is none of those that its display is known to fit.
     """
 
     built: Populated
     gaps: Mapping[str, LargestGap]
     digest: str
     unused: tuple[str, ...] = ()
+    notes: Mapping[str, Quantity] = field(default_factory=dict)
 
     @property
     def passed(self) -> bool:
@@ -67,13 +70,17 @@ class DisplayCheck:
 
     def to_dict(self) -> dict[str, Any]:
         """Every die with the answer about it."""
-        return check_data.check_document(self.built, self.gaps, self.digest, self.unused, passed=self.passed)
+        return check_data.check_document(
+            self.built, self.gaps, self.digest, self.unused, self.notes, passed=self.passed
+        )
 
     def __str__(self) -> str:
         lines = [
             line
             for each in self.built.plate.dies
-            for line in display_text.display_lines(each.name, self.built.found.get(each.name), self.gaps.get(each.name))
+            for line in display_text.display_lines(
+                each.name, self.built.found.get(each.name), self.gaps.get(each.name), self.notes.get(each.name)
+            )
         ]
         return "\n".join([*lines, *in_words(self.unused)])
 
@@ -162,7 +169,7 @@ def check(
     with crew_of(loaded) as crew:
         built = loaded.displays_of(plate, progress, crew=crew)
     gaps = widest_gaps(plate, rules, progress) if largest_gap else {}
-    return DisplayCheck(built, gaps, loaded.digest, unused(loaded.spec, *USES["check"]))
+    return DisplayCheck(built, gaps, loaded.digest, unused(loaded.spec, *USES["check"]), loaded.seed_notes)
 
 
 def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Progress) -> ShopCheck:

@@ -19,8 +19,8 @@ from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.files.staging import check_file
 from maskfab.job import Job
-from maskfab.jobfile.uses import in_words, unused
-from maskfab.measurement.conditions import Conditions, Surroundings, uses_of
+from maskfab.jobfile.uses import USES, in_words, unused
+from maskfab.measurement.conditions import Conditions, Surroundings
 from maskfab.progress import Progress, silent
 
 if TYPE_CHECKING:
@@ -130,6 +130,7 @@ def learn(
     for scene in given.photographs:
         asked.protocol.check(scene)
     design, _ = asked.design(name, panels[name], Surroundings.of(loaded))
+    uses = (*USES["learn"], *(() if loaded.scene is None else USES["simulate a scene"]))
     trade = trade_of(loaded, asked, design, tuple(each.name for each in given.photographs))
     if before is not None:
         before.require(trade, seed, str(path))
@@ -145,7 +146,7 @@ def learn(
         clock=clock,
         progress=progress,
     )
-    return Learning(path, run.trained(progress), given.skipped, unused(loaded.spec, *uses_of(loaded)))
+    return Learning(path, run.trained(progress), given.skipped, unused(loaded.spec, *uses))
 
 
 def read_checkpoints(paths: Sequence[str | Path]) -> list[tuple[Path, Checkpoint]]:

@@ -18,6 +18,7 @@ from maskfab.delivery.archive import is_package
 from maskfab.delivery.pack import verify_package
 from maskfab.errors import JobError
 from maskfab.job import Job
+from maskfab.jobfile.uses import USES, unused
 from maskfab.kept.store import Store
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.measurement.verdicts import Verdicts
@@ -92,6 +93,7 @@ class Verification(Quantities):
         layer: of a layout, what was compared; None for a picture, a run or a package.
         tone: "clear" or "dark", what the file draws; None for a run or a package.
         other_layers: with shapes, which were not compared.
+        unused: keys and tables of the job on which nothing of the comparison depends.
     """
 
     def __init__(
@@ -102,10 +104,12 @@ class Verification(Quantities):
         layer: str | None = None,
         tone: str | None = None,
         other_layers: Sequence[str] = (),
+        unused: Sequence[str] = (),
     ) -> None:
         super().__init__(checks)
         self.verdicts = verdicts or Verdicts.of(self, {}, 0)
         self.layer, self.tone, self.other_layers = layer, tone, tuple(other_layers)
+        self.unused = tuple(unused)
 
 
 @checked_arguments
@@ -159,12 +163,14 @@ def verify(
         return Verification(verified.checks, verified.verdicts)
     slivers = 0.0 if tolerance is None else parse_length_um(length_text(tolerance), where="tolerance")
     how = How(layer, cell, dots_per_um, unit_um, tuple(ignore), _is_dark(tone), slivers * NM_PER_UM)
-    found = verification.verify_file(path, job_of(against), die, how, progress)
+    job = job_of(against)
+    found = verification.verify_file(path, job, die, how, progress)
     return Verification(
         found.quantities,
         layer=found.layers.clear or None,
         tone="dark" if found.dark else "clear",
         other_layers=found.layers.others,
+        unused=unused(job.spec, *USES["verify --against"]),
     )
 
 

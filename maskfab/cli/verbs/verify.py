@@ -87,11 +87,16 @@ def _tell_file(found: Verification, path: Path, against: Path | None, die: str |
                 "against": str(against),
                 "die": die,
                 "quantities": found.to_dict(),
+                "unused": list(found.unused),
             }
         )
     else:
+        from maskfab.jobfile.uses import in_words
+
         typer.echo(one_line(_read_as(found, path)))
         print_table(found, dies=True)
+        for line in in_words(found.unused):
+            typer.echo(line)
         summarise([quantity for quantity in found if quantity.passed is not None], found.verdicts)
     leave(found.passed)
 

@@ -56,6 +56,7 @@ from maskfab.optimiser.search.relaxed_rules import annealed_without
 from maskfab.optimiser.search.scan import Best, allowed, annealed, first_shape, scanned
 from maskfab.optimiser.search.shortlist import shortlisted
 from maskfab.optimiser.stages import NO_BOUNDS, Stages
+from maskfab.plate.die_seeds import DieSeeds
 from maskfab.plate.maps import shifted
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
@@ -156,7 +157,7 @@ def search(
         groups=groups_of(panels, rules.dot_nm),
         bounded=stages.bounded,
     )
-    fit = _required_fit(display, laid, rules, progress)
+    laid, fit, seeds = _with_seeds(laid, _required_fit(display, laid, rules, progress))
     priced = prices(found.looked, expected, rules) if found.looked else None
     psnr, head_room, gap, notes = laid.psnr, None, None, (*found.notes, *laid.notes)
     known: Facts = {}
@@ -175,7 +176,7 @@ def search(
     if seen is not None and short:
         notes += ("The scene counts in the search; with a longer budget its conditions are told apart.",)
     facts |= {**known, **by_level("expected_psnr", psnr, taking.levels), "evaluated": found.evaluated}
-    facts |= {} if priced is None else of_prices(priced)
+    facts |= seeds | ({} if priced is None else of_prices(priced))
     account = _account(section, found, rules, laid)
     if price_rules and rules.active and section.anneal and found.looked:
         account = replace(account, without=annealed_without(found, section, rules, expected, progress))
@@ -284,6 +285,16 @@ def _required_fit(display: Display | None, laid: Mapped, rules: Constraints, pro
             cure="Design with another tiling_seed, with fewer lines, or without a map",
         )
     return fit
+
+
+def _with_seeds(laid: Mapped, fit: DieFit | None) -> tuple[Mapped, DieFit | None, Facts]:
+    """The panel whose map names the seeds of dies that were tried, if one failed; without a map, the opening does."""
+    if fit is None or fit.seed is None or not fit.failed:
+        return laid, fit, {}
+    facts: Facts = dict(DieSeeds((fit.seed,), tuple(fit.failed)).facts)
+    if laid.cells is None:
+        return laid, fit, facts
+    return replace(laid, cells=replace(laid.cells, provenance={**laid.cells.provenance, **facts})), fit, {}
 
 
 def _few_cells(room: CellGrid, section: SearchSection) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any
 
 from maskfab.display.circuit import NOT_PLACED
@@ -10,7 +11,7 @@ from maskfab.display.emitters.fit import LargestGap
 from maskfab.display.feasibility import Feasibility
 from maskfab.display.place import Populated
 from maskfab.measurement.display_rows import display_quantities
-from maskfab.model import COLOURS, Die
+from maskfab.model import COLOURS, Die, Quantity
 from maskfab.report.documents.display_data import display_document, display_schema
 from maskfab.report.documents.report_data import schema
 from maskfab.report.documents.schema_terms import closed_object, or_null
@@ -21,25 +22,36 @@ Document = dict[str, Any]
 
 
 def check_document(
-    built: Populated, gaps: Mapping[str, LargestGap], digest: str, unused: Sequence[str] = (), *, passed: bool
+    built: Populated,
+    gaps: Mapping[str, LargestGap],
+    digest: str,
+    unused: Sequence[str] = (),
+    notes: Mapping[str, Quantity] = MappingProxyType({}),
+    *,
+    passed: bool,
 ) -> Document:
     """Every die with the answer about it; ``display`` is null where a sheet has no pixels, ``unused`` names what of the
     job the answer does not depend on."""
     return {
         "job_hash": digest,
         "verdict": "pass" if passed else "fail",
-        "dies": [_die(die, built.found.get(die.name), gaps.get(die.name)) for die in built.plate.dies],
+        "dies": [
+            _die(die, built.found.get(die.name), gaps.get(die.name), notes.get(die.name)) for die in built.plate.dies
+        ],
         "unused": list(unused),
     }
 
 
-def _die(die: Die, found: Feasibility | None, gap: LargestGap | None) -> Document:
+def _die(die: Die, found: Feasibility | None, gap: LargestGap | None, note: Quantity | None) -> Document:
     if found is None:
         return {"name": die.name, "display": None, "quantities": [], **dict.fromkeys(_PARTS)}
     return {
         "name": die.name,
         "display": display_document(found),
-        "quantities": [quantity_document(each) for each in display_quantities(die, found)],
+        "quantities": [
+            *map(quantity_document, display_quantities(die, found)),
+            *([quantity_document(note)] if note else []),
+        ],
         "broken": [
             {"rule": each.rule, "area_um2": each.area_um2, "place_um": [along / NM_PER_UM for along in each.place_nm]}
             for each in found.broken
