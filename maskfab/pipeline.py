@@ -135,7 +135,7 @@ class Result:
 
     @property
     def notes(self) -> tuple[Quantity, ...]:
-        """What a user must know beside the checks: keys of the job that were not used, dies of another seed."""
+        """Notes that a user must see beside the checks: keys of the job that were not used, dies of another seed."""
         every = (*self.report.plate, *(each for die in self.report.dies.values() for each in die))
         return tuple(each for each in every if each.name in _NOTES)
 
@@ -779,7 +779,7 @@ def begin_photographs(job: Job, plate: Plate, crew: Alone) -> Begun:
 
 
 def _unused_row(job: Job) -> Iterator[Quantity]:
-    """What a job states and a run does not use, as a note."""
+    """Note on all that a job states and a run does not use; none where it uses everything."""
     names = unused(job.spec, *USES["run"], *(USES["run for a house"] if named_shop(job) is not None else ()))
     if names:
         yield Quantity(UNUSED, ", ".join(names), "of the job: no file and no number here depends on it")

@@ -181,8 +181,8 @@ def test_every_proof_is_printed(capsys, tmp_path):
 def test_dies_keep_the_order_of_the_plate(capsys, tmp_path):
     job = display(tmp_path)
     answer = command(capsys, "check", job, "--die", "TURNED", "--die", "PLAIN", "--quiet")
-    titles = [row.partition(":")[0] for row in answer.stdout.splitlines() if not row.startswith(" ")]
-    assert titles == ["PLAIN", "TURNED"]
+    *titles, unused = [row.partition(":")[0] for row in answer.stdout.splitlines() if not row.startswith(" ")]
+    assert (titles, unused) == (["PLAIN", "TURNED"], "Not used of the job")
     assert answer.stdout == command(capsys, "check", job, "--quiet").stdout
 
 
@@ -190,7 +190,10 @@ def test_a_sheet_without_pixels_has_nothing_to_check(capsys, tmp_path):
     job = display(tmp_path)
     job.write_text(job.read_text(encoding="utf-8").replace('"random"', '"hexagonal"'), encoding="utf-8")
     answer = command(capsys, "check", job, "--die", "TURNED", "--quiet", "--largest-gap")
-    assert (answer.code, answer.stdout) == (0, "TURNED: no pixels to place emitters in\n")
+    assert (answer.code, answer.stdout) == (
+        0,
+        "TURNED: no pixels to place emitters in\nNot used of the job: [camera].\n",
+    )
     document = command(capsys, "check", job, "--die", "TURNED", "--quiet", "--json").document
     Draft202012Validator(check_schema()).validate(document)
     assert document["dies"][0]["display"] is None

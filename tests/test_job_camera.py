@@ -107,7 +107,7 @@ def told(capsys: pytest.CaptureFixture[str], *arguments: str | Path) -> dict[str
 
 def require_notes(notes):
     """What is not used, by its name: a section of the job, and a file of the folder."""
-    assert any("not used of the job: [exposure]" in note and "protocol F1" in note for note in notes)
+    assert any("not used of the job: " in note and "[exposure]" in note and "protocol F1" in note for note in notes)
     assert any("by_whom.txt" in note for note in notes)
 
 
@@ -132,7 +132,8 @@ def test_a_design_follows_the_camera_and_states_it(folder, capsys):
         target = folder / f"only_{name}.toml"
         arguments = folder / f"{name}.toml", "--out", target, "--images", folder / "photographs"
         document = told(capsys, "design", *arguments)
-        assert [note for note in document["notes"] if "not used" in note] == []
+        (unused,) = [note for note in document["notes"] if "not used" in note]
+        assert not any(each in unused for each in ("[exposure]", "[sensor]", "focal"))
         facts = openings.load_opening(target).provenance
         assert facts["camera"] == camera_line(load_job(folder / f"{name}.toml").camera)
         assert facts["protocol"].startswith("protocol camera: full well 15506 electrons, read noise 4.87 electrons")
@@ -146,7 +147,7 @@ def test_a_design_that_names_f1_is_by_its_light_behind_the_jobs_lens(folder, cap
     job.write_text((folder / "phone.toml").read_text().replace("[design]\n", '[design]\nprotocol = "f1"\n') + ROUND)
     notes = told(capsys, "design", job, "--out", target, "--images", folder / "photographs")["notes"]
     require_notes(notes)
-    assert any("corner_radius of [process]" in note for note in notes)
+    assert any("[process]" in note for note in notes)
     facts = openings.load_opening(target).provenance
     assert facts["camera"] == camera_line(load_job(job).camera)
     assert facts["protocol"] == "another camera at the levels of F1"
@@ -185,7 +186,10 @@ def test_a_sweep_judges_behind_the_jobs_camera_and_in_its_light(folder, capsys):
         job, out = folder / f"{name}_display.toml", folder / f"pareto_{name}"
         job.write_text((folder / f"{name}.toml").read_text() + EMITTERS)
         notes = told(capsys, "pareto", job, "--out", out, *images)["notes"]
-        assert notes == ["Skipped, as no photographs: by_whom.txt."]
+        unused, skipped = notes
+        assert skipped == "Skipped, as no photographs: by_whom.txt."
+        assert unused.startswith("Openings are compared by the job's camera, sensor and light; not used of the job: ")
+        assert not any(each in unused for each in ("[exposure]", "[sensor]", "[emitters]", "focal"))
         assert json.loads((out / "pareto.json").read_text())["notes"] == notes
         files = [openings.load_opening(path) for path in sorted(out.rglob("*.toml")) if "_job" not in path.name]
         best[name] = max(each.provenance["expected_psnr_32"] for each in files)

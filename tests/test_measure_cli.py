@@ -99,7 +99,10 @@ def test_the_house_of_the_job_and_what_is_not_fitted_are_named(captured, tmp_pat
         captured[1], write_job(tmp_path, edit), times=times, gain=GAIN, read_noise=READ_NOISE, black=BLACK, window=64,
         die=["TURNED"],
     )  # fmt: skip
-    assert "corner_radius of [process], optical_density of [plate]" in found.notes[-1]
+    *_, unused, fitted = found.notes
+    assert "optical_density of [plate], " in unused
+    assert "corner_radius of [process]" in unused
+    assert fitted == "The die is fitted with sharp corners, smooth edges and no leak."
     assert found["captured_cd_bias"].limit == 0.1
     assert found["captured_cd_bias"].passed is False
     assert "beyond the ±0.1 um" in found.found.verdict[2]

@@ -22,7 +22,7 @@ def left_out(panel: Panel, scene: Scene, blank: MaskBlank, plan: Plan | None = N
         blank: of the plate.
         plan: that the transfer follows; None if it holds all of the scene.
     """
-    return (*by_plan(scene, plan), *_of_lens(scene), *_of_plate(panel, blank))
+    return (*by_plan(scene, plan), *_of_lens(scene), *_of_plate(panel, scene, blank))
 
 
 def by_sentence(left_out: Mapping[str, Sequence[str]]) -> list[str]:
@@ -65,7 +65,7 @@ def _of_lens(scene: Scene) -> list[str]:
     return told
 
 
-def _of_plate(panel: Panel, blank: MaskBlank) -> list[str]:
+def _of_plate(panel: Panel, scene: Scene, blank: MaskBlank) -> list[str]:
     told = []
     if blank.optical_density is not None:
         share = 10**-blank.optical_density
@@ -74,6 +74,8 @@ def _of_plate(panel: Panel, blank: MaskBlank) -> list[str]:
         )
     if blank.glass is not None:
         side = "its thickness counts as a gap" if blank.glass.gap_um else "behind it, it only dims"
+        if blank.glass.gap_um and not scene.gap_um:
+            side = "its thickness counts as a gap with a [scene] alone, and the job has none"
         told.append(f"reflections and absorption of the glass are left out: {side}")
     if panel.tracks:
         told.append("wires of the display are left out: the mask has none")

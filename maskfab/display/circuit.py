@@ -25,7 +25,7 @@ NOT_PLACED = (
     "Circuits are judged by area alone: none is placed, and no gap between circuits and openings or wires is kept, so "
     "a display that fits may have no place for them"
 )
-"""What no answer on a display says."""
+"""A limit of every answer on a display."""
 
 
 @dataclass(frozen=True)

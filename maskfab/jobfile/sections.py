@@ -717,16 +717,6 @@ class ProcessSection(Section):
     roughness: RoughnessSection | None = None
     spread: SpreadSection | None = None
 
-    @property
-    def shaping(self) -> tuple[str, ...]:
-        """Keys that write other edges than are drawn, by which a reader knows them."""
-        stated = {
-            "corner_radius of [process]": self.corner_radius != 0,
-            "cd_bias of [process]": self.cd_bias != 0,
-            "[process.roughness]": self.roughness is not None,
-        }
-        return tuple(key for key, shapes in stated.items() if shapes)
-
 
 class JobSpec(Section):
     """A whole job file."""

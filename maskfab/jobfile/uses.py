@@ -49,7 +49,7 @@ _HOUSE: Keys = (*_LAYOUT, *_OFFERS, *_of("order", "tone parity chrome bias"), *_
 USES: Mapping[str, Keys] = MappingProxyType({
     "run": (
         *_CAMERA, *_LAYOUT, *_BLANK, *_OPTICS, *_SENSOR, *_EDGES, *_of("process.spread", "bias radius"),
-        *_of("order", "tone parity chrome"),
+        *_of("order", "tone parity chrome cd"),
         *("limits", "emitters", "wires", "light", "exposure", "export", "report"),
     ),
     "run for a house": _OFFERS,
@@ -68,8 +68,10 @@ USES: Mapping[str, Keys] = MappingProxyType({
     "study": (*_DIES, "study"),
     "study of optics": _CAMERA,
     "bench": (*_LAYOUT, *_CAMERA),
-    "measure": (*_DIES, *_LENS, *_SENSOR, *_STANDS, *_of("process", "cd_bias"), "order.bias", "export.shop"),
-    "measure --edge": (*_DIES, *_LENS, *_STANDS),
+    "measure": (*_DIES, *_of("camera", "focal stop pixel"), *_SENSOR, *_STANDS, "process.cd_bias", "order.bias",
+                "export.shop"),
+    "measure --edge": (*_DIES, *_of("camera", "focal stop pixel"), *_STANDS),
+    "measure by lines": ("camera.wavelengths",),
     "measure without --line": _LIGHT,
     "measure without a die": ("camera.pixel",),
     "design": ("design", *_LENS),

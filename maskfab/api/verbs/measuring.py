@@ -22,7 +22,7 @@ from maskfab.capture.taken import window_middle
 from maskfab.errors import JobError
 from maskfab.files.staging import check_target
 from maskfab.job import Job
-from maskfab.jobfile.uses import USES, in_words, unused
+from maskfab.jobfile.uses import USES, Keys, in_words, unused
 from maskfab.mask_shops.profiles import shop_of
 from maskfab.measurement.view import sees_mirrored
 from maskfab.model import Quantity
@@ -229,5 +229,8 @@ def light_words(job: Job, line_nm: float | None) -> str:
 
 def unused_notes(job: Job, use: str, line_nm: float | None) -> tuple[str, ...]:
     """Sentence that names what a measurement leaves of the job; the light counts where no line is stated."""
-    light = USES["measure without --line"] if line_nm is None else ()
+    light: Keys = ()
+    if line_nm is None:
+        lines = job.scene is None or not job.scene.bands
+        light = USES["measure without --line"] + (USES["measure by lines"] if lines else ())
     return in_words(unused(job.spec, *USES[use], *light))
