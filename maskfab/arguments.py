@@ -109,21 +109,13 @@ def _fits(value: object, hint: Any) -> bool:
     if origin is Literal:
         # What the words mean, and which there are, is told where they are used.
         return any(type(value) is type(each) for each in inner)
-    if origin is tuple:
-        return isinstance(value, Sequence) and not isinstance(value, str)
-    if isinstance(origin, type) and issubclass(origin, Mapping):
-        return isinstance(value, Mapping) and all(
-            _fits(key, inner[0]) and _fits(held, inner[1]) for key, held in value.items()
-        )
-    if isinstance(origin, type) and issubclass(origin, Sequence):
-        numbers = isinstance(value, np.ndarray) and inner[0] in (int, float)
-        listed = numbers or (isinstance(value, Sequence) and not isinstance(value, str | bytes))
-        return listed and all(_fits(each, inner[0]) for each in value)
+    if isinstance(origin, type) and issubclass(origin, Mapping | Sequence):
+        return _each_fits(value, origin, inner)
     if origin is Callable:
         return callable(value)
-    if hint is _Anything or hint is Any:
+    if hint in (_Anything, Any):
         return True
-    if hint is None or hint is type(None):
+    if hint in (None, type(None)):
         return value is None
     if hint is float:
         return isinstance(value, Real) and not isinstance(value, bool) and _finite(value)
@@ -134,6 +126,20 @@ def _fits(value: object, hint: Any) -> bool:
     if hint is Path:
         return isinstance(value, PathLike)
     return not isinstance(hint, type) or isinstance(value, hint)
+
+
+def _each_fits(value: object, origin: type, inner: tuple[Any, ...]) -> bool:
+    """Whether a mapping or a list is one, and all that it holds is of its kind."""
+    if issubclass(origin, Mapping):
+        return isinstance(value, Mapping) and all(
+            _fits(key, inner[0]) and _fits(held, inner[1]) for key, held in value.items()
+        )
+    if isinstance(value, np.ndarray):
+        return inner[0] in (int, float) and all(_fits(each, inner[0]) for each in value)
+    if not isinstance(value, Sequence) or isinstance(value, str | bytes):
+        return False
+    # What a pair holds is told where it is used.
+    return origin is tuple or all(_fits(each, inner[0]) for each in value)
 
 
 def _finite(value: Real) -> bool:
@@ -154,6 +160,6 @@ def _words(hint: Any) -> str:
         return ", ".join(repr(each) for each in inner)
     if isinstance(origin, type) and issubclass(origin, Mapping):
         return "a mapping by name"
-    if origin is tuple or (isinstance(origin, type) and issubclass(origin, Sequence)):
+    if isinstance(origin, type) and issubclass(origin, Sequence):
         return "a list"
     return _WORDS.get(hint) or f"a {getattr(hint, '__name__', hint)}"

@@ -61,7 +61,7 @@ class Clock:
 
         Args:
             seconds: that are needed from now on.
-            what: they are needed for.
+            what: takes them, in the plural.
             where: the budget is stated.
 
         Raises:
@@ -71,7 +71,7 @@ class Clock:
         if self.refuses and self.budget_s is not None and least > (1 + SLACK) * self.budget_s:
             raise JobError(
                 "MF150",
-                f"a budget of {self.budget_s:.3g} s is too short for {what}, which is done after {least:.2g} s here",
+                f"a budget of {self.budget_s:.3g} s is too short: {what} take until {least:.2g} s from the beginning",
                 where=where,
                 cure=f"Give {math.ceil(1.2 * least):d} s or more",
             )

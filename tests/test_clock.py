@@ -53,13 +53,13 @@ def test_a_budget_that_cannot_be_kept_is_refused_with_the_least_that_can() -> No
     hand = Hand()
     clock = Clock(10.0, refuses=True, now=hand)
     hand.spend(8.0)
-    clock.require(3.9, "a step", "minutes")
+    clock.require(3.9, "steps", "minutes")
     with pytest.raises(JobError) as caught:
-        clock.require(4.1, "a step", "minutes")
+        clock.require(4.1, "steps", "minutes")
     assert caught.value.code == "MF150"
-    assert "10 s is too short for a step" in caught.value.what
+    assert "10 s is too short: steps take until 12 s" in caught.value.what
     assert caught.value.cure == "Give 15 s or more"
-    Clock(1.0, now=hand).require(99.0, "a step", "minutes")
+    Clock(1.0, now=hand).require(99.0, "steps", "minutes")
 
 
 @given(st.floats(1e-4, 1.0), st.floats(0.1, 1e4), st.booleans(), st.booleans())

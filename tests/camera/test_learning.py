@@ -326,7 +326,7 @@ def test_a_mirrored_photograph_keeps_its_light() -> None:
         ({}, "MF105", "2 dies"),
         ({"die": "NONE"}, "MF105", "no die 'NONE'"),
         ({"die": "TOLED", "minutes": 0.0}, "MF105", "0 minutes"),
-        ({"die": "TOLED", "minutes": float("nan")}, "MF105", "nan minutes"),
+        ({"die": "TOLED", "minutes": float("nan")}, "MF104", "nan is not finite"),
         ({"die": "TOLED", "device": "abacus"}, "MF105", "abacus"),
         ({"die": "TOLED", "out": "nowhere/net.npz"}, "MF401", "cannot be written"),
         ({"die": "TOLED", "images": "nowhere"}, "MF301", "no photographs"),

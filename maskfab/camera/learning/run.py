@@ -77,6 +77,8 @@ class Run:
             JobError: MF150 for a clock that refuses what it cannot keep, as soon as the scenes done show it.
         """
         levels = trade.levels
+        # What is to come takes no less than what made the die ready.
+        clock.require(clock.spent, SET_UP, "minutes")
         kept, others = kept_for_validation(photographs, max(2, len(levels)), lamps=bool(protocol.brackets))
         progress("scenes to judge by", 0, len(kept))
         view = before.view if before else fitted(protocol, design, levels, kept, clock)

@@ -115,6 +115,9 @@ def search(
     judges = Judges(section, scenes, room, taking, seen)
     expected = judges.expected
     progress("photographs", 1, 1)
+    panels = judges if section.map is None else replace(judges, leak_scenes=MAP_LEAK_SCENES)
+    # Made before the stages have their time, for it takes some.
+    panel = None if section.map is None else panels.panel
     stages = Stages.of(
         expected, first_shape(section), clock, mapped=section.map is not None, fitted=display is not None
     )
@@ -125,12 +128,11 @@ def search(
     else:
         found = scanned(section, rules, expected, stages.search, kept, progress)
         found = annealed(found, section, rules, expected, stages.search, kept, progress)
-    panels = judges if section.map is None else replace(judges, leak_scenes=MAP_LEAK_SCENES)
-    if section.map is not None and section.objective != "auc" and not _of_two_openings(section):
+    if panel is not None and section.map is not None and section.objective != "auc" and not _of_two_openings(section):
         found = shortlisted(
             found,
             section.shortlist,
-            panels.panel,
+            panel,
             rules,
             stages.search,
             progress,
@@ -149,7 +151,7 @@ def search(
         found.best.unit,
         rules,
         judges.estimate,
-        None if section.map is None else panels.panel,
+        panel,
         origin(section, command, made_for),
         of_count,
         stages.map,
@@ -175,8 +177,13 @@ def search(
     scene = None if seen is None or short else over_scene(section, laid, rules.dot_nm, panels, seen)
     if seen is not None and short:
         notes += ("The scene counts in the search; with a longer budget its conditions are told apart.",)
-    facts |= {**known, **by_level("expected_psnr", psnr, taking.levels), "evaluated": found.evaluated}
-    facts |= seeds | ({} if priced is None else of_prices(priced))
+    facts |= {
+        **known,
+        **by_level("expected_psnr", psnr, taking.levels),
+        "evaluated": found.evaluated,
+        **seeds,
+        **({} if priced is None else of_prices(priced)),
+    }
     account = _account(section, found, rules, laid)
     if price_rules and rules.active and section.anneal and found.looked:
         account = replace(account, without=annealed_without(found, section, rules, expected, progress))
