@@ -87,7 +87,7 @@ def _evaluated(annotation: Any, names: Mapping[str, Any]) -> Any:
 
 
 class _Anything:
-    """What only type checkers know."""
+    """Any type that only type checkers know."""
 
     def __class_getitem__(cls, key: object) -> type:
         return cls

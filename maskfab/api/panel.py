@@ -85,8 +85,11 @@ class Panel(model.Panel):
         """
         gap_um = parse_length_um(length_text(gutter), where=f"{_WHERE}: gutter", zero_allowed=True)
         gutter_nm = even_nm(gap_um, where=f"{_WHERE}: gutter", name="gutter")
-        drawn = opening if isinstance(opening, model.Opening) else None
-        mask = from_array(opening, f"{_WHERE}: opening") if drawn is None else drawn.mask
+        drawn: model.Opening | None = None
+        if isinstance(opening, model.Opening):
+            drawn, mask = opening, opening.mask
+        else:
+            mask = from_array(opening, f"{_WHERE}: opening")
         if pitch is not None:
             place = f"{_WHERE}: pitch"
             pitch_um = parse_pitch_um(length_text(pitch), where=place)
