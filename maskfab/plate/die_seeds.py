@@ -10,8 +10,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
-from maskfab.model import Scalar
-
 _FIT, _UNFIT = "die_seeds_fit", "die_seeds_unfit"
 
 
@@ -28,7 +26,7 @@ class DieSeeds:
     unfit: tuple[int, ...] = ()
 
     @classmethod
-    def of(cls, facts: Mapping[str, Scalar]) -> DieSeeds | None:
+    def of(cls, facts: Mapping[str, object]) -> DieSeeds | None:
         """Seeds by the provenance of a map or an opening; None where it names none that fits."""
         fit, unfit = (_seeds(facts.get(key)) for key in (_FIT, _UNFIT))
         return cls(fit, unfit) if fit else None
