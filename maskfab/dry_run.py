@@ -19,10 +19,12 @@ from maskfab.model import Plate
 from maskfab.processes import Alone, Found, Given, Task
 from maskfab.progress import silent
 from maskfab.report.documents.measured_data import measured_beside
+from maskfab.report.page.front import MOST_SHOWN
 from maskfab.task_costs import (
     HELD,
     SCENES_S,
     STARTED_S,
+    Amounts,
     Pace,
     draw_s,
     figures_s,
@@ -127,7 +129,7 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     key = pipeline.key_of(job, measured_beside(job))
     if cache is not None and cache.has(key):
         return Forecast((), 1, "for files of a usual size", True)
-    plate = job.plate()
+    plate = drawn = job.plate()
     pipeline.check_processes(job, plate)
     pipeline.check_pictures(job, plate)
     Conditions.of(job, "camera")
@@ -136,12 +138,12 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     with suppress(_NotKeptError):
         plate = job.displays_of(plate, crew=crew).plate
     displays = crew.stage("displays")
-    pipeline.begin_photographs(job, job.plate(), crew)
+    pipeline.begin_photographs(job, drawn, crew)
     photographs = crew.stage("photographs")
     processes = 1 if type(pipeline.crew_of(job)) is Alone else 2
     if photographs.kept != photographs.tasks:
-        drawn = SCENES_S * pace.of_all * min(processes, photographs.tasks)
-        photographs = replace(photographs, seconds=photographs.seconds + drawn)
+        scenes_s = SCENES_S * pace.of_all * min(processes, photographs.tasks)
+        photographs = replace(photographs, seconds=photographs.seconds + scenes_s)
     seen = plate_as_seen(job, plate)
     made = pipeline.draw_files(job, plate)
     pipeline.check_readers(made)
@@ -166,14 +168,15 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     if displays.kept != displays.tasks:
         photographed = (optics, scenes, process, tolerance)
         optics, scenes, process, tolerance = (replace(each, kept=None, note=_AFTER_DISPLAYS) for each in photographed)
+    amounts = Amounts.of(made)
     stages = (
         _own("layout", 1, layout_s(len(plate.dies)), pace),
         displays,
         photographs,
-        _own("draw", 1, draw_s(made), pace),
+        _own("draw", 1, draw_s(amounts), pace),
         process,
-        _own("write", len(made.products), write_s(made), pace),
-        _own("read back", len(made.products), read_s(made), pace, read_bytes(made)),
+        _own("write", len(made.products), write_s(made, amounts), pace),
+        _own("read back", len(made.products), read_s(made, amounts), pace, read_bytes(made, amounts)),
         optics,
         scenes,
         tolerance,
@@ -190,8 +193,8 @@ def _own(name: str, tasks: int, seconds: float, pace: Pace, held: float = 0.0) -
 
 
 def _figures(job: Job, plate: Plate) -> int:
-    """Tasks of drawing: of the plate, the overview, and of each die what it has."""
-    dies, spec = len(plate.dies), job.spec
+    """Tasks of drawing: of the plate, the overview, and of each die that the page shows what it has."""
+    dies, spec = min(len(plate.dies), MOST_SHOWN), job.spec
     own = 1 + (spec.emitters is not None) + (spec.scene is not None) + (spec.written is not None)
     return 2 + dies * own
 

@@ -184,6 +184,47 @@ _DOTS_S = 0.08
 """Of comparing a die dot by dot."""
 _VERTEX_BYTES = 900.0
 _DRAWN_BYTES = 150.0
+_DOT_BYTES = 19.0
+"""Of a dot, as it was read and as it was designed, in the die that has most of them."""
+_BOX_BYTES = 22.0
+"""Of a vertex among the boxes that the die's dots are found from."""
+
+
+@dataclass(frozen=True)
+class Amounts:
+    """What drawing, writing and reading the files of a plate goes through.
+
+    Attributes:
+        vertices: that stand in cells of the design.
+        references: of the design.
+        drawn: vertices with all references followed.
+        dots: of the die that has most, its gutters among them.
+        share: of that die in the dots of all.
+        dies: on the plate.
+    """
+
+    vertices: int
+    references: int
+    drawn: int
+    dots: int
+    share: float
+    dies: int
+
+    @classmethod
+    def of(cls, made: PlateFiles) -> Amounts:
+        """Those of the files that a plate becomes."""
+        vertices = references = 0
+        for cell in made.design.each_cell():
+            references += cell.child_instances()
+            for layer in made.design.layer_indexes():
+                drawn = db.Region(cell.shapes(layer))
+                drawn.merged_semantics = False
+                vertices += drawn.edges().count()
+        panels = [die.panel for die in made.plate.dies]
+        dots = [panel.orientations.size * (len(panel.cell_size.edges_nm) - 1) ** 2 for panel in panels]
+        most = max(dots, default=0)
+        share = most / sum(dots) if most else 0.0
+        return cls(vertices, references, made.figures.account.vertices, most, share, len(dots))
 
 
 def layout_s(dies: int) -> float:
@@ -191,26 +232,26 @@ def layout_s(dies: int) -> float:
     return 0.1 + 0.01 * dies
 
 
-def draw_s(made: PlateFiles) -> float:
+def draw_s(amounts: Amounts) -> float:
     """Of drawing the polygons that the files are written from."""
-    vertices, references = _counts(made)
-    return 0.05 + 1.5e-6 * vertices + 3e-6 * references
+    return 0.05 + 1.5e-6 * amounts.vertices + 3e-6 * amounts.references
 
 
-def write_s(made: PlateFiles) -> float:
+def write_s(made: PlateFiles, amounts: Amounts) -> float:
     """Of writing every file."""
-    return _files_s(made, 0)
+    return _files_s(made, amounts, 0)
 
 
-def read_s(made: PlateFiles) -> float:
+def read_s(made: PlateFiles, amounts: Amounts) -> float:
     """Of reading every file back, and comparing it with the design."""
-    return _files_s(made, 1) + _DOTS_S * len(made.plate.dies)
+    return _files_s(made, amounts, 1) + _DOTS_S * amounts.dies
 
 
-def read_bytes(made: PlateFiles) -> float:
-    """Of memory, for the design and a file that is held against it."""
+def read_bytes(made: PlateFiles, amounts: Amounts) -> float:
+    """Of memory, for the design, a file that is held against it, and the dots of one die."""
     flat = any(product.name.endswith(".gbr") for product in made.products)
-    return _VERTEX_BYTES * _counts(made)[0] + _DRAWN_BYTES * made.figures.account.vertices * flat
+    of_die = _DOT_BYTES * amounts.dots + _BOX_BYTES * amounts.share * amounts.drawn
+    return _VERTEX_BYTES * amounts.vertices + max(of_die, _DRAWN_BYTES * amounts.drawn * flat)
 
 
 def figures_s(tasks: int) -> float:
@@ -224,26 +265,14 @@ def task_bytes(function: Callable[..., Any], given: tuple[Any, ...]) -> float:
     return 0.0 if held is None else float(held(*given))
 
 
-def _files_s(made: PlateFiles, way: int) -> float:
-    amounts = *_counts(made), made.figures.account.vertices
+def _files_s(made: PlateFiles, amounts: Amounts, way: int) -> float:
+    counted = amounts.vertices, amounts.references, amounts.drawn
     total = 0.0
     for product in made.products:
         cost = next((cost for ending, cost in _FILES.items() if product.name.endswith(ending)), _OTHER)
         each = (cost.vertex[way], cost.reference[way], cost.drawn[way])
-        total += cost.file[way] + sum(one * amount for one, amount in zip(each, amounts, strict=True))
+        total += cost.file[way] + sum(one * amount for one, amount in zip(each, counted, strict=True))
     return total
-
-
-def _counts(made: PlateFiles) -> tuple[int, int]:
-    """Vertices that stand in cells, and references, of the design."""
-    vertices = references = 0
-    for cell in made.design.each_cell():
-        references += cell.child_instances()
-        for layer in made.design.layer_indexes():
-            drawn = db.Region(cell.shapes(layer))
-            drawn.merged_semantics = False
-            vertices += drawn.edges().count()
-    return vertices, references
 
 
 def _ratio(pairs: Iterable[tuple[float, float]]) -> float:

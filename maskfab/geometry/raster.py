@@ -7,6 +7,7 @@ A box is the outer product of two intervals, so its coverage is a handful of ent
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import Literal
 
 import numpy as np
@@ -19,6 +20,8 @@ Located = tuple[NDArray[np.intp], Floats]
 
 _MOST_CELLS = 50_000_000
 _EDGES_AT_A_TIME = 100_000
+_CROWDED = 200
+"""Cells that a cell may place for all its placements to be looked at, whatever the window."""
 
 
 def coverage(shapes: db.Region | Ints, x_edges_nm: Floats, y_edges_nm: Floats) -> Floats:
@@ -88,10 +91,13 @@ def placed_boxes(cell: db.Cell, layer: int, window: db.Box | None = None) -> Int
     shapes = cell.begin_shapes_rec(layer) if window is None else cell.begin_shapes_rec_touching(layer, window)
     shapes.max_depth = 0
     own = db.Region(shapes).merged(True, 1)
-    if not _is_manhattan(own) or any(instance.is_complex() for instance in cell.each_inst()):
+    # On a plate of many dies each asks for its own; cells that place few others are gone through in their own order.
+    crowded = window is not None and cell.child_cells() > _CROWDED
+    instances = list(cell.each_touching_inst(window) if crowded else cell.each_inst())
+    if not _is_manhattan(own) or any(instance.is_complex() for instance in instances):
         return None
     parts = [to_boxes(own)]
-    for (child_index, angle, mirrored), offsets in _placements(cell).items():
+    for (child_index, angle, mirrored), offsets in _placements(instances).items():
         child = cell.layout().cell(child_index)
         turn = db.Trans(angle, mirrored)
         kept = offsets if window is None else _reaching(child.bbox(layer).transformed(turn), offsets, window)
@@ -125,11 +131,11 @@ def _is_manhattan(region: db.Region) -> bool:
     return bool(region.non_rectilinear().is_empty())
 
 
-def _placements(cell: db.Cell) -> dict[tuple[int, int, bool], Ints]:
-    """Displacements, int64 [n, 2], of every child cell by its index, quarter turns and mirroring."""
+def _placements(instances: Iterable[db.Instance]) -> dict[tuple[int, int, bool], Ints]:
+    """Displacements, int64 [n, 2], of child cells by their index, quarter turns and mirroring."""
     found: dict[tuple[int, int, bool], list[tuple[int, int]]] = {}
     arrays: dict[tuple[int, int, bool], list[Ints]] = {}
-    for instance in cell.each_inst():
+    for instance in instances:
         placed = instance.cell_inst
         first = placed.trans
         key = placed.cell_index, first.angle, first.is_mirror()

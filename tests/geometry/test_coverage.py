@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 from klayout import db
 from sweeps import examples
 
+from maskfab.geometry import raster
 from maskfab.geometry.plate_layout import region
 from maskfab.geometry.raster import coverage, placed_boxes, to_boxes
 
@@ -132,6 +133,21 @@ def test_placed_boxes_cover_what_the_flat_region_covers(window):
         rebuilt.insert(db.Box(*box))
     clip = db.Region(layout.top_cell().bbox() if window is None else db.Box(*window))
     assert ((rebuilt & clip) ^ region(layout, db.LayerInfo(1, 0), window)).is_empty()
+
+
+def test_of_a_crowd_of_cells_only_those_near_the_window_are_asked(monkeypatch):
+    asked = []
+    whole = raster._reaching
+    monkeypatch.setattr(raster, "_reaching", lambda *given: asked.append(given) or whole(*given))
+    layout = db.Layout()
+    layer, top = layout.layer(1, 0), layout.create_cell("TOP")
+    for number in range(400):
+        cell = layout.create_cell(f"C{number}")
+        cell.shapes(layer).insert(db.Box(0, 0, 10 + number, 10))
+        top.insert(db.CellInstArray(cell.cell_index(), db.Trans(1000 * number, 0)))
+    found = placed_boxes(top, layer, db.Box(299_900, -100, 300_900, 100))
+    assert found.tolist() == [[300_000, 0, 300_310, 10]]
+    assert len(asked) < 5
 
 
 def test_placed_boxes_decline_what_is_not_manhattan():

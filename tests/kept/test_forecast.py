@@ -3,22 +3,26 @@
 from __future__ import annotations
 
 import json
+import tracemalloc
+from dataclasses import replace
 from math import inf
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 from once import figures_in_words
-from small_job import command, listing, write_job
+from small_job import JOB, command, listing, write_job
 
 import maskfab as mf
 from maskfab import pipeline
+from maskfab.comparison.roundtrip import compare_layout
 from maskfab.dry_run import dry_run
 from maskfab.errors import OutputError
 from maskfab.job import load_job
 from maskfab.kept.store import Entry, Store
 from maskfab.measurement.scene_rows import measure_scene
-from maskfab.task_costs import _FILES, _HELD, _MODELS, PROBE_S, Pace, expected, probe
+from maskfab.report.page.front import MOST_SHOWN
+from maskfab.task_costs import _FILES, _HELD, _MODELS, PROBE_S, Amounts, Pace, expected, probe, read_bytes
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -126,3 +130,35 @@ def _plan(places: int, defocus: bool) -> SimpleNamespace:
     return SimpleNamespace(
         choice=choice, fullest=choice, wavelengths=3, depths=1 + defocus, price=SimpleNamespace(seconds=54.0)
     )
+
+
+@pytest.mark.parametrize("cells", [30, 60])
+def test_memory_of_reading_is_foreseen_within_a_factor_of_two(tmp_path, cells):
+    """Of what arrays hold while a die is compared dot by dot, which is most of it where dies are large."""
+    edits = ("560 um", f"{56 * cells} um"), ('die_pitch = "2 mm"', 'die_pitch = "6 mm"')
+    job = load_job(write_job(tmp_path, *edits))
+    plate = job.plate()
+    plate = replace(plate, dies=plate.dies[1:])
+    made = pipeline.draw_files(job, plate)
+    amounts = Amounts.of(made)
+    assert amounts.dots == (7 * cells) ** 2
+    tracemalloc.start()
+    try:
+        trip = compare_layout(plate, made.design, made.design, tmp_path)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert trip.dies[0].wrong_dots == 0
+    foreseen = read_bytes(made, amounts) - read_bytes(made, replace(amounts, dots=0, drawn=0))
+    assert peak / 2 < foreseen < 2 * peak
+
+
+def test_a_plate_of_many_dies_is_foreseen_with_the_figures_that_its_page_shows(tmp_path):
+    head, first, _ = JOB.split("[[die]]")
+    head = head.replace("columns = 2", "columns = 7").replace('die_pitch = "2 mm"', 'die_pitch = "1.4 mm"')
+    dies = "".join("[[die]]" + first.replace("PLAIN", f"D{number}") for number in range(40))
+    path = write_job(tmp_path)
+    path.write_text(head + dies, encoding="utf-8")
+    stages = {stage.name: stage for stage in dry_run(load_job(path), tmp_path / "out").stages}
+    assert stages["figures"].tasks == 2 + MOST_SHOWN
+    assert stages["optics"].tasks == 40
