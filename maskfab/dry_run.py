@@ -19,7 +19,7 @@ from maskfab.model import Plate
 from maskfab.processes import Alone, Found, Given, Task
 from maskfab.progress import silent
 from maskfab.report.documents.measured_data import measured_beside
-from maskfab.report.page.front import MOST_SHOWN
+from maskfab.report.page.front import shown_count
 from maskfab.task_costs import (
     HELD,
     SCENES_S,
@@ -194,7 +194,7 @@ def _own(name: str, tasks: int, seconds: float, pace: Pace, held: float = 0.0) -
 
 def _figures(job: Job, plate: Plate) -> int:
     """Tasks of drawing: of the plate, the overview, and of each die that the page shows what it has."""
-    dies, spec = min(len(plate.dies), MOST_SHOWN), job.spec
+    dies, spec = shown_count(len(plate.dies)), job.spec
     own = 1 + (spec.emitters is not None) + (spec.scene is not None) + (spec.written is not None)
     return 2 + dies * own
 

@@ -20,8 +20,8 @@ from maskfab.units import UM_PER_MM
 Document = Mapping[str, Any]
 Mood = Literal["good", "bad", "open"]
 
-MOST_SHOWN = 32
-"""Dies that a page shows with figures; with many more it would be too large for a browser."""
+_FEW, _CHOSEN = 32, 16
+"""Dies that a page shows with figures, all of them; and of more, for which it would be too large for a browser."""
 
 _ADD = 'add a die as [[die]] to compare with, and name it in the job: [report] reference = "DIE"'
 
@@ -156,17 +156,22 @@ def best(document: Document) -> Best | str:
     )
 
 
+def shown_count(dies: int) -> int:
+    """Dies of so many that the page shows with figures."""
+    return dies if dies <= _FEW else _CHOSEN
+
+
 def shown_dies(document: Document) -> tuple[str, ...]:
     """Dies that the page shows with figures and all their numbers: all, or of more than 32 the reference and the best,
     then those that failed a check, then those that photographs find best."""
     names: list[str] = [die["name"] for die in document["dies"]]
-    if len(names) <= MOST_SHOWN:
+    if (count := shown_count(len(names))) == len(names):
         return tuple(names)
     found = best(document)
     failed = {check["die"] for check in document["checks"] if not check["passed"] and "die" in check}
     first = () if isinstance(found, str) else found.shown
     ranked = [line.name for line in die_table(document).lines]
-    chosen = list(dict.fromkeys([*first, *(name for name in names if name in failed), *ranked]))[:MOST_SHOWN]
+    chosen = list(dict.fromkeys([*first, *(name for name in names if name in failed), *ranked]))[:count]
     return tuple(name for name in names if name in chosen)
 
 

@@ -18,7 +18,7 @@ from maskfab.quantities import QUANTITIES, Entry, registered
 from maskfab.report.page.bands import band_of, decibels, ranked
 from maskfab.report.page.die_table import die_table
 from maskfab.report.page.environment import page_environment
-from maskfab.report.page.front import MOST_SHOWN, assumed, best, crops, shown_dies, stamps
+from maskfab.report.page.front import assumed, best, crops, shown_dies, stamps
 from maskfab.report.page.glossary import WORDS
 from maskfab.report.page.model_table import model_table
 from maskfab.report.page.photograph_table import photograph_table
@@ -118,8 +118,8 @@ def html_page(document: Mapping[str, Any], pictures: Mapping[str, Mapping[str, s
         best=(found := best(document)),
         crops=list(crops(document, found)),
         assumed=assumed(document),
-        unfolded=shown_dies(document),
-        many=len(document["dies"]) > MOST_SHOWN,
+        unfolded=(unfolded := shown_dies(document)),
+        many=len(unfolded) < len(document["dies"]),
         most_failed=_MOST_FAILED,
         failures=_by_name(check for check in checks if not check["passed"]),
         summary=_by_name(checks),

@@ -53,6 +53,8 @@ _CUTS: Mapping[str, tuple[str, str, Any, float]] = MappingProxyType(
 _MARKS = ("o", "s", "^", "D", "v", "P", "X", "<", ">", "p", "h", "*")
 _LOWEST = 5e-3
 """MTF at the lower edge of the comparison of dies; what is lower is drawn there."""
+_NAMED = 100
+"""Dies whose names and labels a drawing of the plate can show."""
 _NAME = 0.045
 """From one name beside it to the next, of its height."""
 _POWERS = ("1", "10⁻¹", "10⁻²", "10⁻³", "10⁻⁴", "10⁻⁵", "10⁻⁶")
@@ -399,8 +401,10 @@ def _draw_plate(axes: Axes, plate: Plate, failed: frozenset[str]) -> None:
         x0, y0, x1, y1 = (edge / NM_PER_MM for edge in die.box_nm)
         tone = 0.25 + 0.75 * die.panel.open_ratio  # a panel seen from afar is grey; lifted so that it shows on chrome
         axes.add_artist(Rectangle((x0, y0), x1 - x0, y1 - y0, facecolor=_mix(tone), linewidth=0))
-        _write_name(axes, die, die.name in failed, 2 * half)
-    marks = [item for item in plate.furniture if item.kind != "wires"]
+        if die.name in failed or len(plate.dies) <= _NAMED:
+            _write_name(axes, die, die.name in failed, 2 * half)
+    labels = {f"LABEL_{die.name}" for die in plate.dies} if len(plate.dies) > _NAMED else frozenset()
+    marks = [item for item in plate.furniture if item.kind != "wires" and item.name not in labels]
     for written, edge in ((True, "none"), (False, "#6b737e")):
         polygons = [p for item in marks if item.layer.written is written for p in item.polygons]
         fill = _CLEAR if written else "none"
