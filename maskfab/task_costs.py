@@ -192,7 +192,7 @@ _BOX_BYTES = 22.0
 
 @dataclass(frozen=True)
 class Amounts:
-    """What drawing, writing and reading the files of a plate goes through.
+    """Size of the work of drawing, writing and reading the files of a plate.
 
     Attributes:
         vertices: that stand in cells of the design.
@@ -212,7 +212,7 @@ class Amounts:
 
     @classmethod
     def of(cls, made: PlateFiles) -> Amounts:
-        """Those of the files that a plate becomes."""
+        """Amounts of the files that a plate becomes."""
         vertices = references = 0
         for cell in made.design.each_cell():
             references += cell.child_instances()
