@@ -26,6 +26,9 @@ MOST_CELLS = 20_000
 MOST_COVERED = 100
 """Times that one place is drawn; a plate draws it once, and sides cross as often as that squared."""
 
+MOST_VERTICES = 100_000
+"""Of one polygon: what is done with it grows faster than they do, and mask writers take some thousands."""
+
 FARTHEST_NM = 1_000_000_000
 ROUNDING_KEY = "maskfab_rounding_nm"
 LEFT_OUT_KEY = "maskfab_left_out"
@@ -163,6 +166,21 @@ def check_limits(layout: db.Layout, path: Path) -> None:
         for cell in layout.each_cell():
             if not cell.shapes(layer).is_empty():
                 _refuse_crossing(cell, layer, path)
+
+
+def refuse_long(longest: int, path: Path) -> None:
+    """Refuse a polygon of too many vertices before it is drawn.
+
+    Raises:
+        SourceError: MF313.
+    """
+    if longest > MOST_VERTICES:
+        raise SourceError(
+            "MF313",
+            f"{path.name} has a polygon of {longest} vertices; the limit is {MOST_VERTICES}",
+            where=str(path),
+            cure="Split it into polygons of fewer vertices, as mask writers ask",
+        )
 
 
 def check_size(layout: db.Layout, path: Path) -> None:

@@ -18,7 +18,13 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from maskfab.errors import SourceError
-from maskfab.geometry.shape_limits import MOST_CELLS, MOST_LAYERS, too_many_cells, too_many_layers
+from maskfab.geometry.shape_limits import (
+    MOST_CELLS,
+    MOST_LAYERS,
+    refuse_long,
+    too_many_cells,
+    too_many_layers,
+)
 
 TOP = "CIF_TOP"
 """Cell of what stands outside of symbols, where that is more than the call of one of them."""
@@ -215,6 +221,7 @@ class _Reading:
         self._draw(numbers)
 
     def _draw(self, corners: list[int] | list[float]) -> None:
+        refuse_long(len(corners) // 2, self._path)
         self._now.layers.append(self._on_layer())
         self._now.corners += corners
         self._now.sizes.append(len(corners) // 2)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from maskfab.errors import SourceError
 from maskfab.geometry.plate_layout import DBU_UM, layer_info
-from maskfab.geometry.shape_limits import ROUNDING_KEY, LeftOut, is_empty, note_left_out
+from maskfab.geometry.shape_limits import ROUNDING_KEY, LeftOut, is_empty, note_left_out, refuse_long
 from maskfab.model import CLEAR
 from maskfab.readers.gerber_process import Outlines, Run
 from maskfab.readers.sandbox.bounded import library_errors
@@ -43,6 +43,8 @@ def read_gerber(path: Path) -> db.Layout:
     runs, curves = read_apart(path, script, kind=Outlines, seconds=seconds)
     if not all(corners.shape == (sizes.sum(), 2) and (sizes >= 0).all() for _, corners, sizes in runs):
         raise unusable(path, ValueError())
+    for _, _, sizes in runs:
+        refuse_long(int(sizes.max(initial=0)), path)
     with library_errors(path):
         return _Drawing(curves).layout(runs)
 

@@ -32,6 +32,7 @@ from maskfab.geometry.shape_limits import (
     is_empty,
     left_out,
     note_left_out,
+    refuse_long,
 )
 from maskfab.model import CLEAR, LAYERS
 from maskfab.readers.cell_content import CellArrays, cell_content
@@ -348,6 +349,7 @@ class _Conversion:
         # Many vertices and all origins in one array each: a flat die has a million polygons, a random one ten thousand
         # references.
         polygons = source["polygons"]
+        refuse_long(int(polygons["sizes"].max(initial=0)), self._path)
         ends = np.cumsum(polygons["sizes"])
         for start in range(0, len(ends), _AT_ONCE):
             self._draw(source["name"], polygons, ends, range(start, min(start + _AT_ONCE, len(ends))), target)
