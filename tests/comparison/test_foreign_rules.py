@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from fuzz_originals import FEW
-from hostile_files import overlapping
+from hostile_files import arrayed, overlapping
 from klayout import db
 from small_job import command, edited, write_job
 
-from maskfab.comparison.foreign import layer_rules
+from maskfab.comparison.foreign import foreign_mask, layer_rules, optics_agreement
 from maskfab.comparison.foreign.foreign_mask import check_foreign
 from maskfab.readers.sandbox.limits import children_seconds
 
@@ -283,6 +283,40 @@ def test_round_outlines_do_not_take_edges_squared(job, plate, tmp_path):
     rows = {row.name: row for row in check_foreign(plate, job.camera, job.spec.limits, path).quantities}
     assert time.process_time() - start < 15
     assert 140 < rows["min_feature"].value < 200
+
+
+CIRCLE = db.Polygon.ellipse(db.Box(0, 0, 10_000, 10_000), 64)
+
+
+@pytest.mark.parametrize(
+    ("drawing", "seconds"),
+    [
+        ((db.Box(0, 0, 1000, 1000), 2000, 100, 2), 10),
+        ((db.Box(0, 0, 3, 3), 5, 120), 10),
+        ((CIRCLE, 12_000, 100), 10),
+        ((db.Polygon([db.Point(0, 0), db.Point(300, 900), db.Point(1000, 100)]), 3100, 30, 1, 11.3), 10),
+        ((db.Box(0, 0, 5000, 5000), 2000, 100, 2), 10),
+    ],
+    ids=["nested", "tiny", "round", "turned", "overlapping"],
+)
+def test_few_bytes_that_draw_very_many_shapes_are_answered_soon(job, tmp_path, monkeypatch, drawing, seconds):
+    """What the rules look at has a limit, whatever the shapes: some of these took longer than anybody waited."""
+    monkeypatch.setattr(foreign_mask, "optics_of_unlike", lambda *_: ())
+    path = arrayed(tmp_path / "x.gds", *drawing)
+    assert path.stat().st_size < 5000
+    begun = time.process_time()
+    rows = held(job, path)
+    assert time.process_time() - begun < seconds
+    assert {"lies", "rule_width"} <= refused(rows)
+    assert rows["min_feature"].value is not None
+
+
+def test_too_many_shapes_before_a_stop_are_not_measured_and_that_is_said(job, tmp_path, monkeypatch):
+    monkeypatch.setattr(optics_agreement, "MOST_SEEN_ALONE", 50)
+    rows = held(job, arrayed(tmp_path / "x.gds", db.Box(0, 0, 1000, 1000), 20_000, 100))
+    assert rows["optics"].passed is False
+    assert "more than 50 shapes" in rows["optics"].method
+    assert "mtf50" not in rows
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="limits are those of POSIX")
