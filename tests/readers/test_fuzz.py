@@ -25,8 +25,8 @@ APART = ("gdsii", "oasis", "gerber", "step")
 @pytest.fixture
 def one_process(monkeypatch):
     """The readers as they are in a worker of the fuzzer, for this process to be copied for every file."""
-    for module in (layout_file, gerber, step):
-        monkeypatch.setattr(module, "read_apart", module.read_apart)
+    for module, name in ((layout_file, "_read_cells"), (gerber, "read_apart"), (step, "read_apart")):
+        monkeypatch.setattr(module, name, getattr(module, name))
     fuzz_readers.in_one_process()
     import_module("gerbonara")
 
