@@ -124,14 +124,16 @@ def test_a_file_says_what_became_of_corners_that_touch(tmp_path):
     write_glb(die, tmp_path / "x.glb", stack=Stack(corners="neck", corner_nm=2000))
     said = chunks(tmp_path / "x.glb")[0]["asset"]["extras"]["comments"]
     assert said[-1] == "12 touching corners have a neck of 2 um"
+    write_stl(die, tmp_path / "wide.stl", stack=Stack(corner_nm=5333.0))
+    assert is_manifold(np.asarray(merged(tmp_path / "wide.stl").faces))
 
 
-@pytest.mark.parametrize("corner_nm", [9.0, 4001.0])
+@pytest.mark.parametrize("corner_nm", [9.0, 5334.0])
 @pytest.mark.parametrize("format_", ["stl", "glb", "3mf"])
 def test_a_gap_that_cannot_be_is_refused_before_anything_is_written(tmp_path, format_, corner_nm):
     path = tmp_path / f"x.{format_}"
     die = die_of(Opening("x", CORNERS, 8000), np.zeros((2, 2), dtype=int))
-    with pytest.raises(OutputError, match=r"MF436.*10 nm and 4000 nm.*D1.*export\.formats"):
+    with pytest.raises(OutputError, match=r"MF436.*10 nm and 5333 nm.*D1.*export\.formats"):
         WRITERS[format_](die, path, stack=Stack(corner_nm=corner_nm))
     assert not path.exists()
     # Where nothing touches nobody asks.

@@ -32,8 +32,8 @@ MOST_CAD_VERTICES, MOST_CAD_CELLS = 4_000, 40_000
 """Of exact solids: the cut of an outline takes 0.5 s for 230 vertices, 8 s for 2200; a thousand cells take 0.6 s."""
 MOST_MESH_VERTICES = 1_500_000
 """Of the outlines of all cells: a mesh has four times as many triangles."""
-_NARROWEST_CORNER_NM, _CORNER_SHARE = 10.0, 0.1
-"""Of a gap or neck at a corner: of the former float32 millimetres make corners of their own, the latter is of a dot."""
+_NARROWEST_CORNER_NM, _CORNER_SHARE, _WIDEST_CORNER_SHARE = 10.0, 0.1, 2 / 3
+"""Of a gap or neck at a corner: what float32 millimetres keep apart, and shares of a dot, by default and at most."""
 
 
 @dataclass(frozen=True)
@@ -64,15 +64,16 @@ class Stack:
         """Distance from a corner that touches to where its gap or neck ends on the sides of the openings.
 
         Raises:
-            OutputError: MF436 for a gap or neck below 10 nm, or above half a dot, which could meet the next.
+            OutputError: MF436 for a gap or neck below 10 nm, or above two thirds of a dot, which would meet the next.
         """
         dot_nm = die.panel.dot_nm
         width = _CORNER_SHARE * dot_nm if self.corner_nm is None else self.corner_nm
-        if not _NARROWEST_CORNER_NM <= width <= dot_nm / 2:
+        widest = math.floor(_WIDEST_CORNER_SHARE * dot_nm)
+        if not _NARROWEST_CORNER_NM <= width <= widest:
             raise OutputError(
                 "MF436",
                 f"openings touch by a corner, and a {self.corners} of {width:g} nm there is not within "
-                f"{_NARROWEST_CORNER_NM:g} nm and {dot_nm / 2:g} nm, half a dot",
+                f"{_NARROWEST_CORNER_NM:g} nm and {widest} nm, two thirds of a dot",
                 where=f"die {die.name}",
                 cure="State one that is, or leave glb, 3mf and stl out of export.formats",
             )
