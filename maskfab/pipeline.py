@@ -26,7 +26,7 @@ from maskfab.errors import InternalError, SourceError, UnknownNameError
 from maskfab.export.images.plate_bitmap import check_plate_bitmap
 from maskfab.export.images.psf_exr import PsfFile, psf_files
 from maskfab.export.markers import write_markers
-from maskfab.export.outputs import PLATE_BITMAP_TAILS, TITLES
+from maskfab.export.outputs import FORMATS
 from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, times_text
 from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
@@ -34,7 +34,7 @@ from maskfab.geometry.data_bias import check_bias
 from maskfab.geometry.plate_layout import clear_shapes, plate_names
 from maskfab.geometry.writer_model import check_process
 from maskfab.job import Job, load_job
-from maskfab.jobfile import PLATE_BITMAPS, ExportSection
+from maskfab.jobfile import PLATE_BITMAPS, ExportSection, FileFormat
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.jobfile.uses import USES, unused
 from maskfab.judge.verdict import asked
@@ -520,7 +520,7 @@ def write_psfs(psfs: Sequence[PsfFile], folder: Path) -> tuple[WrittenFile, ...]
     """Write PSFs beside the files that they were measured in."""
     for psf in psfs:
         psf.write(folder / psf.name)
-    return tuple(provenance.file_record(folder, folder / psf.name, TITLES["exr"]) for psf in psfs)
+    return tuple(provenance.file_record(folder, folder / psf.name, FORMATS["exr"].title) for psf in psfs)
 
 
 def measure_dies(
@@ -639,25 +639,30 @@ def check_processes(job: Job, plate: Plate) -> None:
         check_bias(plate, job.spec.data_bias_nm, f"{job.where}: process.cd_bias")
 
 
-def check_pictures(job: Job, plate: Plate) -> None:
+def check_pictures(job: Job, plate: Plate, formats: Sequence[FileFormat] | None = None) -> None:
     """Refuse pixels and dots that are larger than the smallest feature of a die, dots of which there are too many, and
     either of biased data, before anything is drawn.
+
+    Args:
+        job: whose plate it is.
+        plate: its dies.
+        formats: to be written; by default those of the job.
 
     Raises:
         JobError: MF104, MF128.
         OutputError: MF415.
     """
-    section = job.spec.export
-    if section is not None and not {"png", "tiff"}.isdisjoint(section.formats or ()):
+    section, shop = job.spec.export or ExportSection(), named_shop(job)
+    written = written_formats(section, shop) if formats is None else formats
+    if not {"png", "tiff"}.isdisjoint(written):
         check_pixels(plate.dies, section.dots_per_um, job.where)
-    shop = named_shop(job)
-    dpi, written = plotted_dpi(section, shop), written_formats(section or ExportSection(), shop)
+    dpi = plotted_dpi(section, shop)
     check_polygons(job.spec, written, job.where)
     asked = [each for each in PLATE_BITMAPS if each in written]
     if dpi is not None and asked:
         check_dots(plate.dies, dpi, job.where)
         for each in asked:
-            check_plate_bitmap(plate, each, dpi, plate.name + PLATE_BITMAP_TAILS[each])
+            check_plate_bitmap(plate, each, dpi, plate.name + FORMATS[each].tail)
 
 
 def check_readers(made: PlateFiles) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,14 +13,15 @@ from maskfab.api.camera import F1, Camera
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.panel import Panel
 from maskfab.arguments import checked_arguments
-from maskfab.errors import JobError, OutputError
-from maskfab.export.outputs import MASK_TAILS, mask_writer
+from maskfab.errors import JobError
+from maskfab.export.outputs import format_of, products
 from maskfab.files.atomic import partial
 from maskfab.job import Job, resolve
-from maskfab.jobfile import FileFormat, JobSection, JobSpec, PlateSection, parse_section, validate
+from maskfab.jobfile import JobSection, JobSpec, PlateSection, parse_section, validate
 from maskfab.jobfile.values import um_text
+from maskfab.mask_shops.plate_files import check_stated
 from maskfab.opening import openings
-from maskfab.pipeline import draw_files
+from maskfab.pipeline import check_pictures, draw_files
 from maskfab.plate import maps
 from maskfab.units import NM_PER_UM
 
@@ -184,27 +185,37 @@ class Plate:
         return self.job(camera).plate()
 
     @checked_arguments
-    def write(self, path: str | Path, camera: Camera | None = None) -> Path:
-        """Write the plate in the format that the suffix names: .oas .gds .dxf .gbr .cif .svg.
+    def write(self, path: str | Path, camera: Camera | None = None, *, die: str | None = None) -> Path:
+        """Write the plate in the format that the suffix names: .oas .gds .dxf .gbr .cif .svg .step .tif .bmp.
+
+        Of one die: .step .glb .3mf .stl .png .tif.
 
         The file is the one that a run writes, byte for byte; an earlier one is replaced.
 
         Args:
             path: of the file; a name that ends in _R12.dxf is of that version, any other .dxf of R2010.
             camera: that the job in the file's signature has; by default the plate's.
+            die: name of the die to write alone.
 
         Raises:
-            OutputError: MF430 for another suffix, MF401 if the file cannot be written.
-            JobError: as :meth:`layout`.
+            OutputError: MF430 for another suffix, MF401 if the file cannot be written, and as the writer of the format.
+            JobError: as :meth:`layout`; MF105 for a die that is not there, or a .tif or .bmp of the plate without
+                ``sections={"export": {"dpi": ...}}``.
         """
         target = Path(path)
-        kind = _format(target)
+        if die is not None and die not in self.panels:
+            cure = f"Use {', '.join(self.panels)}"
+            raise JobError("MF105", f"there is no die {die!r}", where=f"{_WHERE}.write: die", cure=cure)
+        kind = format_of(target, die=die is not None)
         job = self.job(camera)
         plate = job.plate()
+        check_pictures(job, plate, [kind])
         made = draw_files(job, plate)
-        write = mask_writer(made.figures, kind, [job.signature, plate.title], made.settings.drawing)
+        check_stated(made.settings.dpi, [kind])
+        written = products(made.figures, [kind], [job.signature, plate.title], made.settings)
+        (product,) = (each for each in written if (None if each.die is None else each.die.name) == die)
         with partial(target) as aside:
-            write(aside)
+            product.write(aside)
         return target
 
     def to_klayout(self) -> db.Layout:
@@ -227,22 +238,6 @@ class Plate:
 
     def __repr__(self) -> str:
         return f"<Plate {self.heading.name}: {', '.join(self.panels)}>"
-
-
-def _format(target: Path) -> FileFormat:
-    """The mask format that a file's name stands for."""
-    kinds: Sequence[FileFormat] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010", "gerber", "cif", "svg")
-    for kind in kinds:
-        if target.name.lower().endswith(MASK_TAILS[kind].lower()):
-            return kind
-    if target.suffix.lower() == ".dxf":
-        return "dxf_r2010"
-    raise OutputError(
-        "MF430",
-        f"no plate is written with the suffix {target.suffix!r}",
-        where=str(target),
-        cure="Use .oas, .gds, .dxf, .gbr, .cif or .svg",
-    )
 
 
 def _keep(texts: dict[str, str], name: str, text: str, kind: str, die: str) -> None:

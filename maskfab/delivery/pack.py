@@ -18,8 +18,8 @@ from maskfab.delivery.extents import file_box
 from maskfab.delivery.papers import PROFILE, MaskOrder, check_papers, check_profile, package_facts, papers
 from maskfab.delivery.revision import check_earlier, check_same, package_stem, placed
 from maskfab.errors import InputError, JobError, OutputError, SourceError
+from maskfab.export import outputs
 from maskfab.export.cell_polygons import CUT
-from maskfab.export.outputs import MASK_TAILS, PLATE_BITMAP_TAILS
 from maskfab.files.finished import JOB_COPY, RESULT_MARK
 from maskfab.files.staging import check_file, write_bytes, write_text
 from maskfab.job import Job, load_job
@@ -41,7 +41,7 @@ from maskfab.readers.sandbox.bounded import bounded, seconds_of
 
 PACKED: tuple[Format, ...] = FORMATS
 """Formats that a package can hold."""
-_TAILS = (*(MASK_TAILS[each] for each in PACKED if each in MASK_TAILS), *PLATE_BITMAP_TAILS.values())
+_TAILS = tuple(outputs.FORMATS[each].tail for each in PACKED)
 _MASK_SUFFIXES = tuple(f".{tail.rpartition('.')[2]}" for tail in _TAILS)
 
 
@@ -365,12 +365,12 @@ def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple
 def _read_back(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:
     """Extent of everything in a mask file, which a bitmap does not tell, and the file against the design and the
     openings dot by dot."""
-    if path.suffix in PLATE_BITMAP_TAILS.values():
+    if path.suffix in {outputs.FORMATS[each].tail for each in PLATE_BITMAPS}:
         return None, (plate_dots_row(drawn, path),)
     read = read_mask(path)
     box = file_box(path, read, drawn.settings.drawing)
     rows = compare_mask(drawn, read, path).quantities()
-    if CUT in drawn.figures.layers and path.suffix == MASK_TAILS["gerber"]:
+    if CUT in drawn.figures.layers and path.suffix == outputs.FORMATS["gerber"].tail:
         # Its reader takes the holes away, so that polygons are no longer those that were drawn.
         return box, tuple(each for each in rows if each.name != "polygons")
     return box, rows

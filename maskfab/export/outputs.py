@@ -1,18 +1,19 @@
-"""The files of a plate, by the formats of the job: name, subject and writer of each."""
+"""The files of a plate: every format with its name, its subject and its writer, in one table."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Literal, TypeAlias
 
 from klayout import db
 
+from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import Figures
 from maskfab.export.cif import write_cif
-from maskfab.export.dxf import DrawingStyle, write_dxf
+from maskfab.export.dxf import DrawingStyle, Version, write_dxf
 from maskfab.export.gds import write_gdsii, write_oasis
 from maskfab.export.gerber import write_gerber
 from maskfab.export.images.bitmap import write_bilevel, write_preview
@@ -21,49 +22,10 @@ from maskfab.export.solid.mesh import write_3mf, write_glb, write_stl
 from maskfab.export.solid.step import write_plate_step, write_step
 from maskfab.export.solid.tiles import Stack
 from maskfab.export.svg import write_svg
-from maskfab.jobfile import FileFormat, PlateBitmap
-from maskfab.model import Die
+from maskfab.jobfile import FileFormat
+from maskfab.model import Die, Plate
 
 Kind: TypeAlias = Literal["mask", "solid", "plate_solid", "bitmap", "plate_bitmap"]
-
-TITLES: Mapping[str, str] = {
-    "gdsii": "GDSII",
-    "oasis": "OASIS",
-    "dxf_r12": "DXF R12",
-    "dxf_r2010": "DXF R2010",
-    "gerber": "Gerber X2",
-    "cif": "CIF",
-    "plate_tiff": "TIFF of a plotter's dots",
-    "plate_bmp": "BMP of a plotter's dots",
-    "svg": "SVG",
-    "step": "STEP",
-    "glb": "GLB",
-    "3mf": "3MF",
-    "stl": "STL",
-    "png": "PNG",
-    "tiff": "TIFF, 1 bit",
-    "exr": "OpenEXR, PSF",
-}
-MASK_TAILS: Mapping[str, str] = {
-    "gdsii": ".gds",
-    "oasis": ".oas",
-    "dxf_r12": "_R12.dxf",
-    "dxf_r2010": "_R2010.dxf",
-    "gerber": ".gbr",
-    "cif": ".cif",
-    "svg": ".svg",
-}
-"""Ending of the file name of a whole plate, after the plate's name, by format."""
-PLATE_BITMAP_TAILS: Mapping[PlateBitmap, str] = {"plate_tiff": ".tif", "plate_bmp": ".bmp"}
-"""As :data:`MASK_TAILS`, of pictures that a plotter takes in place of polygons."""
-_DIE_SUFFIX: Mapping[str, str] = {
-    "step": ".step",
-    "glb": ".glb",
-    "3mf": ".3mf",
-    "stl": ".stl",
-    "png": ".png",
-    "tiff": ".tif",
-}
 
 
 @dataclass(frozen=True)
@@ -104,6 +66,109 @@ class Product:
     die: Die | None = None
 
 
+@dataclass(frozen=True, eq=False)
+class _Source:
+    """What files are made of: a plate as it is drawn, or one die of it."""
+
+    figures: Figures
+    comments: Sequence[str]
+    settings: FileSettings
+    drawn: Die | None = None
+
+    @property
+    def plate(self) -> Plate:
+        return self.figures.plate
+
+    @property
+    def die(self) -> Die:
+        assert self.drawn is not None
+        return self.drawn
+
+    @property
+    def dpi(self) -> int:
+        assert self.settings.dpi is not None  # whoever asks for such a format has stated them
+        return self.settings.dpi
+
+
+_Writer: TypeAlias = Callable[[_Source, Path], object]
+
+
+@dataclass(frozen=True)
+class FormatFacts:
+    """One format of files.
+
+    Attributes:
+        title: for people.
+        tail: ending of the file's name, behind the plate's name or the die's.
+        of_plate: how a file of the whole plate is read back, and its writer; None where there is none.
+        of_die: as ``of_plate``, of a file for each die.
+    """
+
+    title: str
+    tail: str
+    of_plate: tuple[Kind, _Writer] | None = None
+    of_die: tuple[Kind, _Writer] | None = None
+
+
+def _mask(title: str, tail: str, write: _Writer) -> FormatFacts:
+    return FormatFacts(title, tail, of_plate=("mask", write))
+
+
+def _gdsii(of: _Source, to: Path) -> None:
+    write_gdsii(of.figures.layout(), to, of.figures.options.max_vertices)
+
+
+def _dxf(version: Version) -> _Writer:
+    return lambda of, to: write_dxf(of.figures, to, version, of.comments, of.settings.drawing)
+
+
+def _dots(write: Callable[..., object]) -> tuple[Kind, _Writer]:
+    return "plate_bitmap", lambda of, to: write(
+        of.plate, to, dpi=of.dpi, tone=of.figures.options.tone, comments=of.comments
+    )
+
+
+def _picture(write: Callable[..., object]) -> tuple[Kind, _Writer]:
+    return "bitmap", lambda of, to: write(
+        of.plate, to, dots_per_um=of.settings.dots_per_um, comments=of.comments, die=of.die.name
+    )
+
+
+def _solid(write: Callable[..., object], **more: Callable[[FileSettings], object]) -> tuple[Kind, _Writer]:
+    return "solid", lambda of, to: write(
+        of.die, to, of.comments, of.settings.stack, **{key: value(of.settings) for key, value in more.items()}
+    )
+
+
+FORMATS: Mapping[FileFormat, FormatFacts] = {
+    "gdsii": _mask(
+        "GDSII", ".gds", lambda of, to: write_gdsii(of.figures.layout(), to, of.figures.options.max_vertices)
+    ),
+    "oasis": _mask("OASIS", ".oas", lambda of, to: write_oasis(_renamed(of.figures.layout(), of.settings.drawing), to)),
+    "dxf_r12": _mask("DXF R12", "_R12.dxf", _dxf("R12")),
+    "dxf_r2010": _mask("DXF R2010", "_R2010.dxf", _dxf("R2010")),
+    "gerber": _mask("Gerber X2", ".gbr", lambda of, to: write_gerber(of.figures, to, of.comments)),
+    "cif": _mask("CIF", ".cif", lambda of, to: write_cif(of.figures, to, of.comments)),
+    "svg": _mask("SVG", ".svg", lambda of, to: write_svg(of.figures, to, of.comments)),
+    "step": FormatFacts(
+        "STEP",
+        ".step",
+        ("plate_solid", lambda of, to: write_plate_step(of.plate, to, of.comments, of.settings.stack)),
+        _solid(write_step),
+    ),
+    "glb": FormatFacts("GLB", ".glb", of_die=_solid(write_glb)),
+    "3mf": FormatFacts("3MF", ".3mf", of_die=_solid(write_3mf)),
+    "stl": FormatFacts("STL", ".stl", of_die=_solid(write_stl, limit_bytes=lambda each: each.stl_limit_bytes)),
+    "png": FormatFacts("PNG", ".png", of_die=_picture(write_preview)),
+    "tiff": FormatFacts("TIFF, 1 bit", ".tif", of_die=_picture(write_bilevel)),
+    "exr": FormatFacts("OpenEXR, PSF", ".exr"),
+    "plate_tiff": FormatFacts("TIFF of a plotter's dots", ".tif", of_plate=_dots(write_plate_tiff)),
+    "plate_bmp": FormatFacts("BMP of a plotter's dots", ".bmp", of_plate=_dots(write_plate_bmp)),
+}
+"""Every format that maskfab writes. PSFs are of what is measured in the other files, so EXR has its writer in
+:mod:`maskfab.export.images.psf_exr`."""
+
+
 def products(
     figures: Figures,
     formats: Sequence[FileFormat],
@@ -111,10 +176,7 @@ def products(
     settings: FileSettings | None = None,
     stem: str | None = None,
 ) -> tuple[Product, ...]:
-    """The files of a plate, in the order of the formats; STEP has a file for each die and one for the plate.
-
-    PSFs are made of what is measured in these files, so that EXR has none here: see
-    :mod:`maskfab.export.images.psf_exr`.
+    """The files of a plate, in the order of the formats; STEP has one for the plate and one for each die.
 
     Args:
         figures: the plate as it is drawn.
@@ -123,73 +185,48 @@ def products(
         settings: of drawings, solids and pictures.
         stem: how names of files begin; the plate's name by default.
     """
-    chosen, named = settings or FileSettings(), stem or figures.plate.name
-    return tuple(product for each in formats for product in _of_format(figures, each, comments, chosen, named))
+    source, named = _Source(figures, comments, settings or FileSettings()), stem or figures.plate.name
+    return tuple(product for each in formats for product in _of_format(source, FORMATS[each], named))
 
 
-def _of_format(
-    figures: Figures, kind: FileFormat, comments: Sequence[str], settings: FileSettings, stem: str
-) -> Iterator[Product]:
-    plate, title = figures.plate, TITLES[kind]
-    if kind == "exr":
-        return
-    if kind in MASK_TAILS:
-        write_mask = mask_writer(figures, kind, comments, settings.drawing)
-        yield Product(stem + MASK_TAILS[kind], title, "mask", write_mask)
-        return
-    if kind in ("plate_tiff", "plate_bmp"):
-        assert settings.dpi is not None  # whoever asks for such a format has stated them
-        dots = write_plate_tiff if kind == "plate_tiff" else write_plate_bmp
-        tone = figures.options.tone
-        write_dots = partial(dots, plate, dpi=settings.dpi, tone=tone, comments=comments)
-        yield Product(stem + PLATE_BITMAP_TAILS[kind], title, "plate_bitmap", write_dots)
-        return
-    if kind == "step":
-        assembly = partial(write_plate_step, plate, comments=comments, stack=settings.stack)
-        yield Product(f"{stem}.step", title, "plate_solid", assembly)
-    for die in plate.dies:
-        name = f"{stem}_{die.name}{_DIE_SUFFIX[kind]}"
-        if kind in ("png", "tiff"):
-            picture = write_preview if kind == "png" else write_bilevel
-            write = partial(picture, plate, dots_per_um=settings.dots_per_um, comments=comments, die=die.name)
-            yield Product(name, title, "bitmap", write, die)
-        else:
-            yield Product(name, title, "solid", _solid_writer(die, kind, comments, settings), die)
+def _of_format(source: _Source, form: FormatFacts, stem: str) -> Iterator[Product]:
+    if form.of_plate is not None:
+        kind, write = form.of_plate
+        yield Product(stem + form.tail, form.title, kind, partial(write, source))
+    if form.of_die is not None:
+        kind, write = form.of_die
+        for die in source.plate.dies:
+            name = f"{stem}_{die.name}{form.tail}"
+            yield Product(name, form.title, kind, partial(write, replace(source, drawn=die)), die)
 
 
-def mask_writer(
-    figures: Figures, kind: FileFormat, comments: Sequence[str], style: DrawingStyle | None = None
-) -> Callable[[Path], object]:
-    """Writer of the polygons of a whole plate to a path; a format of :data:`MASK_TAILS`."""
-    writers: Mapping[str, Callable[[Path], object]] = {
-        "gdsii": lambda path: write_gdsii(figures.layout(), path, figures.options.max_vertices),
-        "oasis": lambda path: write_oasis(_renamed(figures.layout(), style), path),
-        "dxf_r12": lambda path: write_dxf(figures, path, "R12", comments, style),
-        "dxf_r2010": lambda path: write_dxf(figures, path, "R2010", comments, style),
-        "gerber": lambda path: write_gerber(figures, path, comments),
-        "cif": lambda path: write_cif(figures, path, comments),
-        "svg": lambda path: write_svg(figures, path, comments),
-    }
-    return writers[kind]
+def format_of(path: Path, *, die: bool) -> FileFormat:
+    """The format that the name of a file stands for, of one die or of the whole plate.
+
+    Raises:
+        OutputError: MF430 for a name that stands for none.
+    """
+    known = {each: facts for each, facts in FORMATS.items() if (facts.of_die if die else facts.of_plate)}
+    for each, facts in known.items():
+        if path.name.lower().endswith(facts.tail.lower()):
+            return each
+    suffix = path.suffix.lower()
+    if suffix == ".dxf" and not die:
+        return "dxf_r2010"
+    what, cure = f"no {'die' if die else 'plate'} is written with the suffix {suffix!r}", "Use "
+    if suffix == FORMATS["exr"].tail:
+        what, cure = "an .exr is of a PSF, which a run measures in the files it wrote", "Run a job with exr, or use "
+    elif not die and any(suffix == facts.tail for facts in FORMATS.values() if facts.of_die):
+        what, cure = f"a {suffix} is of one die", "Name the die, as in write(path, die='OURS'), or use "
+    listed = sorted({f".{facts.tail.rpartition('.')[2]}" for facts in known.values()})
+    raise OutputError("MF430", what, where=str(path), cure=cure + " or ".join([", ".join(listed[:-1]), listed[-1]]))
 
 
-def _renamed(layout: db.Layout, style: DrawingStyle | None) -> db.Layout:
+def _renamed(layout: db.Layout, style: DrawingStyle) -> db.Layout:
     """The layout with the style's names of layers; numbers stay."""
-    names = {} if style is None or style.layer_names is None else style.layer_names
+    names = {} if style.layer_names is None else style.layer_names
     for info in layout.layer_infos():
         index = layout.find_layer(info)
         if index is not None and info.name in names:
             layout.set_info(index, db.LayerInfo(info.layer, info.datatype, names[info.name]))
     return layout
-
-
-def _solid_writer(
-    die: Die, kind: FileFormat, comments: Sequence[str], settings: FileSettings
-) -> Callable[[Path], object]:
-    writers: Mapping[str, Callable[[Path], object]] = {
-        "step": lambda path: write_step(die, path, comments, settings.stack),
-        "glb": lambda path: write_glb(die, path, comments, settings.stack),
-        "3mf": lambda path: write_3mf(die, path, comments, settings.stack),
-        "stl": lambda path: write_stl(die, path, comments, settings.stack, limit_bytes=settings.stl_limit_bytes),
-    }
-    return writers[kind]

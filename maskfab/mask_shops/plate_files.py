@@ -77,7 +77,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
     formats = written_formats(section, shop)
     glass_nm = blank_of(spec).glass_nm
     dpi = plotted_dpi(section, shop)
-    _check_stated(dpi, formats)
+    check_stated(dpi, formats)
     settings = FileSettings(
         Stack(
             section.chrome * NM_PER_UM,
@@ -98,7 +98,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
     return PlateFiles(taken, plate_layout(taken), figures, made, settings, formats, edges)
 
 
-def _check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
+def check_stated(dpi: int | None, formats: Sequence[FileFormat]) -> None:
     """Refuse bitmaps of a plate without dots per inch.
 
     Raises:
@@ -147,7 +147,7 @@ def files_for_shop(
         OutputError, JobError: as :func:`files_of_job`.
     """
     dpi = plotted_dpi(spec.export, shop)
-    _check_stated(dpi, formats)
+    check_stated(dpi, formats)
     settings = FileSettings(dpi=dpi, drawing=drawing_style(plate, shop))
     figures = draw(plate, package_options(spec, plate, shop))
     made = products(figures, formats, comments, settings, stem)

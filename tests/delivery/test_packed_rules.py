@@ -294,16 +294,12 @@ def test_folders_above_a_package_are_made_with_it_and_not_for_a_refusal(capsys, 
 def test_a_full_temporary_folder_is_told_as_such(monkeypatch, tmp_path):
     from maskfab.export import outputs
 
-    def full(figures, kind, comments, style):
-        def write(path: Path) -> None:
-            raise OutputError(
-                "MF401", f"{path} cannot be written: No space left on device", cure="Choose another --out"
-            )
-
-        return write
+    def full(figures, path, *_):
+        raise OutputError("MF401", f"{path} cannot be written: No space left on device", cure="Choose another --out")
 
     job = load_job(write_job(tmp_path))
-    monkeypatch.setattr(outputs, "mask_writer", full)
+    for writer in ("write_gdsii", "write_oasis", "write_dxf", "write_gerber", "write_cif"):
+        monkeypatch.setattr(outputs, writer, full)
     with pytest.raises(OutputError, match="temporary folder") as refusal:
         pack(job, load_shop("pog"), tmp_path / "p.zip")
     assert "TMPDIR" in refusal.value.cure

@@ -16,7 +16,7 @@ from maskfab.comparison.files import compare_mask, read_mask
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import JobError, OutputError
 from maskfab.export.cell_polygons import PolygonOptions, draw
-from maskfab.export.outputs import mask_writer
+from maskfab.export.outputs import products
 from maskfab.geometry.data_bias import biased_data, written_of
 from maskfab.geometry.plate_layout import coverage, plate_layout, region
 from maskfab.job import load_job
@@ -85,7 +85,8 @@ def test_data_without_a_bias_or_biased_twice_fail_every_check(tmp_path):
     made = files_of_job(job.plate(), job.spec, [])
     for bias_nm in (None, 800, -400, 398):
         path = tmp_path / "other.gds"
-        mask_writer(draw(made.plate, PolygonOptions(hierarchy="merged", bias_nm=bias_nm)), "gdsii", ())(path)
+        (gdsii,) = products(draw(made.plate, PolygonOptions(hierarchy="merged", bias_nm=bias_nm)), ["gdsii"], ())
+        gdsii.write(path)
         failed = {row.name for row in compare_mask(made, read_mask(path), path).quantities() if row.passed is False}
         assert failed >= {"data_xor_area", "data_wrong_parts", "data_width_error", "readback_xor_area"}
 
