@@ -68,7 +68,7 @@ class Product:
 
 @dataclass(frozen=True, eq=False)
 class _Source:
-    """What files are made of: a plate as it is drawn, or one die of it."""
+    """Source of a file: a plate as it is drawn, or one die of it."""
 
     figures: Figures
     comments: Sequence[str]

@@ -107,7 +107,7 @@ def _square(x: int, y: int, leg: int) -> list[db.Point]:
 
 
 def _face(die: Die, clear: db.Region) -> tuple[Ints, Ints, Ints]:
-    """What is not clear of a panel: corners int64 [n, 2], triangles [m, 3], and the sides on its outline [k, 2]."""
+    """Upper face of a panel's chrome: corners int64 [n, 2], triangles [m, 3], and the sides on its outline [k, 2]."""
     (x0, y0), (width, height) = _low(die), die.panel.size_nm
     cuts = [y0, *_cuts(die, y0, sum(each.num_points() for each in clear.each())), y0 + height]
     shapes = db.Shapes()

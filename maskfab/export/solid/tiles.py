@@ -1,4 +1,4 @@
-"""What solids of a die are made of: thicknesses, the glass, and the rigid placements of its cells.
+"""Parts of the solids of a die: thicknesses, the glass, and the rigid placements of its cells.
 
 A film centred on z = 0 is its own mirror image in z, so half a turn about an in-plane axis acts on it as a mirror does:
 all eight orientations of an opening are rigid placements of one tile, and nothing needs a mirrored solid.
