@@ -277,7 +277,7 @@ def _rim(vertices: Floats, triangles: Ints) -> Floats:
 
 
 def _off_lines(edges: Floats, grid: Sequence[Floats], leg: int) -> float:
-    """Largest distance of edges from the lines of a grid, or from the ends of gaps and necks at its corners; in nanometres."""
+    """Largest distance of edges from the lines of a grid, or from the ends of its gaps and necks, in nanometres."""
     start, end = edges[:, :2], edges[:, 2:]
     near = np.stack([line[_nearest_line(line, edges[:, n::2])] for n, line in enumerate(grid)], axis=-1)
     away = np.abs(edges.reshape(-1, 2, 2) - near).max(axis=1)
