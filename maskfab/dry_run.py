@@ -11,8 +11,8 @@ from typing import Any, cast
 from maskfab import pipeline
 from maskfab.files.staging import check_target
 from maskfab.job import Job
-from maskfab.kept.fingerprint import fingerprint, of_installation
-from maskfab.kept.store import Store
+from maskfab.kept.recall import kind_of, origin_of
+from maskfab.kept.store import Finding, Store
 from maskfab.measurement.conditions import Conditions
 from maskfab.measurement.view import layout_as_seen, plate_as_seen
 from maskfab.model import Plate
@@ -126,8 +126,7 @@ def dry_run(job: Job, out: Path, *, force: bool = False, cache: Store | None = N
     job.check_window()
     check_target(out, force=force)
     pipeline.named_shop(job)
-    key = pipeline.key_of(job, measured_beside(job))
-    if cache is not None and cache.has(key):
+    if cache is not None and cache.has(pipeline.origin_of_run(job, measured_beside(job))):
         return Forecast((), 1, "for files of a usual size", True)
     plate = drawn = job.plate()
     pipeline.check_processes(job, plate)
@@ -250,7 +249,8 @@ class _Foreseeing(Alone):
         kept = None
         if self._cache is not None:
             with suppress(TypeError):
-                kept = self._cache.get(fingerprint(of_installation(), function, given))
+                entry = self._cache.get(origin_of(function, *given), kind_of(function))
+                kept = (entry.value,) if isinstance(entry, Finding) else None
         held = task_bytes(function, given) if kept is None else 0.0
         self._seen.append((kept is not None, self._pace.seconds(function, given), held))
         return kept

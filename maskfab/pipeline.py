@@ -27,7 +27,7 @@ from maskfab.export.images.plate_bitmap import check_plate_bitmap
 from maskfab.export.images.psf_exr import PsfFile, psf_files
 from maskfab.export.markers import write_markers
 from maskfab.export.outputs import FORMATS
-from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, times_text
+from maskfab.files.finished import JOB_COPY, PAGE, REPORT, RESULT_MARK, TIMES, Account, times_text
 from maskfab.files.release_memory import give_back
 from maskfab.files.staging import check_target, staged
 from maskfab.geometry.data_bias import check_bias
@@ -41,7 +41,7 @@ from maskfab.judge.verdict import asked
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.recall import Recalling
 from maskfab.kept.results import give_result, keep_result
-from maskfab.kept.store import Store
+from maskfab.kept.store import Origin, Store
 from maskfab.mask_shops.adapt import ordered_blank, written_formats
 from maskfab.mask_shops.dot_edges import check_plotter, plotted_dpi
 from maskfab.mask_shops.judge import check_written
@@ -86,6 +86,8 @@ MANIFEST_VERSION = 1
 UNUSED = "unused_keys"
 _NOTES = (UNUSED, "display_seed")
 OVERVIEW = "overview.png"
+TAKEN = "taken from the cache"
+"""Stage of a run that an earlier one had made."""
 
 Found = TypeVar("Found")
 
@@ -111,17 +113,31 @@ class Result:
         report: all that was found out.
         verdicts: whether the plate can be ordered, its optics are proved, and displays fit.
         taken: how many findings earlier runs had kept, and how many there are; None for a run without a cache.
+        accounts: where every finding comes from; none for a run without a cache.
     """
 
     directory: Path
     report: Report
     verdicts: Verdicts
     taken: tuple[int, int] | None = None
+    accounts: tuple[Account, ...] = ()
 
     @property
     def passed(self) -> bool:
         """Whether no check failed."""
         return self.report.passed
+
+    @property
+    def origin(self) -> str:
+        """Which of its numbers were found in this run, and which earlier ones had kept, in words."""
+        since = min((each.since for each in self.accounts if each.kept), default="")
+        refused = sum(each.refused is not None for each in self.accounts)
+        whole = TAKEN in self.report.seconds
+        told = "the whole run" if whole else "{} of {} findings".format(*self.taken or (0, 0))
+        more = f", found since {since}" if since else ""
+        more += ", its files read back in this run" if whole else ""
+        more += f"; {refused} kept findings refused, and found again" if refused else ""
+        return f"{told} taken from the cache{more}: see {TIMES}"
 
     @property
     def checks(self) -> Quantities:
@@ -202,46 +218,59 @@ def run(
     place = check_target(Path(out), force=force)
     named_shop(job)
     measured = measured_beside(job)
-    key = "" if cache is None else key_of(job, measured)
-    if cache is None or cache.get(key) is None:
-        made = _make(job, staged(place), progress, cache, key, measured)
+    if cache is None or not cache.has(origin_of_run(job, measured)):
+        made = _make(job, staged(place), progress, cache, measured)
     else:
         with staged(place) as folder:
-            taken = _taken(job, folder, cache, key, progress)
-            made = taken or _make(job, nullcontext(folder), progress, cache, key, measured)
-    return Result(place.asked, made.report, made.verdicts, None if cache is None else made.taken)
+            taken = _taken(job, folder, cache, measured, progress)
+            made = taken or _make(job, nullcontext(folder), progress, cache, measured)
+    return Result(place.asked, made.report, made.verdicts, None if cache is None else made.taken, made.accounts)
 
 
-def key_of(job: Job, measured: Beside | None) -> str:
-    """Fingerprint of everything that the files of a run depend on.
+def origin_of_run(job: Job, measured: Beside | None) -> Origin:
+    """Everything that the files of a run depend on.
 
     Args:
         job: that asks for it.
         measured: beside it, see :func:`measured_beside`.
     """
-    return fingerprint(of_installation(), run, _job_text(job), *(() if measured is None else (measured.content,)))
+    given = run, _job_text(job), *(() if measured is None else (measured.content,))
+    return Origin("run", (of_installation(), *map(fingerprint, given)))
 
 
 @dataclass(frozen=True)
 class _Made:
-    """A report, verdicts, and how many findings of how many were kept."""
+    """A report, verdicts, how many findings of how many were kept, where they come from, and rows of the files as they
+    were read back."""
 
     report: Report
     verdicts: Verdicts
     taken: tuple[int, int]
+    accounts: tuple[Account, ...]
+    read: tuple[Quantity, ...]
 
 
-def _taken(job: Job, folder: Path, cache: Store, key: str, progress: Progress) -> _Made | None:
-    """The result of an earlier run, whose files are now in the folder; None if they are lost or damaged."""
-    clock = _Clock()
-    with clock.stage("taken from the cache"):
-        kept = give_result(cache, key, folder)
+def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progress: Progress) -> _Made | None:
+    """The result of an earlier run, whose files are now in the folder and were read back from there; None if they are
+    lost, damaged, or not what they were."""
+    clock, origin = _Clock(), origin_of_run(job, measured)
+    with clock.stage(TAKEN):
+        kept = give_result(cache, origin, folder, _Made)
     if kept is None:
         return None
-    report, verdicts = kept[0]
-    (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
+    with clock.stage("read back"), crew_of(job, cache) as crew:
+        # What is handed out is judged as it lies there, whoever wrote it.
+        plate = job.displays_of(job.plate(), largest=True, crew=crew).plate
+        back = _read_own(draw_files(job, plate), folder, progress)
+    made: _Made = kept.value
+    if back.quantities != made.read:
+        for path in folder.iterdir():
+            path.unlink()
+        return None
+    accounts = tuple(replace(each, kept=True, refused=None) for each in made.accounts)
+    (folder / TIMES).write_text(times_text(job.digest, clock.seconds, accounts), encoding="utf-8")
     progress("run taken from the cache", 1, 1)
-    return _Made(replace(report, seconds=clock.seconds), verdicts, (1, 1))
+    return replace(made, report=replace(made.report, seconds=clock.seconds), taken=(1, 1), accounts=accounts)
 
 
 def _make(
@@ -249,7 +278,6 @@ def _make(
     aside: AbstractContextManager[Path],
     progress: Progress,
     cache: Store | None,
-    key: str,
     measured: Beside | None,
 ) -> _Made:
     """Every stage, in order; the directory is entered when all is known that could be refused."""
@@ -299,11 +327,15 @@ def _make(
             (folder / REPORT).write_text(report_data.report_text(document), encoding="utf-8")
             (folder / PAGE).write_text(html.html_page(document, pictures), encoding="utf-8")
             _write_manifest(job, files, folder)
-            (folder / TIMES).write_text(times_text(job.digest, clock.seconds), encoding="utf-8")
+            result = _Made(report, found.verdicts(report), crew.tally, _accounts(crew), back.quantities)
+            (folder / TIMES).write_text(times_text(job.digest, clock.seconds, result.accounts), encoding="utf-8")
             if cache is not None:
-                keep_result(cache, key, folder, (report, found.verdicts(report)))
-                cache.prune()
-    return _Made(report, found.verdicts(report), crew.tally)
+                keep_result(cache, origin_of_run(job, measured), folder, result, _Made)
+    return result
+
+
+def _accounts(crew: Alone) -> tuple[Account, ...]:
+    return crew.accounts if isinstance(crew, Recalling) else ()
 
 
 def _changes(job: Job, plate: Plate, progress: Progress, clock: _Clock, crew: Alone) -> dict[str, Expansion | str]:
@@ -468,7 +500,7 @@ def write_files(
 
 
 def _read_own(made: PlateFiles, folder: Path, progress: Progress) -> ReadBack:
-    """Files that were just written, read back.
+    """The files of a folder read back, of a run that wrote them and of one that took them from the cache.
 
     Raises:
         InternalError: MF324 for a damaged one, which is no fault of the input.
@@ -883,6 +915,7 @@ def _write_manifest(job: Job, files: Sequence[WrittenFile], folder: Path) -> Non
         "maskfab_version": __version__,
         "job_hash": job.digest,
         "seeds": job.seeds,
+        "provenance": TIMES,
         "versions": provenance.versions(),
         "files": [vars(file) for file in (*files, *reports)],
     }

@@ -373,8 +373,8 @@ def _former_unit(place: tuple[str, ...], now: object, then: object) -> bool:
 
 
 def _lasting(document: Mapping[str, Any]) -> dict[str, Any]:
-    """A report without its former times."""
-    return {key: value for key, value in document.items() if key != "time"}
+    """A report without its former times, and without the name of the file that has them now."""
+    return {key: value for key, value in document.items() if key not in ("time", "provenance")}
 
 
 def _differences(now: Any, then: Any, place: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Any, Any]]:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import hashlib
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -19,12 +19,36 @@ from maskfab.provenance import sha256_of_file
 RESULT_MARK = "manifest.json"
 """The file that every finished output directory has."""
 TIMES = "timing.json"
-"""The file beside it that tells how long the work took, which no two runs have alike and no manifest knows."""
+"""The file beside it that tells how long the work took, and which findings the run made itself and which earlier ones
+had kept: no two runs have it alike, and no manifest hashes it."""
 REPORT, PAGE = "report.json", "report.html"
 """The numbers of a run, and the page that shows them."""
 JOB_COPY = "job.json"
 """The resolved job of a run."""
 _Trace = tuple[int, int, int]
+
+
+@dataclass(frozen=True)
+class Account:
+    """Where one finding of a run comes from.
+
+    Attributes:
+        what: function that found it, in words.
+        die: that it is of; None if it is of several.
+        kept: whether an earlier run found it.
+        since: when it was found, UTC by ISO 8601.
+        version: of maskfab that found it.
+        entry: of the cache, by its key.
+        refused: why an entry of an earlier run was not used, and this was found again; None if none was refused.
+    """
+
+    what: str
+    die: str | None
+    kept: bool
+    since: str
+    version: str
+    entry: str
+    refused: str | None = None
 
 
 def write_mark(folder: Path, job_hash: str | None) -> None:
@@ -77,9 +101,11 @@ def read_manifest(folder: Path) -> Mapping[str, Any]:
     return dict(manifest)
 
 
-def times_text(job_hash: str, seconds: Mapping[str, float]) -> str:
+def times_text(job_hash: str, seconds: Mapping[str, float], accounts: Iterable[Account] = ()) -> str:
     """The content of :data:`TIMES`."""
-    return json.dumps({"job_hash": job_hash, "seconds": dict(seconds)}, indent=1) + "\n"
+    findings = [asdict(each) for each in accounts]
+    document = {"job_hash": job_hash, "seconds": dict(seconds), "findings": findings}
+    return json.dumps(document, indent=1) + "\n"
 
 
 def finished(folder: Path) -> Finished | None:
@@ -113,13 +139,19 @@ def _trace(path: Path) -> _Trace:
 
 
 def _is_times(path: Path, manifest: Mapping[str, object]) -> bool:
-    """Whether a file says what :func:`times_text` writes for the job, numbers under names, and nothing else."""
+    """Whether a file says what :func:`times_text` writes for the job, numbers under names, accounts, and nothing else;
+    earlier versions gave no account."""
     try:
         text = path.read_text(encoding="utf-8")
-        seconds = {str(stage): float(took) for stage, took in json.loads(text)["seconds"].items()}
+        document = json.loads(text)
+        seconds = {str(stage): float(took) for stage, took in document["seconds"].items()}
+        accounts = [Account(**row) for row in document.get("findings", ())]
     except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
         return False
-    return text == times_text(str(manifest.get("job_hash")), seconds)
+    job_hash = str(manifest.get("job_hash"))
+    if "findings" not in document:
+        return text == json.dumps({"job_hash": job_hash, "seconds": seconds}, indent=1) + "\n"
+    return text == times_text(job_hash, seconds, accounts)
 
 
 def discard(folder: Path, target: Path, found: Finished | None) -> Path | None:

@@ -20,6 +20,7 @@ import numpy as np
 
 _Array: TypeAlias = np.ndarray[Any, Any]
 _TREE = "tree"
+_PLACE = "array"
 _LEAVES: Mapping[Any, tuple[type, ...]] = types.MappingProxyType(
     {
         bool: (bool, np.bool_),
@@ -138,10 +139,9 @@ def _bytes() -> _Form:
         found = _placed(place, arrays, np.uint8)
         return found.tobytes()
 
-    def down(value: Any, arrays: list[_Array]) -> int:
+    def down(value: Any, arrays: list[_Array]) -> dict[str, int]:
         _require(type(value) is bytes, value, bytes)
-        arrays.append(np.frombuffer(value, np.uint8))
-        return len(arrays) - 1
+        return _put(np.frombuffer(value, np.uint8), arrays)
 
     return _Form(lambda value: type(value) is bytes, down, up)
 
@@ -150,10 +150,9 @@ def _array(scalar: type[np.generic]) -> _Form:
     def holds(value: object) -> bool:
         return type(value) is np.ndarray and issubclass(value.dtype.type, scalar) and not value.dtype.hasobject
 
-    def down(value: Any, arrays: list[_Array]) -> int:
+    def down(value: Any, arrays: list[_Array]) -> dict[str, int]:
         _require(holds(value), value, scalar)
-        arrays.append(value)
-        return len(arrays) - 1
+        return _put(value, arrays)
 
     return _Form(holds, down, lambda place, arrays: _placed(place, arrays, scalar))
 
@@ -248,8 +247,14 @@ def _record(kind: type) -> _Form:
     return _Form(lambda value: type(value) is kind, down, up)
 
 
+def _put(array: _Array, arrays: list[_Array]) -> dict[str, int]:
+    arrays.append(array)
+    return {_PLACE: len(arrays) - 1}
+
+
 def _placed(place: Any, arrays: Sequence[_Array], scalar: type[np.generic]) -> _Array:
-    found = arrays[_index(place, arrays)]
+    _require(isinstance(place, dict) and place.keys() == {_PLACE}, place, scalar, ValueError)
+    found = arrays[_index(place[_PLACE], arrays)]
     _require(issubclass(found.dtype.type, scalar), found.dtype, scalar, ValueError)
     return found
 

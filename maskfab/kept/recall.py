@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import time
+import typing
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cache, partial
 from types import TracebackType
 from typing import Any, Generic, TypeAlias
 
+from maskfab import __version__
+from maskfab.files.finished import Account
 from maskfab.kept.fingerprint import fingerprint, of_installation
-from maskfab.kept.store import Store
+from maskfab.kept.store import Finding, Origin, Refused, Store
+from maskfab.model import Die
 from maskfab.processes import Alone, Found, Given, Task
 
 Expected: TypeAlias = Callable[[Callable[..., Any], tuple[Any, ...]], float | None]
@@ -19,10 +23,10 @@ Expected: TypeAlias = Callable[[Callable[..., Any], tuple[Any, ...]], float | No
 
 @dataclass(frozen=True)
 class Recalled(Generic[Found]):
-    """A finding, and whether it was kept."""
+    """A finding, and where it comes from; None for one that cannot be kept."""
 
     found: Found
-    kept: bool
+    account: Account | None
 
 
 class Recalling(Alone):
@@ -36,7 +40,7 @@ class Recalling(Alone):
 
     def __init__(self, crew: Alone, store: Store, expected: Expected | None = None) -> None:
         self._crew, self._recall = crew, partial(recalled, store, expected)
-        self._asked = self._taken = 0
+        self._accounts: list[Account | None] = []
 
     def __enter__(self) -> Recalling:
         self._crew.__enter__()
@@ -50,7 +54,12 @@ class Recalling(Alone):
     @property
     def tally(self) -> tuple[int, int]:
         """Findings that were kept, and all findings, so far."""
-        return self._taken, self._asked
+        return sum(each is not None and each.kept for each in self._accounts), len(self._accounts)
+
+    @property
+    def accounts(self) -> tuple[Account, ...]:
+        """Where every finding comes from that can be kept, so far."""
+        return tuple(each for each in self._accounts if each is not None)
 
     def do(self, function: Callable[..., Found], *given: Any) -> Found:
         """Return the finding of a function of a module, now and here."""
@@ -71,8 +80,7 @@ class Recalling(Alone):
         return list(unwrapped)
 
     def _unwrap(self, recalled: Recalled[Found]) -> Found:
-        self._asked += 1
-        self._taken += recalled.kept
+        self._accounts.append(recalled.account)
         return recalled.found
 
 
@@ -99,20 +107,60 @@ def recalled(store: Store, expected: Expected | None, function: Callable[..., Fo
         Exception: that of the function, which is not kept.
     """
     try:
-        key = fingerprint(of_installation(), function, given)
+        origin, kind = origin_of(function, *given), kind_of(function)
     except TypeError:
-        return Recalled(function(*given), False)
-    kept = store.get(key)
-    if kept is not None:
-        return Recalled(kept[0], True)
+        return Recalled(function(*given), None)
+    kept, die = store.get(origin, kind), _die_of(given)
+    if isinstance(kept, Finding):
+        return Recalled(kept.value, Account(origin.what, die, True, kept.since, kept.version, origin.key))
     begun = time.thread_time()
     found = function(*given)
     took = time.thread_time() - begun
-    store.put(key, words(function), found, took, None if expected is None else expected(function, given))
-    return Recalled(found, False)
+    since = store.put(origin, found, kind, took, None if expected is None else expected(function, given))
+    refused = kept.why if isinstance(kept, Refused) else None
+    return Recalled(found, Account(origin.what, die, False, since, __version__, origin.key, refused))
+
+
+def origin_of(function: Callable[..., Any], *given: object) -> Origin:
+    """All that the finding of a function of a module depends on.
+
+    Raises:
+        TypeError: for an argument that has no fingerprint.
+    """
+    return Origin(words(function), (of_installation(), *map(fingerprint, (function, *given))))
+
+
+def kind_of(function: Callable[..., Any]) -> Any:
+    """Kind of the findings of a function, as it states it.
+
+    Raises:
+        TypeError: if it states none.
+    """
+    return _stated_kind(_named(function))
+
+
+@cache
+def _stated_kind(function: Callable[..., Any]) -> Any:
+    hints = typing.get_type_hints(function)
+    if "return" not in hints:
+        raise TypeError(f"{words(function)} does not state what it finds")
+    return hints["return"]
 
 
 def words(function: Callable[..., Any]) -> str:
     """Name of a function of a module in the store."""
-    named = function.func if isinstance(function, partial) else function
+    named = _named(function)
     return f"{named.__module__.removeprefix('maskfab.')}.{named.__qualname__}"
+
+
+def _named(function: Callable[..., Any]) -> Callable[..., Any]:
+    return function.func if isinstance(function, partial) else function
+
+
+def _die_of(given: tuple[Any, ...]) -> str | None:
+    """Name of the die that arguments are about; None if they name none."""
+    for each in given:
+        named = each if isinstance(each, Die | str) else getattr(each, "die", None)
+        if isinstance(named, Die | str):
+            return named if isinstance(named, str) else named.name
+    return None

@@ -1,6 +1,9 @@
-"""A folder of findings by fingerprint, each checked by its own hash before it is used.
+"""A folder of findings, each bound to what it was found from, and checked before it is used.
 
-What cannot be written is not kept, and what cannot be read is found anew: no run fails by its cache.
+Findings are plain data, see :mod:`maskfab.files.plain_data`: whoever wrote them, nothing in them is run. What cannot be
+written is not kept, and what is refused is found anew: no run fails by its cache.
+
+An entry is one file: the SHA-256 of the rest, a line of JSON that says what it was found from, and the data.
 """
 
 from __future__ import annotations
@@ -9,25 +12,76 @@ import hashlib
 import json
 import math
 import os
-import pickle
+import stat
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
+from maskfab import __version__
 from maskfab.errors import OutputError
 from maskfab.files.atomic import locked, partial
-from maskfab.files.pickling import pickled
+from maskfab.files.plain_data import from_data, to_data
+from maskfab.kept.fingerprint import fingerprint
 
 VARIABLE = "MASKFAB_CACHE"
 """Environment variable: the folder, or "off"."""
 _OFF = "off"
-_FORM = 1
-_MOST_HEADER = 1000
+_FORM = 2
+_DIGEST = 64
+_MOST_HEADER = 100_000
 _AT_A_TIME = 1 << 20
+_OTHERS = 0o022
+# A link may lead anywhere, and opening a pipe would wait for whoever writes to it.
+_NO_LINKS = getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)
 LIMIT_BYTES = 4 << 30
 """Beyond which what was used longest ago is removed."""
+
+
+@dataclass(frozen=True)
+class Origin:
+    """All that a finding depends on.
+
+    Attributes:
+        what: function that finds it, in words.
+        parts: fingerprints of the installation, of the function, and of each of its arguments.
+    """
+
+    what: str
+    parts: tuple[str, ...]
+
+    @property
+    def key(self) -> str:
+        """Hexadecimal SHA-256 of it, under which the finding is kept."""
+        return fingerprint(self.what, self.parts)
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A finding that was kept.
+
+    Attributes:
+        value: that was found.
+        since: when it was found, UTC by ISO 8601.
+        version: of maskfab that found it.
+    """
+
+    value: Any
+    since: str
+    version: str
+
+
+@dataclass(frozen=True)
+class Refused:
+    """An entry that is there and is not used.
+
+    Attributes:
+        why: in words.
+    """
+
+    why: str
 
 
 @dataclass(frozen=True)
@@ -51,9 +105,13 @@ class Entry:
     expected_s: float | None = None
 
 
+class _RefusedError(Exception):
+    """An entry cannot be used."""
+
+
 @dataclass(frozen=True)
 class Store:
-    """Findings in a folder that only its owner may write: they are pickles, which may run anything."""
+    """Findings in a folder that only its owner may write."""
 
     folder: Path
 
@@ -68,49 +126,71 @@ class Store:
             base = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache")
             folder = Path(stated).absolute() if stated else base / "maskfab"
             folder.mkdir(parents=True, exist_ok=True, mode=0o700)
-            status = folder.stat()
-        except (OSError, RuntimeError):
+            _require_own(folder.stat(), "the cache")
+        except (OSError, RuntimeError, _RefusedError):
             return None
-        foreign = hasattr(os, "getuid") and (status.st_uid != os.getuid() or status.st_mode & 0o022)
-        return None if foreign else cls(folder)
+        return cls(folder)
 
-    def has(self, key: str) -> bool:
-        """Whether something is kept under a fingerprint, which may yet turn out to be damaged."""
-        return self._path(key).is_file()
+    def has(self, origin: Origin) -> bool:
+        """Whether something is kept of an origin, which may yet turn out to be refused."""
+        return self._path(origin.key).is_file()
 
-    def get(self, key: str) -> Any:
-        """The finding kept under a fingerprint, in a tuple of one; None if there is none, or only a damaged one."""
-        path = self._path(key)
+    def get(self, origin: Origin, kind: Any) -> Finding | Refused | None:
+        """The finding of an origin; None if there is no entry.
+
+        Args:
+            origin: that the entry must name as its own.
+            kind: of the finding, as a type hint states it.
+        """
+        path = self._path(origin.key)
         try:
-            content = path.read_bytes()
+            with self._opened(path) as stream:
+                digest, content = stream.read(_DIGEST).decode(errors="replace"), stream.read()
+            if digest != hashlib.sha256(content).hexdigest():
+                raise _RefusedError("its content is not what was written")
             head, _, body = content.partition(b"\n")
-            if json.loads(head)["sha256"] != hashlib.sha256(body).hexdigest():
-                raise ValueError(key)
-            found = (pickle.loads(body),)
-            os.utime(path)
+            told = json.loads(head)
+            if (told["form"], told["key"], told["what"], told["from"]) != (
+                _FORM,
+                origin.key,
+                origin.what,
+                list(origin.parts),
+            ):
+                raise _RefusedError("it was found from something else")
+            finding = Finding(from_data(body, kind), str(told["found"]), str(told["version"]))
+            with suppress(OSError):
+                os.utime(path)
         except FileNotFoundError:
             return None
-        except Exception:  # of a damaged file anything may come
+        except Exception as error:  # of a damaged file anything may come
             with suppress(OSError):
                 path.unlink()
-            return None
-        return found
+            return Refused(str(error) if isinstance(error, _RefusedError) else f"it cannot be read: {error!r:.100}")
+        return finding
 
     def put(
-        self, key: str, what: str, content: object, seconds: float | None = None, expected_s: float | None = None
-    ) -> None:
-        """Keep a finding, and what it took; one that no other process can be given is not kept."""
+        self, origin: Origin, content: object, kind: Any, seconds: float | None = None, expected_s: float | None = None
+    ) -> str:
+        """Keep a finding, and what it took; one that is no plain data is not kept.
+
+        Returns:
+            When it was found, UTC by ISO 8601.
+        """
+        found = datetime.now(UTC).isoformat(timespec="seconds")
         try:
-            body = pickled(content)
-        except (TypeError, AttributeError, pickle.PicklingError):
-            return
-        head: dict[str, Any] = {"form": _FORM, "what": what, "sha256": hashlib.sha256(body).hexdigest()}
+            body = to_data(content, kind)
+        except TypeError:
+            return found
+        head: dict[str, Any] = {"form": _FORM, "key": origin.key, "what": origin.what, "from": origin.parts}
+        head |= {"found": found, "version": __version__}
         head |= {} if seconds is None else {"seconds": round(seconds, 4), "expected_s": expected_s}
+        rest = json.dumps(head).encode() + b"\n" + body
         with suppress(OSError, OutputError):
-            path = self._path(key)
-            path.parent.mkdir(exist_ok=True)
+            path = self._room(origin.key)
             with partial(path) as aside:
-                aside.write_bytes(json.dumps(head).encode() + b"\n" + body)
+                aside.chmod(0o600)
+                aside.write_bytes(hashlib.sha256(rest).hexdigest().encode() + rest)
+        return found
 
     def give_file(self, sha256: str, path: Path) -> bool:
         """Copy a kept file to ``path``; False, and nothing there, if it is not kept or no longer what it was.
@@ -120,8 +200,12 @@ class Store:
         """
         kept = self._path(sha256)
         try:
-            source = kept.open("rb")
+            source = self._opened(kept)
         except OSError:
+            return False
+        except _RefusedError:
+            with suppress(OSError):
+                kept.unlink()
             return False
         with source:
             found = hashlib.sha256()
@@ -144,10 +228,47 @@ class Store:
         if kept.exists():
             return
         with suppress(OSError, OutputError):
-            kept.parent.mkdir(exist_ok=True)
-            with partial(kept) as aside, path.open("rb") as source, aside.open("wb") as copy:
-                while some := source.read(_AT_A_TIME):
-                    copy.write(some)
+            self._room(sha256)
+            with partial(kept) as aside, path.open("rb") as source:
+                aside.chmod(0o600)
+                with aside.open("wb") as copy:
+                    while some := source.read(_AT_A_TIME):
+                        copy.write(some)
+
+    def _opened(self, path: Path) -> BinaryIO:
+        """An entry for reading, of which every level is the owner's alone.
+
+        Raises:
+            OSError: if it cannot be opened.
+            _RefusedError: if others may write it, or a folder that leads to it.
+        """
+        for folder, status in ((self.folder, self.folder.stat()), (path.parent, path.parent.lstat())):
+            if not stat.S_ISDIR(status.st_mode):
+                raise _RefusedError(f"{folder.name} is no folder")
+            _require_own(status, f"the folder {folder.name}")
+        descriptor = os.open(path, os.O_RDONLY | _NO_LINKS)
+        stream = os.fdopen(descriptor, "rb")
+        try:
+            status = os.fstat(descriptor)
+            if not stat.S_ISREG(status.st_mode):
+                raise _RefusedError("it is no file")
+            _require_own(status, "it")
+        except BaseException:
+            stream.close()
+            raise
+        return stream
+
+    def _room(self, key: str) -> Path:
+        """Place of an entry, in a folder that is its owner's alone from now on.
+
+        Raises:
+            OSError: if there is none.
+        """
+        path = self._path(key)
+        path.parent.mkdir(exist_ok=True, mode=0o700)
+        if path.parent.lstat().st_mode & _OTHERS:
+            path.parent.chmod(0o700)
+        return path
 
     def entries(self) -> Iterator[Entry]:
         """Everything that is kept."""
@@ -180,10 +301,25 @@ class Store:
         """Files of all entries."""
         for path in sorted(self.folder.glob("[0-9a-f][0-9a-f]/" + "[0-9a-f]" * 64)):
             with suppress(OSError):
-                yield path, path.stat()
+                status = path.lstat()
+                if stat.S_ISREG(status.st_mode):
+                    yield path, status
 
     def _path(self, key: str) -> Path:
         return self.folder / key[:2] / key
+
+
+def _require_own(status: os.stat_result, what: str) -> None:
+    """Refuse what is not this account's, or may be written by others.
+
+    Raises:
+        _RefusedError: which says so.
+    """
+    if hasattr(os, "getuid"):
+        if status.st_uid != os.getuid():
+            raise _RefusedError(f"{what} belongs to another account")
+        if status.st_mode & _OTHERS:
+            raise _RefusedError(f"others may write {what}")
 
 
 def _sweep(left: Path) -> None:
@@ -204,7 +340,7 @@ def _entry(path: Path, status: os.stat_result) -> Entry:
 def _told(path: Path) -> tuple[str, float | None, float | None]:
     """Words in which an entry says what it is, and seconds; a kept file says nothing."""
     with path.open("rb") as stream:
-        head = stream.readline(_MOST_HEADER)
+        head = stream.readline(_MOST_HEADER)[_DIGEST:]
     try:
         told = json.loads(head)
         return str(told["what"]), _number(told.get("seconds")), _number(told.get("expected_s"))

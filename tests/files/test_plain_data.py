@@ -106,8 +106,9 @@ def edited(data: bytes, **changes: Any) -> bytes:
 
 @pytest.mark.parametrize(
     "changes",
-    [{"number": 7}, {"number": "1"}, {"number": True}, {"colour": "BLUE"}, {"side": "z"}, {"of": 1}, {"of": -1},
-     {"deep": [[1, 2, 3]]}, {"deep": 3}, {"more": [9, None]}, {"more": [0, "posix"]}, {"__class__": "Popen"}],
+    [{"number": 7}, {"number": "1"}, {"number": True}, {"colour": "BLUE"}, {"side": "z"}, {"deep": [[1, 2, 3]]},
+     {"of": 0}, {"of": {"array": 1}}, {"of": {"array": -1}}, {"deep": 3}, {"more": [9, None]}, {"more": [0, "posix"]},
+     {"__class__": "Popen"}],
 )  # fmt: skip
 def test_edited_data_are_refused(changes):
     data = to_data(Small(1.0, {}, np.zeros(2)), Small)
@@ -138,5 +139,5 @@ def _with_objects(planted: Path) -> bytes:
     buffer = io.BytesIO()
     array = np.empty(1, dtype=object)
     array[0] = Planted(planted)
-    np.savez(buffer, tree=np.frombuffer(b"0", np.uint8), **{"0": array})
+    np.savez(buffer, tree=np.frombuffer(b'{"array": 0}', np.uint8), **{"0": array})
     return buffer.getvalue()

@@ -20,10 +20,10 @@ from small_job import listing, write_job
 from maskfab import pipeline
 from maskfab.cli.app import run_command_line
 from maskfab.files.finished import TIMES
-from maskfab.kept.fingerprint import fingerprint, of_installation
-from maskfab.kept.recall import recalled
+from maskfab.job import load_job
+from maskfab.kept.recall import origin_of, recalled
 from maskfab.kept.results import give_result, keep_result
-from maskfab.kept.store import Store
+from maskfab.kept.store import Origin, Store
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -50,17 +50,26 @@ def content(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir() if path.name != TIMES}
 
 
+KEPT_RUN = tuple[dict[str, str], pipeline._Made]
+
+
+def whole_run(folder: Path) -> Origin:
+    """Of the plate that :func:`made` makes."""
+    return pipeline.origin_of_run(load_job(folder / "job.toml"), None)
+
+
 def no_work(*_: object) -> None:
     raise AssertionError("a stage ran")
 
 
 def test_an_unchanged_job_is_taken_whole(made, tmp_path, monkeypatch):
     folder, store = made
-    monkeypatch.setattr(pipeline, "draw_files", no_work)
+    monkeypatch.setattr(pipeline, "measure_dies", no_work)
     again = pipeline.run(folder / "job.toml", tmp_path / "again", cache=store)
     assert content(tmp_path / "again") == content(folder / "out")
     assert again.passed
-    assert list(json.loads((tmp_path / "again" / TIMES).read_text())["seconds"]) == ["taken from the cache"]
+    times = json.loads((tmp_path / "again" / TIMES).read_text())
+    assert list(times["seconds"]) == ["taken from the cache", "read back"]
 
 
 def test_stages_are_taken_where_the_plate_is_another(made, tmp_path):
@@ -80,9 +89,9 @@ def test_damage_of_any_kept_file_is_noticed(made, tmp_path):
     """One byte of any entry that makes up a result: either it does not matter, or nothing is given and it is gone."""
     folder, store = made
     draw = Random(1)
-    key = fingerprint(of_installation(), pipeline.run, (folder / "out" / "job.json").read_text())
-    hashes, _ = store.get(key)[0]
-    own = [entry.path for entry in store.entries() if entry.path.name in {key, *hashes.values()}]
+    origin = whole_run(folder)
+    hashes, _ = store.get(origin, KEPT_RUN).value
+    own = [entry.path for entry in store.entries() if entry.path.name in {origin.key, *hashes.values()}]
     given = 0
     for number in range(20):
         copy, out = Store(tmp_path / f"cache{number}"), tmp_path / f"out{number}"
@@ -94,7 +103,7 @@ def test_damage_of_any_kept_file_is_noticed(made, tmp_path):
         body[draw.randrange(len(body))] ^= draw.randrange(1, 256)
         victim.write_bytes(body)
         out.mkdir()
-        if give_result(copy, key, out) is not None:
+        if give_result(copy, origin, out, pipeline._Made) is not None:
             given += 1
             assert content(out) == content(folder / "out")
         else:
@@ -111,14 +120,16 @@ def test_a_damaged_finding_is_found_again(store):
         body[place % len(body)] ^= 0x55  # what it took has more digits, or fewer
         entry.path.write_bytes(body)
         assert recalled(store, None, printed, 3).found == 3
-    (entry,) = store.entries()
-    assert store.get(entry.path.name) == (3,)
+    assert store.get(origin_of(printed, 3), int).value == 3
 
 
-def test_what_is_used_longest_ago_goes_first(store):
+def test_what_is_used_longest_ago_goes_first(store, tmp_path):
+    large = tmp_path / "large"
+    large.write_bytes(bytes(1000))
     for number in range(4):
-        store.put(f"{number:064}", "number", bytes(1000))
-        os.utime(store.folder / "00" / f"{number:064}", (number, number))
+        path = store.folder / "00" / f"{number:064}"
+        store.keep_file(path.name, large)
+        os.utime(path, (number, number))
     removed = store.prune(2500)
     assert sorted(entry.path.name[-1] for entry in removed) == ["0", "1"]
     assert [entry.path.name[-1] for entry in store.entries()] == ["2", "3"]
@@ -154,11 +165,11 @@ def test_two_that_keep_the_same_at_once_do_not_harm_each_other(store, tmp_path):
     source = tmp_path / "result"
     source.mkdir()
     (source / "plate.gds").write_bytes(bytes(range(256)) * 4000)
-    key = "5" * 64
+    origin = Origin("told", ())
     with ThreadPoolExecutor(4) as pool:
-        list(pool.map(lambda _: keep_result(store, key, source, "told"), range(16)))
+        list(pool.map(lambda _: keep_result(store, origin, source, "told", str), range(16)))
     (tmp_path / "copy").mkdir()
-    assert give_result(store, key, tmp_path / "copy") == ("told",)
+    assert give_result(store, origin, tmp_path / "copy", str).value == "told"
     assert content(tmp_path / "copy") == content(source)
 
 
@@ -166,7 +177,7 @@ def test_the_command_shows_and_prunes(tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MASKFAB_CACHE", str(tmp_path / "own"))
     own = Store.of_user()
     assert own is not None
-    own.put("0" * 64, "number", 3)
+    own.put(Origin("number", ()), 3, int)
     assert run_command_line(["cache"]) == 0
     assert "number" in capsys.readouterr().out
     assert run_command_line(["cache", "--limit", "0", "--json"]) == 0
@@ -182,8 +193,9 @@ def test_a_run_that_is_killed_at_any_moment_is_taken_up_again(tmp_path):
     """kill -9 at random moments: the result that follows is that of an undisturbed run, and nothing is left behind."""
     job, draw = write_job(tmp_path), Random(2)
     environment = os.environ | {"MASKFAB_CACHE": str(tmp_path / "cache")}
-    whole = pipeline.run(job, tmp_path / "whole")
-    command = [sys.executable, "-m", "maskfab", "run", str(job), "--quiet", "--out", str(tmp_path / "out")]
+    whole = [sys.executable, "-m", "maskfab", "run", str(job), "--quiet", "--out"]
+    subprocess.run([*whole, str(tmp_path / "whole"), "--no-cache"], check=True, capture_output=True)
+    command = [*whole, str(tmp_path / "out")]
     for _ in range(20):
         process = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
         try:
@@ -196,5 +208,5 @@ def test_a_run_that_is_killed_at_any_moment_is_taken_up_again(tmp_path):
             break
     else:
         subprocess.run(command, env=environment, check=True, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    assert content(tmp_path / "out") == content(whole.directory)
+    assert content(tmp_path / "out") == content(tmp_path / "whole")
     assert not list(tmp_path.glob(".out.*"))

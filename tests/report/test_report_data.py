@@ -26,6 +26,7 @@ def test_document_has_the_keys_of_the_contract_in_their_order(document):
         "maskfab_version",
         "title",
         "job_hash",
+        "provenance",
         "verdict",
         "verdicts",
         "seeds",

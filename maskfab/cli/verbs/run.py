@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -30,7 +31,6 @@ def run(
     if dry_run:
         _foresee(job, out, force=force, cache=not no_cache, as_json=as_json)
         return
-    from maskfab.files.finished import REPORT
     from maskfab.job import load_job
     from maskfab.kept.store import Store
     from maskfab.optics.numbers.metrics import fast_lens
@@ -43,15 +43,13 @@ def run(
     if not quiet:
         _tell_times(report.seconds)
     if as_json:
-        typer.echo((result.directory / REPORT).read_text(encoding="utf-8"), nl=False)
+        print_json(result.to_dict() | {"findings": [asdict(each) for each in result.accounts]})
     else:
         for path in sorted(result.directory.iterdir()):
             typer.echo(path)
         summarise([*fast_lens(loaded.camera), *result.notes, *report.checks], result.verdicts)
     if result.taken is not None and not quiet:
-        whole = "taken from the cache" in report.seconds
-        told = "the whole run" if whole else "{} of {} findings".format(*result.taken)
-        typer.echo(f"{told} taken from the cache", err=True)
+        typer.echo(result.origin, err=True)
     leave(report.passed)
 
 

@@ -16,6 +16,7 @@ from maskfab.display.emitters.placement import Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InternalError
 from maskfab.export.images.psf_exr import stop_facts
+from maskfab.files.finished import TIMES
 from maskfab.measurement.process_spread import ProcessSpread
 from maskfab.measurement.scene_result import PointView, SceneOptics
 from maskfab.measurement.verdicts import Verdicts
@@ -77,6 +78,8 @@ def to_document(
         "maskfab_version": __version__,
         "title": report.title,
         "job_hash": report.job_hash,
+        # Which findings a run made itself differs between equal runs, as their times do.
+        "provenance": TIMES,
         "verdict": "pass" if report.passed else "fail",
         "verdicts": Verdicts.of(report.checks, displays, len(plate.dies)).to_dict(),
         "seeds": dict(report.seeds),
@@ -183,6 +186,7 @@ def schema() -> Document:
                 "maskfab_version": text,
                 "title": text,
                 "job_hash": text,
+                "provenance": {"type": "string", "description": "file that tells which findings earlier runs had kept"},
                 "verdict": {"enum": ["pass", "fail"], "description": "whether no check failed"},
                 "verdicts": _verdicts_schema(),
                 "seeds": {"type": "object", "additionalProperties": integer},
@@ -206,7 +210,7 @@ def schema() -> Document:
                     "items": closed_object({"path": text, "format": text, "bytes": integer, "sha256": text}),
                 },
             },
-            optional=("photographs", "process", "spread"),
+            optional=("photographs", "process", "provenance", "spread"),
         ),
         "$defs": {"quantity": quantity},
     }
