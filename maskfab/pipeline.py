@@ -260,7 +260,7 @@ def _taken(job: Job, folder: Path, cache: Store, measured: Beside | None, progre
         return None
     with clock.stage("read back"), crew_of(job, cache) as crew:
         # What is handed out is judged as it lies there, whoever wrote it.
-        plate = job.displays_of(job.plate(), largest=True, crew=crew).plate
+        plate = job.displays_of(job.plate(), crew=crew).plate
         back = _read_own(draw_files(job, plate), folder, progress)
     made: _Made = kept.value
     if back.quantities != made.read:
