@@ -653,7 +653,9 @@ def shop_quantities(job: Job, made: PlateFiles) -> tuple[Quantity, ...]:
     # What dots do to edges are rows of their own, with or without a house.
     plotter = check_plotter(made.plate, job.spec, shop, made.formats)
     dots = (each for each in plotter if each.rule != "edge_error")
-    return tuple(each.quantity(shop.name) for each in check_ordered((*found, *dots), job.spec, made.plate, shop))
+    return tuple(
+        each.quantity(shop.name) for each in check_ordered((*found, *dots), job.spec, made.plate, made.plate, shop)
+    )
 
 
 def check_processes(job: Job, plate: Plate) -> None:

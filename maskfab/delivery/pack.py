@@ -29,7 +29,7 @@ from maskfab.jobfile.shop_profile import FORMATS, Format, Shop, parse_shop
 from maskfab.judge.verdict import asked
 from maskfab.mask_shops.adapt import extent_nm, fitted
 from maskfab.mask_shops.dot_edges import plotted_dpi
-from maskfab.mask_shops.judge import Finding, accepted, extent
+from maskfab.mask_shops.judge import Finding, Taken, accepted, answer_of, extent, mail_of
 from maskfab.mask_shops.order import Answer
 from maskfab.mask_shops.package_rules import check_package
 from maskfab.mask_shops.plate_files import PlateFiles, files_for_shop
@@ -56,6 +56,7 @@ class Package:
         files: what is in the zip, the manifest excepted.
         missing: lines of the order that are blank.
         unused: keys and tables that the job states and the package does not depend on.
+        mail: questions to the house as one text; empty where it publishes all that has to be known.
     """
 
     path: Path | None
@@ -64,6 +65,18 @@ class Package:
     files: tuple[WrittenFile, ...] = ()
     missing: tuple[Answer, ...] = ()
     unused: tuple[str, ...] = ()
+    mail: str = ""
+
+    @property
+    def answer(self) -> Taken:
+        """Whether the house takes the plate, as far as it publishes what it takes."""
+        return answer_of(self.findings) if self.path is not None else "does not"
+
+    @property
+    def refused_by(self) -> tuple[str, ...]:
+        """Names of the rules that are broken, and of the checks of the files that fail."""
+        rules = [each.rule for each in self.findings if each.passed is False]
+        return tuple(dict.fromkeys((*rules, *(each.name for each in self.checks if each.passed is False))))
 
 
 def pack(
@@ -104,15 +117,16 @@ def pack(
             raise JobError("MF105", f"a package holds no {each}", cure=f"Choose among {', '.join(PACKED)}")
     if "gerber" in sent:
         require_gerbonara(zipped.name, where="format", cure="choose other formats")
-    plate = fitted(whole, shop)
+    plate = fitted(whole, shop, job.spec.tone)
     dpi = plotted_dpi(job.spec.export, shop)
     if dpi is not None and set(PLATE_BITMAPS) & set(sent):
         check_dots(plate.dies, dpi, job.where)
     progress("rules", 0, 1)
     findings = check_package(job.spec, whole, shop, sent)
     progress("rules", 1, 1)
+    mail = mail_of(plate.name, findings)
     if not accepted(findings):
-        return Package(None, findings)
+        return Package(None, findings, mail=mail)
     comments = [job.signature, plate.title]
     drawn = files_for_shop(plate, shop, sent, comments, safe_stem(plate.name), job.spec)
     drawn = replace(drawn, asked=asked(job.spec, shop, sent=True))
@@ -122,14 +136,14 @@ def pack(
         for done, product in enumerate(drawn.products):
             progress("write and read back", done, len(drawn.products))
             product.write(folder / product.name)
-            box, rows = _read_back(drawn, folder / product.name)
+            box, rows = read_written(drawn, folder / product.name)
             boxes += [] if box is None else [box]
             checks += rows
         progress("write and read back", len(drawn.products), len(drawn.products))
         judged = tuple(check for check in checks if check.passed is not None)
-        findings = _measured(findings, shop, boxes)
+        findings = as_measured(findings, shop, boxes)
         if not (accepted(findings) and all(check.passed for check in judged)):
-            return Package(None, findings, judged)
+            return Package(None, findings, judged, mail=mail)
         names = [product.name for product in drawn.products]
         masks = tuple(
             provenance.file_record(folder, folder / name, kind) for name, kind in zip(names, sent, strict=True)
@@ -144,10 +158,10 @@ def pack(
         check_same(zipped, manifest)
         _make_parents(zipped)
         write_package(zipped, folder, [RESULT_MARK, *names, *made], stem, replace=force)
-    return Package(zipped, findings, judged, files, ordered.order.missing)
+    return Package(zipped, findings, judged, files, ordered.order.missing, mail)
 
 
-def _measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
+def as_measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
     """The findings with the extent that the files have, not the one that was planned; the worst of them."""
     asked = extent_nm(shop)
     if asked is None or not boxes:
@@ -227,7 +241,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             # A later version would sign its plates differently, which is no fault of this one.
             signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
             whole = compose(made.spec, made.openings, signature, where=made.where)
-            plate = fitted(whole, house)
+            plate = fitted(whole, house, made.spec.tone)
             checks.append(_folder_named(wrapped, whole, house, made))
             # Without dots per inch there is no bitmap to compare one with.
             known = plotted_dpi(made.spec.export, house) is not None
@@ -266,7 +280,7 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         edges = drawn.edges if set(PLATE_BITMAPS) & set(formats) else None
         findings = check_package(made.spec, whole, house, formats)
         checks += [each.quantity(house.name) for each in findings if each.passed is False]
-        findings = _measured(findings, house, tuple(boxes.values()))
+        findings = as_measured(findings, house, tuple(boxes.values()))
         ordered = MaskOrder(
             made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent), edges
         )
@@ -353,24 +367,13 @@ def _packed_shop(folder: Path, package: Path, name: str) -> Shop:
 
 
 def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:
-    """:func:`_read_back`, within limits, of a file from any source."""
+    """:func:`read_written`, within limits, of a file from any source."""
     return bounded(
         path,
-        lambda _tell: _read_back(drawn, path),
+        lambda _tell: read_written(drawn, path),
         seconds=seconds_of(drawn.figures.account.polygons),
         kind=tuple[Box | None, tuple[Quantity, ...]],
     )
-
-
-def _read_back(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple[Quantity, ...]]:
-    """Extent of everything in a mask file, which a bitmap does not tell, and the file against the design and the
-    openings dot by dot."""
-    if path.suffix in {outputs.FORMATS[each].tail for each in PLATE_BITMAPS}:
-        return None, (plate_dots_row(drawn, path),)
-    read = read_mask(path)
-    box = file_box(path, read, drawn.settings.drawing)
-    rows = compare_mask(drawn, read, path).quantities()
-    if CUT in drawn.figures.layers and path.suffix == outputs.FORMATS["gerber"].tail:
         # Its reader takes the holes away, so that polygons are no longer those that were drawn.
         return box, tuple(each for each in rows if each.name != "polygons")
     return box, rows

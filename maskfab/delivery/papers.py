@@ -74,9 +74,14 @@ def papers(ordered: MaskOrder) -> dict[str, bytes]:
     order = ordered.order
     # Corners that meet have a line of their own.
     asked = (each for each in ordered.findings if each.rule != "corner_touches")
-    remarks = [_remark(each) for each in asked if each.passed is None and each.place and each.rule != "edge_error"]
+    remarks = [
+        _remark(each)
+        for each in asked
+        if each.passed is None and each.place and not each.question and each.rule != "edge_error"
+    ]
     files = [(mask.path, mask.sha256) for mask in ordered.masks]
-    sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks, ordered.edges)
+    questions = [each.question for each in ordered.findings if each.question]
+    sheet = order_sheet(order, ordered.figures, shop, ordered.sent, files, remarks, ordered.edges, questions)
     revision = next(each.text for each in order.answers if each.key == "revision")
     bias = [each.text for each in order.answers if each.key == "bias" and ordered.job.spec.data_bias_nm]
     notes = (f"for {shop.title}", f"revision: {revision}", order.tone, order.parity, *bias, ordered.signature)

@@ -392,7 +392,10 @@ class _Drawing:
         for mark, name in zip(self._plate.furniture, self._names.marks, strict=True):
             if mark.layer.written and self._options.tone == "dark":
                 continue
-            shapes, did = self._redrawn({mark.layer: mark.polygons}, name)
+            own = {mark.layer: mark.polygons}
+            shapes, did = self._redrawn(own, name)
+            if CUT in shapes and self._cuts_others(mark.name, shapes[CUT]):
+                shapes, did = self._redrawn(own, name, options=_without_cut(self._options))
             marks.append(MarkFigures(name, shapes))
             done += did
         if self._options.tone == "dark":
@@ -405,7 +408,8 @@ class _Drawing:
     def _field(self, name: str) -> tuple[Shapes, _Done]:
         """Chrome between the dies, out of which the marks are taken.
 
-        No cut through slanted edges is exact, so round letters and stars it is drawn as triangles.
+        No cut through slanted edges is exact, so round letters and stars it is drawn as triangles. Its holes are dies
+        and those triangles, so none may go on :data:`CUT`, which would be subtracted from their chrome too.
         """
         marks = [_polygons(mark.polygons) for mark in self._plate.furniture if mark.layer.written]
         half = self._plate.writable_nm // 2
@@ -413,18 +417,32 @@ class _Drawing:
         field -= db.Region([db.Box(*die.box_nm) for die in self._plate.dies])
         round_slants = _round_slants(self._plate) & field
         clear = sum(marks, start=db.Region())
-        drawn = _checked(field - round_slants - clear, self._options, name)
+        drawn = _checked(field - round_slants - clear, _without_cut(self._options), name)
         corners = triangles(round_slants - clear)
         shapes = {CHROME: _sorted(drawn.pieces + corners)}
-        if not drawn.holes.is_empty():
-            shapes[CUT] = _sorted(drawn.holes)
         return shapes, _Done.of(drawn) + _Done(corners.count(), 3 * corners.count())
 
-    def _redrawn(self, shapes: Shapes, where: str, whole: db.Region | None = None) -> tuple[Shapes, _Done]:
+    def _cuts_others(self, own: str, holes: tuple[Polygon, ...]) -> bool:
+        """Whether something written, which is not of the mark itself, lies in its holes."""
+        others = _polygons(
+            [
+                each
+                for mark in self._plate.furniture
+                if mark.layer.written and mark.name != own
+                for each in mark.polygons
+            ]
+        )
+        others.insert(db.Region([db.Box(*die.box_nm) for die in self._plate.dies]))
+        return not (_polygons(holes) & others).is_empty()
+
+    def _redrawn(
+        self, shapes: Shapes, where: str, whole: db.Region | None = None, options: PolygonOptions | None = None
+    ) -> tuple[Shapes, _Done]:
         """The shapes of a cell under the options, and what that took; layers for orientation stay as they are.
 
-        ``whole`` is the cell, of which dark data show what is not clear.
+        ``whole`` is the cell, of which dark data show what is not clear; ``options`` take the place of the plate's.
         """
+        chosen = options or self._options
         dark = self._options.tone == "dark" and whole is not None
         if dark:
             shapes = {CLEAR: (), **shapes}
@@ -445,7 +463,7 @@ class _Drawing:
                 found[layer] = polygons
                 done += _Done(len(polygons), sum(map(len, polygons)), counted.holed, counted.parted, 0)
                 continue
-            drawn = _checked(parted, self._options, where)
+            drawn = _checked(parted, chosen, where)
             found[CHROME if dark else layer] = _sorted(drawn.pieces)
             if not drawn.holes.is_empty():
                 found[CUT] = _sorted(drawn.holes)
@@ -501,8 +519,10 @@ def _merged(figures: Figures) -> tuple[Figures, _Done]:
         written = written.merged() - db.Region(layout.top_cell().begin_shapes_rec(cut))
     if figures.options.bias_nm:
         written = _biased(written, figures, figures.options.bias_nm)
-    # As between dies that are not merged, chrome round slanted edges is drawn as triangles.
-    slants = _round_slants(figures.plate) if figures.options.tone == "dark" else db.Region()
+    # As between dies that are not merged, chrome round slanted edges is drawn as triangles; but triangles would lie in
+    # the holes of what surrounds them, and holes with a layer of their own need no cut through a slanted edge.
+    parted = figures.options.tone == "dark" and figures.options.holes != "layer"
+    slants = _round_slants(figures.plate) if parted else db.Region()
     drawn = _checked(written - slants, figures.options, figures.top)
     corners = triangles(written & slants)
     merged = {layer: drawn.pieces + corners}
@@ -548,6 +568,10 @@ def _refuse_off_grid(figures: Figures) -> None:
                     f"{name} has a vertex at {point} nm, off the data grid of {grid} nm, where an outline is cut",
                     cure='Use a finer export.grid, or holes = "bisect" and max_vertices = 4094',
                 )
+
+
+def _without_cut(options: PolygonOptions) -> PolygonOptions:
+    return replace(options, holes="bisect") if options.holes == "layer" else options
 
 
 def _unwritten(shapes: Shapes) -> Shapes:

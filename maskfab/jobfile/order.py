@@ -153,6 +153,8 @@ class OrderSection(Section):
     """Pellicle or coat over the chrome."""
     corner_touches: Touches | None = None
     """Fate of clear dots that meet at a corner alone."""
+    corner_width: Length | None = None
+    """Width there: of the clear neck by which they join, or of the chrome between them where they stay apart."""
     revision: Line | None = None
     """Of the plate, on every paper and in the package's name."""
     date: Day | None = None

@@ -13,6 +13,7 @@ from maskfab.export.dxf import DrawingStyle
 from maskfab.geometry.plate_layout import orientations_in_use
 from maskfab.geometry.polygonize import Holes
 from maskfab.jobfile import DRAWING_KEYS, MASK_FORMATS, MEASURED_FORMATS, ExportSection, FileFormat, JobSpec
+from maskfab.jobfile.order import Tone
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.counts import facing_dots
 from maskfab.mask_shops.stencil import stencilled
@@ -26,16 +27,16 @@ _WITH_TEXT: tuple[FileFormat, ...] = ("gdsii", "oasis", "dxf_r12", "dxf_r2010")
 """Formats whose notes are text that a reader can see as such."""
 
 
-def fitted(plate: Plate, shop: Shop) -> Plate:
+def fitted(plate: Plate, shop: Shop, tone: Tone = "clear") -> Plate:
     """The plate with nothing that is not written, and with the corner squares that the shop asks for.
 
     Outlines, notes, emitters and wires are for people who look at the design; a house that converts every layer would
-    expose them.
+    expose them. Clear marks of dark data are holes themselves, so that none of theirs can have a layer of its own.
     """
     dies = tuple(replace(die, panel=replace(die.panel, emitters=None, tracks=())) for die in plate.dies)
     marks = tuple(mark for mark in plate.furniture if mark.layer.written)
     bare = replace(plate, dies=dies, furniture=(*marks, *_corner_squares(shop)), notes=())
-    return suited(bare, shop, shop.polygons.holes)
+    return suited(bare, shop, "bisect" if tone == "dark" else shop.polygons.holes)
 
 
 def suited(plate: Plate, shop: Shop, holes: Holes) -> Plate:
@@ -135,21 +136,25 @@ def written_box(plate: Plate) -> Box:
     return x0, y0, x1, y1
 
 
-def drawing_options(plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None) -> PolygonOptions:
+def drawing_options(
+    plate: Plate, shop: Shop, hierarchy: Hierarchy | None = None, tone: Tone = "clear"
+) -> PolygonOptions:
     """Drawing options for a shop: those of its profile, and otherwise as close to cells as possible.
 
     Two pixels go into a cell, or all references are resolved, only where the house allows no more references; openings
-    are merged across cells only where it forbids figures that share a piece of edge and those of two cells do. A
-    ``hierarchy`` that is given stays, whatever the house would need.
+    are merged across cells only where it forbids figures that share a piece of edge and those of two cells do, as the
+    chrome of dark data always does. A ``hierarchy`` that is given stays, whatever the house would need.
     """
     rules = shop.polygons
-    touching = hierarchy is None and rules.shared_boundaries is False and any(facing_dots(die) for die in plate.dies)
+    touching = hierarchy is None and rules.shared_boundaries is False
+    touching = touching and (tone == "dark" or any(facing_dots(die) for die in plate.dies))
     options = PolygonOptions(
         hierarchy=hierarchy or ("merged" if touching else rules.hierarchy),
         max_vertices=min(rules.max_vertices, shop.limits.max_vertices or MAX_VERTICES, MAX_VERTICES),
         holes=rules.holes,
         corners="joined" if rules.self_touching else "apart",
         notes="none",
+        tone=tone,
     )
     most = shop.limits.max_references
     if most is None or options.hierarchy != "cells" or _file_references(plate, paired=False) <= most:
@@ -180,7 +185,7 @@ def written_formats(section: ExportSection, shop: Shop | None) -> tuple[FileForm
     return (layouts[0],) if layouts else (MASK_FORMATS[0], shop.formats[0])
 
 
-def written_options(plate: Plate, section: ExportSection, shop: Shop | None) -> PolygonOptions:
+def written_options(plate: Plate, section: ExportSection, shop: Shop | None, tone: Tone = "clear") -> PolygonOptions:
     """Drawing options of a job: its own, with the shop's preferences as defaults.
 
     Holes on a layer of their own are left to packages, for a job's optics are measured from one layer. Notes are text
@@ -189,7 +194,7 @@ def written_options(plate: Plate, section: ExportSection, shop: Shop | None) -> 
     stated = {key: value for key in DRAWING_KEYS if (value := getattr(section, key)) is not None}
     if shop is None:
         return PolygonOptions(**stated)
-    house = drawing_options(plate, shop, section.hierarchy)
+    house = drawing_options(plate, shop, section.hierarchy, tone)
     holes, taken = "bisect" if house.holes == "layer" else house.holes, shop.text.allowed_in
     lettered = taken is None or all(each in taken for each in _lettered(written_formats(section, shop)))
     return replace(house, **{"holes": holes, "notes": "text" if lettered else "polygons", **stated})

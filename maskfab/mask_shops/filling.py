@@ -37,6 +37,7 @@ _KINDS: Mapping[str, tuple[str, ...]] = {
 _HINTS: Mapping[str, str] = {
     "quantity": "a whole number",
     "thickness": 'a length such as "2.3 mm"',
+    "corner_width": 'of the neck or the gap there, such as "2 um"',
     "contact.name": "whom the house asks",
     "contact.organisation": "firm or institute that pays",
     "contact.address": "to which the plate is sent, in one line",
@@ -83,7 +84,7 @@ class OrderForm:
     @classmethod
     def of(cls, spec: JobSpec, plate: Plate, shop: Shop) -> OrderForm:
         """The form of a job; its plate is drawn as a package would hold it, for corners that meet."""
-        return cls(spec, plate, shop, corner_touches(fitted(plate, shop)))
+        return cls(spec, plate, shop, corner_touches(fitted(plate, shop, spec.tone)))
 
     @property
     def order(self) -> Order:

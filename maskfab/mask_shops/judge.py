@@ -9,6 +9,7 @@ import math
 import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
 
 from klayout import db
 
@@ -18,6 +19,7 @@ from maskfab.drc.panel_rules import Tone
 from maskfab.drc.plate_rules import dies_apart
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
+from maskfab.export.outputs import TITLES
 from maskfab.geometry.data_bias import biased_data
 from maskfab.geometry.plate_layout import plate_layout, plate_names, region, simple_polygon
 from maskfab.jobfile import FileFormat
@@ -25,12 +27,12 @@ from maskfab.jobfile.order import Tone as DataTone
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
 from maskfab.mask_shops import counts
 from maskfab.mask_shops.adapt import Blank, drawing_options, drawing_style, extent_nm, kept_grid_nm, written_box
+from maskfab.mask_shops.smallest import FINE_ON_PURPOSE, Smallest, smallest_features
 from maskfab.model import CLEAR, NOTE, Box, Die, Furniture, Layer, Plate, Quantity, Snapping
 from maskfab.plate.marks.template import PlateTemplate, plate_template, template_names
 from maskfab.units import NM_PER_MM, NM_PER_UM, UM_PER_INCH, UM_PER_MM
 
 _BLANK_TOLERANCE_NM = 500_000
-_FINE_ON_PURPOSE = ("resolution", "code")
 _KISSING = DesignRules(no_corner_touch=True)
 _LEVELS = 3
 """Plate, die, unit cell: references are never nested deeper."""
@@ -54,6 +56,7 @@ class Finding:
         place: where it is broken first, in words.
         cure: what to do about it; empty where nothing needs to be done.
         source: the pages where the house publishes it.
+        question: to the house, where it has to be asked before anybody knows whether it takes the plate; else empty.
     """
 
     rule: str
@@ -64,6 +67,7 @@ class Finding:
     place: str = ""
     cure: str = ""
     source: str = ""
+    question: str = ""
 
     @property
     def told(self) -> str:
@@ -74,13 +78,15 @@ class Finding:
     def quantity(self, shop: str) -> Quantity:
         """The finding as a row of a report; the shop by its name, whose pages would fill a table."""
         published = f"A rule of {shop}, whose pages `maskfab shops {shop}` names"
-        method = ". ".join(text for text in (self.place and f"at {self.place}", self.cure, published) if text)
+        method = ". ".join(
+            text for text in (self.place and f"at {self.place}", self.cure, self.question, published) if text
+        )
         return Quantity(f"shop_{self.rule}", self.value, method, detail=self.unit, limit=self.limit, passed=self.passed)
 
     def __str__(self) -> str:
-        verdict = {True: "PASS", False: "REFUSED", None: "note"}[self.passed]
+        verdict = {True: "PASS", False: "REFUSED", None: "ASK" if self.question else "note"}[self.passed]
         place = f" at {self.place}" if self.place else ""
-        return f"{verdict} {self.told}{place}" + (f". {self.cure}" if self.cure else "")
+        return ". ".join(text for text in (f"{verdict} {self.told}{place}", self.cure, self.question) if text)
 
 
 @dataclass(frozen=True)
@@ -94,12 +100,22 @@ class PlateFacts:
         kissing: corners that meet, by name of the die.
         kissing_marks: corners that meet on marks, which most houses are sent alike.
         figures: the plate as drawn, by its marks, their grid and the options, which are those of most houses too.
+        designs: the plate as its files must show it, by its marks and their grid.
+        smallest: features and spaces, by the marks.
     """
 
     narrow: dict[tuple[str, Tone, bool], Narrowest] = field(default_factory=dict)
     kissing: dict[str, list[RuleResult]] = field(default_factory=dict)
     kissing_marks: dict[tuple[Furniture, ...], tuple[RuleResult, ...]] = field(default_factory=dict)
     figures: dict[tuple[tuple[Furniture, ...], Snapping | None, PolygonOptions], Figures] = field(default_factory=dict)
+    designs: dict[tuple[tuple[Furniture, ...], Snapping | None], db.Layout] = field(default_factory=dict)
+    smallest: dict[tuple[Furniture, ...], tuple[Smallest, ...]] = field(default_factory=dict)
+
+    def smallest_of(self, plate: Plate) -> tuple[Smallest, ...]:
+        """As :func:`maskfab.mask_shops.smallest.smallest_features`."""
+        if plate.furniture not in self.smallest:
+            self.smallest[plate.furniture] = smallest_features(plate, self.narrowest)
+        return self.smallest[plate.furniture]
 
     def narrowest(self, die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
         """As :func:`maskfab.drc.narrowest`."""
@@ -107,6 +123,13 @@ class PlateFacts:
         if key not in self.narrow:
             self.narrow[key] = narrowest(die, tone, placed=placed)
         return self.narrow[key]
+
+    def design(self, plate: Plate) -> db.Layout:
+        """As :func:`maskfab.geometry.plate_layout.plate_layout`."""
+        key = plate.furniture, plate.snapped
+        if key not in self.designs:
+            self.designs[key] = plate_layout(plate)
+        return self.designs[key]
 
     def drawn(self, plate: Plate, options: PolygonOptions) -> Figures:
         """As :func:`maskfab.export.cell_polygons.draw`."""
@@ -130,9 +153,31 @@ class PlateFacts:
         return [*on_dies, *self.kissing_marks[plate.furniture]]
 
 
+Taken: TypeAlias = Literal["takes it", "ask first", "does not"]
+
+
 def accepted(findings: Sequence[Finding]) -> bool:
     """Whether no rule is broken."""
     return all(finding.passed is not False for finding in findings)
+
+
+def answer_of(findings: Sequence[Finding]) -> Taken:
+    """Whether a house takes a plate, as far as it publishes what it takes."""
+    if not accepted(findings):
+        return "does not"
+    return "ask first" if any(each.question for each in findings) else "takes it"
+
+
+def mail_of(plate: str, findings: Sequence[Finding]) -> str:
+    """The questions to a house as one text to paste into a mail; empty where there are none."""
+    asked = [each.question for each in findings if each.question]
+    if not asked:
+        return ""
+    numbered = [f"{number}. {question}" for number, question in enumerate(asked, 1)]
+    opening = (
+        f"We would like to order the photomask {plate} from you. Your pages leave open what follows; please tell us:"
+    )
+    return "\n".join([opening, *numbered])
 
 
 def check_shop(
@@ -246,9 +291,13 @@ def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], tone: DataTone, 
     for each in sent:
         if known is None:
             ruled = shop.accepts.ruled
-            about = "" if not ruled or each in ruled else f", and its rules speak of {' '.join(ruled)}"
-            cure = f"The house publishes no list of formats{about}: ask before sending"
-            yield Finding("format", None, each, None, cure=cure)
+            if each in ruled:
+                yield Finding("format", True, each, f"{' '.join(ruled)}, of which its rules speak,")
+                continue
+            about = "" if not ruled else f", and its rules speak of {' '.join(ruled)}"
+            cure = f"The house publishes no list of formats{about}"
+            question = f"Do you take {TITLES[each]} files? If not, which formats do you take?"
+            yield Finding("format", None, each, None, cure=cure, question=question)
         else:
             taken = each in known
             cure = "" if taken else f"Send {known[0]}"
@@ -411,7 +460,7 @@ def _biased_clear(figures: Figures) -> db.Region:
 
 def _fine(plate: Plate) -> db.Region:
     """Marks that are fine on purpose."""
-    marks = (mark for mark in plate.furniture if mark.kind in _FINE_ON_PURPOSE and mark.layer.written)
+    marks = (mark for mark in plate.furniture if mark.kind in FINE_ON_PURPOSE and mark.layer.written)
     return db.Region([db.Polygon(simple_polygon(each)) for mark in marks for each in mark.polygons])
 
 
@@ -427,7 +476,7 @@ def _worst(plate: Plate, rules: DesignRules, tone: Tone, facts: PlateFacts | Non
 
     Corners that kiss are a rule of their own. Test figures and codes are fine on purpose.
     """
-    marks = tuple(mark for mark in plate.furniture if mark.kind not in _FINE_ON_PURPOSE)
+    marks = tuple(mark for mark in plate.furniture if mark.kind not in FINE_ON_PURPOSE)
     coarse = replace(plate, furniture=marks)
     if dies_apart(coarse, rules.reach_nm):
         found = [each for die in plate.dies for each in _of_die(die, plate, rules, tone, facts)]
@@ -468,8 +517,12 @@ def _narrow(
         return Finding(rule, True, f"at least {least_um:g}", least_um, "um")
     value, place = worst
     if on_request_um is not None and value >= on_request_um:
-        cure = f"Made on request down to {on_request_um:g} um: ask before ordering"
-        return Finding(rule, None, value, least_um, "um", place, cure)
+        cure = f"Made on request down to {on_request_um:g} um"
+        question = (
+            f"Your pages offer widths below {least_um:g} um on request. Do you make this plate, whose narrowest "
+            f"{'clear' if tone == 'clear' else 'chrome'} width is {value:g} um, and at what price?"
+        )
+        return Finding(rule, None, value, least_um, "um", place, cure, question=question)
     cure = f"Use a coarser dot or a wider gutter, so that nothing {tone} is narrower than {least_um:g} um"
     return Finding(rule, False, value, least_um, "um", place, cure)
 
@@ -496,6 +549,7 @@ def _drawn(
 ) -> tuple[Figures | None, tuple[Finding, ...]]:
     """A plate that is not drawn yet, drawn; or why it cannot be."""
     merging = options.hierarchy == "merged" and shop.polygons.shared_boundaries is False and not options.bias_nm
+    merging = merging and options.tone == "clear"  # chrome that is cut within a cell may be whole across cells
     try:
         figures = facts.drawn(plate, replace(options, hierarchy="cells") if merging else options)
         if merging and not {*counts.cut_cells(figures)} & {*figures.cells}:
@@ -563,6 +617,11 @@ def _placed(die: DieFigures) -> int:
 def _boundaries(plate: Plate, figures: Figures) -> Finding:
     """Judged by the figures as they are written."""
     found = counts.shared_edges(figures)
+    if not found and figures.options.hierarchy != "merged" and figures.options.tone == "dark" and plate.dies:
+        die = plate.dies[0]
+        around = 2 * sum(die.panel.size_nm) / NM_PER_UM
+        cure = 'Use hierarchy = "merged"'
+        return Finding("shared_boundaries", False, around, 0, "um", f"die {die.name}, round it", cure)
     for die in plate.dies if not found and figures.options.hierarchy != "merged" else ():
         count = counts.facing_dots(die)
         if count:

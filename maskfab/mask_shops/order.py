@@ -10,7 +10,7 @@ from datetime import date
 from typing import Literal, TypeAlias
 
 from maskfab.jobfile import JobSpec
-from maskfab.jobfile.order import CdSection, ContactSection, DefectsSection, OrderSection
+from maskfab.jobfile.order import CdSection, ContactSection, DefectsSection, OrderSection, Touches
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.adapt import ordered_blank
 from maskfab.model import Plate
@@ -53,12 +53,14 @@ class Order:
     Attributes:
         tone: of the data, in the words of the house's form.
         parity: reading of the data as they are sent.
+        mirrored: whether those data are the mirror image of the design, which reads right through the glass.
         day: of the order; None if the job states none.
         answers: everything else, in the order of the sheet.
     """
 
     tone: str
     parity: str
+    mirrored: bool
     day: date | None
     answers: tuple[Answer, ...]
 
@@ -81,6 +83,7 @@ def order_of(spec: JobSpec, plate: Plate, shop: Shop, corner_touches: int = 0) -
     return Order(
         shop.order.tone_words.get(spec.tone, f"digitized data = {spec.tone}"),
         _parity(stated),
+        stated.mirrored,
         stated.date,
         tuple(_answers(spec, stated, plate, shop, corner_touches)),
     )
@@ -89,10 +92,9 @@ def order_of(spec: JobSpec, plate: Plate, shop: Shop, corner_touches: int = 0) -
 def _parity(stated: OrderSection) -> str:
     """Reading of the data as they are sent, which the house keeps to."""
     if not stated.mirrored:
-        return "right reading, chrome up"
+        return "right reading, chrome up: write the data as sent. The F on the plate reads right on the chrome side"
     return (
-        "right reading, chrome up, of the data as sent: do not mirror them. They are the mirror image of the design, "
-        "which so reads right through the glass (right reading, chrome down)"
+        "right reading, chrome up: write the data as sent, do not mirror them. The F on the plate is mirrored in them"
     )
 
 
@@ -117,7 +119,7 @@ def _answers(spec: JobSpec, stated: OrderSection, plate: Plate, shop: Shop, touc
         Answer("defects", "defects", *_defects(stated.defects, usual.defects)),
         _bias(spec, stated, usual),
         wish.text("protection", "pellicle or coat", "none"),
-        _touches(stated, usual, shop, touches),
+        *_touches(stated, usual, shop, touches),
         wish.text("delivery", "delivery", "by agreement"),
     ]
     contact = stated.contact or ContactSection()
@@ -210,15 +212,32 @@ def _bias(spec: JobSpec, stated: OrderSection, usual: OrderSection) -> Answer:
     return Answer("bias", "bias", text, source)
 
 
-def _touches(stated: OrderSection, usual: OrderSection, shop: Shop, touches: int) -> Answer:
+def _touches(stated: OrderSection, usual: OrderSection, shop: Shop, touches: int) -> list[Answer]:
+    """What becomes of corners that meet, and how wide the neck or gap there is: no writer makes one of no width."""
     label = "corners that meet"
     if not touches:
-        return Answer("corner_touches", label, "none", "design")
+        return [Answer("corner_touches", label, "none", "design")]
     told = f"clear shapes meet by a corner only in {touches} places"
-    if stated.corner_touches is not None:
-        return Answer("corner_touches", label, f"{told}: they must {stated.corner_touches}", "job")
-    if usual.corner_touches is not None:
-        return Answer("corner_touches", label, f"{told}: they {usual.corner_touches}", "house")
-    if shop.polygons.corner_touches:
-        return Answer("corner_touches", label, f"{told}, which the house takes: {_NO_WISH}", "house")
-    return Answer("corner_touches", label, f"{told}; join or stay apart: {BLANK}", "nobody")
+    fate, width = (getattr(stated, key) or getattr(usual, key) for key in ("corner_touches", "corner_width"))
+    source: Source = "house" if stated.corner_touches is None else "job"
+    if fate is None and shop.polygons.corner_touches:
+        return [Answer("corner_touches", label, f"{told}, which the house takes: {_NO_WISH}", "house")]
+    if fate is None:
+        return [
+            Answer("corner_touches", label, f"{told}; join or stay apart: {BLANK}", "nobody"),
+            _neck(None, width, shop),
+        ]
+    return [Answer("corner_touches", label, f"{told}: they must {fate}", source), _neck(fate, width, shop)]
+
+
+def _neck(fate: Touches | None, width_um: float | None, shop: Shop) -> Answer:
+    """The line of the width at corners that meet; without one a blank, with what the house writes as a proposal."""
+    shapes: dict[Touches | None, tuple[str, float | None]] = {
+        "join": ("a clear neck", shop.limits.min_feature_um),
+        "stay apart": ("a gap of chrome", shop.limits.min_space_um or shop.limits.min_feature_um),
+    }
+    shape, least = shapes.get(fate, ("a neck or a gap", shop.limits.min_feature_um))
+    if width_um is not None:
+        return Answer("corner_width", "width at those corners", f"{shape} of {width_um:g} um", "job")
+    proposed = f" (proposed: {least:g} um, the least that the house publishes)" if least is not None else ""
+    return Answer("corner_width", "width at those corners", f"{shape} of {BLANK} um{proposed}", "nobody")

@@ -17,17 +17,20 @@ from maskfab.mask_shops.adapt import kept_grid_nm
 from maskfab.mask_shops.dot_edges import DotEdges
 from maskfab.mask_shops.order import Order
 from maskfab.mask_shops.printable import printable
+from maskfab.mask_shops.smallest import Smallest, smallest_features
 from maskfab.model import Gauge, Plate
 from maskfab.units import NM_PER_UM, UM_PER_INCH
 
 _FORMULA = ("=", "+", "-", "@", "\t", "\r")
 _NUMBER = re.compile(r"-?[0-9]+(\.[0-9]+)?")
-_DATA, _MADE, _BUSINESS, _BUYER = "Data", "Plate", "Order", "Ordered by"
+_DATA, _MADE, _BUSINESS, _BUYER, _ASKED = "Data", "Plate", "Order", "Ordered by", "Please answer before you start"
+_HEADING_F, _SIDES = "The letter F on the plate", ("seen on the chrome side", "seen through the glass")
+_F = ("#####", "#    ", "###  ", "#    ", "#    ")
 _LABELS: Mapping[OrderField, str] = {
     "mask_name": "mask name",
     "tone": "tone",
     "parity": "parity",
-    "min_cd_and_location": "smallest CD and where",
+    "min_cd_and_location": "smallest feature, and CD measured",
     "grid": "grid",
     "blank": "blank",
     "centred": "position",
@@ -54,6 +57,7 @@ class OrderSheet:
         files: mask files that go with it, with their SHA-256.
         sources: pages on which the house's rules were read.
         rules_heading: above them, with the day if it is known.
+        mirrored: whether the letter F on the plate is mirrored on the chrome side.
     """
 
     title: str
@@ -62,6 +66,7 @@ class OrderSheet:
     files: tuple[tuple[str, str], ...]
     sources: tuple[str, ...]
     rules_heading: str
+    mirrored: bool
 
     def text(self) -> str:
         """The sheet as plain text with a line for each row."""
@@ -69,6 +74,8 @@ class OrderSheet:
         lines = [self.title, "=" * len(self.title)]
         for heading, rows in self.groups:
             lines += ["", heading, *(f"  {label.ljust(wide)}  {answer}" for label, answer in rows)]
+        lines += ["", _HEADING_F, f"  {_SIDES[0]:30}{_SIDES[1]}"]
+        lines += [f"  {left:30}{right}".rstrip() for left, right in zip(*_letters(self.mirrored), strict=True)]
         lines += ["", "CDs (clear width along the axis; plate centre = origin, x to the right, y up, chrome side)"]
         table = [("name", "axis", "x mm", "y mm", "width um"), *self.cds]
         widths = [max(len(row[k]) for row in table) for k in range(5)]
@@ -96,6 +103,7 @@ class OrderSheet:
         parts = [
             f"<h1>{escape(self.title)}</h1>",
             *(f"<h2>{escape(heading)}</h2>" + _table((), rows) for heading, rows in self.groups),
+            f"<h2>{_HEADING_F}</h2>{_pictures(self.mirrored)}",
             "<h2>CDs</h2><p>Clear width along the axis; the plate's centre is the origin, x to the right, y up, seen "
             "on the chrome side.</p>",
             _table(("name", "axis", "x mm", "y mm", "width µm"), self.cds),
@@ -110,6 +118,7 @@ class OrderSheet:
             "table{border-collapse:collapse;width:100%}td:first-child{width:12em}"
             "td,th{border:1px solid #bbb;padding:.3em .7em;text-align:left;vertical-align:top;overflow-wrap:anywhere}"
             "h1{font-size:1.5em}h2{font-size:1.1em;margin:1.2em 0 .4em;break-after:avoid}tr,li{break-inside:avoid}"
+            "figure{display:inline-block;margin:0 3em 0 0;text-align:center}svg{background:#d9dde2;border:1px solid}"
             "li{overflow-wrap:anywhere}@page{size:A4;margin:15mm}@media print{body{font-size:9pt;margin:0}}"
         )
         return (
@@ -126,6 +135,7 @@ def order_sheet(
     files: Sequence[tuple[str, str]],
     remarks: Sequence[str] = (),
     edges: DotEdges | None = None,
+    questions: Sequence[str] = (),
 ) -> OrderSheet:
     """The order sheet of a fitted plate.
 
@@ -137,19 +147,25 @@ def order_sheet(
         files: their names and SHA-256.
         remarks: comments for the house, a sentence each.
         edges: of the bitmap that is sent, if any.
+        questions: to the house, which its pages leave open.
     """
     answers = _answers(order, figures, shop, formats, remarks)
     if edges is not None and not set(formats) - set(PLATE_BITMAPS):
         answers["units"] = f"1 dot = {UM_PER_INCH / edges.dpi:g} um"
     fields = dict.fromkeys((*(each for each in shop.order.fields if each != "comments"), *_ALWAYS))
     groups: dict[str, list[tuple[str, str]]] = {heading: [] for heading in (_DATA, _MADE, _BUSINESS, _BUYER)}
+    smallest = smallest_features(figures.plate)
+    answers["min_cd_and_location"] = _smallest(figures.plate, smallest)
     groups[_DATA] = [(_LABELS[each], answers[each]) for each in fields]
+    groups[_DATA] += [(f"smallest, {each.of}", str(each)) for each in smallest]
     if edges is not None:
         dots = f"{edges.dpi} dpi; 1 (white) is digitized data, as seen on the chrome side"
         groups[_DATA] += [("plotter's dots", dots), ("edges of the bitmap", edges.said())]
     for each in order.answers:
         groups[_heading(each.key)].append((each.label, each.text))
     groups[_MADE] += _promised(shop)
+    if questions:
+        groups[_ASKED] = [(str(number), each) for number, each in enumerate(questions, 1)]
     plate = figures.plate
     return OrderSheet(
         f"Photomask order: {plate.name}, {shop.title}",
@@ -158,6 +174,7 @@ def order_sheet(
         tuple(files),
         shop.sources,
         _rules_heading(shop, order),
+        order.mirrored,
     )
 
 
@@ -190,7 +207,7 @@ def _answers(
         "mask_name": f"{plate.name} ({plate.title}), layer {written}",
         "tone": order.tone,
         "parity": order.parity,
-        "min_cd_and_location": _smallest(plate),
+        "min_cd_and_location": "",
         "grid": f"{grid} nm; every vertex lies on it",
         "blank": f"{plate.blank_nm / NM_PER_UM / UM_PER_INCH:g} in ({plate.blank_nm / 1e6:g} mm) square",
         "centred": "centred: the data's origin (0, 0) is the plate's centre",
@@ -205,12 +222,37 @@ def _said(account: Account) -> list[str]:
     return [f"{line[0].upper()}{line[1:]}." for line in account.lines()]
 
 
-def _smallest(plate: Plate) -> str:
+def _smallest(plate: Plate, smallest: Sequence[Smallest]) -> str:
+    """The narrowest that has to be held, which is not what is measured: CD structures are as wide as dots."""
+    held = [each for each in smallest if not each.fine]
+    least = min((min(each.clear_um, each.chrome_um) for each in held), default=math.inf)
+    told = f"{least:.6g} um, clear or chrome" if math.isfinite(least) else "nothing narrow"
     gauge = min(plate.gauges, key=lambda each: each.target_nm, default=None)
     if gauge is None:
-        return "no CD structure on this plate"
+        return f"{told}; no CD structure on this plate"
     _, axis, x, y, width = _cd(gauge)
-    return f"{width} um along {axis} at ({x}, {y}) mm; all CDs below"
+    return f"{told}; smallest CD structure {width} um along {axis} at ({x}, {y}) mm; all CDs below"
+
+
+def _letters(mirrored: bool) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """The letter F in rows of signs, as it is seen on the chrome side and through the glass."""
+    right, wrong = _F, tuple(row[::-1] for row in _F)
+    return (wrong, right) if mirrored else (right, wrong)
+
+
+def _pictures(mirrored: bool) -> str:
+    """Both views of the letter F as small drawings."""
+    told = []
+    for rows, side in zip(_letters(mirrored), _SIDES, strict=True):
+        dots = "".join(
+            f'<rect x="{x + 2}" y="{y + 1}" width="1" height="1"/>'
+            for y, row in enumerate(rows)
+            for x, sign in enumerate(row)
+            if sign != " "
+        )
+        drawn = f'<svg width="90" height="70" viewBox="0 0 9 7" fill="#fff" shape-rendering="crispEdges">{dots}</svg>'
+        told.append(f"<figure>{drawn}<figcaption>{side}</figcaption></figure>")
+    return "".join(told)
 
 
 def _cd(gauge: Gauge) -> tuple[str, str, str, str, str]:

@@ -27,10 +27,10 @@ def check_package(
         facts: as of :func:`maskfab.mask_shops.judge.check_shop`.
     """
     sent = tuple(formats) or shop.formats[:1]
-    drawn = fitted(plate, shop)
+    drawn = fitted(plate, shop, spec.tone)
     found = check_shop(drawn, shop, sent, package_options(spec, drawn, shop), ordered_blank(spec), facts=facts)
     plotted = check_plotter(drawn, spec, shop, sent)
-    return check_ordered((*found, *_of_dots(spec, sent), *plotted), spec, plate, shop)
+    return check_ordered((*found, *_of_dots(spec, sent), *plotted), spec, plate, drawn, shop, facts)
 
 
 def _of_dots(spec: JobSpec, formats: Sequence[str]) -> Iterator[Finding]:
@@ -43,4 +43,4 @@ def _of_dots(spec: JobSpec, formats: Sequence[str]) -> Iterator[Finding]:
 
 def package_options(spec: JobSpec, plate: Plate, shop: Shop) -> PolygonOptions:
     """Drawing of a package for a plate that is :func:`maskfab.mask_shops.adapt.fitted`."""
-    return as_ordered(drawing_options(plate, shop), spec)
+    return as_ordered(drawing_options(plate, shop, tone=spec.tone), spec)

@@ -17,6 +17,7 @@ from maskfab.jobfile.shop_profile import Format, Shop
 from maskfab.judge.verdict import Asked
 from maskfab.mask_shops.adapt import as_ordered, blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.mask_shops.dot_edges import DotEdges, dot_edges, plotted_dpi
+from maskfab.mask_shops.judge import PlateFacts
 from maskfab.mask_shops.package_rules import package_options
 from maskfab.model import Plate, Quantity
 from maskfab.units import NM_PER_UM
@@ -90,7 +91,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
         dpi,
         drawing_style(plate, shop),
     )
-    options = as_ordered(written_options(plate, section, shop), spec)
+    options = as_ordered(written_options(plate, section, shop, spec.tone), spec)
     taken = plate if shop is None else suited(plate, shop, options.holes)
     figures = draw(taken, options)
     made = products(figures, formats, comments, settings)
@@ -131,7 +132,13 @@ def check_polygons(spec: JobSpec, formats: Sequence[FileFormat], where: str) -> 
 
 
 def files_for_shop(
-    plate: Plate, shop: Shop, formats: Sequence[Format], comments: Sequence[str], stem: str, spec: JobSpec
+    plate: Plate,
+    shop: Shop,
+    formats: Sequence[Format],
+    comments: Sequence[str],
+    stem: str,
+    spec: JobSpec,
+    facts: PlateFacts | None = None,
 ) -> PlateFiles:
     """Draw a plate that is :func:`maskfab.mask_shops.adapt.fitted` as its shop takes it.
 
@@ -142,6 +149,7 @@ def files_for_shop(
         comments: provenance.
         stem: of their names.
         spec: of its job.
+        facts: of the plate, shared by houses that it is drawn for.
 
     Raises:
         OutputError, JobError: as :func:`files_of_job`.
@@ -149,7 +157,9 @@ def files_for_shop(
     dpi = plotted_dpi(spec.export, shop)
     check_stated(dpi, formats)
     settings = FileSettings(dpi=dpi, drawing=drawing_style(plate, shop))
-    figures = draw(plate, package_options(spec, plate, shop))
+    options = package_options(spec, plate, shop)
+    figures = draw(plate, options) if facts is None else facts.drawn(plate, options)
     made = products(figures, formats, comments, settings, stem)
     edges = dot_edges(plate, spec, shop, formats, dpi)
-    return PlateFiles(plate, plate_layout(plate), figures, made, settings, tuple(formats), edges)
+    design = plate_layout(plate) if facts is None else facts.design(plate)
+    return PlateFiles(plate, design, figures, made, settings, tuple(formats), edges)

@@ -13,6 +13,7 @@ from small_job import with_the_die, write_job
 
 from maskfab.comparison.biased import biased_raster
 from maskfab.comparison.files import compare_mask, read_mask
+from maskfab.delivery.comparing import compare_shops
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import JobError, OutputError
 from maskfab.export.cell_polygons import PolygonOptions, draw
@@ -21,7 +22,6 @@ from maskfab.geometry.data_bias import biased_data, written_of
 from maskfab.geometry.plate_layout import coverage, plate_layout, region
 from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import parse_shop
-from maskfab.mask_shops.comparing import compare_shops
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.order import order_of
 from maskfab.mask_shops.plate_files import files_of_job

@@ -13,6 +13,7 @@ from small_job import command, write_job
 
 from maskfab.comparison.files import read_back
 from maskfab.comparison.plate_dots import check_plate_dots
+from maskfab.delivery.comparing import compare_shops
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import JobError
 from maskfab.export.images.plate_bitmap import write_plate_tiff
@@ -21,7 +22,6 @@ from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.job import load_job
 from maskfab.jobfile.shop_profile import parse_shop
-from maskfab.mask_shops.comparing import compare_shops
 from maskfab.mask_shops.dot_edges import dot_edges
 from maskfab.mask_shops.plate_files import files_of_job
 from maskfab.mask_shops.profiles import load_shop

@@ -17,6 +17,7 @@ from sweeps import sweep
 from maskfab.comparison.files import compare_mask, read_mask
 from maskfab.delivery.pack import pack, verify_package
 from maskfab.errors import JobError
+from maskfab.export.cell_polygons import CUT, PolygonOptions, draw
 from maskfab.geometry.plate_layout import layer_info, plate_layout, region
 from maskfab.job import load_job
 from maskfab.jobfile.order import OrderSection
@@ -25,7 +26,7 @@ from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.order import BLANK, order_of
 from maskfab.mask_shops.plate_files import files_of_job
 from maskfab.mask_shops.profiles import load_shop, shop_names
-from maskfab.model import CHROME, CLEAR, LAYERS
+from maskfab.model import CHROME, CLEAR, LAYERS, Furniture
 from maskfab.pipeline import measure_process, run
 from maskfab.plate.mirrored import mirrored
 
@@ -102,6 +103,21 @@ def test_dark_data_are_drawn_in_every_way(tmp_path, holes, hierarchy):
     trip = compare_mask(made, read_mask(file), file)
     assert trip.xor_area_um2 == 0
     assert trip.polygons == trip.drawn_polygons
+
+
+@pytest.mark.parametrize("tone", ["clear", "dark"])
+@pytest.mark.parametrize("hierarchy", ["cells", "flat", "merged"])
+def test_holes_on_a_layer_of_their_own_take_no_other_figure_with_them(small_plate, tone, hierarchy):
+    # A frame round everything on the plate: filled, and its hole subtracted, it would take the plate along.
+    (x0, y0, x1, y1), width = (-10_900_000, -10_900_000, 10_900_000, 10_900_000), 50_000
+    sides = ((x0, y0, x1, y0 + width), (x0, y1 - width, x1, y1), (x0, y0, x0 + width, y1), (x1 - width, y0, x1, y1))
+    frame = Furniture("ROUND", "outline", CLEAR, tuple(((a, b), (a, d), (c, d), (c, b)) for a, b, c, d in sides))
+    plate = replace(small_plate, furniture=(*small_plate.furniture, frame))
+    drawn = draw(plate, PolygonOptions(tone=tone, holes="layer", hierarchy=hierarchy, notes="none")).layout()
+    shown = region(drawn, CHROME if tone == "dark" else CLEAR) - region(drawn, CUT)
+    design, half = region(plate_layout(plate), CLEAR), plate.writable_nm // 2
+    whole = db.Region(db.Box(-half, -half, half, half))
+    assert (shown ^ (whole - design if tone == "dark" else design)).is_empty()
 
 
 def test_a_plate_mirrored_twice_is_the_plate(tmp_path):

@@ -21,7 +21,7 @@ from maskfab.eye.side_by_side import SeenPanel, judge, target_pictures
 from maskfab.eye.viewing import Viewing
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.mask_shops.judge import Finding, accepted
+from maskfab.mask_shops.judge import Finding, accepted, answer_of, mail_of
 from maskfab.mask_shops.package_rules import check_package
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.model import Quantity
@@ -87,12 +87,13 @@ class DisplayCheck:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ShopCheck:
-    """A plate held against the rules of a mask shop."""
+    """A plate held against the rules of a mask shop; ``mail`` asks the shop for what it does not publish."""
 
     shop: Shop
     findings: tuple[Finding, ...]
     digest: str
     unused: tuple[str, ...] = ()
+    mail: str = ""
 
     @property
     def passed(self) -> bool:
@@ -105,8 +106,10 @@ class ShopCheck:
             "verdict": "pass" if self.passed else "fail",
             "shop": self.shop.name,
             "job_hash": self.digest,
+            "answer": answer_of(self.findings),
             "rules": [dict(vars(each)) for each in self.findings],
             "unused": list(self.unused),
+            "mail": self.mail,
         }
 
     def __str__(self) -> str:
@@ -178,9 +181,11 @@ def _check_for_shop(job: AnyJob, shop: str, formats: Sequence[str], progress: Pr
     profile, sent = load_shop(shop), formats_of(formats)
     loaded = job_of(job)
     progress("rules", 0, 1)
-    findings = check_package(loaded.spec, loaded.plate(), profile, sent)
+    plate = loaded.plate()
+    findings = check_package(loaded.spec, plate, profile, sent)
     progress("rules", 1, 1)
-    return ShopCheck(profile, findings, loaded.digest, unused(loaded.spec, *USES["check --shop"]))
+    left = unused(loaded.spec, *USES["check --shop"])
+    return ShopCheck(profile, findings, loaded.digest, left, mail_of(plate.name, findings))
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -9,16 +9,17 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from datetime import date
 from pathlib import Path
-from typing import Any, overload
+from typing import Any, get_args, overload
 
 from maskfab.api.jobs import AnyJob, job_of
 from maskfab.arguments import checked_arguments
+from maskfab.delivery.comparing import Bid, compare_shops
 from maskfab.delivery.pack import Package, pack
 from maskfab.errors import JobError
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop
 from maskfab.jobfile.uses import USES, in_words, unused
-from maskfab.mask_shops.comparing import Bid, compare_shops
 from maskfab.mask_shops.filling import OrderForm, write_answers
+from maskfab.mask_shops.judge import Taken
 from maskfab.mask_shops.profiles import load_shop, shop_names, shop_of
 from maskfab.progress import Progress, silent
 from maskfab.threads import one_thread
@@ -28,7 +29,7 @@ _LINE, _LEAST = 100, 30
 
 
 class Comparison(tuple[Bid, ...]):
-    """Houses against one plate, those that take it first; ``print(comparison)`` is a table.
+    """Houses against one plate, those that take it first, then those to ask; ``print(comparison)`` is a table.
 
     Attributes:
         unused: keys and tables that the job states and no house's answer depends on.
@@ -38,8 +39,8 @@ class Comparison(tuple[Bid, ...]):
 
     @property
     def passed(self) -> bool:
-        """Whether any house takes the plate."""
-        return any(bid.taken for bid in self)
+        """Whether any house takes the plate, or may once it is asked."""
+        return any(bid.answer != "does not" for bid in self)
 
     def to_dict(self) -> dict[str, Any]:
         """Plain data for JSON."""
@@ -48,11 +49,14 @@ class Comparison(tuple[Bid, ...]):
                 {
                     "shop": bid.shop,
                     "title": bid.title,
+                    "answer": bid.answer,
                     "taken": bid.taken,
                     "format": bid.format,
                     "changes": list(bid.changes),
                     "refusals": [vars(each) for each in bid.refusals],
                     "to_agree": [vars(each) for each in bid.agreed],
+                    "to_ask": [vars(each) for each in bid.asked],
+                    "mail": bid.mail,
                     "blanks": list(bid.blanks),
                 }
                 for bid in self
@@ -61,12 +65,15 @@ class Comparison(tuple[Bid, ...]):
         }
 
     def __str__(self) -> str:
-        rows = [("shop", "takes it", "format", "blanks", "changes, or why not")]
+        rows = [("shop", "takes it", "format", "blanks", "changes, what to ask, or why not")]
         for bid in self:
             told = ", ".join(bid.changes) or "-"
-            if not bid.taken:
+            if bid.answer == "does not":
                 told = "; ".join(each.told for each in bid.refusals)
-            rows.append((bid.shop, "yes" if bid.taken else "no", bid.format, str(len(bid.blanks)), told))
+            elif bid.asked:
+                told = "; ".join(filter(None, (f"ask: {', '.join(each.rule for each in bid.asked)}", *bid.changes)))
+            answer = {"takes it": "yes", "ask first": "ask first", "does not": "no"}[bid.answer]
+            rows.append((bid.shop, answer, bid.format, str(len(bid.blanks)), told))
         widths = [max(len(row[k]) for row in rows) for k in range(4)]
         room = max(_LINE - sum(widths) - 2 * len(widths), _LEAST)
         lines = []
@@ -78,7 +85,15 @@ class Comparison(tuple[Bid, ...]):
             at = [bid.shop for bid in self if bid.blanks == keys]
             told = f"blank at {'all' if len(at) == len(self) else ', '.join(at)}: {', '.join(keys)}"
             lines += ["", *textwrap.wrap(told, _LINE)]
-        if not all(bid.taken for bid in self):
+        for mail in dict.fromkeys(bid.mail for bid in self if bid.answer == "ask first"):
+            to = ", ".join(bid.shop for bid in self if bid.answer == "ask first" and bid.mail == mail)
+            lines += ["", *textwrap.wrap(f"to ask, ready for a mail: {to}", _LINE)]
+            lines += [
+                line
+                for text in mail.split("\n")
+                for line in textwrap.wrap(text, _LINE, initial_indent="  ", subsequent_indent="  ")
+            ]
+        if any(bid.answer == "does not" for bid in self):
             lines += ["", "where, and what to do: maskfab check JOB --shop NAME"]
         return "\n".join([*lines, *in_words(self.unused)])
 
@@ -121,7 +136,7 @@ def shops(
         own = shop_of(job.spec, job.where)
         known |= {} if own is None else {own.name: own}
     bids = compare_shops(job.spec, job.plate(), tuple(known.values()), progress)
-    found = Comparison(sorted(bids, key=lambda bid: not bid.taken))
+    found = Comparison(sorted(bids, key=lambda bid: get_args(Taken).index(bid.answer)))
     found.unused = unused(job.spec, *USES["shops"])
     return found
 

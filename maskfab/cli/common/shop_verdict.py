@@ -15,15 +15,31 @@ if TYPE_CHECKING:
     from maskfab.mask_shops.judge import Finding
 
 
-def print_findings(findings: Sequence[Finding], shop: str, *, passed: bool) -> None:
-    """A line for each rule, and the verdict on stderr."""
+def print_findings(findings: Sequence[Finding], shop: str, mail: str, failed: Sequence[str] = ()) -> None:
+    """A line for each rule, and the verdict on stderr.
+
+    Args:
+        findings: the house's rules.
+        shop: its name.
+        mail: questions to it, as one text.
+        failed: checks of the files that fail.
+    """
     for finding in findings:
         typer.echo(one_line(finding))
     refused = [each for each in findings if each.passed is False]
     for source in dict.fromkeys(each.source for each in refused if each.source):
         typer.echo(one_line(f"source of the rules: {source}"), err=True)
-    verdict = "PASS" if passed else "REFUSED"
-    typer.echo(one_line(f"{verdict}: {len(refused)} of {len(findings)} rules of {shop} broken"), err=True)
+    if refused:
+        told = ", ".join(dict.fromkeys(each.rule for each in refused))
+        verdict = f"REFUSED: {len(refused)} of {len(findings)} rules of {shop} broken: {told}"
+    elif failed:
+        verdict = f"REFUSED: the files as written fail {', '.join(failed)}; {shop} is not the reason, no rule of it is"
+    else:
+        verdict = f"PASS: none of {len(findings)} rules of {shop} is broken"
+    typer.echo(one_line(verdict), err=True)
+    if mail:
+        typer.echo(f"ASK FIRST: {shop} does not publish all that has to be known. To paste into a mail:\n", err=True)
+        typer.echo("\n".join(map(one_line, mail.split("\n"))), err=True)
 
 
 def tell_age(shop: Shop) -> None:

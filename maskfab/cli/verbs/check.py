@@ -38,7 +38,7 @@ def check(
     if as_json:
         print_json(found.to_dict())
     elif shop is not None:
-        print_findings(found.findings, found.shop.name, passed=found.passed)
+        print_findings(found.findings, found.shop.name, found.mail)
         for line in in_words(found.unused):
             typer.echo(line)
     else:

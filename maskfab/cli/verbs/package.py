@@ -47,14 +47,17 @@ def package(
                 "shop": profile.name,
                 "package": None if made.path is None else str(made.path),
                 "files": [vars(file) for file in made.files],
+                "refused_by": list(made.refused_by),
                 "rules": findings_document(made.findings),
+                "answer": made.answer,
+                "mail": made.mail,
                 "checks": [quantity_document(check) for check in made.checks],
                 "blanks": [each.key for each in made.missing],
                 "unused": list(made.unused),
             }
         )
     else:
-        print_findings(made.findings, profile.name, passed=made.path is not None)
+        print_findings(made.findings, profile.name, made.mail, made.refused_by)
         if made.checks:
             from maskfab.measurement.verdicts import Verdicts
 
