@@ -213,7 +213,7 @@ def _bias(spec: JobSpec, stated: OrderSection, usual: OrderSection) -> Answer:
 
 
 def _touches(stated: OrderSection, usual: OrderSection, shop: Shop, touches: int) -> list[Answer]:
-    """What becomes of corners that meet, and how wide the neck or gap there is: no writer makes one of no width."""
+    """Corners that meet, and the width of the neck or the gap there: no writer makes one of no width."""
     label = "corners that meet"
     if not touches:
         return [Answer("corner_touches", label, "none", "design")]

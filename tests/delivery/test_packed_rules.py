@@ -251,6 +251,9 @@ def test_where_no_list_of_formats_is_published_none_is_refused(tmp_path, name):
     finding = the("format", checked(plate, load_shop(name), ("gdsii",)))
     assert finding.passed is None
     assert "dxf_r12" in finding.cure
+    assert "GDSII" in finding.question
+    # A house whose rules are about drawings takes drawings.
+    assert the("format", checked(plate, load_shop(name), ("dxf_r12",))).passed
 
 
 def test_rules_of_text_and_of_masks_on_a_layer_are_judged(tmp_path):

@@ -155,7 +155,7 @@ def test_a_package_and_its_papers_say_that_the_data_are_biased(tmp_path):
     assert "already biased by -0.4 um" in flat["plate.svg"]
     assert "already biased by -0.4 um" in flat["manifest.json"]
     (bid,) = compare_shops(job.spec, job.plate(), [shop])
-    assert bid.taken
+    assert bid.answer == "ask first"
     assert "data biased by -0.4 um" in bid.changes
 
 

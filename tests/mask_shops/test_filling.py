@@ -16,6 +16,7 @@ from maskfab.errors import JobError, SourceError
 from maskfab.jobfile.insertion import inserted
 
 SAID = ("quantity=2", "glass=quartz", "thickness=2.3 mm", "film=chrome", "corner_touches=join",
+        "corner_width=2 um",
         "contact.name=A. \"Reader\"", "contact.organisation=Institute", "contact.address=1 Lens Street, Town",
         "contact.email=a@example.org")  # fmt: skip
 
@@ -34,7 +35,7 @@ def test_on_a_terminal_each_blank_is_asked_for_until_its_answer_holds(monkeypatc
     job.chmod(0o640)
     before = job.read_bytes()
     # Out of range, then right; of no kind, then right; too thick for the house, then right; the rest left blank.
-    typed(monkeypatch, "0", "3", "plastic", "quartz", "9 mm", "2.3 mm", "", "", "", "", "", "")
+    typed(monkeypatch, "0", "3", "plastic", "quartz", "9 mm", "2.3 mm", "", "", "", "", "", "", "")
     answer = command(capsys, "order", job, "--shop", "topro_chrome")
     assert answer.code == 1
     assert "1 to 5 mm" in answer.stderr

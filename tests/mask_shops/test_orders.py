@@ -22,10 +22,12 @@ from maskfab.geometry.plate_layout import layer_info, plate_layout, region
 from maskfab.job import load_job
 from maskfab.jobfile.order import OrderSection
 from maskfab.jobfile.shop_profile import dump_shop, parse_shop
+from maskfab.mask_shops.adapt import fitted
 from maskfab.mask_shops.offers import check_offers
 from maskfab.mask_shops.order import BLANK, order_of
 from maskfab.mask_shops.plate_files import files_of_job
 from maskfab.mask_shops.profiles import load_shop, shop_names
+from maskfab.mask_shops.smallest import smallest_features
 from maskfab.model import CHROME, CLEAR, LAYERS, Furniture
 from maskfab.pipeline import measure_process, run
 from maskfab.plate.mirrored import mirrored
@@ -44,6 +46,7 @@ registration = "0.5 um"
 defects = { size = "5 um" }
 protection = "none"
 corner_touches = "stay apart"
+corner_width = "2 um"
 revision = "B"
 purchase_number = "4500012"
 quantity = 2
@@ -180,12 +183,68 @@ def test_what_nobody_states_is_blank_and_told(capsys, tmp_path):
     assert "glass" in answer.stdout
 
 
+def test_corners_that_meet_get_a_width_from_the_job_or_a_proposal_to_choose(tmp_path):
+    shop = parse_shop('title = "House"\nsources = []\n[limits]\nmin_feature_um = 3\nmin_space_um = 4\n', "h", where="")
+    for fate, shape, least in (("join", "a clear neck", 3), ("stay apart", "a gap of chrome", 4)):
+        for width, told in ((None, f"{shape} of {BLANK} um (proposed: {least} um"), ("5 um", f"{shape} of 5 um")):
+            said = [f'corner_touches = "{fate}"', *([] if width is None else [f'corner_width = "{width}"'])]
+            job = ordered(tmp_path / f"{fate}{width}", *said)
+            order = order_of(job.spec, job.plate(), shop, corner_touches=12)
+            (answer,) = (each for each in order.answers if each.key == "corner_width")
+            assert answer.text.startswith(told)
+            assert (answer in order.missing) == (width is None)
+    # Narrower than the house writes.
+    (found,) = (
+        each for each in check_offers(ordered(tmp_path / "fine", 'corner_width = "2 um"').spec, job.plate(), shop)
+    )
+    assert (found.rule, found.passed) == ("order_corner_width", False)
+
+
+@pytest.mark.parametrize("chrome", ["up", "down"])
+def test_the_sheet_shows_the_letter_that_the_files_hold(tmp_path, chrome):
+    job = ordered(tmp_path, f'chrome = "{chrome}"')
+    with zipfile.ZipFile(pack(job, load_shop("compugraphics"), tmp_path / "p.zip").path) as archive:
+        (name,) = (each for each in archive.namelist() if each.endswith("order.txt"))
+        lines = archive.read(name).decode().split("\n")
+    drawn = lines.index("The letter F on the plate")
+    shown = [line[2:7] for line in lines[drawn + 2 : drawn + 7]]
+    # The letter of the plate: its stem is the side on which more of it lies.
+    (mark,) = (each for each in job.plate().furniture if each.kind == "parity")
+    letter = db.Region([db.Polygon([db.Point(*point) for point in each]) for each in mark.polygons]).merged()
+    box = letter.bbox()
+    left, right = (
+        (letter & db.Region(db.Box(x0, box.bottom, x1, box.top))).area()
+        for x0, x1 in ((box.left, box.center().x), (box.center().x, box.right))
+    )
+    stem_left = all(row[0] == "#" for row in shown)
+    assert stem_left == (left > right)
+    assert stem_left != all(row[-1] == "#" for row in shown)
+    assert sum("right reading" in line for line in lines) == 1
+
+
+def test_the_sheet_states_what_is_smallest_of_openings_and_of_marks_apart(tmp_path):
+    path = write_job(tmp_path)
+    plate = fitted(load_job(path).plate(), load_shop("compugraphics"))
+    found = {each.of: each for each in smallest_features(plate)}
+    die = found["openings"]
+    assert (die.clear_um, die.chrome_um) == (8, 8)
+    # As KLayout finds it: nothing is narrower than what is told, and something as narrow is.
+    marks = [each for each in plate.furniture if each.layer.written and each.kind not in ("resolution", "code")]
+    region_of = db.Region([db.Polygon([db.Point(*p) for p in each]) for mark in marks for each in mark.polygons])
+    region_of.merge(True, 0)
+    region_of.merged_semantics = False
+    letters = found["marks and letters"]
+    for check, told in ((region_of.width_check, letters.clear_um), (region_of.space_check, letters.chrome_um)):
+        least_nm = round(told * 1000)
+        assert check(least_nm + 2, False, db.Metrics.Euclidian).count() > 0
+
+
 def test_papers_say_one_thing_and_prove_it(capsys, tmp_path):
     path = write_job(tmp_path)
     path.write_text(path.read_text() + FILLED.replace("[order]\n", '[order]\ntone = "dark"\nchrome = "down"\n'))
     answer = command(capsys, "package", path, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet")
     assert answer.code == 0, answer.stdout
-    assert "blank" not in answer.stdout.rpartition("PASS")[2]
+    assert "blank on the order sheet" not in answer.stdout
     assert "By the order they must stay apart" in answer.stdout
     assert "say whether they should join" not in answer.stdout
     with zipfile.ZipFile(tmp_path / "p.zip") as archive:
