@@ -88,7 +88,7 @@ def _unpublished_sizes(drawn: Plate, shop: Shop, facts: PlateFacts) -> Iterator[
         yield "blank", side, "mm", asked
     if shop.limits.min_feature_um is None:
         kinds = [each for each in facts.smallest_of(drawn) if not each.fine]
-        least = min((min(each.clear_um, each.chrome_um) for each in kinds), default=0.0)
+        least = min((each.least_um for each in kinds), default=0.0)
         told = "; ".join(f"{each.of}: {each}" for each in kinds)
         yield "min_feature", least, "um", f"Do you write the smallest features of this plate ({told})?"
 

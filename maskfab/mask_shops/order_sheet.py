@@ -225,7 +225,7 @@ def _said(account: Account) -> list[str]:
 def _smallest(plate: Plate, smallest: Sequence[Smallest]) -> str:
     """The narrowest that has to be held, which is not what is measured: CD structures are as wide as dots."""
     held = [each for each in smallest if not each.fine]
-    least = min((min(each.clear_um, each.chrome_um) for each in held), default=math.inf)
+    least = min((each.least_um for each in held), default=math.inf)
     told = f"{least:.6g} um, clear or chrome" if math.isfinite(least) else "nothing narrow"
     gauge = min(plate.gauges, key=lambda each: each.target_nm, default=None)
     if gauge is None:

@@ -24,7 +24,8 @@ class Smallest:
     Attributes:
         of: which shapes, for people.
         fine: whether they are fine on purpose.
-        clear_um: least width of what is clear; infinite where nothing is narrower than half a millimetre.
+        clear_um: least width of what is clear; infinite where nothing is narrower than half a millimetre, 0 where
+            it tapers to a point.
         chrome_um: least width of the chrome between them, likewise.
     """
 
@@ -32,6 +33,11 @@ class Smallest:
     fine: bool
     clear_um: float
     chrome_um: float
+
+    @property
+    def least_um(self) -> float:
+        """The lesser of both; a corner that tapers to a point has no width that anybody could hold."""
+        return min((width for width in (self.clear_um, self.chrome_um) if width), default=math.inf)
 
     def __str__(self) -> str:
         return f"clear {_told(self.clear_um)}, chrome between {_told(self.chrome_um)}"

@@ -7,6 +7,7 @@ from small_job import command, write_job
 
 import maskfab as mf
 from maskfab.mask_shops.profiles import shop_names
+from maskfab.model import Quantity
 
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
@@ -59,3 +60,19 @@ def test_a_house_of_the_jobs_own_is_compared_too(tmp_path):
     assert not bids["own"].taken
     assert bids["own"].changes == ("layers renamed",)
     assert [each.rule for each in bids["own"].refusals] == ["grid"]
+
+
+def test_a_file_that_does_not_show_the_plate_is_what_refuses_it(capsys, monkeypatch, tmp_path):
+    failed = Quantity("readback_xor_area", 1.0, "a test", limit=0.0, passed=False)
+    for module in ("pack", "comparing"):
+        monkeypatch.setattr(f"maskfab.delivery.{module}.read_written", lambda *_, **__: (None, (failed,)))
+    job = write_job(tmp_path)
+    (bid,) = mf.shops("compugraphics", compare=job)
+    assert bid.answer == "does not"
+    assert [(each.rule, each.value) for each in bid.refusals] == [("read_back", "readback_xor_area")]
+    told = command(capsys, "package", job, "--shop", "compugraphics", "--out", tmp_path / "p.zip", "--quiet")
+    assert told.code == 1
+    assert not (tmp_path / "p.zip").exists()
+    (line,) = (each for each in told.stderr.split("\n") if each.startswith("REFUSED"))
+    assert "readback_xor_area" in line
+    assert " 0 of " not in line
