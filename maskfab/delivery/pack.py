@@ -26,7 +26,6 @@ from maskfab.job import Job, load_job
 from maskfab.jobfile import PLATE_BITMAPS, is_table
 from maskfab.jobfile import read as read_spec
 from maskfab.jobfile.shop_profile import FORMATS, Format, Shop, parse_shop
-from maskfab.judge.verdict import asked
 from maskfab.mask_shops.adapt import extent_nm, fitted
 from maskfab.mask_shops.dot_edges import plotted_dpi
 from maskfab.mask_shops.judge import Finding, Taken, accepted, answer_of, extent, mail_of
@@ -129,7 +128,6 @@ def pack(
         return Package(None, findings, mail=mail)
     comments = [job.signature, plate.title]
     drawn = files_for_shop(plate, shop, sent, comments, safe_stem(plate.name), job.spec)
-    drawn = replace(drawn, asked=asked(job.spec, shop, sent=True))
     with _aside() as folder:
         checks: list[Quantity] = []
         boxes: list[Box] = []
@@ -246,10 +244,8 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             # Without dots per inch there is no bitmap to compare one with.
             known = plotted_dpi(made.spec.export, house) is not None
             kept: tuple[Format, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
-            drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec)
-            drawn = replace(
-                drawn, asked=asked(made.spec, house, sent=True, version=str(manifest.get("maskfab_version")))
-            )
+            version = str(manifest.get("maskfab_version"))
+            drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec, version=version)
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
                 raise
@@ -374,6 +370,17 @@ def _read_back_bounded(drawn: PlateFiles, path: Path) -> tuple[Box | None, tuple
         seconds=seconds_of(drawn.figures.account.polygons),
         kind=tuple[Box | None, tuple[Quantity, ...]],
     )
+
+
+def read_written(drawn: PlateFiles, path: Path, *, dots: bool = True) -> tuple[Box | None, tuple[Quantity, ...]]:
+    """Extent of everything in a mask file, which a bitmap does not tell, and the file against the design, against what
+    the job asks for, and, if ``dots``, the openings dot by dot."""
+    if path.suffix in {outputs.FORMATS[each].tail for each in PLATE_BITMAPS}:
+        return None, (plate_dots_row(drawn, path),)
+    read = read_mask(path)
+    box = file_box(path, read, drawn.settings.drawing)
+    rows = compare_mask(drawn, read, path, dots=dots).quantities()
+    if CUT in drawn.figures.layers and path.suffix == outputs.FORMATS["gerber"].tail:
         # Its reader takes the holes away, so that polygons are no longer those that were drawn.
         return box, tuple(each for each in rows if each.name != "polygons")
     return box, rows

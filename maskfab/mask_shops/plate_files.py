@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from klayout import db
 
+from maskfab import __version__
 from maskfab.errors import JobError
 from maskfab.export.cell_polygons import Figures, draw
 from maskfab.export.outputs import FileSettings, Product, products
@@ -14,7 +15,7 @@ from maskfab.export.solid.tiles import Stack
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.jobfile import PLATE_BITMAPS, ExportSection, FileFormat, JobSpec
 from maskfab.jobfile.shop_profile import Format, Shop
-from maskfab.judge.verdict import Asked
+from maskfab.judge.verdict import Asked, asked
 from maskfab.mask_shops.adapt import as_ordered, blank_of, drawing_style, suited, written_formats, written_options
 from maskfab.mask_shops.dot_edges import DotEdges, dot_edges, plotted_dpi
 from maskfab.mask_shops.judge import PlateFacts
@@ -139,6 +140,8 @@ def files_for_shop(
     stem: str,
     spec: JobSpec,
     facts: PlateFacts | None = None,
+    *,
+    version: str = __version__,
 ) -> PlateFiles:
     """Draw a plate that is :func:`maskfab.mask_shops.adapt.fitted` as its shop takes it.
 
@@ -150,6 +153,7 @@ def files_for_shop(
         stem: of their names.
         spec: of its job.
         facts: of the plate, shared by houses that it is drawn for.
+        version: of maskfab that signs the plate.
 
     Raises:
         OutputError, JobError: as :func:`files_of_job`.
@@ -162,4 +166,5 @@ def files_for_shop(
     made = products(figures, formats, comments, settings, stem)
     edges = dot_edges(plate, spec, shop, formats, dpi)
     design = plate_layout(plate) if facts is None else facts.design(plate)
-    return PlateFiles(plate, design, figures, made, settings, tuple(formats), edges)
+    wanted = asked(spec, shop, sent=True, version=version)
+    return PlateFiles(plate, design, figures, made, settings, tuple(formats), edges, wanted)
