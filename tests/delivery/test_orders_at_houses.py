@@ -15,7 +15,7 @@ from maskfab.mask_shops.profiles import load_shop, shop_names
 pytestmark = pytest.mark.usefixtures("drawn_in_words", "read_here")
 
 ORDERS = ("order_chrome", "order_film", "order_through_glass")
-SMALLER = (("4.2 mm", "336 um"), ('diameter = "4 mm"', 'diameter = "0.2 mm"'))
+SMALLER = (("4.2 mm", "336 um"), ('diameter = "4 mm"', 'diameter = "0.3 mm"'))
 """Two cells by two in a die are of the same kind as 25 by 25; labels on a smaller die of film are too fine for film."""
 
 
