@@ -156,7 +156,7 @@ def pack(
         check_same(zipped, manifest)
         _make_parents(zipped)
         write_package(zipped, folder, [RESULT_MARK, *names, *made], stem, replace=force)
-    return Package(zipped, findings, judged, files, ordered.order.missing, mail)
+    return Package(zipped, findings, judged, files, ordered.order.missing, mail=mail)
 
 
 def as_measured(findings: Sequence[Finding], shop: Shop, boxes: Sequence[Box]) -> tuple[Finding, ...]:
@@ -228,23 +228,19 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
         manifest = _manifest(folder / RESULT_MARK)
         listed = {str(row["path"]): str(row["sha256"]) for row in manifest["files"]}
         wrapped = wrapping(Path(package))
-        checks = [*(_hash(folder, name, digest) for name, digest in listed.items()), _foreign_bytes(wrapped)]
-        checks += [
-            Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False)
-            for name in sorted(set(names) - set(listed) - {RESULT_MARK})
-        ]
+        checks = [*_held(folder, names, listed), _foreign_bytes(wrapped)]
+        version = str(manifest.get("maskfab_version"))
         try:
             house = _packed_shop(folder, Path(package), str(manifest.get("shop"))) if shop is None else shop
             made = _packed_job(folder, Path(package)) if job is None else job
             # A later version would sign its plates differently, which is no fault of this one.
-            signature = made.signature.replace(__version__, str(manifest.get("maskfab_version")), 1)
+            signature = made.signature.replace(__version__, version, 1)
             whole = compose(made.spec, made.openings, signature, where=made.where)
             plate = fitted(whole, house, made.spec.tone)
             checks.append(_folder_named(wrapped, whole, house, made))
             # Without dots per inch there is no bitmap to compare one with.
             known = plotted_dpi(made.spec.export, house) is not None
             kept: tuple[Format, ...] = tuple(each for each in PACKED if known or each not in PLATE_BITMAPS)
-            version = str(manifest.get("maskfab_version"))
             drawn = files_for_shop(plate, house, kept, (), safe_stem(plate.name), made.spec, version=version)
         except InputError as error:
             if job is not None and not isinstance(error, OutputError):
@@ -281,9 +277,16 @@ def verify_package(package: str | Path, job: Job | None = None, shop: Shop | Non
             made, house, drawn.figures, signature, findings, tuple(readings), formats, tuple(sent), edges
         )
         if shop is None:
-            checks += check_profile(made, house, ours=manifest.get("maskfab_version") == __version__)
+            checks += check_profile(made, house, ours=version == __version__)
         checks += check_papers(ordered, manifest, names, readable=kinds.keys() <= readable)
     return tuple(checks)
+
+
+def _held(folder: Path, names: Sequence[str], listed: Mapping[str, str]) -> Iterator[Quantity]:
+    """The files of a package against their hashes, and those that its manifest does not list."""
+    yield from (_hash(folder, name, digest) for name, digest in listed.items())
+    for name in sorted(set(names) - set(listed) - {RESULT_MARK}):
+        yield Quantity("unlisted", name, f"the manifest does not know {name}", None, "", False)
 
 
 def _as_listed(path: Path, kind: Format, digest: str) -> WrittenFile:

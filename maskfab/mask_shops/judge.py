@@ -19,7 +19,7 @@ from maskfab.drc.panel_rules import Tone
 from maskfab.drc.plate_rules import dies_apart
 from maskfab.errors import OutputError
 from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
-from maskfab.export.outputs import TITLES
+from maskfab.export import outputs
 from maskfab.geometry.data_bias import biased_data
 from maskfab.geometry.plate_layout import plate_layout, plate_names, region, simple_polygon
 from maskfab.jobfile import FileFormat
@@ -296,7 +296,7 @@ def _of_files(shop: Shop, plate: Plate, sent: Sequence[Format], tone: DataTone, 
                 continue
             about = "" if not ruled else f", and its rules speak of {' '.join(ruled)}"
             cure = f"The house publishes no list of formats{about}"
-            question = f"Do you take {TITLES[each]} files? If not, which formats do you take?"
+            question = f"Do you take {outputs.FORMATS[each].title} files? If not, which formats do you take?"
             yield Finding("format", None, each, None, cure=cure, question=question)
         else:
             taken = each in known

@@ -86,6 +86,7 @@ def files_of_job(plate: Plate, spec: JobSpec, comments: Sequence[str], shop: Sho
             Stack().glass_nm if glass_nm is None else glass_nm,
             section.exaggeration,
             "neck" if spec.order is not None and spec.order.corner_touches == "join" else "gap",
+            None if spec.order is None or spec.order.corner_width is None else spec.order.corner_width * NM_PER_UM,
         ),
         round(section.stl_limit_mb * _MB),
         section.dots_per_um,
