@@ -18,8 +18,8 @@ from maskfab.drc.flat import flat_results, merged
 from maskfab.drc.panel_rules import Tone
 from maskfab.drc.plate_rules import dies_apart
 from maskfab.errors import OutputError
-from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
 from maskfab.export import outputs
+from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
 from maskfab.geometry.data_bias import biased_data
 from maskfab.geometry.plate_layout import plate_layout, plate_names, region, simple_polygon
 from maskfab.jobfile import FileFormat
