@@ -80,7 +80,7 @@ class _Form:
 
 @cache
 def _form(kind: Any) -> _Form:
-    """How values of a kind become data.
+    """Way of values of a kind to data and back.
 
     Raises:
         TypeError: for a kind whose values are none.
