@@ -21,7 +21,7 @@ SMALLER = (("4.2 mm", "336 um"), ('diameter = "4 mm"', 'diameter = "0.3 mm"'))
 
 def small(kind: str, folder: Path) -> Path:
     text = resources.path(f"layouts/{kind}.toml").read_text()
-    for old, new in SMALLER:
+    for old, new in SMALLER if "4.2 mm" in text else ():
         text = text.replace(old, new)
     job = folder / "job.toml"
     job.write_text(text.replace('opening = "openings/', f'opening = "{resources.path("layouts/openings")}/'))
