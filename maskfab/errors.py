@@ -147,7 +147,7 @@ CATALOGUE: Mapping[str, str] = MappingProxyType(
 )
 
 _LACK_OF_MEMORY = ("bad_alloc", "failed to map segment", "Cannot allocate memory")
-"""What C++, the loader of libraries and the C library say."""
+"""Words of C++, of the loader of libraries and of the C library."""
 
 _LONGEST = 4000
 """Characters of each part of an error."""

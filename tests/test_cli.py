@@ -256,8 +256,9 @@ def test_a_relaxed_design_writes_an_opening_beside_its_job(capsys, tmp_path, few
     answer = command(capsys, *again, "--checkpoint", tmp_path / "state.npz", "--budget", "10 min")
     assert (answer.code, answer.stderr) == (0, "")
     assert answer.document["clear_dots"] == 14
-    # Photographs behind so small a stop are judged by another camera, and that is all there is to say.
-    (note,) = answer.document["notes"]
+    # Photographs behind so small a stop are judged by another camera.
+    note, named = answer.document["notes"]
+    assert "not used of the job: " in named
     assert note.startswith("Expected PSNRs are those behind the camera of protocol F1: the stop of 400 um is 50 dots")
     assert (tmp_path / "again.toml").read_bytes() == (tmp_path / "found.toml").read_bytes()
     answer = command(capsys, *again, "--checkpoint", tmp_path / "state.npz", "--force")

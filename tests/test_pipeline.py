@@ -9,7 +9,6 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +20,7 @@ import maskfab
 from maskfab import pipeline, resources
 from maskfab.errors import JobError, OutputError
 from maskfab.export import gds
-from maskfab.job import load_job
+from maskfab.job import load_job, resolve
 from maskfab.model import Quantity
 from maskfab.pipeline import Result, check_rules, draw_files, write_files
 from maskfab.progress import silent
@@ -350,7 +349,7 @@ def test_two_openings_of_one_name_are_refused_if_they_differ(tmp_path):
 @pytest.mark.usefixtures("drawn_in_words", "measured_once")
 def test_run_takes_a_loaded_job_and_tells_where_it_stands(tmp_path):
     job = maskfab.load_job(write_job(tmp_path))
-    one_die = replace(job, spec=job.spec.model_copy(update={"die": job.spec.die[:1]}))
+    one_die = resolve(job.spec.model_copy(update={"die": job.spec.die[:1]}), Path(job.where))
     told: list[tuple[str, int, int]] = []
     result = maskfab.run(one_die, tmp_path / "out", progress=lambda *step: told.append(step))
     assert result.directory == tmp_path / "out"
@@ -642,7 +641,7 @@ def test_what_a_shop_refuses_fails_the_run_and_its_files_are_there(capsys, tmp_p
 def one_die(folder: Path, section: str) -> Result:
     """The job's turned die alone, with a section more, run."""
     job = load_job(write_job(folder, ("[plate]", f"{section}\n\n[plate]")))
-    return maskfab.run(replace(job, spec=job.spec.model_copy(update={"die": job.spec.die[1:]})), folder / "out")
+    return maskfab.run(resolve(job.spec.model_copy(update={"die": job.spec.die[1:]}), Path(job.where)), folder / "out")
 
 
 def row_of(result: Result, name: str) -> Quantity:

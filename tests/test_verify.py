@@ -171,7 +171,7 @@ def test_an_added_mark_is_found_and_named(out):
     library.write_gds(out / "SMALL.gds")
     correct_manifest(out)
     found = failures(out)
-    assert {check.name for check in found} == {"readback_xor_area", "polygons"}
+    assert {check.name for check in found} == {"readback_xor_area", "polygons", "judged_marks"}
     assert all("SMALL.gds" in check.method for check in found)
 
 

@@ -67,7 +67,7 @@ _HANDED_OVER: Mapping[str, Any] = MappingProxyType(
         if name not in {"path", "layout", "differing", "slivers"}
     }
 )
-"""What comes of a comparison within limits, and of which kinds."""
+"""Findings of a comparison within limits, and their kinds."""
 
 _Taken: TypeAlias = db.Layout | RoundTrip | tuple[Quantity, ...]
 """A mask file as a layout, to be compared, or compared already; of other files what the comparison has shown."""

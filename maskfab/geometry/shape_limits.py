@@ -96,7 +96,7 @@ def count_vertices(layout: db.Layout) -> int:
 
 
 def weight(shapes: db.RecursiveShapeIterator, most: int, largest: int = 2**31) -> int:
-    """How many rectangles take as long to work with as some shapes: a quarter of their vertices, at least one for each.
+    """Rectangles that take as long to work with as some shapes: a quarter of their vertices, at least one for each.
 
     Counted until there are more than ``most``, for a few cells may place billions of shapes; a shape counts ``largest``
     at most.
@@ -125,7 +125,7 @@ def drawn_areas(layout: db.Layout, index: int) -> dict[int, float]:
 
 
 def most_covered(layout: db.Layout, index: int) -> float:
-    """How many times over the shapes of a layer cover the box about them, in the cell where they do so most."""
+    """Number of times that the shapes of a layer cover the box about them, in the cell where they do so most."""
     areas, covered = drawn_areas(layout, index), 0.0
     for cell in layout.each_cell():
         box = cell.bbox(index)

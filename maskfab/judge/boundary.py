@@ -101,7 +101,7 @@ class Boundary:
         return Boundary(level, np.tile(self.change, len(places)), slanted.reshape(-1, 5))
 
     def seen(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.int32]:
-        """How often each place of a grid is covered, int32 [ny, nx]; no place lies on an edge.
+        """Number of times that each place of a grid is covered, int32 [ny, nx]; no place lies on an edge.
 
         Args:
             x: columns, float64 [nx], ascending.
@@ -112,10 +112,14 @@ class Boundary:
         np.add.at(gains, (np.searchsorted(y, below), np.searchsorted(x, left)), self.change)
         gains = np.cumsum(gains, axis=1, dtype=np.int32)
         # Along a slanted line, rays of the columns between one change and the next cross it, each at a row of its own.
-        dx, dy, line, start, change = self.slanted[np.lexsort(self.slanted[:, 3::-1].T)].T
-        gain = np.cumsum(change)
-        first = np.searchsorted(x, start)
-        columns = np.where(gain != 0, np.roll(first, -1) - first, 0)
+        ordered = self.slanted[np.lexsort(self.slanted[:, 3::-1].T)]
+        dx, dy, line, start, change = ordered.T
+        gain, first = np.cumsum(change), np.searchsorted(x, start)
+        begins = np.flatnonzero(np.diff(ordered[:, :3], axis=0, prepend=np.zeros((1, 3), np.int64)).any(axis=1))
+        # Each line begins with nothing; the last change of one has no column, also where some of it was left out.
+        gain -= np.repeat((gain - change)[begins], np.diff(np.append(begins, len(gain))))
+        columns = np.append(first[1:] - first[:-1], 0)
+        columns[begins[1:] - 1] = 0
         each = np.repeat(np.arange(len(start)), columns)
         column = np.arange(len(each)) - np.repeat(np.cumsum(columns) - columns - first, columns)
         row = np.searchsorted(y, (dy[each] * x[column] - line[each]) / dx[each])

@@ -25,7 +25,7 @@ _TURNS = {
     "rot90": ((0, 1), (3, 2)),
     "rot90flip": ((0, 5), (7, 2)),
 }
-"""What cells are drawn from or, for the last two, blocks of 2 x 2 cells from the lower row upwards."""
+"""Turns that cells draw from or, for the last two, blocks of 2 x 2 cells from the lower row upwards."""
 _REACH = 6
 
 
@@ -149,7 +149,7 @@ def _moved(shape: Mask, right: int, up: int) -> Mask:
 
 
 def _tiled(tiling: str, rows: int, columns: int, seed: int | None, openings: int) -> Ints:
-    """What each cell shows: 8 times the opening's number and the turn."""
+    """Contents of each cell: 8 times the opening's number and the turn."""
     draw, turns = np.random.default_rng(seed), np.array(_TURNS[tiling])
     if turns.ndim == 2:
         cells = turns[np.arange(rows)[:, None] % 2, np.arange(columns) % 2]
@@ -262,7 +262,7 @@ def narrowed(x: Ints, y: Ints, clear: Mask, bias: int) -> tuple[Ints, Ints, Mask
 
 
 def boundary(die: AskedDie, bias: int) -> Boundary:
-    """What is clear in a die's data, of which edges have moved by half a bias."""
+    """Clear parts of a die in data of which edges have moved by half a bias."""
     x, y, clear = (die.x, die.y, die.clear) if not bias else narrowed(die.x, die.y, die.clear, bias)
     return Boundary.of_raster(x, y, clear)
 

@@ -123,7 +123,7 @@ def asked_marks(spec: JobSpec, dies: Sequence[AskedDie], version: str) -> tuple[
 
 @dataclass(frozen=True)
 class _Told:
-    """What the title block and the data matrix say."""
+    """Words of the title block and of the data matrix."""
 
     title: str
     maker: str
@@ -146,7 +146,7 @@ def _plain(side: int, feature: int, title: str, line: str) -> Iterator[Mark | Li
 def _of_template(
     mark: Mapping[str, Any], feature: int, told: _Told, dies: Sequence[AskedDie], across: tuple[int, int]
 ) -> Iterator[Mark | Line | Code]:
-    """What one [[mark]] of a template asks for; ``across`` are blank and distance of dies."""
+    """Parts of one [[mark]] of a template; ``across`` are blank and distance of dies."""
     name, (x, y) = mark["name"], map(_nm, mark["at"])
     width, height = map(_nm, mark["room"])
     high, room = y - height // 2 + height, width * 999 // 1000
@@ -392,7 +392,7 @@ def nearest(value: int, grid: int) -> int:
 
 
 def boundary(mark: Mark, bias: int) -> Boundary:
-    """What is clear of a mark in data of which edges have moved by half a bias."""
+    """Clear parts of a mark in data of which edges have moved by half a bias."""
     x, y = (np.unique(mark.boxes[:, [k, k + 2]]) for k in (0, 1))
     clear = np.zeros((max(len(y) - 1, 0), max(len(x) - 1, 0)), dtype=np.bool_)
     for x0, y0, x1, y1 in mark.boxes:

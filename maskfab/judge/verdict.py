@@ -61,12 +61,12 @@ class Asked:
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
-        """What every die shows."""
+        """Clear parts of every die."""
         return tuple(of_dies.boundary(die, self.bias) for die in self.dies)
 
     @cached_property
     def clear_marks(self) -> tuple[Boundary, ...]:
-        """What every mark shows."""
+        """Clear parts of every mark."""
         return tuple(of_marks.boundary(mark, self.bias) for mark in self.marks)
 
     def on_plate(self, x: Ints, *, across: bool) -> Ints:
@@ -184,7 +184,7 @@ def _told(what: str, wrong: Sequence[str]) -> str:
 
 
 def _left_over(read: db.Layout, plate: Asked) -> Boundary:
-    """What the file makes clear and the job, without its text, does not; and the other way round."""
+    """Difference of what the file makes clear and what the job asks for, its text apart."""
     drawn: list[list[Boundary]] = [[] for _ in range(len(plate.dies) + 1)]
     for layer, factor in ((_CHROME if plate.dark else _CLEAR, 1), (_CUT, -1)):
         for each in figures(read, layer):
@@ -266,7 +266,7 @@ def _first(corners: Ints) -> str:
 
 
 def _wrong_marks(left: Boundary, plate: Asked) -> Iterator[str]:
-    """What is said of every mark at which something is left; each is named by the mark that it lies nearest to."""
+    """A sentence on every mark at which something is left; each corner belongs to the mark that it lies nearest to."""
     corners = left.corners
     if not len(corners):
         return
@@ -317,7 +317,7 @@ def _line_box(line: Line, plate: Asked) -> tuple[int, int, int, int]:
 
 
 def _misread(line: Line, found: Boundary, plate: Asked) -> str:
-    """What is wrong with a line of text; nothing if it reads as it should and lies where it should."""
+    """The fault of a line of text; nothing if it reads as it should and lies where it should."""
     text = line.text.upper()
     if found.empty:
         return f"{line.name} {text!r} is missing"
@@ -348,7 +348,7 @@ def _code_box(code: Code, plate: Asked) -> tuple[int, int, int, int]:
 
 
 def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
-    """What is wrong with a data matrix; its light modules are clear."""
+    """The fault of a data matrix, whose light modules are clear; nothing if it has none."""
     if found.empty:
         return f"{code.name} is missing"
     import zxingcpp

@@ -201,7 +201,7 @@ def test_a_design_must_fit_some_display(tmp_path: Path) -> None:
 
 def test_a_display_that_a_design_need_not_fit_is_named(tmp_path: Path) -> None:
     told = display_notes(read(job_of(tmp_path, ("fit = true", ""))))
-    assert told == ("Not used of the job, for [design] does not say fit = true: [emitters], [wires].",)
+    assert told == ("The opening need not fit [emitters], [wires], for [design] does not say fit = true.",)
     assert display_notes(read(job_of(tmp_path))) == ()
 
 

@@ -19,6 +19,7 @@ from maskfab.camera.sensor import Sensor
 from maskfab.camera.transfer import lattice, lay
 from maskfab.errors import JobError
 from maskfab.jobfile import validate
+from maskfab.jobfile.uses import USES
 from maskfab.model import Stop
 from maskfab.optimiser.design import check_possible, design, notes_of, taking_of
 from maskfab.optimiser.model.expected_psnr import surrogate
@@ -183,19 +184,19 @@ def test_a_job_is_compared_by_its_own_sensor_or_light_unless_it_names_f1():
 )
 def test_what_a_search_leaves_out_of_a_job_is_named(sections, named, silent):
     spec = job(**sections)
-    (told,) = notes_of(spec, Folder((), ()), taking_of(spec))
+    (told,) = notes_of(spec, Folder((), ()), USES["design"], taking_of(spec))
     assert all(each in told for each in named)
     assert not any(each in told for each in silent)
 
 
 def test_a_sweep_which_is_by_f1_says_that_it_does_not_use_the_protocol():
-    (told,) = notes_of(job(design={"protocol": "camera"}), Folder((), ()))
+    (told,) = notes_of(job(design={"protocol": "camera"}), Folder((), ()), USES["design"])
     assert "protocol of [design]" in told
 
 
 def test_a_job_that_states_all_that_is_used_has_no_note():
     spec = job(sensor={"read_noise": 2.0}, exposure={"snr": [30]})
-    assert notes_of(spec, Folder((), ()), taking_of(spec)) == ()
+    assert notes_of(spec, Folder((), ()), USES["design"], taking_of(spec)) == ()
 
 
 def test_weights_for_other_levels_than_the_jobs_are_refused_before_any_work():

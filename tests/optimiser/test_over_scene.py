@@ -19,6 +19,7 @@ from maskfab.camera.transfer import CellGrid, OpenStop, lattice
 from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.jobfile import validate
+from maskfab.jobfile.uses import USES
 from maskfab.model import Camera, Tiling
 from maskfab.opening.openings import opening_text
 from maskfab.optics.scene.scene import Scene
@@ -257,7 +258,7 @@ def test_a_short_budget_says_that_conditions_are_not_told_apart():
 def test_a_scene_that_openings_are_not_compared_by_is_named(scene, keys, where):
     spec = job(scene, **keys)
     assert conditions_of(spec, spec.design, DOT_NM, "job") is None
-    (told,) = notes_of(spec, Folder((), ()), taking_of(spec))
+    (told,) = notes_of(spec, Folder((), ()), USES["design"], taking_of(spec))
     assert where in told
 
 

@@ -45,6 +45,7 @@ def named_as_options(context: typer.Context) -> Iterator[None]:
     except MaskfabError as error:
         stated = context.command.params
         options = {each.name: each.opts[0] for each in stated if each.param_type_name == "option"}
-        if error.where not in options:
+        argument = error.where.rpartition(": ")[2]
+        if argument not in options:
             raise
-        raise type(error)(error.code, error.what, where=options[error.where], cure=error.cure) from error
+        raise type(error)(error.code, error.what, where=options[argument], cure=error.cure) from error

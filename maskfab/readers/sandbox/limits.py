@@ -70,7 +70,7 @@ def children_seconds() -> float:
 
 
 def limit_in_force(kind: str) -> int | None:
-    """What the system lets this process take, in the units of ``RLIMIT_AS`` and its like; None for no limit."""
+    """Most that the system lets this process take, in the units of ``RLIMIT_AS`` and its like; None for no limit."""
     limits = _limits(kind)
     return limits[0] if limits is not None and limits[0] >= 0 else None
 
