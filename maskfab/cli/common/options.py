@@ -45,7 +45,7 @@ def named_as_options(context: typer.Context) -> Iterator[None]:
     except MaskfabError as error:
         stated = context.command.params
         options = {each.name: each.opts[0] for each in stated if each.param_type_name == "option"}
-        argument = error.where.rpartition(": ")[2]
-        if argument not in options:
+        function, _, argument = error.where.rpartition(": ")
+        if argument not in options or not (function.isidentifier() or not function):
             raise
         raise type(error)(error.code, error.what, where=options[argument], cure=error.cure) from error
