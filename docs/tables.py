@@ -95,7 +95,7 @@ def _rules() -> Iterator[str]:
 def _rooms() -> Iterator[str]:
     """Every floor from the top, and each room on it by the sentence that its own file begins with."""
     settings = tomllib.loads((_ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    (plan,) = settings["tool"]["importlinter"]["contracts"]
+    (plan,) = (each for each in settings["tool"]["importlinter"]["contracts"] if each["type"] == "layers")
     rows = []
     for floor in plan["layers"]:
         for number, room in enumerate(floor.replace("maskfab.", "").split(" | ")):

@@ -8,6 +8,8 @@ from pathlib import Path
 from maskfab.job import Job, resolve
 from maskfab.jobfile import validate
 
+LETTER = "......\n.#....\n.#....\n.##...\n.####.\n......"
+OTHER = "......\n......\n.##...\n.#..#.\n......\n......"
 _JOB = """
 [job]
 name = "SMALL"
@@ -30,12 +32,7 @@ name = "l"
 pitch = "48 um"
 dots = 6
 grid = '''
-......
-.#....
-.#....
-.##...
-.####.
-......
+{LETTER}
 '''
 \"\"\"
 M = \"\"\"
@@ -43,12 +40,7 @@ name = "m"
 pitch = "48 um"
 dots = 6
 grid = '''
-......
-......
-.##...
-.#..#.
-......
-......
+{OTHER}
 '''
 \"\"\"
 """
@@ -122,8 +114,42 @@ JOBS = {
 }
 
 
-def asked_job(dies=(RANDOM, GUTTER), plate='template = "5in"', size="0.5 mm", more="") -> Job:
-    """A job of 6 dots a cell and ten cells a die."""
+RIM = (LETTER, "##....\n......\n......\n......\n......\n....##")
+"""Drawings of an opening, and of one that is clear at its rim, to stand in its place."""
+PERIODIC = 'tiling = "periodic"'
+
+
+def _named(*names):
+    return [(f'name = "D{number}"', f'name = "{name}"') for number, name in enumerate(names)]
+
+
+JOBS |= {
+    "names side by side": {
+        "dies": [PERIODIC] * 2,
+        "size": "6 mm",
+        "edits": [*_named("GRID4", "GRIDX"), ("9.001 mm", "12 mm")],
+    },
+    "numbers in the map": {"dies": [PERIODIC] * 40, "edits": [("columns = 2", "columns = 7"), ("9.001 mm", "6 mm")]},
+    "odd dots": {"dies": [PERIODIC], "edits": [('dot = "8 um"', 'dot = "8.001 um"'), ('"48 um"', '"48.006 um"')]},
+    "clear rims widened": {
+        "dies": [GUTTER],
+        "more": f'[order]\nbias = "data"\n{_PROCESS.format(-2.9)}',
+        "edits": [RIM],
+    },
+    "one opening all clear": {
+        "dies": ['tiling = "random"\nseed = 1\nothers = ["M"]'],
+        "edits": [(OTHER, "\n".join(["######"] * 6))],
+    },
+    "spaces at the end": {"dies": [PERIODIC] * 2, "size": "2 mm", "edits": [('"die 0"', f'"x{39 * " "}"')]},
+    "no title": {"dies": [PERIODIC], "edits": [('"a small plate, (test) 100%"', '"   "')]},
+}
+
+
+def asked_job(dies=(RANDOM, GUTTER), plate='template = "5in"', size="0.5 mm", more="", edits=()) -> Job:
+    """A job of 6 dots a cell and ten cells a die; edits are pairs of what stands in its text, and what shall."""
     drawn = "".join(_DIE.format(number=number, rest=rest) for number, rest in enumerate(dies))
-    text = _JOB.format(plate=plate, size=size, more=more, dies=drawn)
+    text = _JOB.format(LETTER=LETTER, OTHER=OTHER, plate=plate, size=size, more=more, dies=drawn)
+    for old, new in edits:
+        assert old in text, old
+        text = text.replace(old, new)
     return resolve(validate(tomllib.loads(text), where="job.toml"), Path("job.toml"))

@@ -100,15 +100,14 @@ def _die(die: DieSection, spec: JobSpec, centre: tuple[int, int], slot: int) -> 
         cells = _tiled(str(die.tiling), rows, columns, die.seed, len(shapes))
     pitch = dots * dot + gutter
     x, y = (_lines(count, dots, dot, gutter) for count in (columns, rows))
-    clear = np.zeros((len(y) - 1, len(x) - 1), dtype=np.bool_)
+    clear, rim = np.zeros((len(y) - 1, len(x) - 1), dtype=np.bool_), 1 if gutter else 0
     every = np.stack([_turned(shape, turn) for shape in shapes for turn in range(8)])[cells]
-    step = len(x) // columns
     for row in range(dots):
         for column in range(dots):
-            skip = 1 if gutter else 0
-            clear[row + skip :: step, column + skip :: step] = every[:, :, row, column]
+            clear[row + rim :: dots + rim, column + rim :: dots + rim] = every[:, :, row, column]
     corner = centre[0] - columns * pitch // 2, centre[1] - rows * pitch // 2
-    narrowest = min(_shortest_run(shape) for shape in shapes) * dot
+    runs = [run for shape in shapes if (run := _shortest_run(shape))]
+    narrowest = min(runs, default=1) * dot
     return AskedDie(die.name, die.label, centre, slot, dot, pitch, corner[0] + x, corner[1] + y, clear, narrowest)
 
 
@@ -129,9 +128,11 @@ def _digits(text: str) -> Ints:
 
 
 def _lines(cells: int, dots: int, dot: int, gutter: int) -> Ints:
-    """Where dots and gutters of so many cells end: half a gutter, the dots, half a gutter, and so on."""
-    widths = [gutter // 2, *[dot] * dots, gutter // 2] if gutter else [dot] * dots
-    return np.concatenate([[0], np.cumsum(widths * cells)]).astype(np.int64)
+    """Where dots and gutters of so many cells end: half a gutter, the dots, a gutter, the dots, and so on."""
+    if not gutter:
+        return np.arange(cells * dots + 1, dtype=np.int64) * dot
+    widths = [gutter // 2, *([*[dot] * dots, gutter] * cells)[:-1], gutter // 2]
+    return np.concatenate([[0], np.cumsum(widths)]).astype(np.int64)
 
 
 def _turned(shape: Mask, turn: int) -> Mask:
@@ -235,14 +236,14 @@ def _hexagonal(shape: Mask, dots: int, seed: int) -> Mask:
 
 
 def _shortest_run(shape: Mask) -> int:
-    """Dots of the shortest clear run of an opening that repeats; 1 where none ends."""
+    """Dots of the shortest clear run of an opening that repeats; 0 where none ends."""
     shortest = []
     for line in (*shape, *shape.T):
         if line.any() and not line.all():
             ends = np.flatnonzero(~np.roll(line, -int(np.argmin(line))))
             runs = np.diff(np.append(ends, len(line))) - 1
             shortest.append(int(runs[runs > 0].min()))
-    return min(shortest, default=1)
+    return min(shortest, default=0)
 
 
 def narrowed(x: Ints, y: Ints, clear: Mask, bias: int) -> tuple[Ints, Ints, Mask]:
@@ -263,7 +264,11 @@ def narrowed(x: Ints, y: Ints, clear: Mask, bias: int) -> tuple[Ints, Ints, Mask
 
 def boundary(die: AskedDie, bias: int) -> Boundary:
     """Clear parts of a die in data of which edges have moved by half a bias."""
-    x, y, clear = (die.x, die.y, die.clear) if not bias else narrowed(die.x, die.y, die.clear, bias)
+    x, y, clear = die.x, die.y, die.clear
+    if bias:
+        # Without a dark rim, whose outer line could pass the edges of dots when both are moved.
+        kept = slice(1, -1) if not (clear[[0, -1]].any() or clear[:, [0, -1]].any()) else slice(None)
+        x, y, clear = narrowed(x[kept], y[kept], clear[kept, kept], bias)
     return Boundary.of_raster(x, y, clear)
 
 

@@ -116,7 +116,7 @@ def asked_marks(spec: JobSpec, dies: Sequence[AskedDie], version: str) -> tuple[
     drawn += map(_label, dies)
     return AskedMarks(
         tuple(part for part in drawn if isinstance(part, Mark)),
-        tuple(part for part in drawn if isinstance(part, Line)),
+        tuple(part for part in drawn if isinstance(part, Line) and part.text),
         tuple(part for part in drawn if isinstance(part, Code)),
     ), side
 
@@ -275,7 +275,10 @@ def _star(name: str, centre: Place, feature: int, radius: int, spokes: int) -> M
         low, high = (2 * math.pi / spokes * (number + side / 4) for side in (-1, 1))
         corners = ((inner, low), (radius, low), (radius, high), (inner, high))
         polygons.append(
-            tuple((centre[0] + round(r * math.cos(a)), centre[1] + round(r * math.sin(a))) for r, a in corners)
+            tuple(
+                (centre[0] + round(round(r * math.cos(a), 6)), centre[1] + round(round(r * math.sin(a), 6)))
+                for r, a in corners
+            )
         )
     return Mark(name, _boxes(), tuple(polygons), sized=False)
 
@@ -320,7 +323,7 @@ def _centred(name: str, text: str, foot: Place, height: int, room: int) -> Line:
     step = max(1, round(height / HEIGHT))
     if _width(text) * step > room:
         step = max(1, round(height * room // (_width(text) * step) / HEIGHT))
-    return Line(name, text, foot[0] - _width(text) * step // 2, foot[1], step)
+    return Line(name, text.rstrip(), foot[0] - _width(text) * step // 2, foot[1], step)
 
 
 def _width(text: str) -> int:

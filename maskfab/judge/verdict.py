@@ -12,23 +12,24 @@ from functools import cached_property
 
 import numpy as np
 from klayout import db
+from scipy import ndimage
 
 from maskfab import __version__
 from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.judge import dies as of_dies
 from maskfab.judge import marks as of_marks
-from maskfab.judge.boundary import Boundary, Figures, Ints, figures, packed, total
+from maskfab.judge.boundary import Boundary, Figures, Ints, Mask, figures, packed, total
 from maskfab.judge.dies import AskedDie, asked_dies
-from maskfab.judge.letters import ADVANCE, HEIGHT, area_steps2, drawing, points, read
+from maskfab.judge.letters import ADVANCE, HEIGHT, WIDTH, area_steps2, drawing, points, read
 from maskfab.judge.marks import Code, Line, Mark, asked_marks, corner_squares, mirrored, on_grid
 from maskfab.model import Quantity
 from maskfab.units import NM_PER_UM
 
 _CLEAR, _CUT, _CHROME = db.LayerInfo(1, 0), db.LayerInfo(2, 0), db.LayerInfo(3, 0)
 _MOST_NAMED = 5
-_BARRED = 1 / 8
-"""Share of a mark that bars of chrome may take at most."""
+_BARRED, _MOST_OFF = 1 / 8, 1 / 2
+"""Share of a line of text that bars of chrome may take at most, and of its corners that may be theirs."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +46,8 @@ class Asked:
         grids: to which marks have been moved, in that order, nanometres.
         dark: whether the data are the chrome of the writable area.
         bias: by which clear widths of the data are narrower, nanometres.
-        barred: whether bars of chrome may cross marks, so that none has a hole.
+        bar: width of bars of chrome that may cross marks, so that none has a hole or touches itself, nanometres; 0 for
+            none.
     """
 
     dies: tuple[AskedDie, ...]
@@ -57,7 +59,7 @@ class Asked:
     grids: tuple[int, ...]
     dark: bool
     bias: int
-    barred: bool
+    bar: int
 
     @cached_property
     def boundaries(self) -> tuple[Boundary, ...]:
@@ -108,8 +110,14 @@ def asked(spec: JobSpec, shop: Shop | None = None, *, sent: bool = False, versio
         grids,
         spec.tone == "dark",
         spec.data_bias_nm or 0,
-        shop is not None and shop.polygons.shared_boundaries is False,
+        0 if shop is None or shop.polygons.shared_boundaries is not False else _bar(shop),
     )
+
+
+def _bar(shop: Shop) -> int:
+    """Width of the bars that open holes for a house where no two figures may share an edge."""
+    least = shop.limits.min_space_um or shop.limits.min_feature_um or 0
+    return max(4_000, 2 * round(least * NM_PER_UM))
 
 
 def _grids(spec: JobSpec, dies: Sequence[AskedDie], shop: Shop | None) -> tuple[int, ...]:
@@ -143,7 +151,10 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
     corners = left.corners
     taken = np.full(len(corners), -1)
     places = np.array([*owners, *of_lines, *of_codes], dtype=np.int64).reshape(-1, 4)
-    for number, (x0, y0, x1, y1) in enumerate(places):
+    # What lies in a line belongs to it, and only then to another that it lies near.
+    near = [_line_box(line, plate, near=True) for line in plate.lines]
+    wider = np.array(near, dtype=np.int64).reshape(-1, 4)
+    for number, (x0, y0, x1, y1) in (*enumerate(places), *enumerate(wider, len(owners))):
         inside = (corners[:, 0] >= x0) & (corners[:, 0] <= x1) & (corners[:, 1] >= y0) & (corners[:, 1] <= y1)
         taken[inside & (taken < 0)] = number
     parts = [left.kept(taken == number) for number in range(len(places))]
@@ -276,7 +287,7 @@ def _wrong_marks(left: Boundary, plate: Asked) -> Iterator[str]:
     nearest_mark = np.argmin(np.hypot(gap_x, gap_y), axis=1)
     for number in np.unique(nearest_mark):
         mark, mine = plate.marks[number], left.kept(nearest_mark == number)
-        if plate.barred and _only_bars(mine, plate.clear_marks[number]):
+        if plate.bar and _may_be_barred(plate.clear_marks[number]) and _only_bars(mine, plate):
             continue
         yield f"{mark.name}{_how(mark, mine, plate.clear_marks[number])}, first at {_first(mine.corners)}"
 
@@ -296,21 +307,44 @@ def _how(mark: Mark, left: Boundary, clear: Boundary) -> str:
     return " has another shape"
 
 
-def _only_bars(left: Boundary, clear: Boundary) -> bool:
-    """Whether a mark merely has bars of chrome across it."""
-    lost, whole = -_area(left), _area(clear)
-    return 0 < lost <= _BARRED * whole
+def _may_be_barred(clear: Boundary) -> bool:
+    """Whether a mark has a hole, or touches itself at a corner, so that bars have to open it."""
+    seen = _parts(clear)[2] > 0
+    holes = ndimage.label(np.pad(~seen, 1, constant_values=True))[1] > 1
+    ones, others = seen[1:, 1:] & seen[:-1, :-1], seen[1:, :-1] & seen[:-1, 1:]
+    touches = (ones & ~(seen[1:, :-1] | seen[:-1, 1:])) | (others & ~(seen[1:, 1:] | seen[:-1, :-1]))
+    return bool(holes or touches.any())
 
 
-def _area(boundary: Boundary) -> float:
-    """Of what a boundary without slanted lines bounds; clear less missing."""
-    x, y = boundary.corners[: len(boundary.level)].T.astype(float)
-    return float(np.sum(x * y * boundary.change))
+def _only_bars(left: Boundary, plate: Asked) -> bool:
+    """Whether nothing is clear that should not be, and what lacks is nowhere wider than a bar."""
+    width, height, seen = _parts(left)
+    if left.slanted.size or not np.isin(seen, (-1, 0)).all():
+        return False
+    lost = seen < 0
+    across, up = _runs(lost, width), _runs(lost.T, height).T
+    return bool((np.minimum(across, up)[lost] <= plate.bar).all())
 
 
-def _line_box(line: Line, plate: Asked) -> tuple[int, int, int, int]:
-    """Room of a line of text, half a letter wider to either side, and a stroke higher above and below."""
-    width, margin, stroke = (count * line.step for count in (len(line.text) * ADVANCE, ADVANCE // 2, HEIGHT // 7))
+def _parts(boundary: Boundary) -> tuple[Ints, Ints, Ints]:
+    """Widths and heights of parts between all lines of a boundary without slants, and how often each is covered."""
+    x, y = (np.unique(boundary.corners[:, k]) for k in (0, 1))
+    seen = boundary.seen((x[1:] + x[:-1]) / 2, (y[1:] + y[:-1]) / 2).astype(np.int64)
+    return np.diff(x), np.diff(y), seen
+
+
+def _runs(lost: Mask, widths: Ints) -> Ints:
+    """Length of the run along a row that each part belongs to, int64 [ny, nx]; of parts that are not lost, 0."""
+    starts = lost & ~np.pad(lost, ((0, 0), (1, 0)))[:, :-1]
+    number = np.cumsum(starts.ravel()).reshape(lost.shape) * lost
+    lengths = np.bincount(number.ravel(), weights=(lost * widths).ravel()).astype(np.int64)
+    return np.where(lost, lengths[number], 0)
+
+
+def _line_box(line: Line, plate: Asked, *, near: bool = False) -> tuple[int, int, int, int]:
+    """Letters of a line of text; what is near is half a letter to either side, and a stroke above and below."""
+    width = (len(line.text) * ADVANCE - (ADVANCE - WIDTH)) * line.step
+    margin, stroke = (count * line.step * near for count in (ADVANCE // 2, HEIGHT // 7))
     x = plate.on_plate(np.array([line.left - margin, line.left + width + margin]), across=True)
     low, high = plate.on_plate(np.array([line.base - stroke, line.base + HEIGHT * line.step + stroke]), across=False)
     return int(x.min()), int(low), int(x.max()), int(high)
@@ -329,11 +363,10 @@ def _misread(line: Line, found: Boundary, plate: Asked) -> str:
     wanted, corners = drawing(text), found.corners
     off = ~(np.isin(corners[:, 0], columns) & np.isin(corners[:, 1], rows))
     extra, lacking = area_steps2(seen & ~wanted), area_steps2(wanted & ~seen)
-    if (
-        not extra
-        and lacking <= (_BARRED * area_steps2(wanted) if plate.barred else 0)
-        and (plate.barred or not off.any())
-    ):
+    outside = (corners < (columns.min(), rows[0])).any(axis=1) | (corners > (columns.max(), rows[-1])).any(axis=1)
+    # Bars leave most corners where they were.
+    bars = plate.bar and lacking <= _BARRED * area_steps2(wanted) and off.mean() < _MOST_OFF and not outside.any()
+    if not extra and (bars or not (lacking or off.any())):
         return ""
     if (said := read(seen)) != text:
         return f"{line.name} reads {said!r}, not {text!r}"
@@ -374,6 +407,6 @@ def _miscoded(code: Code, found: Boundary, plate: Asked) -> str:
     boxes = [[x[i], y[j], x[i + 1], y[j + 1]] for j, i in zip(*np.nonzero(light), strict=True)]
     mark = Mark(code.name, np.array(boxes, dtype=np.int64).reshape(-1, 4))
     left = total([found, of_marks.boundary(mark, plate.bias).times(-1)])
-    if not (left.empty or (plate.barred and _only_bars(left, found))):
+    if not (left.empty or (plate.bar and _only_bars(left, plate))):
         return f"{code.name} has modules off their places"
     return ""

@@ -302,6 +302,14 @@ def test_bars_across_marks_are_no_faults_where_a_house_needs_them(job, plate):
     for what in ("parity F mirrored", "label dropped", "label mirrored", "fiducial dropped", "die moved by 1 nm"):
         sabotage, (name, die, said) = SABOTAGES[what]
         assert said in opinion(sabotage(plate), "bisect")[name, die]
+    for mark, change in {
+        "CD_X_5X": lambda old: tuple(tuple((min(x, old[0][2][0] - 900), y) for x, y in each) for each in old),
+        "DOSE_1X": lambda old: old[1:],
+        "JOB_CODE": lambda old: moved(old, 1, 0),
+        "TITLE": lambda old: moved(old, 0, 1),
+        "LABEL_D0": lambda old: (*old, ((-4_750_000, -400_000), (-4_750_000, -397_000), (-4_747_000, -397_000))),
+    }.items():
+        assert opinion(with_mark(mark, change)(plate), "bisect"), mark
 
 
 def test_tilings_do_not_hang_on_rounding():

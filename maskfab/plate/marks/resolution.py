@@ -103,7 +103,10 @@ def siemens_star(name: str, centre_nm: Point, feature_nm: int, radius_nm: int, s
 def _spoke(centre: Point, inner: float, outer: float, number: int, spokes: int) -> Polygon:
     low, high = (_direction(4 * number + side, spokes) for side in (-1, 1))
     corners = ((inner, low), (outer, low), (outer, high), (inner, high))
-    return tuple((centre[0] + round(radius * x), centre[1] + round(radius * y)) for radius, (x, y) in corners)
+    # To the millionth first: a corner that lies half-way between nanometres must not hang on the last bit of a sine.
+    return tuple(
+        (centre[0] + round(round(radius * x, 6)), centre[1] + round(round(radius * y, 6))) for radius, (x, y) in corners
+    )
 
 
 def _direction(steps: int, spokes: int) -> tuple[float, float]:
