@@ -9,7 +9,7 @@ import math
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, TypeAlias
+from typing import Any, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -21,6 +21,7 @@ from maskfab.judge.letters import ADVANCE, HEIGHT, WIDTH
 from maskfab.units import NM_PER_UM, parse_length_um
 
 Place: TypeAlias = tuple[int, int]
+Coordinate = TypeVar("Coordinate", int, Ints)
 
 _LABEL = 420_000
 _LABEL_GAP = 180_000
@@ -386,11 +387,11 @@ def mirrored(mark: Mark) -> Mark:
 def on_grid(mark: Mark, grid: int) -> Mark:
     """The mark with every corner on the nearest line of a grid, the upper of two that are equally near."""
     polygons = tuple(tuple((nearest(x, grid), nearest(y, grid)) for x, y in each) for each in mark.polygons)
-    return replace(mark, boxes=(mark.boxes + grid // 2) // grid * grid, polygons=polygons)
+    return replace(mark, boxes=nearest(mark.boxes, grid), polygons=polygons)
 
 
-def nearest(value: int, grid: int) -> int:
-    """The line of a grid that is nearest, the upper of two."""
+def nearest(value: Coordinate, grid: int) -> Coordinate:
+    """The line of a grid that is nearest, the upper of two; of one coordinate or of many."""
     return (value + grid // 2) // grid * grid
 
 

@@ -22,7 +22,7 @@ from maskfab.judge import marks as of_marks
 from maskfab.judge.boundary import Boundary, Figures, Ints, Mask, figures, packed, total
 from maskfab.judge.dies import AskedDie, asked_dies
 from maskfab.judge.letters import ADVANCE, HEIGHT, WIDTH, area_steps2, drawing, points, read
-from maskfab.judge.marks import Code, Line, Mark, asked_marks, corner_squares, mirrored, on_grid
+from maskfab.judge.marks import Code, Line, Mark, asked_marks, corner_squares, mirrored, nearest, on_grid
 from maskfab.model import Quantity
 from maskfab.units import NM_PER_UM
 
@@ -76,7 +76,7 @@ class Asked:
         if across and self.mirror:
             x = -x
         for grid in self.grids:
-            x = (x + grid // 2) // grid * grid
+            x = nearest(x, grid)
         return x
 
 
@@ -166,32 +166,19 @@ def judged(read: db.Layout, name: str, plate: Asked) -> tuple[Quantity, ...]:
         said for code, part in zip(plate.codes, codes, strict=True) if (said := _miscoded(code, part, plate))
     ]
     wrong_marks = list(_wrong_marks(left.kept(taken < 0), plate))
-    count = len(plate.marks)
-    rows.append(
-        Quantity(
-            "judged_marks",
-            len(wrong_marks),
-            _told(f"{name}: {count} marks at the places and in the sense that job and template ask for", wrong_marks),
-            limit=0,
-            passed=not wrong_marks,
-        )
+    marks_method = f"{len(plate.marks)} marks at the places and in the sense that job and template ask for"
+    text_method = f"{len(plate.lines) + len(plate.codes)} lines and codes read back as text, each at its place"
+    return (
+        *rows,
+        _plate_row("judged_marks", f"{name}: {marks_method}", wrong_marks),
+        _plate_row("judged_text", f"{name}: {text_method}", wrong_text),
     )
-    count = len(plate.lines) + len(plate.codes)
-    rows.append(
-        Quantity(
-            "judged_text",
-            len(wrong_text),
-            _told(f"{name}: {count} lines and codes read back as text, each at its place", wrong_text),
-            limit=0,
-            passed=not wrong_text,
-        )
-    )
-    return tuple(rows)
 
 
-def _told(what: str, wrong: Sequence[str]) -> str:
+def _plate_row(quantity: str, method: str, wrong: Sequence[str]) -> Quantity:
     more = f"; and {len(wrong) - _MOST_NAMED} more" if len(wrong) > _MOST_NAMED else ""
-    return what + "".join(f"; {each}" for each in wrong[:_MOST_NAMED]) + more
+    method += "".join(f"; {each}" for each in wrong[:_MOST_NAMED]) + more
+    return Quantity(quantity, len(wrong), method, limit=0, passed=not wrong)
 
 
 def _left_over(read: db.Layout, plate: Asked) -> Boundary:
