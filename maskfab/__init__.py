@@ -16,6 +16,8 @@ from __future__ import annotations
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from maskfab.base import __version__ as __version__
+
 if TYPE_CHECKING:
     from maskfab.api.camera import Camera as Camera
     from maskfab.api.curves import Mtf as Mtf
@@ -61,8 +63,6 @@ if TYPE_CHECKING:
     from maskfab.plate.maps import read_map as read_map
     from maskfab.report.quantity_table import Quantities as Quantities
     from maskfab.reproduction import reproduce as reproduce
-
-__version__ = "0.1.0"
 
 _WHERE = {
     "Camera": "maskfab.api.camera",

@@ -8,7 +8,7 @@ import sys
 def main() -> None:
     """Run the command line; the exit code is 0, 1, 2 or 3 as ``maskfab --help`` says."""
     if sys.argv[1:] == ["--version"]:
-        from maskfab import __version__
+        from maskfab.base import __version__
 
         print(f"maskfab {__version__}")
         return

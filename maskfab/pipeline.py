@@ -15,13 +15,15 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from klayout import db
 
-from maskfab import __version__, provenance, resources
+from maskfab import provenance, resources
+from maskfab.base import __version__
 from maskfab.comparison.bitmaps import check_pixels
 from maskfab.comparison.files import ReadBack, read_back
 from maskfab.comparison.plate_dots import check_dots
 from maskfab.comparison.psf_files import check_psf_file
 from maskfab.display.place import Populated
-from maskfab.drc import RuleResult, check_plate
+from maskfab.drc.plate_rules import check_plate
+from maskfab.drc.results import RuleResult
 from maskfab.errors import InternalError, SourceError, UnknownNameError
 from maskfab.export.images.plate_bitmap import check_plate_bitmap
 from maskfab.export.images.psf_exr import PsfFile, psf_files

@@ -12,7 +12,7 @@ from functools import cache
 from importlib import metadata
 from pathlib import Path
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.model import WrittenFile
 
 _REQUIREMENT = re.compile(r"(?P<name>[\w.-]+)(?P<extra>.*\bextra\b)?")

@@ -12,7 +12,8 @@ from typing import Any
 
 from jinja2 import TemplateError
 
-from maskfab import __version__, provenance
+from maskfab import provenance
+from maskfab.base import __version__
 from maskfab.comparison.files import read_back
 from maskfab.comparison.foreign.alignment import Alignment
 from maskfab.comparison.foreign.foreign_mask import Foreign, How, check_foreign, only_die

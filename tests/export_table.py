@@ -23,7 +23,8 @@ from klayout import db
 
 from maskfab.comparison.roundtrip import compare_layout
 from maskfab.comparison.solids import check_solid
-from maskfab.drc import DesignRules, check_plate
+from maskfab.drc.plate_rules import check_plate
+from maskfab.drc.rules import DesignRules
 from maskfab.export.cell_polygons import draw
 from maskfab.export.cif import write_cif
 from maskfab.export.dxf import write_dxf

@@ -11,9 +11,11 @@ from typing import TYPE_CHECKING, Any, Literal, Self
 import numpy as np
 from numpy.typing import ArrayLike
 
-from maskfab import __version__, model
+from maskfab import model
 from maskfab.api.lengths import Length, length_text
 from maskfab.arguments import checked_arguments
+from maskfab.base import __version__
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError, OutputError
 from maskfab.files.staging import write_text
 from maskfab.opening import decode, openings, shapes
@@ -71,9 +73,7 @@ class Opening(model.Opening):
         return cls._checked(name, decode.from_array(mask, "Opening.of: mask"), pitch, {}, "Opening.of")
 
     @classmethod
-    def _checked(
-        cls, name: str, mask: decode.Mask, pitch: Length, made: dict[str, str | int | float], where: str
-    ) -> Self:
+    def _checked(cls, name: str, mask: Mask, pitch: Length, made: dict[str, str | int | float], where: str) -> Self:
         dot_nm = _dot_nm(pitch, len(mask), f"{where}: pitch")
         return cls.of_model(openings.checked(name, mask, dot_nm, made, where))
 

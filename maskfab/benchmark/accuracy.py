@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from threadpoolctl import threadpool_limits
 
+from maskfab.base.arrays import Floats
 from maskfab.benchmark.other_libraries import PEERS, PsfTask
 from maskfab.benchmark.published import published_intensity, published_size
 from maskfab.errors import JobError
@@ -31,8 +32,6 @@ from maskfab.optics.pupil.pupil import Pupil
 from maskfab.plate.tiling import orientations
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM, UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

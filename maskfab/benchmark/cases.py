@@ -16,6 +16,7 @@ from klayout import db
 from numpy.typing import NDArray
 from scipy.special import j1
 
+from maskfab.base.arrays import Floats
 from maskfab.benchmark import examples as build
 from maskfab.errors import JobError
 from maskfab.geometry.stop import edges_in_stop
@@ -32,9 +33,6 @@ from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.wavefront.mean_over_tilings import mean_psf
 from maskfab.units import NM_PER_UM, UM_PER_NM
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,13 @@ from typing import Literal
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.model import Camera, Opening, Panel, Stop, Tiling
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.plate.tiling import orientations
 from maskfab.units import NM_PER_UM
-
-Mask = NDArray[np.bool_]
 
 
 def noise(dots: int, share: float, seed: int) -> Mask:

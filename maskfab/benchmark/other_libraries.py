@@ -16,9 +16,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

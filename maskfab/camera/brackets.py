@@ -16,12 +16,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import MergedNoise, Noise, Record
 from maskfab.errors import JobError
-
-Singles = NDArray[np.float32]
 
 
 def merged(exposures: Sequence[Record]) -> Record:

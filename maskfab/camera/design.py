@@ -8,12 +8,10 @@ from typing import Protocol
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.restorers.restorer import Blur, Transfer
 from maskfab.camera.restorers.wiener import Margin
-
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

@@ -17,8 +17,8 @@ from typing import cast
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.design import Isoplanatic
 from maskfab.camera.photo_camera import COLOURS
 from maskfab.camera.restorers.restorer import Transfer
@@ -33,8 +33,6 @@ from maskfab.optics.scene.plan import Plan
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.scene.scene_psf import modelled_distance_um
 from maskfab.optics.wavefront.panel_gap import Place, magnified
-
-Floats = NDArray[np.float64]
 
 MOST_CHANGE = 2e-3
 """Of H by twice the samples of a phase, or twice the lines of a band."""

@@ -26,6 +26,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.design import SceneLight
 from maskfab.camera.die_transfer import DieTransfer
 from maskfab.camera.restorers.restorer import Transfer
@@ -34,9 +35,6 @@ from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.scene.plan import Plan
 from maskfab.optics.wavefront.panel_gap import AXIS, Place
-
-Floats = NDArray[np.float64]
-Singles = NDArray[np.float32]
 
 COUNTS, PHASED_COUNTS = (1, 3, 5, 9), (1, 3, 5)
 """Nodes along each axis of a picture: one grid within the next."""

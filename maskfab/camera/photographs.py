@@ -16,8 +16,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.restorers.wiener import MARGIN, Margin
 from maskfab.errors import JobError, SourceError
 from maskfab.eye.picture import read_picture
@@ -32,8 +32,6 @@ MOST_WHOLE = 60_000_000
 """Pixels of whole pictures together: they take four gigabytes until they are scored."""
 _STEP = 64
 _SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".exr", ".hdr")
-
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

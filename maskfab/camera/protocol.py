@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.brackets import merged
 from maskfab.camera.design import Design, SceneLight
 from maskfab.camera.exposure import F1_SENSOR, REFERENCE_TRANSMISSION, Exposure
@@ -44,8 +45,6 @@ from maskfab.camera.scores import Score, ScoreTable
 from maskfab.camera.sensor import Sensor
 from maskfab.errors import JobError
 from maskfab.optics.numbers.colour import code_of_light, light_of_code
-
-Singles = NDArray[np.float32]
 
 EPSILONS = tuple(float(e) for e in np.geomspace(0.002, 0.5, 15))
 _FINER = EPSILONS[1] / EPSILONS[0]

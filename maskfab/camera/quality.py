@@ -18,12 +18,10 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.restorers.wiener import LARGE
 from maskfab.eye.scielab import OPPONENT_OF_RGB, gains
 from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb, light_of_code
-
-Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
 
 _SIGMA, _REACH = 1.5, 5
 _C1, _C2 = 0.01**2, 0.03**2

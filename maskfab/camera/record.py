@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-Singles = NDArray[np.float32]
+from maskfab.base.arrays import Singles
 
 
 @dataclass(frozen=True)

@@ -4,14 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from maskfab.base.arrays import Singles
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.scores import Score
 from maskfab.errors import JobError
-
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True)

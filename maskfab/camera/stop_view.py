@@ -20,14 +20,14 @@ from dataclasses import dataclass, replace
 from functools import cached_property, lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.restorers.restorer import Transfer
 from maskfab.model import Camera
 from maskfab.optics.image.spectrum import Spectrum, interpolation
 from maskfab.optics.pupil.aperture import Aperture, Lattice, finer_aperture
-from maskfab.optics.pupil.stop_shape import inside
+from maskfab.optics.pupil.stop_shape import Waves, inside
 from maskfab.optics.scene.cost import Choice
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.scene.scene_psf import phase_waves
@@ -42,10 +42,7 @@ from maskfab.optics.wavefront.panel_gap import (
     shift_um,
     stop_field,
 )
-from maskfab.optics.wavefront.phase_field import Waves
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 _PLACES = 257
 _MOST_KEPT = 512

@@ -26,6 +26,7 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import sparse
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.camera.design import Isoplanatic
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.cell_size import CellSize
@@ -33,13 +34,10 @@ from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, orient, side_by_side
 from maskfab.opening.clear_dots import closed
 from maskfab.optics.numbers.wiener import squared_modulus
-from maskfab.optics.pupil.stop_shape import stop_dots
+from maskfab.optics.pupil.stop_shape import Waves, stop_dots
 from maskfab.optics.wavefront.panel_gap import turned
-from maskfab.optics.wavefront.phase_field import Waves
 from maskfab.units import NM_PER_UM
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Lagged = NDArray[Any]
 """Of float64, or of complex128 where light has a phase."""
 

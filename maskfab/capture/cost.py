@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.design import Isoplanatic, RestoredBy
 from maskfab.camera.exposure import Exposure
 from maskfab.camera.intervals import MeanDifference
@@ -26,8 +26,6 @@ from maskfab.camera.sensor import Sensor
 from maskfab.capture.die_image import BIAS, DieImage, Pixels, Setting
 from maskfab.capture.restoring.measured_psf import MeasuredBlur
 from maskfab.optics.image.spectrum import line_spectrum
-
-Floats = NDArray[np.float64]
 
 LEVEL_DB = 40.0
 """Signal-to-noise ratio of white behind the published display, where a full well allows it."""

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.beside import mean_beside
 from maskfab.capture.frames import Frame, Lattice
 from maskfab.errors import SourceError
 
-Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
 
 _HOT, _ALONE = 6.0, 8.0

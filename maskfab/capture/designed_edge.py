@@ -11,8 +11,8 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.edge_window import window
 from maskfab.model import Camera, Panel, frozen
 from maskfab.optics.image.lag_table import LagTable, lag_table
@@ -20,8 +20,6 @@ from maskfab.optics.image.psf import cutoff, image_scale_um2
 from maskfab.optics.image.spectrum import Band, Spectrum, line_spectrum, pixel_transfer, quadrature, reach_um
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
-
-Floats = NDArray[np.float64]
 
 Light = Band | float
 """A colour of the camera, response times illuminant, or a line's wavelength in nanometres."""

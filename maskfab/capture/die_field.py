@@ -18,15 +18,13 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.model import Stop
 from maskfab.optics.functions.bessel import spherical_bessel
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.optics.wavefront.aberration import zernike
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 _Terms = tuple[tuple[int, float], ...]
 
 DEFOCUS = 4

@@ -14,6 +14,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.die_field import DieField, LensField
 from maskfab.capture.resampling import MARGIN, OVERSAMPLING, gaussian_nodes, pixel_means, turned
 from maskfab.model import Camera, Panel, orient
@@ -21,8 +22,6 @@ from maskfab.optics.image.spectrum import Spectrum
 from maskfab.optics.pupil.aperture import Aperture, panel_aperture
 from maskfab.optics.pupil.pupil import cut
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 _SPECKLES_APART = 0.8
 """Speckles at the window's edge by which lines that stand for all of a band may move its slopes."""

@@ -15,10 +15,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.beside import mean_beside
 from maskfab.errors import SourceError
-
-Floats = NDArray[np.float64]
 
 _PROVEN = 3.0
 """Standard errors from 1 beyond which a drift is taken out; less is noise, and would be put in."""

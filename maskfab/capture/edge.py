@@ -12,8 +12,8 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.capture.edge_band import CONFIDENCE, RESAMPLES, mtf_with_band
 from maskfab.capture.edge_line import EdgeLine, Order, centroid_line, fitted_line
 from maskfab.capture.edge_regions import (
@@ -31,9 +31,6 @@ from maskfab.capture.oversampled import NormalSums, normal_sums
 from maskfab.errors import SourceError
 from maskfab.model import frozen
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 FREQUENCIES = np.arange(129) / 128
 """Cycles per pixel at which an MTF is told: up to twice the limit of the sensor's sampling."""

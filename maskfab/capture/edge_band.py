@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import special
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.edge_window import window
 from maskfab.capture.oversampled import NormalSums, passed
-
-Floats = NDArray[np.float64]
 
 CONFIDENCE = 0.95
 RESAMPLES = 400

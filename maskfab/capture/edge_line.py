@@ -13,9 +13,9 @@ from typing import Literal
 import numpy as np
 from numpy.polynomial import Polynomial
 from numpy.polynomial.polynomial import polyder, polyval
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from maskfab.base.arrays import Floats
+
 Order = Literal[1, 2, 3]
 
 _CENTROID_PX = 8.0

@@ -16,10 +16,8 @@ import numpy as np
 import scipy.ndimage
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.errors import SourceError
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 Direction = Literal["horizontal", "vertical"]
 

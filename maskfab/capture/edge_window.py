@@ -5,11 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.oversampled import NormalSums
-
-Floats = NDArray[np.float64]
 
 FLAT = 0.6
 """Share of the window that is 1; cosines fall to 0 on either side of it."""

@@ -15,12 +15,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.capture.oversampled import NormalSums
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # Fields are what lies beyond this share of the reach; slopes below so many standard errors are none.
 _FIELD, _SURE = 0.5, 4.0

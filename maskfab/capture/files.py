@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.capture.frames import PLANE_COLOURS
 from maskfab.capture.merge import Merged
 from maskfab.export.images.exr import Fact, write_channels

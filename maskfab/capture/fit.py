@@ -15,12 +15,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.die_field import DEFOCUS
 from maskfab.capture.die_image import DieImage, Setting
 from maskfab.capture.taken import Taken, colours_of
 from maskfab.progress import Progress, silent
-
-Floats = NDArray[np.float64]
 
 _MOST_STEPS = 30
 _SETTLED = 0.02

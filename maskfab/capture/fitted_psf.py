@@ -7,21 +7,19 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
+from maskfab.base.arrays import Floats
 from maskfab.capture.die_image import Pixels
+from maskfab.capture.restoring.measured_psf import HOLDS
 from maskfab.export.images.exr import Fact, write_channels
 
 if TYPE_CHECKING:
     from maskfab.capture.measured import Measured
 
-Floats = NDArray[np.float64]
 
 SIDE = 601
 """Pixels along a side of the PSF that is written, the light in the middle one."""
-HOLDS = "fitted_psf"
-"""Entry of the header by which such a file is known."""
 
 
 def fitted_psf(found: Measured, side: int = SIDE) -> dict[str, Floats]:

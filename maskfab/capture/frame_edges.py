@@ -6,15 +6,13 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.edge import WHOLE, Grid
 from maskfab.capture.edge_regions import Region
 from maskfab.capture.frames import PIXELS_OF, Colour, Frame
 from maskfab.capture.measured_edges import EdgeDesign, MeasuredEdge, MeasuredEdges, measured_edges
 from maskfab.errors import SourceError
-
-Floats = NDArray[np.float64]
 
 
 def frame_edges(

@@ -26,14 +26,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.special
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.die_image import DieImage
 from maskfab.capture.fit import Fit
 from maskfab.capture.merge import Plane
 from maskfab.capture.taken import Taken, colours_of
-
-Floats = NDArray[np.float64]
 
 LEAST_FRAMES = 3
 _PROVEN = 2.71

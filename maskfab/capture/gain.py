@@ -23,11 +23,10 @@ from itertools import groupby
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.beside import mean_beside
 from maskfab.capture.frames import Frame, same_sensor
 from maskfab.errors import SourceError
-
-Floats = NDArray[np.float64]
 
 _LEVELS = 32
 _OUTLYING = 6.0

@@ -12,16 +12,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.die_image import DieImage, Setting, gathered
 from maskfab.capture.fit import FIRST_TERMS, Fit, fitted, judged
 from maskfab.capture.taken import Taken, colours_of
 from maskfab.model import Camera, Panel
 from maskfab.optics.image.spectrum import Spectrum
 from maskfab.progress import Progress, silent
-
-Floats = NDArray[np.float64]
 
 WAYS_ROUND = (0, 1, 4, 5)
 """Elements of D4 that are told apart; each stands for itself and for itself turned by 180 degrees."""

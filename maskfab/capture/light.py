@@ -5,14 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage
 
+from maskfab.base.arrays import Singles
 from maskfab.capture.frames import Frame
 from maskfab.capture.stack import check_stack
 from maskfab.errors import SourceError
-
-Singles = NDArray[np.float32]
 
 _SPOT = 9
 """Pixels along the square whose mean is compared."""

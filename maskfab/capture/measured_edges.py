@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.capture.designed_edge import DesignedMtf, Light, designed_mtf
 from maskfab.capture.edge import WHOLE, EdgeMtf, Grid, edge_mtf
 from maskfab.capture.edge_line import Order
@@ -19,9 +19,6 @@ from maskfab.errors import SourceError
 from maskfab.model import Camera, Panel, Quantity
 from maskfab.optics.image.mtf import first_below
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 _LIMIT_CY_PER_PX = 0.5
 _SHOWN_CY_PER_PX = (0.1, 0.25, 0.5)

@@ -26,13 +26,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.defects import Dark, Response, alone, dark_of, response_of
 from maskfab.capture.drift import Drift, Exposed, drifts
 from maskfab.capture.frames import Colour, Frame, Lattice, Pattern, same_sensor
 from maskfab.capture.stack import check_stack
 from maskfab.errors import SourceError
 
-Floats = NDArray[np.float64]
 Marks = NDArray[np.bool_]
 Places = NDArray[np.int64]
 

@@ -12,11 +12,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.fit import Fit
 from maskfab.capture.taken import Taken
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 _DRAWS = 200
 _CONFIDENCE = 0.95

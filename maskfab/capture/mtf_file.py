@@ -6,14 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError, SourceError
 from maskfab.model import frozen
 from maskfab.optics.light.response import curves_text, numeric_table
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 PER_PIXEL, PER_MM = "cycles/pixel", "cycles/mm"
 """Names of the first column."""

@@ -17,10 +17,8 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.model import frozen
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 # What holds knots together that a resample leaves without samples, as a share of the mean weight of a knot.
 _TIE = 1e-6

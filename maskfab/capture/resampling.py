@@ -12,9 +12,8 @@ import math
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from maskfab.base.arrays import Floats
 
 OVERSAMPLING = 1.3
 """Samples on a grid for each that the picture's limit asks for."""

@@ -8,12 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.die_image import Pixels
 from maskfab.capture.frames import Frame
 from maskfab.capture.merge import Merged, Plane
 from maskfab.errors import SourceError
-
-Floats = NDArray[np.float64]
 
 _NEAR = 3
 

@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.cli.common.printing import one_line, print_json
 from maskfab.cli.verbs.analyse import analyse
 from maskfab.cli.verbs.bench import bench

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.comparison.roundtrip import RoundTrip, compare_layout
 from maskfab.export.cell_polygons import CUT
 from maskfab.geometry.data_bias import biased_data, written_of
@@ -22,9 +22,6 @@ from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.plate_layout import coverage, layer_info, region
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.units import NM_PER_UM
-
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 
 def compare_biased(

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.drc.raster_rules import smallest_runs
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
@@ -22,8 +22,6 @@ from maskfab.jobfile import MOST_DOTS_PER_UM
 from maskfab.model import Die, Quantity
 from maskfab.readers.image_mask import read_levels
 from maskfab.units import NM_PER_UM
-
-Floats = NDArray[np.float64]
 
 _EDGE = 1e-9
 """A pixel covered to this much less or more than wholly is whole, and one covered by half to this is at a half."""

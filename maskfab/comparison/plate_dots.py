@@ -13,8 +13,8 @@ from pathlib import Path
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints
 from maskfab.comparison.bitmaps import smallest_nm
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
@@ -25,8 +25,6 @@ from maskfab.jobfile.order import Tone
 from maskfab.model import CLEAR, Die, Plate, Quantity
 from maskfab.readers.plate_bitmap import PlateDots, read_plate_dots
 from maskfab.units import NM_PER_UM
-
-Ints = NDArray[np.int64]
 
 _BAND_ROWS = 4096
 _ROUNDING = 1e-9

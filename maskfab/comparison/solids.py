@@ -20,12 +20,13 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.errors import SourceError
 from maskfab.export.solid.tiles import Stack, centres_nm, glass
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.raster import coverage, outline_coverage
 from maskfab.model import Die, Panel, Plate, Quantity
-from maskfab.readers.mesh import Floats, Ints, ReadShape, ReadSolid, read_scene, read_stl
+from maskfab.readers.mesh import ReadShape, ReadSolid, read_scene, read_stl
 from maskfab.readers.step import read_step
 
 _NM = 1.0

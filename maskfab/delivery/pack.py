@@ -10,7 +10,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__, provenance
+from maskfab import provenance
+from maskfab.base import __version__
 from maskfab.comparison.files import compare_mask, plate_dots_row, read_mask
 from maskfab.comparison.plate_dots import check_dots
 from maskfab.delivery.archive import Wrapping, safe_stem, unpack, wrapping, write_package

@@ -10,7 +10,7 @@ from typing import Any
 
 import matplotlib as mpl
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.export.cell_polygons import Figures
 from maskfab.files.finished import JOB_COPY, RESULT_MARK
 from maskfab.job import Job

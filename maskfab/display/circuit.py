@@ -10,15 +10,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.display.emitters.emitter_rules import MOST_CELLS, finest_cell
 from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.errors import JobError
 from maskfab.model import COLOURS, Emitters, Opening, refined
 from maskfab.units import NM_PER_UM
-
-Mask = NDArray[np.bool_]
 
 BY_AREA = "circuits by area alone"
 NOT_PLACED = (

@@ -10,7 +10,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.drc.results import Floats, Ints
+from maskfab.base.arrays import Floats, Ints
 from maskfab.drc.rules import Check
 
 _LARGEST_SHEET_NM = 1_000_000_000

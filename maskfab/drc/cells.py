@@ -9,7 +9,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.drc.results import Ints
+from maskfab.base.arrays import Ints
 from maskfab.model import Panel
 
 

@@ -7,8 +7,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from klayout import db
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.drc.canvas import facing_edges
-from maskfab.drc.results import Floats, Found, Ints, RuleResult, listed
+from maskfab.drc.results import Found, RuleResult, listed
 from maskfab.drc.rules import DesignRules, distance_checks
 from maskfab.model import Polygon
 

@@ -11,8 +11,9 @@ from scipy.ndimage import find_objects, label
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.drc.cells import PanelCells
-from maskfab.drc.results import Floats, Found, Ints, Repeated, expanded, joined, listed
+from maskfab.drc.results import Found, Repeated, expanded, joined, listed
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,9 +9,10 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints
 from maskfab.drc.canvas import Canvas
 from maskfab.drc.cells import PanelCells
-from maskfab.drc.results import Found, Ints, Repeated, joined
+from maskfab.drc.results import Found, Repeated, joined
 from maskfab.drc.rules import Check
 from maskfab.model import Box
 

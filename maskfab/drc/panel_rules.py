@@ -12,13 +12,14 @@ from typing import Literal, TypeAlias
 import numpy as np
 from klayout import db
 
+from maskfab.base.arrays import Ints
 from maskfab.drc.canvas import facing_edges
 from maskfab.drc.cells import PanelCells
 from maskfab.drc.flat import LARGEST, drawn_rules, merged, off_grid
 from maskfab.drc.islands import islands, small_islands
 from maskfab.drc.neighbours import fits_windows, kissing_corners, narrow_spaces
 from maskfab.drc.raster_rules import smallest_runs
-from maskfab.drc.results import Found, Ints, Repeated, RuleResult, listed
+from maskfab.drc.results import Found, Repeated, RuleResult, listed
 from maskfab.drc.rules import Check, DesignRules, distance_checks
 from maskfab.drc.within_polygon import within_polygons
 from maskfab.geometry.die_grid import die_edges_nm, die_raster

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from maskfab.base.arrays import Ints
 from maskfab.drc.canvas import Canvas, Facing, together
 from maskfab.drc.cells import PanelCells
 from maskfab.drc.islands import Islands, Parts
-from maskfab.drc.results import Found, Ints, Repeated, joined
+from maskfab.drc.results import Found, Repeated, joined
 from maskfab.drc.rules import Check
 
 Drawing = list[tuple[int, int, int]]

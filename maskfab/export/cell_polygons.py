@@ -12,8 +12,8 @@ from typing import Literal, TypeAlias
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints
 from maskfab.errors import OutputError
 from maskfab.export.paired_cells import pairs
 from maskfab.geometry.cell_grid import CellArray, placed
@@ -34,7 +34,6 @@ from maskfab.units import NM_PER_UM
 
 Hierarchy: TypeAlias = Literal["cells", "flat", "merged"]
 Shapes: TypeAlias = Mapping[Layer, tuple[Polygon, ...]]
-Ints: TypeAlias = NDArray[np.int64]
 
 MAX_VERTICES = 4094
 """A GDSII record holds 32767 bytes: as many vertices of 8 bytes each and the closing one fit."""

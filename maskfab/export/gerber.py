@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from itertools import chain
 from pathlib import Path
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.export.cell_polygons import CUT, Figures, as_figures
 from maskfab.export.polygon_text import Placeholder, polygon_lines
 from maskfab.export.size import check_file_size

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from klayout import db, rdb
 
-from maskfab.drc import RuleResult
+from maskfab.drc.results import RuleResult
 from maskfab.geometry.plate_layout import DBU_UM
 
 _DESCRIPTIONS = {
@@ -38,7 +38,7 @@ def write_markers(results: Iterable[RuleResult], top_cell: str, path: Path) -> N
     of every owner carries the number of violations and the worst value, for only the first are placed.
 
     Args:
-        results: what :func:`maskfab.drc.check_plate` or ``check_layout`` returned.
+        results: what :func:`maskfab.drc.plate_rules.check_plate` or ``check_layout`` returned.
         top_cell: name of the layout's top cell, in whose coordinates the places are.
         path: the file to write.
     """

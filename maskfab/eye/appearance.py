@@ -9,14 +9,12 @@ greys stay grey, and colour is blurred more than lightness, as the eye blurs the
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.eye.fourier_light import Series
 from maskfab.eye.scielab import GAUSSIANS, HIGHEST_CPD, carrying
 from maskfab.eye.viewing import Viewing
 from maskfab.optics.numbers.colour import LUMINANCE
-
-Floats = NDArray[np.float64]
 
 
 def appearance(spectrum: Series, viewing: Viewing) -> Floats:

@@ -5,12 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import COLOURS, ORIENTATIONS, Emitters, Opening, Panel, frozen, orient
-
-Floats = NDArray[np.float64]
 
 MOST_SAMPLES = 1 << 24
 """Samples of one picture; three colours of them and their transforms stay under 1.5 GB."""

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from maskfab.base.arrays import Floats
 
 # Strokes of a few letters on a grid of 5 x 7, the top row first.
 _LETTERS = (

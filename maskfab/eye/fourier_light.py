@@ -10,11 +10,10 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.eye.display_light import EmittedLight
 from maskfab.eye.viewing import Viewing
-
-Floats = NDArray[np.float64]
 
 MOST_SEEN = 1 << 20
 """Samples of a picture as the eye takes it in."""

@@ -23,16 +23,14 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.eye.display_light import emitters_of
 from maskfab.eye.fourier_light import Series
 from maskfab.eye.viewing import Viewing
 from maskfab.model import ORIENTATIONS, Emitters, Panel, orient
 from maskfab.optics.numbers.centroid import luminance_centroid
 from maskfab.optics.numbers.colour import LUMINANCE
-
-Floats = NDArray[np.float64]
 
 SLOW_CPD = 10.0
 """Grain slower than this many cycles per degree is what the eye sees best."""

@@ -12,13 +12,12 @@ from types import ModuleType
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.eye.display_light import EmittedLight
 from maskfab.eye.fourier_light import series
 from maskfab.eye.scielab import carrying
 from maskfab.eye.viewing import Viewing
-
-Floats = NDArray[np.float64]
 
 WHITE_CD_M2 = 500.0
 _PASS_CPD, _STOP_CPD = 40.0, 50.0

@@ -10,12 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError, SourceError
 from maskfab.optics.numbers.colour import light_of_code
 from maskfab.readers.image_errors import said_by
 from maskfab.readers.tiff_tone import shown_alike
-
-Floats = NDArray[np.float64]
 
 LARGEST = 60_000_000
 """Pixels of the largest picture that is read: three quarters of a gigabyte once it is floating point."""

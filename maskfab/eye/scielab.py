@@ -15,15 +15,13 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.eye.display_light import EmittedLight
 from maskfab.eye.fourier_light import Series, series
 from maskfab.eye.viewing import Viewing
 from maskfab.model import frozen
 from maskfab.optics.numbers.colour import XYZ_OF_RGB, delta_e_1976, lab_of_linear_srgb
-
-Floats = NDArray[np.float64]
 
 # Luminance, red-green, blue-yellow; from CIE XYZ.
 _OPPONENT_OF_XYZ = ((0.279, 0.72, -0.107), (-0.449, 0.29, -0.077), (0.086, -0.59, 0.501))

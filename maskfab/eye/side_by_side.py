@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.eye import drawn_scenes, grain, jod, scielab
 from maskfab.eye.appearance import appearance
@@ -16,8 +17,6 @@ from maskfab.eye.fourier_light import series
 from maskfab.eye.picture import Picture, on_pixels
 from maskfab.eye.viewing import Viewing
 from maskfab.model import Panel, Quantity
-
-Floats = NDArray[np.float64]
 
 FLAT, EDGE, ZONE, TEXT, LEAVES, PICTURE = "flat", "edge", "zone_plate", "text", "leaves", "picture"
 _FEWEST, _MOST = 8, 1000

@@ -11,7 +11,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.errors import OutputError
 from maskfab.files.exchange import move
 from maskfab.provenance import sha256_of_file

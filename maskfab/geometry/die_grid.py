@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
 
+from maskfab.base.arrays import Floats
 from maskfab.model import Die, side_by_side
-
-Floats = NDArray[np.float64]
 
 # Shares of pixels that are whole but for rounding become whole.
 _DIGITS = 12

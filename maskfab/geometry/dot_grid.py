@@ -9,12 +9,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.model import Plate
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 NM_PER_INCH = 25_400_000
 

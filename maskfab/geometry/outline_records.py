@@ -9,7 +9,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-Ints = NDArray[np.int64]
+from maskfab.base.arrays import Ints
 
 _MOST_CORNERS = 8190
 _AT_LEAST = 1e-9

@@ -14,8 +14,8 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
+from maskfab.base.arrays import Floats, Ints
+
 Located = tuple[NDArray[np.intp], Floats]
 
 _MOST_CELLS = 50_000_000

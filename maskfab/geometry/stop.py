@@ -6,11 +6,10 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.model import Box, Stop
 from maskfab.units import NM_PER_UM, UM_PER_NM
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Flags = NDArray[np.bool_]
 
 _RIM_VERTICES = 4096

@@ -21,12 +21,11 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.geometry.raster import coverage
 from maskfab.model import Panel, Process, frozen
 from maskfab.units import NM_PER_UM
-
-Floats = NDArray[np.float64]
 
 ARC_SIDES = 64
 CONFIGURATIONS = 16

@@ -14,9 +14,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-Ints = NDArray[np.int64]
-Mask = NDArray[np.bool_]
-
+from maskfab.base.arrays import Ints, Mask
 
 _HALF = 1 << 31
 _ROW = 1 << 32

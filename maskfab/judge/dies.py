@@ -12,8 +12,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints, Mask
 from maskfab.jobfile import DieSection, JobSpec
-from maskfab.judge.boundary import Boundary, Ints, Mask
+from maskfab.judge.boundary import Boundary
 from maskfab.units import NM_PER_UM
 
 _TURNS = {

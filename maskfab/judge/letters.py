@@ -8,7 +8,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab.judge.boundary import Mask
+from maskfab.base.arrays import Mask
 
 HEIGHT, WIDTH, ADVANCE = 28, 20, 24
 """Of a letter, and from letter to letter, in steps."""

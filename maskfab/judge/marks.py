@@ -14,8 +14,9 @@ from typing import Any, TypeAlias, TypeVar
 import numpy as np
 
 from maskfab import provenance, resources
+from maskfab.base.arrays import Ints
 from maskfab.jobfile import JobSpec
-from maskfab.judge.boundary import Boundary, Ints, total
+from maskfab.judge.boundary import Boundary, total
 from maskfab.judge.dies import AskedDie, narrowed
 from maskfab.judge.letters import ADVANCE, HEIGHT, WIDTH
 from maskfab.units import NM_PER_UM, parse_length_um

@@ -14,12 +14,13 @@ import numpy as np
 from klayout import db
 from scipy import ndimage
 
-from maskfab import __version__
+from maskfab.base import __version__
+from maskfab.base.arrays import Ints, Mask
 from maskfab.jobfile import JobSpec
 from maskfab.jobfile.shop_profile import Shop
 from maskfab.judge import dies as of_dies
 from maskfab.judge import marks as of_marks
-from maskfab.judge.boundary import Boundary, Figures, Ints, Mask, figures, packed, total
+from maskfab.judge.boundary import Boundary, Figures, figures, packed, total
 from maskfab.judge.dies import AskedDie, asked_dies
 from maskfab.judge.letters import ADVANCE, HEIGHT, WIDTH, area_steps2, drawing, points, read
 from maskfab.judge.marks import Code, Line, Mark, asked_marks, corner_squares, mirrored, nearest, on_grid

@@ -10,7 +10,7 @@ from functools import cache, partial
 from types import TracebackType
 from typing import Any, Generic, TypeAlias
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.files.finished import Account
 from maskfab.kept.fingerprint import fingerprint, of_installation
 from maskfab.kept.store import Finding, Origin, Refused, Store

@@ -20,7 +20,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.errors import OutputError
 from maskfab.files.atomic import locked, partial
 from maskfab.files.plain_data import from_data, to_data

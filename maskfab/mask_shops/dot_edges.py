@@ -11,8 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from klayout import db
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
 from maskfab.geometry.plate_layout import simple_polygon
@@ -21,9 +21,6 @@ from maskfab.jobfile.shop_profile import Shop
 from maskfab.mask_shops.judge import Finding
 from maskfab.model import Die, Furniture, Plate, Quantity
 from maskfab.units import MOST_DPI, NM_PER_UM, UM_PER_INCH
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _ROUNDING = 1e-9
 

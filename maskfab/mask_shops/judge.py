@@ -13,10 +13,11 @@ from typing import Literal, TypeAlias
 
 from klayout import db
 
-from maskfab.drc import DesignRules, Narrowest, RuleResult, check_plate, narrowest
 from maskfab.drc.flat import flat_results, merged
-from maskfab.drc.panel_rules import Tone
-from maskfab.drc.plate_rules import dies_apart
+from maskfab.drc.panel_rules import Narrowest, Tone, narrowest
+from maskfab.drc.plate_rules import check_plate, dies_apart
+from maskfab.drc.results import RuleResult
+from maskfab.drc.rules import DesignRules
 from maskfab.errors import OutputError
 from maskfab.export import outputs
 from maskfab.export.cell_polygons import DieFigures, Figures, PolygonOptions, draw
@@ -118,7 +119,7 @@ class PlateFacts:
         return self.smallest[plate.furniture]
 
     def narrowest(self, die: Die, tone: Tone, *, placed: bool = False) -> Narrowest:
-        """As :func:`maskfab.drc.narrowest`."""
+        """As :func:`maskfab.drc.panel_rules.narrowest`."""
         key = die.name, tone, placed
         if key not in self.narrow:
             self.narrow[key] = narrowest(die, tone, placed=placed)

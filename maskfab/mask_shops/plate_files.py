@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from klayout import db
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.errors import JobError
 from maskfab.export.cell_polygons import Figures, draw
 from maskfab.export.outputs import FileSettings, Product, products

@@ -6,8 +6,9 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-from maskfab.drc import DesignRules, Narrowest, check_plate, narrowest
-from maskfab.drc.panel_rules import Tone
+from maskfab.drc.panel_rules import Narrowest, Tone, narrowest
+from maskfab.drc.plate_rules import check_plate
+from maskfab.drc.rules import DesignRules
 from maskfab.model import Die, Furniture, Plate
 from maskfab.units import NM_PER_UM
 
@@ -50,7 +51,7 @@ def smallest_features(plate: Plate, of_die: Callable[[Die, Tone], Narrowest] = n
 
     Args:
         plate: what is written.
-        of_die: as :func:`maskfab.drc.narrowest`, from which it may be kept.
+        of_die: as :func:`maskfab.drc.panel_rules.narrowest`, from which it may be kept.
 
     Returns:
         Those of the openings; of the marks and letters; and of the marks that are fine on purpose. Kinds of which the

@@ -11,14 +11,13 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.geometry.raster import coverage, outline_coverage
 from maskfab.geometry.stop import edges_in_stop, stop_box, whole_or_away
 from maskfab.model import Box, Die, Stop
 from maskfab.optics.pupil.aperture import Aperture, Lattice, covered_aperture, zeros
 from maskfab.units import NM_PER_UM
 
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 Shapes: TypeAlias = db.Region | Ints
 
 _WHOLE = 1e-8

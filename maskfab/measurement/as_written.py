@@ -25,6 +25,7 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.geometry.raster import coverage
 from maskfab.geometry.stop import edges_in_stop, stop_region, whole_or_away
@@ -50,7 +51,6 @@ from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
 from maskfab.units import NM_PER_UM
 
-Floats = NDArray[np.float64]
 Vertices = NDArray[np.uint8]
 
 _WHOLE = CONFIGURATIONS - 1

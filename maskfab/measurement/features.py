@@ -5,8 +5,8 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from maskfab.drc import DesignRules, narrowest
-from maskfab.drc.panel_rules import Tone
+from maskfab.drc.panel_rules import Tone, narrowest
+from maskfab.drc.rules import DesignRules
 from maskfab.jobfile import LimitsSection
 from maskfab.model import Die, Process, Quantity
 from maskfab.units import NM_PER_UM

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.geometry.plate_layout import coverage
 from maskfab.geometry.stop import edges_in_stop
@@ -30,8 +30,6 @@ from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.scene.model_bar import bar_of_panel
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM
-
-Floats = NDArray[np.float64]
 
 READBACK_LIMIT = 1e-6
 INVARIANT_LIMIT_ROUND = 1e-3

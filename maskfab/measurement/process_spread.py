@@ -18,13 +18,12 @@ from dataclasses import dataclass, replace
 from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.special import ndtri
 
+from maskfab.base.arrays import Floats
 from maskfab.geometry.writer_model import check_process
 from maskfab.model import Panel, Process
 
-Floats = NDArray[np.float64]
 Case = TypeVar("Case")
 Terms: TypeAlias = tuple[Floats, Floats, Floats, Floats]
 

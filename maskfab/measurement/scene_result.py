@@ -5,16 +5,12 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
-
+from maskfab.base.arrays import Floats
 from maskfab.model import Die, Psf, Quantity, frozen
 from maskfab.optics.scene.plan import Plan
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.panel_gap import Place
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

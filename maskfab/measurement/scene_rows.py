@@ -12,7 +12,6 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from maskfab.errors import JobError
 from maskfab.measurement.scene_result import PointView, SceneOptics, distance
@@ -40,8 +39,6 @@ from maskfab.optics.scene.scene import Scene
 from maskfab.optics.scene.scene_psf import full_plan, scene_psf, spectrum_psf
 from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_guard_um, moved_aperture
 from maskfab.units import NM_PER_UM, UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 _PLACES = 5
 # Seven complex fields of double precision: measured, in stops of 2 and 4 mm, with four and eight samples for each dot.

@@ -11,6 +11,7 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera import surroundings
 from maskfab.camera.design import Design, RestoredBy
 from maskfab.camera.intervals import MeanDifference
@@ -41,7 +42,6 @@ from maskfab.processes import Alone, Pair
 from maskfab.progress import Progress, silent
 from maskfab.threads import one_thread
 
-Singles = NDArray[np.float32]
 Learned: TypeAlias = Mapping[str, tuple[Restorer, ...]]
 
 CROP = Crop(128, 160)

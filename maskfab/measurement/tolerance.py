@@ -13,8 +13,8 @@ from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.geometry.writer_model import Reading
 from maskfab.measurement.as_written import Written, WrittenOptics, fused_optics
 from maskfab.measurement.process_spread import FULL_CASES, SHARE, Cases, Expansion, ProcessSpread, at_corner
@@ -23,8 +23,6 @@ from maskfab.optics.image.mtf import area_under_radial_min, frequency_at
 from maskfab.optics.image.psf import pixel_margin, pixel_psf, point_step_um
 from maskfab.optics.numbers import metrics
 from maskfab.optics.numbers.worst_direction import worst_directions
-
-Floats = NDArray[np.float64]
 
 BIAS_UM = 0.1
 """Of the bias, by which dies are ranked."""

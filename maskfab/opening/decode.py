@@ -16,13 +16,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.readers.image_errors import said_by
 from maskfab.readers.tiff_tone import shown_alike
 from maskfab.units import NM_PER_UM
 
-Mask = NDArray[np.bool_]
 Rows = list[tuple[int, str]]
 """Lines of a drawing with their line numbers in the source, the top line first."""
 

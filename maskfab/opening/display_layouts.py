@@ -17,10 +17,10 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels, Mask
 from maskfab.errors import JobError
 from maskfab.model import refined
-from maskfab.opening.decode import MAX_DOTS, Mask
-from maskfab.opening.drawn_emitters import Labels
+from maskfab.opening.decode import MAX_DOTS
 
 RED, GREEN, BLUE = 1, 2, 3
 _FINER = 2  # emitter cells along a dot of the round layout

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels, Mask
 from maskfab.errors import JobError
 from maskfab.model import COLOURS, refined
-from maskfab.opening.decode import CLOSED, Mask, Rows
-
-Labels = NDArray[np.int8]
+from maskfab.opening.decode import CLOSED, Rows
 
 LETTERS = CLOSED + "".join(colour[0].upper() for colour in COLOURS)
 

@@ -30,6 +30,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
+from maskfab.base.arrays import Mask
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError, OpeningError, SourceError
 from maskfab.jobfile import check_name
@@ -212,9 +213,7 @@ def dot_of_pitch(pitch_um: float, dots: int, *, where: str = "") -> int:
 # --- the facts of an opening, checked -------------------------------------------------------------------------------
 
 
-def checked(
-    name: str, mask: decode.Mask, dot_nm: int, provenance: Mapping[str, str | int | float], where: str
-) -> Opening:
+def checked(name: str, mask: Mask, dot_nm: int, provenance: Mapping[str, str | int | float], where: str) -> Opening:
     """The opening of a mask, if its name is one that layouts take and something of it is clear (MF110, MF203)."""
     check_name(name, where=_at(where, "name"))
     if not mask.any():
@@ -247,7 +246,7 @@ def _check_stated(opening: Opening, dots: int | None, dot_nm: int | None, where:
             )
 
 
-def _check_open_ratio(stated: object, mask: decode.Mask, where: str) -> None:
+def _check_open_ratio(stated: object, mask: Mask, where: str) -> None:
     if isinstance(stated, bool) or not isinstance(stated, int | Decimal):
         raise JobError("MF105", f"open_ratio = {stated!r} is not a number", where=where, cure="Write open_ratio = 0.2")
     ratio = Decimal(stated)

@@ -10,9 +10,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError, OpeningError
 from maskfab.opening.clear_dots import closed
-from maskfab.opening.decode import MAX_DOTS, Mask
+from maskfab.opening.decode import MAX_DOTS
 
 Level = NDArray[np.float64]
 

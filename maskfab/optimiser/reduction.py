@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice

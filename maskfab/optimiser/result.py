@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.camera.photo_camera import F1, PhotoCamera, camera_line
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.protocol import LEVELS

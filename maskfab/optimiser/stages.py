@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from maskfab.base.arrays import Mask
 from maskfab.clock import Clock
-from maskfab.optimiser.rules.discrete import Mask
 
 NO_BOUNDS = "The budget leaves no time to prove bounds: no headroom is told."
 

@@ -7,14 +7,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from maskfab.base.arrays import Floats, Ints
 from maskfab.errors import SourceError
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 _FARTHEST_NM = 1e10
 _STL_HEAD, _STL_TRIANGLE = 84, 50

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeAlias
 
-from maskfab.readers.mesh import Floats, ReadSolid, check_reach
+from maskfab.base.arrays import Floats
+from maskfab.readers.mesh import ReadSolid, check_reach
 from maskfab.readers.sandbox.child_process import PATIENCE_S, read_apart
 
 _BYTES_PER_SECOND = 1e5

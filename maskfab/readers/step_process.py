@@ -19,8 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.files.silence_stdout import quiet
-from maskfab.readers.mesh import Floats, ReadShape, ReadSolid
+from maskfab.readers.mesh import ReadShape, ReadSolid
 from maskfab.readers.sandbox.limits import limit_share
 from maskfab.readers.sandbox.messages import answer_message
 from maskfab.readers.step import Parts, Placed

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.export.images.exr import Facts
 from maskfab.export.images.psf_exr import psf_facts, write_psf
 from maskfab.files.staging import check_target, staged

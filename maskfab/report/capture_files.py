@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.capture.files import write_merged
 from maskfab.capture.fitted_psf import write_fitted_psf
 from maskfab.capture.identify import CERTAIN

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.files.finished import write_mark
 from maskfab.files.staging import Place, staged
 from maskfab.opening.openings import opening_text

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from maskfab import __version__, provenance
+from maskfab import provenance
+from maskfab.base import __version__
 from maskfab.export.images.light_image import write_exr, write_png
 from maskfab.eye.display_light import show
 from maskfab.eye.side_by_side import SeenPanel

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.files.finished import write_mark
 from maskfab.files.staging import Place, staged
 from maskfab.measurement.claims import Claim, Finding, Take

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.files.atomic import partial
 from maskfab.sweeps.numbers import Swept
 

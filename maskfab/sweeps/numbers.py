@@ -23,15 +23,14 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.intervals import CONFIDENCE
 from maskfab.jobfile.sweep_file import LimitSection
 from maskfab.sweeps.case_files import Record
 from maskfab.sweeps.fields import Field
 from maskfab.sweeps.plan import Plan
 
-Floats = NDArray[np.float64]
 _PARTS = 5
 _SEED = "seed"
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 from klayout import db
 
-from maskfab.drc import DesignRules, check_layout, check_plate
+from maskfab.drc.layout_rules import check_layout
+from maskfab.drc.plate_rules import check_plate
+from maskfab.drc.rules import DesignRules
 from maskfab.errors import JobError, SourceError
 from maskfab.geometry.plate_layout import plate_layout
 from maskfab.model import CLEAR, Die, Furniture

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 from klayout import rdb
 
-from maskfab.drc import DesignRules, check_plate
+from maskfab.drc.plate_rules import check_plate
+from maskfab.drc.rules import DesignRules
 from maskfab.export.markers import write_markers
 from maskfab.geometry.plate_layout import plate_names
 

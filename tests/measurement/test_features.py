@@ -10,7 +10,7 @@ from house_plates import checked
 from hypothesis import given
 from hypothesis import strategies as st
 
-from maskfab.drc import check_plate
+from maskfab.drc.plate_rules import check_plate
 from maskfab.jobfile import LimitsSection
 from maskfab.mask_shops.profiles import load_shop
 from maskfab.measurement.features import judged, limits_as_rules, smallest_features

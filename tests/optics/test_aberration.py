@@ -18,6 +18,7 @@ from maskfab.optics.field.parity import parity_field
 from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.pupil import Pupil
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.optics.wavefront.aberration import (
     HIGHEST_TERM,
     NOLL,
@@ -28,7 +29,7 @@ from maskfab.optics.wavefront.aberration import (
     zernike,
 )
 from maskfab.optics.wavefront.mean_over_tilings import mean_psf
-from maskfab.optics.wavefront.phase_field import PhasedPupil, Waves, halved, phased, window_frequency
+from maskfab.optics.wavefront.phase_field import PhasedPupil, halved, phased, window_frequency
 
 LINE = 530.0
 ALL_CLEAR = np.ones((5, 5), dtype=np.bool_)

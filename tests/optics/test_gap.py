@@ -19,6 +19,7 @@ from maskfab.optics.image.psf import point_psf
 from maskfab.optics.numbers.metrics import relative_difference
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.optics.scene.over_field import deblurring_residual, field_places, psf_over_field, residual_blur
 from maskfab.optics.scene.plan import cost_model
 from maskfab.optics.scene.scene import Scene
@@ -40,7 +41,7 @@ from maskfab.optics.wavefront.panel_gap import (
     shifted_psf,
     shifted_pupil,
 )
-from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
+from maskfab.optics.wavefront.phase_field import phased, phased_psf, window_frequency
 
 LINE = 530.0
 

@@ -10,12 +10,13 @@ from asked_displays import asked_display
 from hypothesis import given
 from hypothesis import strategies as st
 
+from maskfab.base.arrays import Mask
 from maskfab.model import orient
 from maskfab.optimiser.account import asked_of
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.model.robustness import Spread, moved_by_bias, robustness
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Mask, Ranked, State, anneal, rises
+from maskfab.optimiser.rules.discrete import Ranked, State, anneal, rises
 from maskfab.optimiser.rules.families import FAMILIES
 from maskfab.optimiser.rules.fit_rule import of_display
 from maskfab.optimiser.search.alternatives import WITHIN_DB, alternatives, rim_dots

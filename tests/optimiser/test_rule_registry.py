@@ -11,6 +11,7 @@ from asked_displays import asked_display
 from pydantic import Field
 
 from maskfab.api.verbs.explaining import explain
+from maskfab.base.arrays import Mask
 from maskfab.errors import InputError, JobError
 from maskfab.jobfile import RulesSection, SearchSection, parse_section
 from maskfab.jobfile.reference import keys_of
@@ -25,7 +26,7 @@ from maskfab.optimiser.rules.families import bars
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.registry import RULES
 from maskfab.optimiser.rules.repair import nearest
-from maskfab.optimiser.rules.rule import Conflict, Mask, Rule, price_key, priced_rule
+from maskfab.optimiser.rules.rule import Conflict, Rule, price_key, priced_rule
 from maskfab.report.design_text import designed_lines
 from maskfab.report.documents.design_data import Stated, design_document
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.errors import InternalError
 from maskfab.model import Quantity, Stop
 from maskfab.report.documents.report_data import report_text, schema, to_document

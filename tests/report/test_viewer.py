@@ -17,7 +17,7 @@ from klayout import db
 from small_job import DRAWING, command, edited, finished
 
 import maskfab as mf
-from maskfab.drc import RuleResult
+from maskfab.drc.results import RuleResult
 from maskfab.errors import OutputError
 from maskfab.export.markers import write_markers
 from maskfab.files.finished import finished as known

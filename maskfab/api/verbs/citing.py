@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from maskfab import __version__
 from maskfab.arguments import checked_arguments
+from maskfab.base import __version__
 from maskfab.files.finished import read_manifest
 
 _PROGRAM = """\

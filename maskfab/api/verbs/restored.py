@@ -10,15 +10,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
+from maskfab.base.arrays import Singles
 from maskfab.capture.restoring.brought import Brought
 from maskfab.capture.restoring.chart import ChartMatrix
 from maskfab.export.images.exr import Fact
 from maskfab.export.images.light_image import write_exr, write_png
 from maskfab.files.finished import write_mark
 from maskfab.files.staging import check_target, staged
-
-Singles = NDArray[np.float32]
 
 DOCUMENT = "restore.json"
 

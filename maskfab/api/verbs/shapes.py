@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from maskfab import __version__
 from maskfab.api.lengths import Length, length_text
 from maskfab.api.opening import Opening
 from maskfab.arguments import checked_arguments
+from maskfab.base import __version__
 from maskfab.errors import JobError
 from maskfab.jobfile import check_name
 from maskfab.opening import display_layouts

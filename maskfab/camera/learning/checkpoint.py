@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.camera.learning.network import COLOURS, Network
 from maskfab.camera.learning.training import MEAN, Arrays, Course, named
 from maskfab.camera.learning.view import PLANES, View

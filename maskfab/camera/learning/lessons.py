@@ -13,15 +13,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.design import Design
 from maskfab.camera.learning.view import View
 from maskfab.camera.photographs import LONG, SHORT, Photograph
 from maskfab.camera.protocol import Protocol, SensorScene
 from maskfab.camera.scenes import dead_leaves, indoors, lit
-
-Singles = NDArray[np.float32]
 
 _FIRST, _APART = 10_000_000, 100_000
 """Numbers of scenes of seed 0, and of the next."""

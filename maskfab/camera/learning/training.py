@@ -14,6 +14,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.learning.lessons import Lesson
 from maskfab.camera.learning.network import COLOURS, Network
 from maskfab.camera.learning.view import EXPONENT, PLANES
@@ -21,7 +22,6 @@ from maskfab.errors import JobError
 from maskfab.optics.numbers.colour import code_of_light
 
 Arrays = dict[str, NDArray[np.generic]]
-Singles = NDArray[np.float32]
 
 _UNSURE = 16
 """Pixels at the sides of a patch, but not of the picture, that do not count: the network lacks what is beyond."""

@@ -14,14 +14,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.dct import Dct
 from maskfab.camera.restorers.restorer import Blur
 from maskfab.camera.restorers.tv import TotalVariation
-
-Singles = NDArray[np.float32]
 
 PLANES = 7
 """Of two pictures, and of the noise."""

@@ -18,11 +18,9 @@ last one ended.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import MergedNoise, Noise
-
-Singles = NDArray[np.float32]
 
 _DARK = 3 / 8
 

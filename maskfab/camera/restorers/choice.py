@@ -33,8 +33,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.judge import Judge, Weight
 from maskfab.camera.restorers.restorer import Blur, Restorer
@@ -42,8 +42,6 @@ from maskfab.camera.restorers.wiener import MARGIN
 from maskfab.errors import JobError
 from maskfab.optics.numbers.colour import code_of_light
 
-Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
 Tried = tuple[Restorer, float]
 """A restorer at one strength."""
 

@@ -24,16 +24,14 @@ from functools import cache
 import numpy as np
 import scipy.fft
 from numpy.lib.stride_tricks import sliding_window_view
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.mosaic import interpolated
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.anscombe import stabilised, unbiased
 from maskfab.camera.restorers.restorer import Blur, Restorer
 from maskfab.camera.restorers.wiener import Wiener
 from maskfab.errors import JobError
-
-Singles = NDArray[np.float32]
 
 WINDOW = 8
 """Pixels along a window's side."""

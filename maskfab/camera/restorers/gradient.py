@@ -19,13 +19,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.restorer import Blur
 from maskfab.camera.restorers.unseen import Seen, Spectrum, on_sensor
 from maskfab.camera.restorers.wiener import MARGIN, Margin, prior
 from maskfab.optics.numbers.wiener import wiener_filter
-
-Singles = NDArray[np.float32]
 
 _MOST_ROUNDS = 4
 

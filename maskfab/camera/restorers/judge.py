@@ -32,13 +32,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.mosaic import interpolated, sampled
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.restorers.restorer import Blur, Transfer
 from maskfab.camera.restorers.wiener import Margin, prior, restore, wiener
 
-Singles = NDArray[np.float32]
 Weight = Singles | np.float32
 
 _PARTING = 0.5

@@ -16,15 +16,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.learning.network import COLOURS, Network
 from maskfab.camera.learning.view import View, light_of
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.restorer import Blur
 from maskfab.camera.restorers.wiener import Margin
-
-Singles = NDArray[np.float32]
 
 _TRUST = 0.03
 _AROUND = 64

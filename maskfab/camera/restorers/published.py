@@ -14,15 +14,13 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.fft
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.dct import denoised
 from maskfab.camera.restorers.restorer import Blur
 from maskfab.camera.restorers.wiener import MARGIN, Margin
 from maskfab.optics.numbers.wiener import wiener_filter
-
-Singles = NDArray[np.float32]
 
 EPSILON = (20 / 35) ** 10
 """Noise to signal of the published evaluation, 0.0037; the paper's text has ten times as much."""

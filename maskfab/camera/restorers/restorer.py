@@ -8,9 +8,9 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import Record
 
-Singles = NDArray[np.float32]
 Transfer = NDArray[np.float32] | NDArray[np.complex64]
 
 

@@ -27,13 +27,12 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.gradient import Smooth
 from maskfab.camera.restorers.restorer import Blur
 from maskfab.camera.restorers.unseen import Seen, Spectrum, spread
 from maskfab.camera.restorers.wiener import MARGIN, PRIOR_CY_PER_PX
-
-Singles = NDArray[np.float32]
 
 _START = 0.01
 _WEAKEST = 1e-6

@@ -23,10 +23,10 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.restorers.restorer import Transfer
 from maskfab.camera.restorers.wiener import Margin
 
-Singles = NDArray[np.float32]
 Spectrum = NDArray[np.complex64]
 
 _MOST_STEPS = 100

@@ -16,6 +16,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.restorer import Blur, Transfer
 from maskfab.optics.numbers.wiener import wiener_filter
@@ -25,8 +26,6 @@ MARGIN = 256
 PRIOR_CY_PER_PX = 0.1
 LARGE = 8_000_000
 """Pixels of a picture from which on nothing is kept that can be computed again."""
-
-Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True, eq=False)

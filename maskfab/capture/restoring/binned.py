@@ -21,8 +21,6 @@ from maskfab.camera.mosaic import interpolated
 from maskfab.camera.record import Record
 from maskfab.camera.restorers.restorer import Blur, Transfer
 
-Singles = NDArray[np.float32]
-
 
 @dataclass(frozen=True, eq=False)
 class BinnedBlur:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.capture.restoring.registration import Registration, registered
 
-Singles = NDArray[np.float32]
 Flags = NDArray[np.bool_]
 
 _ORDER = 5

@@ -18,13 +18,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.record import Record
 from maskfab.errors import SourceError
 from maskfab.optics.light.response import curves_text, numeric_table
 from maskfab.optics.numbers.colour import LUMINANCE, delta_e_1976, lab_of_linear_srgb, linear_srgb_of_lab_d50
-
-Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
 
 _PLACE = ("row", "column", "size")
 _RGB, _LAB = ("red", "green", "blue"), ("L", "a", "b")

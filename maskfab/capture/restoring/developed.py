@@ -5,12 +5,10 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.capture.restoring.photo import Photo
 from maskfab.errors import JobError
-
-Singles = NDArray[np.float32]
 
 MOST_STOPS = 16.0
 

@@ -24,8 +24,8 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.restorers.restorer import Transfer
-from maskfab.capture.fitted_psf import HOLDS
 from maskfab.capture.restoring.binned import of_cells
 from maskfab.errors import SourceError
 from maskfab.export.images.exr import PREFIX
@@ -33,8 +33,8 @@ from maskfab.model import Camera, Psf, Stop
 from maskfab.optics.image.psf import pixel_psf
 from maskfab.readers.exr_facts import Channels, read_channels
 
-Floats = NDArray[np.float64]
-
+HOLDS = "fitted_psf"
+"""Entry of the header by which the PSF of a fitted die is known."""
 _CURE = "Give an EXR file of a point spread function"
 _BORDER = 0.04
 """Share of a capture's side, at each edge, whose median is its background."""

@@ -16,14 +16,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy import ndimage, optimize
 
+from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.record import Noise
 from maskfab.errors import SourceError
-
-Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
 
 _BLOCK = 8
 _CLASSES = 24

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Singles
 from maskfab.camera.mosaic import interpolated
 from maskfab.camera.photographs import opaque
 from maskfab.camera.record import Noise, Record
@@ -24,9 +24,6 @@ from maskfab.errors import JobError, SourceError
 from maskfab.eye.picture import Picture, read_picture
 from maskfab.optics.numbers.colour import light_of_code
 from maskfab.provenance import sha256_of_file
-
-Singles = NDArray[np.float32]
-Floats = NDArray[np.float64]
 
 SMALLEST = 128
 """Pixels along a side."""

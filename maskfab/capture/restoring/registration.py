@@ -25,12 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maskfab.base.arrays import Floats, Singles
 from maskfab.capture.restoring.rough_match import MOST_SCALE, MOST_TURN_DEG, Similarity, rough_match
 from maskfab.errors import SourceError
 
-Singles = NDArray[np.float32]
 Flags = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 _SIGMA, _WIDER = 1.0, 6.0
 """Of the band: pixels, and the background's in these."""

@@ -18,8 +18,6 @@ import scipy.fft
 from numpy.typing import NDArray
 from scipy import ndimage
 
-Floats = NDArray[np.float64]
-
 MOST_TURN_DEG, MOST_SCALE = 10.0, 0.1
 _TURN_STEP_DEG, _SCALE_STEP = 1.0, 0.02
 """At the corner of a picture of 100 pixels an error of half of them is less than one pixel."""

@@ -99,7 +99,7 @@ def analyse(
             progress=progress,
         )
     if out is not None:
-        from maskfab import __version__
+        from maskfab.base import __version__
         from maskfab.export.images.psf_exr import camera_header
         from maskfab.provenance import sha256_of_file
         from maskfab.report.analysis_files import write_analysis

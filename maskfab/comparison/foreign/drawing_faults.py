@@ -9,8 +9,8 @@ from pathlib import Path
 from klayout import db
 
 from maskfab.comparison.slivers import sift
-from maskfab.drc import DesignRules
 from maskfab.drc.layout_rules import checked_extent, checked_names
+from maskfab.drc.rules import DesignRules
 from maskfab.geometry.plate_layout import NAME_LENGTH, layer_info
 from maskfab.geometry.shape_limits import count_shapes, drawn_areas, own_polygons, weight
 from maskfab.model import CLEAR, Plate, Quantity

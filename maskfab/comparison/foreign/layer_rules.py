@@ -15,18 +15,17 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.drc import DesignRules, check_plate
+from maskfab.base.arrays import Ints
 from maskfab.drc.canvas import facing_edges
 from maskfab.drc.flat import flat_results, merged
-from maskfab.drc.rules import distance_checks
+from maskfab.drc.plate_rules import check_plate
+from maskfab.drc.rules import DesignRules, distance_checks
 from maskfab.geometry.plate_layout import clear_box, layer_info
 from maskfab.geometry.shape_limits import most_covered, weight
 from maskfab.jobfile import LimitsSection
 from maskfab.measurement.features import smallest_features
 from maskfab.model import CLEAR, Plate, Quantity
 from maskfab.units import NM_PER_UM
-
-Ints = NDArray[np.int64]
 
 MOST_LOOKED = 200_000
 """Shapes that are flattened for the rules of a file that is the design, or nearly."""

@@ -14,6 +14,7 @@ from itertools import permutations
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels
 from maskfab.display.emitters.across_borders import border_margin
 from maskfab.display.emitters.borders import borders
 from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules
@@ -24,8 +25,6 @@ from maskfab.display.emitters.squares import Squares
 from maskfab.model import ORIENTATIONS, Emitters, Opening, orient
 from maskfab.optics.numbers.centroid import luminance_centroid
 from maskfab.optics.numbers.colour import LUMINANCE
-
-Labels = NDArray[np.int8]
 
 _PLACES = 12
 """Places of each cut that are looked at; more makes no centroid better by what can be seen."""

@@ -14,13 +14,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Labels, Mask
 from maskfab.display.emitters.across_borders import border_margin
 from maskfab.display.emitters.emitter_rules import EmitterGrid
 from maskfab.model import ORIENTATIONS, orient
 
 Pair = tuple[int, int]
-Labels = NDArray[np.int8]
-Mask = NDArray[np.bool_]
 
 TURNED_BACK = tuple(k // 4 * 4 + (k + 3) % 4 for k in range(ORIENTATIONS))
 """An orientation followed by a quarter turn clockwise."""

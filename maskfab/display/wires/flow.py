@@ -13,10 +13,9 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from maskfab.base.arrays import Indices, Mask
 from maskfab.errors import JobError
 
-Mask = NDArray[np.bool_]
-Indices = NDArray[np.intp]
 Direction = Literal["vertical", "horizontal"]
 
 DIRECTIONS: tuple[Direction, Direction] = ("vertical", "horizontal")

@@ -17,13 +17,12 @@ from numpy.typing import NDArray
 from scipy import ndimage, sparse
 from scipy.sparse import csgraph
 
+from maskfab.base.arrays import Ints
 from maskfab.display.emitters.placement import Certificate, Proof
 from maskfab.display.wires.gutter import WireRules
 from maskfab.display.wires.panel_routing import Axis
 from maskfab.model import Panel, Point
 from maskfab.units import NM_PER_UM
-
-Ints = NDArray[np.int64]
 
 _BESIDE = ((0, 0), (0, 1), (1, 0), (1, 1), (1, -1))
 """Rows and columns on to the cells in which a chain goes on; those before are met from the other end."""

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from scipy import sparse
 from scipy.sparse import csgraph
 
+from maskfab.base.arrays import Ints
 from maskfab.display.wires.gutter import WireRules
 from maskfab.model import Panel, Point
 
-Ints = NDArray[np.int64]
 Axis = Literal["x", "y"]
 AXES: tuple[Axis, Axis] = ("x", "y")
 

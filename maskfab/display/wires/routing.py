@@ -13,10 +13,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.display.wires.gutter import WireRules
 from maskfab.model import Opening
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

@@ -14,9 +14,9 @@ from pathlib import Path
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
 from klayout import db
-from numpy.typing import NDArray
 from scipy import sparse
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import OutputError
 from maskfab.export.size import check_file_size
 from maskfab.files.atomic import partial
@@ -25,8 +25,6 @@ from maskfab.geometry.die_grid import die_edges_nm, die_raster, pixel_overlaps
 from maskfab.geometry.plate_layout import coverage, simple_polygon
 from maskfab.model import Box, Die, Furniture, Plate
 from maskfab.units import NM_PER_UM
-
-Floats = NDArray[np.float64]
 
 LARGEST_BYTES = 500_000_000
 

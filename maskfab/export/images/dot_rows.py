@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Ints
 from maskfab.geometry.die_grid import die_edges_nm, die_raster
 from maskfab.geometry.dot_grid import NM_PER_INCH, DotGrid
 from maskfab.jobfile.order import Tone
 from maskfab.model import Die, Plate, Polygon
 
 Flags = NDArray[np.bool_]
-Ints = NDArray[np.int64]
 
 _MOST_PRODUCT = 2.0**62
 """Beyond it, products are worked out in whole numbers of any length."""

@@ -6,13 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import OpenImageIO as oiio  # noqa: N813
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.export.images.exr import Facts, write_channels
 from maskfab.files.image import write_image
 from maskfab.optics.numbers.colour import code_of_light
-
-Floats = NDArray[np.float64]
 
 _STEPS = 65535
 

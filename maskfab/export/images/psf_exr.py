@@ -9,14 +9,17 @@ import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.export.images.exr import Fact, Facts, write_channels
-from maskfab.job import Job
 from maskfab.model import Camera, Die, DieOptics, Plate, Psf, Stop
 from maskfab.units import NM_PER_UM
+
+if TYPE_CHECKING:
+    from maskfab.job import Job
 
 AXES = (
     "x to the right and y upwards, as the plate's files draw them; the first row of pixels is the uppermost; "

@@ -20,7 +20,8 @@ import numpy as np
 from klayout import db
 from numpy.typing import NDArray
 
-from maskfab.export.solid.tiles import Floats, Ints, Stack, cells, units_in_use
+from maskfab.base.arrays import Floats, Ints
+from maskfab.export.solid.tiles import Stack, cells, units_in_use
 from maskfab.geometry.plate_layout import simple_polygon
 from maskfab.geometry.unit_cell import unit_shapes
 from maskfab.model import CLEAR, Die, Point, Polygon

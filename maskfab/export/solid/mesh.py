@@ -17,10 +17,11 @@ from xml.sax.saxutils import escape, quoteattr
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
+from maskfab.base.arrays import Floats
 from maskfab.errors import OutputError
 from maskfab.export.solid.film import Mesh, box_mesh, film
-from maskfab.export.solid.tiles import Floats, Stack, check_mesh_size, glass
+from maskfab.export.solid.tiles import Stack, check_mesh_size, glass
 from maskfab.files.atomic import partial
 from maskfab.model import Die
 from maskfab.units import MM_PER_NM, UM_PER_NM

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maskfab.base.arrays import Floats
 from maskfab.export.solid.film import Mesh, box_mesh, film
 from maskfab.export.solid.tiles import (
     CHROME_RGB,
@@ -16,7 +17,6 @@ from maskfab.export.solid.tiles import (
     GLASS_RGB,
     MOST_CAD_CELLS,
     MOST_CAD_VERTICES,
-    Floats,
     Stack,
     cells,
     check_mesh_size,

@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.errors import OutputError
 from maskfab.export.solid.step_colours import Shade, add_colours
 from maskfab.export.solid.tiles import (

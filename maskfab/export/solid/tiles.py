@@ -14,16 +14,13 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import OutputError
 from maskfab.geometry.polygonize import outline
 from maskfab.geometry.unit_cell import unit_name
 from maskfab.model import ORIENTATIONS, Die, Panel
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
-Ints = NDArray[np.int64]
 
 CHROME_RGB = (0.55, 0.56, 0.60)
 GLASS_RGB = (0.70, 0.85, 0.90)

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.optics.field.interval_nodes import Nodes, nodes_for
 from maskfab.optics.field.parity import PreparedField, fold, slim_term
@@ -24,8 +25,6 @@ from maskfab.optics.field.rim_dots import rim_orders
 from maskfab.optics.field.waves import Positions, Precision, is_symmetric
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
 
 _DOT_QUADRATURE = 8
 

@@ -11,13 +11,10 @@ from __future__ import annotations
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.model import Stop
 from maskfab.optics.pupil.stop_shape import sides
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Cycles over a polygon below which its sides cancel: there the mean over it is a series in the moments.
 _FEWEST_CYCLES = 1e-4

@@ -22,12 +22,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.optics.field.waves import Precision, Reals, real_type
 from maskfab.optics.functions.chebyshev import lagrange_polynomials, node_angles, wave_degree
-
-Floats = NDArray[np.float64]
 
 # Coefficients of the fastest wave that may be dropped; those of other waves are far smaller.
 _DROPPED = {"double": 1e-13, "single": 1e-8}

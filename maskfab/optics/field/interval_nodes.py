@@ -18,11 +18,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss, legvander
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.optics.functions.chebyshev import lagrange_polynomials, node_angles, wave_degree
-
-Floats = NDArray[np.float64]
 
 NODE_TOLERANCE = 1e-13
 """Chebyshev coefficients of a wave, below which they are dropped: this share of the source is lost at most."""

@@ -15,6 +15,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.optics.field.cellwise import cell_nodes, cell_refusal, prepare_cells
 from maskfab.optics.field.interval_nodes import node_count
@@ -23,8 +24,6 @@ from maskfab.optics.field.pruned import prepare_pruned, pruned_refusal, transfor
 from maskfab.optics.field.waves import Precision, is_symmetric
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
 
 # Measured at 512² samples: products of a few hundred rows against transforms of about a thousand points.
 _TRANSFORM_FLOP = 12.0

@@ -21,6 +21,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.model import Scalar
 from maskfab.optics.field.interpolation import FrequencyNodes, frequency_nodes
@@ -29,7 +30,6 @@ from maskfab.optics.field.waves import Positions, Precision, Reals, real_type, r
 from maskfab.optics.functions.bessel import spherical_bessel
 from maskfab.optics.pupil.pupil import Pupil
 
-Floats = NDArray[np.float64]
 Waves = tuple[Reals, Reals]
 
 _BLOCK = 64

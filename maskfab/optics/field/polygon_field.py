@@ -29,13 +29,10 @@ from functools import lru_cache
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.errors import InternalError
 from maskfab.model import frozen
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 EDGES_AT_A_TIME = 2**18
 

@@ -18,13 +18,12 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.optics.field.parity import ParityField, PreparedField, parity_of, rim_terms
 from maskfab.optics.field.waves import Precision, Reals, is_even, is_symmetric, real_type, reduced_cycles
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
 
 _COMMENSURATE = 1e-12
 

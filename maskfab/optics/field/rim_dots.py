@@ -13,12 +13,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.optics.field.interval_nodes import nodes_for
 from maskfab.optics.field.waves import Positions, point_sources
 from maskfab.optics.functions.bessel import spherical_bessel_bounds
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
 
 # Bound of the field's relative L2 error from the orders left out.
 _TOLERANCE = 2e-13

@@ -16,10 +16,10 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.optics.pupil.aperture import Lattice
 
-Floats = NDArray[np.float64]
 Reals = NDArray[np.floating[Any]]
 Precision = Literal["double", "single"]
 

@@ -6,9 +6,8 @@ Upwards the recurrence keeps its accuracy below the argument, downwards above it
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from maskfab.base.arrays import Floats
 
 
 def spherical_bessel(argument: Floats, orders: int) -> Floats:

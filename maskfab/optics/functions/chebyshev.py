@@ -6,9 +6,8 @@ import math
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from maskfab.base.arrays import Floats
 
 
 def node_angles(count: int) -> Floats:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from maskfab.base.arrays import Floats
 
 
 def gauss_rules(places: Floats, weights: Floats, starts: NDArray[np.intp], nodes: int) -> tuple[Floats, Floats]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
-Floats = NDArray[np.float64]
+from maskfab.base.arrays import Floats
 
 
 def legendre(xi: Floats, orders: int) -> Floats:

@@ -11,14 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.model import frozen
 from maskfab.optics.image.lag_table import neighbours
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
 
 _ROWS_AT_A_TIME = 128
 

@@ -23,6 +23,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.model import Scalar, frozen
 from maskfab.optics.field.waves import Reals
@@ -30,8 +31,6 @@ from maskfab.optics.image.overlap import apart
 from maskfab.optics.image.rim_lags import RimLags, rim_lags
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
 
 # At lags within so many dots of 0 cut dots meet themselves or the next ones, and all err alike.
 _NEAR_DOTS = 3

@@ -19,17 +19,14 @@ from dataclasses import dataclass, replace
 from functools import reduce
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.model import MaskBlank, Stop
 from maskfab.optics.field.clear_stop import clear_field
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 # Shares of the reach, and directions.
 _LAGS = [(share, x, y) for share in (0.25, 0.5, 1.0) for x, y in ((1.0, 0.0), (0.0, 1.0), (0.7, 0.7), (-0.7, 0.7))]

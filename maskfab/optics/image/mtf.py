@@ -10,13 +10,11 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Indices
 from maskfab.model import Camera, Mtf, RadialMean, frozen
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import image_scale_um2
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 RINGS = 147
 """Radii from 0 to half a cycle per pixel; as many as the published curves have at 470 nm."""

@@ -9,9 +9,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.model import Stop
-
-Floats = NDArray[np.float64]
 
 # So many rectangles stay in the fastest cache.
 _AT_A_TIME = 4_096

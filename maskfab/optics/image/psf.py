@@ -14,16 +14,14 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.model import Camera, Psf
 from maskfab.optics.field.methods import FieldTask, admissible, field
 from maskfab.optics.field.parity import ParityField
 from maskfab.optics.image.leak import Leak
 from maskfab.optics.pupil.pupil import Pupil
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 _OVERSAMPLING = 1.15
 FILTER_TOLERANCE = 1e-10

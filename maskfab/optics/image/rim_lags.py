@@ -16,14 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Indices
 from maskfab.model import Stop, frozen
 from maskfab.optics.image.overlap import has_closed_form, shared_area
 from maskfab.optics.image.rim_parts import RimParts
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # Pairs of a lag and a part of a cut dot: so many are sifted at a time, in the fastest cache, for those that matter, and
 # so many of these looked at.

@@ -18,10 +18,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Indices
 from maskfab.model import Stop, frozen
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # Whether parts are mirrored along x and along y.
 _QUADRANTS = [(False, False), (False, True), (True, False), (True, True)]

@@ -21,11 +21,9 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.model import Psf, Roughness, frozen
-
-Floats = NDArray[np.float64]
 
 _LEAST_TERM = 1e-12
 

@@ -20,16 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import Camera, frozen
 from maskfab.optics.functions.gauss import gauss_rules
 from maskfab.optics.image.lag_table import LagTable, neighbours
 from maskfab.optics.pupil.aperture import Lattice
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 SHORTEST_NM, LONGEST_NM = 200.0, 2000.0
 

@@ -11,8 +11,8 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.model import Camera
 from maskfab.optics.field.methods import PRUNED, FieldTask, admissible
@@ -21,8 +21,6 @@ from maskfab.optics.image.psf import cutoff, image_scale_um2
 from maskfab.optics.image.spectrum import Band, Spectrum, line_spectrum
 from maskfab.optics.light.rays import RAYS_ERROR, Rays, beyond
 from maskfab.optics.pupil.pupil import Pupil
-
-Floats = NDArray[np.float64]
 
 BAND_SAFETY = 2.0
 _MOST_LINES = 512

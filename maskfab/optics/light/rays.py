@@ -17,9 +17,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.optics.field.parity import SampledField
-
-Floats = NDArray[np.float64]
 
 _TAPS = 14
 # Samples for each that the longest lag needs at least.

@@ -9,13 +9,11 @@ from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError, SourceError
 from maskfab.jobfile import COLDEST_K, HOTTEST_K
 from maskfab.optics.image.spectrum import LONGEST_NM, SHORTEST_NM, Band, Curve, check_wavelengths, check_weights
-
-Floats = NDArray[np.float64]
 
 GENERIC_RGB = Path(__file__).with_name("data") / "generic_rgb.csv"
 

@@ -13,16 +13,14 @@ from itertools import product
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError
 from maskfab.model import Camera, Psf, Quantity, frozen
 from maskfab.optics.image.axis_lags import AxisLags
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import cutoff, image_scale_um2, odd_samples
 from maskfab.optics.numbers.colour import delta_e_1976, lab_of_linear_srgb
-
-Floats = NDArray[np.float64]
 
 _FEWEST_NODES = 5
 _QUADRATURE_ERROR = 1e-8

@@ -22,13 +22,11 @@ import math
 import numpy as np
 import scipy
 from numpy.polynomial.legendre import leggauss
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import Psf, Quantity
 from maskfab.optics.image.psf import pixel_sum_error
-
-Floats = NDArray[np.float64]
 
 # erfc(4) / 2 is 8e-9: how far φ̂ is from 1 and 0 at the ends of its slope.
 _SLOPE = 4.0

@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import Camera, Mtf, Psf, Quantity
 from maskfab.optics.image.axis_lags import AxisLags
@@ -24,8 +24,6 @@ from maskfab.optics.numbers.psf_metrics import colour_distance, energy_normalise
 from maskfab.optics.numbers.sampling import PHASES, AliasedMtf, cy_per_pixel, phase_spread
 from maskfab.optics.numbers.wiener import noise_gain, sensor_square, worst_wiener
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 NOISE_TO_SIGNAL = 0.015
 """The noise-to-signal ratio ε of the Wiener quantities."""

@@ -14,15 +14,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Panel, Quantity, Stop
 from maskfab.optics.field.parity import direct_field
 from maskfab.optics.pupil.aperture import panel_aperture
 from maskfab.optics.pupil.pupil import cut
-
-Floats = NDArray[np.float64]
 
 
 def order_efficiencies(panel: Panel, highest: int) -> Floats:

@@ -12,11 +12,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Psf, Quantity
 from maskfab.optics.image.psf import image_scale_um2
-
-Floats = NDArray[np.float64]
 
 # Below it a maximum is rounding noise.
 _FAINTEST = 1e-12

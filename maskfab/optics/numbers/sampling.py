@@ -20,16 +20,14 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import Camera, Quantity, frozen
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.psf import cutoff
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 PHASES = 16
 """Sub-pixel phases along each axis; 0 and half a pixel, where symmetric PSFs have their extremes, are among them."""

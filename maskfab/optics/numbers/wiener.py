@@ -21,12 +21,12 @@ from typing import Any, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import Camera, Quantity, frozen
 from maskfab.optics.image.lag_table import LagTable
 from maskfab.optics.image.spectrum import Spectrum, pixel_transfer, polychromatic_otf_grid
 
-Floats = NDArray[np.float64]
 Response = TypeVar("Response", NDArray[np.float32], NDArray[np.float64], NDArray[np.float32] | NDArray[np.complex64])
 
 WORST_SHARE = 0.3

@@ -14,10 +14,8 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Indices
 from maskfab.optics.functions.legendre import legendre, legendre_integrals
-
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # Edges this near to a lattice's line, in shares of the polygon's extent, lie on it.
 _ON_LINE = 1e-9

@@ -14,13 +14,12 @@ import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Indices
 from maskfab.model import Stop, frozen
 from maskfab.optics.functions.legendre import legendre, legendre_integrals
 from maskfab.optics.pupil.aperture import Aperture, Lattice, zeros
 from maskfab.optics.pupil.polygon_stop import polygon_cover, polygon_moments
 
-Floats = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Range = tuple[Indices, Indices]
 
 RIM_ORDERS = 10

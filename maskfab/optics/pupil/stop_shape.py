@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 from numpy.polynomial.legendre import leggauss
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.model import Stop
 
-if TYPE_CHECKING:
-    from maskfab.optics.wavefront.phase_field import Waves
-
-Floats = NDArray[np.float64]
-
+Waves = Callable[[Floats, Floats], Floats]
+"""Optical path over wavelength at points x, y in micrometres, any one shape."""
 _DIRECTIONS = 720
 _NODES = 64
 

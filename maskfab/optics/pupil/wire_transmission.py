@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Panel, Polygon, orient
-
-Floats = NDArray[np.float64]
 
 
 def veil(panel: Panel) -> tuple[Floats, Floats]:

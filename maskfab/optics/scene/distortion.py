@@ -11,13 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.jobfile.scene_values import MOST_DISTORTION
 from maskfab.model import Psf
-
-Floats = NDArray[np.float64]
 
 SPLINE_REACH = 8
 """Samples beyond the outermost point that the spline between samples needs: its poles decay by 0.43 a sample."""

@@ -25,8 +25,8 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.model import Camera, Glass, MaskBlank, Panel, Quantity
 from maskfab.optics.field.clear_stop import clear_field
 from maskfab.optics.field.methods import field
@@ -37,9 +37,6 @@ from maskfab.optics.pupil.pupil import Pupil, cut
 from maskfab.optics.pupil.stop_shape import inside
 from maskfab.optics.wavefront.panel_gap import gap_change
 from maskfab.units import NM_PER_UM, UM_PER_MM
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 MODEL_BAR = "model_"
 """Prefix of the names of the bar's rows."""

@@ -27,8 +27,8 @@ from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Camera, Panel, Psf, Stop, Tiling
 from maskfab.optics.field.methods import PATHS
@@ -46,8 +46,6 @@ from maskfab.optics.wavefront.gap_estimates import gap_error, rim_crowding, shar
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, layout_psf, mean_psf
 from maskfab.optics.wavefront.panel_gap import shift_um
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 # How much lower than the truth the plain estimates were seen to come out, and more: 2.2 for shifts and gaps; for phases
 # 1.6 on the layouts of their own notes, 2.2 over eighty others of a few dozen cells, where one layout is not the mean.

@@ -17,13 +17,11 @@ import math
 
 import numpy as np
 import scipy
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.model import Camera, Psf
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.wavefront.panel_gap import Place, shifted_psf
-
-Floats = NDArray[np.float64]
 
 
 def field_places(reach_um: float, points: int = 5) -> tuple[tuple[Place, ...], ...]:

@@ -11,8 +11,8 @@ from dataclasses import replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import InternalError, JobError
 from maskfab.model import Camera, Psf
 from maskfab.optics.field.methods import PATHS, FieldPath, FieldTask, Prepared, admissible
@@ -20,6 +20,7 @@ from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.image.spectrum import Band
 from maskfab.optics.light.band_lines import band_lines
 from maskfab.optics.pupil.aperture import Aperture
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.optics.scene.cost import DEPTHS, FINEST, PHASE_SHARE, PHASED, SPECTRUM, Choice, SceneCost
 from maskfab.optics.scene.distortion import DistortedWindow
 from maskfab.optics.scene.omission_error import PLACES, grey
@@ -27,10 +28,8 @@ from maskfab.optics.scene.plan import Plan, finer_camera, sampling_camera
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.wavefront.depth import defocus_waves, image_distance_um
 from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_psf, magnified, moved_pupil, shift_um, shifted_pupil
-from maskfab.optics.wavefront.phase_field import Waves, phased, phased_psf, window_frequency
+from maskfab.optics.wavefront.phase_field import phased, phased_psf, window_frequency
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 _FULL_LINES = 32
 _FULL_TOLERANCE = 1e-6

@@ -20,14 +20,12 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import Stop
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, phase_error
-from maskfab.optics.wavefront.phase_field import Waves
-
-Floats = NDArray[np.float64]
 
 HIGHEST_TERM = 66
 """Noll's number of the last term of radial degree 10."""

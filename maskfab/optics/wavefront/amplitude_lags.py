@@ -23,8 +23,8 @@ from maskfab.model import Stop, frozen
 from maskfab.optics.image.lag_table import correlated, dot_blocks
 from maskfab.optics.pupil.aperture import Aperture, Lattice
 from maskfab.optics.pupil.pupil import share_inside
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.optics.wavefront.panel_gap import StopField, turned
-from maskfab.optics.wavefront.phase_field import Waves
 
 Table = NDArray[np.float32] | NDArray[np.complex64]
 Amplitudes = NDArray[np.float64] | NDArray[np.complex64]

@@ -20,16 +20,13 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf
-from maskfab.optics.pupil.stop_shape import stop_strehl
+from maskfab.optics.pupil.stop_shape import Waves, stop_strehl
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, phase_error
-from maskfab.optics.wavefront.phase_field import Waves
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 
 def image_distance_um(focal_um: float, object_um: float) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.model import Camera, Psf, Stop
 from maskfab.optics.pupil.aperture import Aperture
 from maskfab.optics.pupil.pupil import Pupil
@@ -15,8 +16,6 @@ from maskfab.optics.pupil.stop_shape import edge_points, perimeter_um, widest_um
 from maskfab.optics.wavefront.mean_over_tilings import MeanPsf, decorrelation_error
 from maskfab.optics.wavefront.panel_gap import Place, shift_um
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
 
 _RIM_POINTS = 2048
 _STRIP_LAYERS = 8

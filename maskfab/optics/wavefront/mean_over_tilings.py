@@ -29,6 +29,7 @@ import scipy
 from numpy.polynomial.chebyshev import chebpts1, chebvander
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.errors import InternalError
 from maskfab.model import ORIENTATIONS, Camera, Panel, Psf, Stop, frozen, orient
 from maskfab.optics.field.parity import parity_field
@@ -37,9 +38,6 @@ from maskfab.optics.image.lag_table import LagTable, lag_table, shape_errors
 from maskfab.optics.image.psf import image_scale_um2, odd_samples, point_step_um
 from maskfab.optics.pupil.aperture import Aperture, Lattice, panel_aperture
 from maskfab.optics.pupil.pupil import RIM_ORDERS, Pupil, cut
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 ALL_ORIENTATIONS = tuple(range(ORIENTATIONS))
 

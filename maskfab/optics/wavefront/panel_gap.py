@@ -31,17 +31,16 @@ import numpy as np
 import scipy
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf, Stop
 from maskfab.optics.field.parity import direct_field
 from maskfab.optics.image.psf import odd_samples, point_psf, point_step_um
 from maskfab.optics.pupil.aperture import Aperture, Lattice
 from maskfab.optics.pupil.pupil import Pupil, cut
-from maskfab.optics.wavefront.phase_field import Waves
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.units import UM_PER_NM
 
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 Place = tuple[float, float]
 
 AXIS: Place = (0.0, 0.0)

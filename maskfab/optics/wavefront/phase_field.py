@@ -21,7 +21,6 @@ Notes:
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import lru_cache
 
@@ -30,19 +29,15 @@ import scipy
 from numpy.polynomial.legendre import leggauss, legvander
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.errors import JobError
 from maskfab.model import Camera, Psf, frozen
 from maskfab.optics.functions.bessel import spherical_bessel, spherical_bessel_bounds
 from maskfab.optics.image.psf import odd_samples, point_step_um
 from maskfab.optics.pupil.aperture import Aperture, finer_aperture
 from maskfab.optics.pupil.pupil import RIM_ORDERS, Pupil, cut
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.units import UM_PER_NM
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
-
-Waves = Callable[[Floats, Floats], Floats]
-"""Optical path over wavelength at points x, y in micrometres, any one shape."""
 
 _NODES = (3, 5, 8)
 _CHUNK = 8192

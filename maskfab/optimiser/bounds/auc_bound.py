@@ -23,11 +23,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.transfer import CellGrid, OpenStop, lattice
 from maskfab.optimiser.bounds.residue_bound import residue_classes
 from maskfab.optimiser.model.interior import unit_modulation
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -20,6 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.transfer import at_lags, pupil_autocorrelation
 from maskfab.errors import OpeningError
 from maskfab.opening.clear_dots import require_clear_dots
@@ -30,8 +31,6 @@ from maskfab.optimiser.bounds.map_bound import layout_bound
 from maskfab.optimiser.bounds.residue_bound import residue_errors, residues
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.interior import Interior, interior
-
-Floats = NDArray[np.float64]
 
 _MOST_DOTS_OF_LP = 25
 

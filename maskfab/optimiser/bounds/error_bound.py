@@ -34,10 +34,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.transfer import CellGrid
 from maskfab.optimiser.model.interior import Interior
-
-Floats = NDArray[np.float64]
 
 _NODES = 64
 

@@ -21,14 +21,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.optimiser.bounds.error_bound import block_error, blocks, wiener_cost
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.interior import Interior, interior
-
-Floats = NDArray[np.float64]
 
 _STEPS = 30
 _NODES = 32

@@ -24,10 +24,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import optimize, sparse
 
+from maskfab.base.arrays import Floats
 from maskfab.optimiser.bounds.error_bound import dual_tables, least_refined
 from maskfab.optimiser.model.interior import Interior
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

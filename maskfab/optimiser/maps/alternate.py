@@ -21,6 +21,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.clock import NO_END, Clock
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, frozen, orient, split_cells
@@ -29,9 +30,6 @@ from maskfab.optimiser.model.layout_error import PanelError, Slope
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.plate.maps import Shift, shifted
 from maskfab.progress import Progress, silent
-
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 _TRIED = 12
 """Swaps that are judged exactly before a unit is said to be done."""

@@ -17,6 +17,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError
 from maskfab.jobfile import SearchSection
 from maskfab.model import ORIENTATIONS, orient, side_by_side
@@ -26,8 +27,6 @@ from maskfab.optimiser.model.layout_error import PanelError
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.plate.tiling import MOST_OPENINGS
 from maskfab.progress import Progress, silent
-
-Mask = NDArray[np.bool_]
 
 SIDE = 2
 """Pixels along a group."""

@@ -23,6 +23,7 @@ from itertools import islice
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.display.emitters.fit import footprint
 from maskfab.display.light import LightDemand, relative_life
 from maskfab.errors import JobError
@@ -34,9 +35,6 @@ from maskfab.optimiser.rules.die_fit import DieFit, fitting_die
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent
-
-Mask = NDArray[np.bool_]
-
 
 _TRIED = 12
 """Pairs of units for which a map is designed before a display is said not to hold them."""

@@ -29,6 +29,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.transfer import CellGrid
 from maskfab.clock import NO_END, Clock
 from maskfab.errors import JobError
@@ -38,8 +39,6 @@ from maskfab.optimiser.rules.positions import best_places, places
 from maskfab.plate.maps import Shift, shifted
 from maskfab.plate.tiling import MOST_OPENINGS
 from maskfab.progress import Progress, silent
-
-Floats = NDArray[np.float64]
 
 LIGHT_TOLERANCE = 1e-3
 """Largest relative difference in clear dots that counts as equal light."""

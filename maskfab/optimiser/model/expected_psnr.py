@@ -43,6 +43,7 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Complexes, Floats
 from maskfab.camera.exposure import REFERENCE_TRANSMISSION
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
@@ -54,12 +55,9 @@ from maskfab.model import ORIENTATIONS, orient
 from maskfab.opening.clear_dots import closed
 from maskfab.optics.numbers.colour import code_of_light
 from maskfab.optics.numbers.wiener import squared_modulus
-from maskfab.optics.wavefront.phase_field import Waves
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.optimiser.model.scene_statistics import COLUMNS, FACTOR, ROWS, WIDTH, SceneStatistics, scene_statistics
 from maskfab.optimiser.model.taking import F1_TAKING, PixelNoise, Taking
-
-Floats = NDArray[np.float64]
-Complexes = NDArray[np.complex128]
 
 _LONG_LAGS = 3000
 _LEAK_EVERY = 5

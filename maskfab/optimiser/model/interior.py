@@ -18,13 +18,12 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.restorers.wiener import PRIOR_CY_PER_PX
 from maskfab.camera.transfer import CellGrid, OpenStop
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.taking import PixelNoise
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

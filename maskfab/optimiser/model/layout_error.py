@@ -32,6 +32,7 @@ import scipy.fft
 import torch
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.exposure import REFERENCE_TRANSMISSION
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.restorers.restorer import Transfer
@@ -42,7 +43,6 @@ from maskfab.optimiser.model.expected_psnr import Surrogate
 from maskfab.optimiser.model.scene_statistics import FACTOR
 from maskfab.optimiser.model.taking import PixelNoise
 
-Floats = NDArray[np.float64]
 Transfers = tuple[Transfer, Transfer]
 
 _LOW = 1 / 16

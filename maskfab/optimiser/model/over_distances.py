@@ -9,10 +9,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.transfer import CellGrid
 from maskfab.optimiser.model.layout_error import Judged, PupilError, Slope
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

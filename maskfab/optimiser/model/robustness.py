@@ -26,14 +26,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.model import ORIENTATIONS, orient, side_by_side
 from maskfab.units import NM_PER_UM
 
 if TYPE_CHECKING:
     from maskfab.optimiser.model.layout_error import PupilError
 
-Floats = NDArray[np.float64]
-Mask = NDArray[np.bool_]
 
 TILINGS = 8
 """Random tilings whose PSNRs are compared: their standard deviation is known within a quarter."""

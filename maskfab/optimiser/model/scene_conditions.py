@@ -22,12 +22,12 @@ from maskfab.camera.left_out import by_plan
 from maskfab.camera.transfer import CellGrid
 from maskfab.jobfile.values import distance_text, um_text
 from maskfab.model import Camera, Tiling
+from maskfab.optics.pupil.stop_shape import Waves
 from maskfab.optics.scene.plan import Plan, plan
 from maskfab.optics.scene.scene import Scene
 from maskfab.optics.scene.scene_psf import phase_waves
 from maskfab.optics.wavefront.depth import image_distance_um
 from maskfab.optics.wavefront.panel_gap import AXIS, Place, gap_guard_um, shift_um
-from maskfab.optics.wavefront.phase_field import Waves
 from maskfab.optimiser.model.designed_panel import designed_panel
 from maskfab.units import NM_PER_UM
 

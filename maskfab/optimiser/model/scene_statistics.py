@@ -16,12 +16,11 @@ import numpy as np
 import scipy.fft
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.scenes import Bundled, bundled
 from maskfab.errors import JobError
 from maskfab.optimiser.model.taking import F1_TAKING, PixelNoise, Taking
-
-Floats = NDArray[np.float64]
 
 ROWS, COLUMNS, FACTOR = 128, 192, 8
 """Of low-passed pictures, and how many pixels of a scene one of theirs is wide."""

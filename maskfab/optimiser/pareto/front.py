@@ -6,14 +6,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
-import numpy as np
-from numpy.typing import NDArray
-
+from maskfab.base.arrays import Mask
 from maskfab.optimiser.rules.price import Prices
 from maskfab.optimiser.search.alternatives import Alternatives
 from maskfab.plate.maps import CellMap
-
-Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, eq=False)

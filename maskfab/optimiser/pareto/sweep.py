@@ -19,6 +19,7 @@ from itertools import chain
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import lattice
@@ -37,7 +38,7 @@ from maskfab.optimiser.maps.orientation_map import FIRST_STEPS, DesignedMap, Map
 from maskfab.optimiser.model.layout_error import PupilError
 from maskfab.optimiser.model.robustness import compared_bias_um, moved_by_bias
 from maskfab.optimiser.model.taking import F1_TAKING, Taking
-from maskfab.optimiser.pareto.front import ROUNDING, FrontCurve, FrontPoint, JudgedOpening, Mask, Pareto, spread
+from maskfab.optimiser.pareto.front import ROUNDING, FrontCurve, FrontPoint, JudgedOpening, Pareto, spread
 from maskfab.optimiser.result import constraints_of, made_for_line
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked, anneal, scan

@@ -16,6 +16,7 @@ from typing import cast
 import numpy as np
 import torch
 
+from maskfab.base.arrays import Mask
 from maskfab.camera.photo_camera import PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import CellGrid, lattice
@@ -35,7 +36,7 @@ from maskfab.optimiser.relax.tiled_stop import invertibility_of, tiled_stop
 from maskfab.optimiser.relax.top_residual import top_residual
 from maskfab.optimiser.result import Designed, Facts, appraised, camera_facts, constraints_of, made_for_line, origin
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Bettered, Mask, anneal
+from maskfab.optimiser.rules.discrete import Bettered, anneal
 from maskfab.optimiser.rules.repair import nearest
 from maskfab.optimiser.stages import NO_BOUNDS, Stages
 from maskfab.plate.tiling import orientations

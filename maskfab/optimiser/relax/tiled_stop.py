@@ -15,6 +15,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.cell_size import CellSize
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, Camera
@@ -24,7 +25,6 @@ from maskfab.optimiser.relax.invertibility import Invertibility
 from maskfab.optimiser.relax.stop_grid import MAX_SIDE, cells_across, lags_within
 from maskfab.units import NM_PER_UM
 
-Floats = NDArray[np.float64]
 Precision = Literal["float32", "float64"]
 TINY = 1e-30
 """In place of an epsilon of 0, so that a frequency which is nil has a value and a slope."""

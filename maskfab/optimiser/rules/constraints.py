@@ -18,13 +18,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.errors import JobError, OpeningError
 from maskfab.model import ORIENTATIONS, Opening, frozen, orient
 from maskfab.opening.clear_dots import closed
 from maskfab.optimiser.rules import registry
 from maskfab.optimiser.rules.orbits import orbits, sums
-from maskfab.optimiser.rules.rule import Conflict, Mask, Rule, out_of_range
+from maskfab.optimiser.rules.rule import Conflict, Rule, out_of_range
 
 _FEW, _FEW_IF_SLOW = 1000, 20
 _COUNT = "clear_dots"

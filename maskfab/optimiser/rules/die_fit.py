@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.model import Panel
 from maskfab.optimiser.rules.fit_rule import Display
-from maskfab.optimiser.rules.rule import Mask
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress, silent
 from maskfab.units import NM_PER_UM

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maskfab.base.arrays import Mask
 from maskfab.camera.protocol import LEVELS
 from maskfab.errors import InternalError, JobError
 from maskfab.model import ORIENTATIONS, frozen
@@ -29,7 +30,6 @@ from maskfab.optimiser.rules.families import Candidate, kind
 from maskfab.optimiser.rules.orbits import turned_key
 from maskfab.progress import Progress, silent
 
-Mask = NDArray[np.bool_]
 Objective = Callable[[Mask], float]
 """Value of an opening, bool [dots, dots]; higher is better. In dB where it is an expected PSNR."""
 

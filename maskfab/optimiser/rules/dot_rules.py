@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError
 from maskfab.jobfile.sections import DesignSection
 from maskfab.model import frozen
 from maskfab.optimiser.rules.orbits import orbits, sums
-from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
+from maskfab.optimiser.rules.rule import Conflict, Rule
 
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints

@@ -13,13 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError, OpeningError
 from maskfab.jobfile.values import Symmetry
 from maskfab.model import frozen
 from maskfab.opening.clear_dots import require_clear_dots
 from maskfab.optimiser.rules.orbits import orbits, sums
-
-Mask = NDArray[np.bool_]
 
 _SETS_OF_BLOBS = 1000
 

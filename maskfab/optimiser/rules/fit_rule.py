@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.display.circuit import pixel_room
 from maskfab.display.emitters.emitter_rules import EmitterRules
 from maskfab.display.emitters.placement import Certificate, Verdict
@@ -19,7 +20,7 @@ from maskfab.model import Opening, Panel, Tiling
 from maskfab.optimiser.model.designed_panel import designed_panel
 from maskfab.optimiser.rules.footprints import Footprints
 from maskfab.optimiser.rules.lines_beside import most_beside
-from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
+from maskfab.optimiser.rules.rule import Conflict, Rule
 from maskfab.plate.maps import CellMap
 from maskfab.plate.tiling import orientations
 from maskfab.units import NM_PER_UM

@@ -7,17 +7,14 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.display.emitters.across_borders import border_margin
 from maskfab.display.emitters.emitter_rules import EmitterGrid, EmitterRules, grid_of
 from maskfab.display.emitters.free_area import free_region
 from maskfab.display.emitters.freeform import guillotine
 from maskfab.display.emitters.rectangles import rectangle_footprints
 from maskfab.model import ORIENTATIONS, Opening
-
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

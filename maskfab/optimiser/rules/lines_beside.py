@@ -11,11 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy import ndimage
 
+from maskfab.base.arrays import Ints, Mask
 from maskfab.display.wires.gutter import WireRules
 from maskfab.model import ORIENTATIONS, orient
-from maskfab.optimiser.rules.rule import Mask
-
-Ints = NDArray[np.int64]
 
 _TOUCHING = np.ones((3, 3), dtype=np.int8)
 

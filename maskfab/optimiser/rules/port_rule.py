@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from maskfab.base.arrays import Mask
 from maskfab.display.wires.ports import ports
-from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
+from maskfab.optimiser.rules.rule import Conflict, Rule
 
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints

@@ -10,12 +10,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.errors import JobError
 from maskfab.opening.clear_dots import closed
 from maskfab.optimiser.rules.orbits import turned_key
 from maskfab.plate.maps import Shift, shifted
-
-Floats = NDArray[np.float64]
 
 _MOST_CANDIDATES = 48
 

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.families import Candidate
-from maskfab.optimiser.rules.rule import Mask
 
 
 @dataclass(frozen=True)

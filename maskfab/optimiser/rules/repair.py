@@ -6,14 +6,12 @@ from collections.abc import Iterator
 from itertools import chain
 
 import numpy as np
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError, OpeningError
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.discrete import anneal
 from maskfab.optimiser.rules.families import FAMILIES, Candidate
-
-Mask = NDArray[np.bool_]
 
 _EVALUATIONS = 400
 _TRIED = 200

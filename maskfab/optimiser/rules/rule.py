@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic.fields import FieldInfo
 
+from maskfab.base.arrays import Mask
 from maskfab.display.emitters.placement import Certificate
 from maskfab.errors import JobError
 from maskfab.jobfile.section import Section
@@ -20,7 +21,6 @@ from maskfab.jobfile.sections import DesignSection, RulesSection
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints
 
-Mask = NDArray[np.bool_]
 
 _PRICE = "price_", "_db"
 

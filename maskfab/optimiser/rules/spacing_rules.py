@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.drc.raster_rules import corner_touches, smallest_runs
-from maskfab.optimiser.rules.rule import Conflict, Mask, Rule
+from maskfab.optimiser.rules.rule import Conflict, Rule
 
 if TYPE_CHECKING:
     from maskfab.optimiser.rules.constraints import Constraints

@@ -13,9 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.errors import JobError
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Mask, Ranked
+from maskfab.optimiser.rules.discrete import Ranked
 from maskfab.optimiser.rules.families import kind
 from maskfab.optimiser.rules.fit_rule import footprints_of
 from maskfab.optimiser.rules.orbits import turned_key

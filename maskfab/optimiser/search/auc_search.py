@@ -35,15 +35,13 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats, Mask
 from maskfab.camera.transfer import CellGrid, lattice
 from maskfab.errors import JobError
 from maskfab.model import ORIENTATIONS, orient
 from maskfab.opening.clear_dots import require_clear_dots
 from maskfab.optimiser.bounds.auc_bound import Rings, rings
 from maskfab.progress import Progress, silent
-
-Mask = NDArray[np.bool_]
-Floats = NDArray[np.float64]
 
 STEPS = 2000, 400
 """Exchanges of a repeated unit, and of one turned at random: of 21 dots some 3 s and 7 s on one core."""

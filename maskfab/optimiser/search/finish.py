@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 
+from maskfab.base.arrays import Mask
 from maskfab.camera.transfer import lattice
 from maskfab.clock import Clock
 from maskfab.jobfile import SearchSection
@@ -18,7 +19,6 @@ from maskfab.optimiser.model.layout_error import PanelError, PupilError
 from maskfab.optimiser.result import Facts, by_level
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.die_fit import DieFit
-from maskfab.optimiser.rules.discrete import Mask
 from maskfab.optimiser.search.judges import Judges
 from maskfab.plate.maps import CellMap
 from maskfab.progress import Progress

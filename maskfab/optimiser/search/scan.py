@@ -16,6 +16,7 @@ from typing import Any, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Mask
 from maskfab.clock import Clock
 from maskfab.errors import JobError
 from maskfab.files.checkpoint import Kept
@@ -24,7 +25,7 @@ from maskfab.jobfile.values import Symmetry
 from maskfab.model import Tiling
 from maskfab.optimiser.account import ANNEALING
 from maskfab.optimiser.rules.constraints import Constraints
-from maskfab.optimiser.rules.discrete import Bettered, Mask, Objective, Ranked, Scan, State, anneal, scan
+from maskfab.optimiser.rules.discrete import Bettered, Objective, Ranked, Scan, State, anneal, scan
 from maskfab.optimiser.rules.families import FAMILIES, Candidate, kind
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.orbits import orbits

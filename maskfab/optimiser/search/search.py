@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from maskfab.base.arrays import Mask
 from maskfab.camera.photo_camera import F1, PhotoCamera
 from maskfab.camera.photographs import Photograph
 from maskfab.camera.transfer import FEWEST_CELLS, CellGrid, lattice
@@ -43,7 +44,7 @@ from maskfab.optimiser.result import (
 )
 from maskfab.optimiser.rules.constraints import Constraints
 from maskfab.optimiser.rules.die_fit import DieFit, fitting_die
-from maskfab.optimiser.rules.discrete import ExpectedPsnr, Mask, Ranked, anneal
+from maskfab.optimiser.rules.discrete import ExpectedPsnr, Ranked, anneal
 from maskfab.optimiser.rules.fit_rule import Display
 from maskfab.optimiser.rules.price import prices
 from maskfab.optimiser.rules.repair import nearest

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.optimiser.model.robustness import laid_picture
 from maskfab.plate.maps import shifted
 from maskfab.plate.tiling import orientations

@@ -8,7 +8,7 @@ from dataclasses import asdict
 import numpy as np
 from numpy.typing import NDArray
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.capture.designed_edge import DesignedMtf
 from maskfab.capture.edge import EdgeMtf
 from maskfab.capture.edge_verdict import edge_verdict

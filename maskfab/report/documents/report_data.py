@@ -11,7 +11,7 @@ from typing import Any, get_args
 
 import numpy as np
 
-from maskfab import __version__
+from maskfab.base import __version__
 from maskfab.display.emitters.placement import Verdict
 from maskfab.display.feasibility import Feasibility
 from maskfab.errors import InternalError

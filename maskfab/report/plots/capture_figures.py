@@ -7,15 +7,13 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.capture.frames import PIXELS_OF
 from maskfab.capture.measured import Measured
 from maskfab.capture.mtf_band import MtfBand
 from maskfab.report.plots.number_text import short
 from maskfab.report.plots.sheet import INK, QUIET, Drawing, place, styled
-
-Floats = NDArray[np.float64]
 
 _SIDE, _LEFT, _TOP, _GAP, _FOOT, _BAR = 2.35, 0.7, 0.3, 0.25, 0.45, 0.7
 _DECADES = 5

@@ -8,12 +8,11 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Singles
 from maskfab.camera.shots import Shot
 from maskfab.measurement.restored import Restored
 from maskfab.report.plots import png
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, img, place, styled
-
-Singles = NDArray[np.float32]
 
 _WIDTH, _GAP, _CAPTION, _LEFT, _TOP, _FOOT = 3.2, 0.12, 0.5, 0.5, 0.5, 0.62
 _DPI = 125

@@ -9,16 +9,14 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.eye.display_light import ideal, show
 from maskfab.eye.drawn_scenes import flat
 from maskfab.eye.side_by_side import FLAT, PictureView, SeenPanel
 from maskfab.optics.numbers.colour import code_of_light
 from maskfab.report.plots.sheet import INK, QUIET, bitmap, place, styled
 from maskfab.units import UM_PER_MM, dpi
-
-Floats = NDArray[np.float64]
 
 _TITLES: Mapping[str, str] = MappingProxyType(
     {

@@ -12,16 +12,14 @@ import matplotlib as mpl
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.measurement.scene_result import PointView, SceneOptics, distance
 from maskfab.model import Psf
 from maskfab.report.plots import png
 from maskfab.report.plots.number_text import rounded
 from maskfab.report.plots.sheet import INK, bitmap, image, place, styled
 from maskfab.units import UM_PER_MM
-
-Floats = NDArray[np.float64]
 
 _FIELD_PIXELS, _STRIP_PIXELS = 61, 101
 _LEFT_DECADES = 3

@@ -11,6 +11,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.measurement.claims import Take
 from maskfab.measurement.study import Study
 from maskfab.model import Die, DieOptics, Panel, Psf
@@ -25,8 +26,6 @@ _LINES = ("-", (0, (5, 1.5)), (0, (3, 1, 1, 1)), (0, (1, 1)))
 _WIDE, _HIGH, _LEFT, _FOOT, _TOP, _GAP, _LEGEND = 3.0, 2.1, 0.55, 0.62, 0.3, 0.62, 2.0
 _ROWS = (("psnr", "PSNR (dB)"), ("ssim", "SSIM"))
 _MODULATION_DECADES = 3
-
-Floats = NDArray[np.float64]
 
 
 @styled

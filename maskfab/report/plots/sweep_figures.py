@@ -8,14 +8,12 @@ from textwrap import fill
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from maskfab.base.arrays import Floats
 from maskfab.quantities import registered
 from maskfab.report.plots.die_figures import OKABE_ITO
 from maskfab.report.plots.sheet import QUIET, Drawing, place, styled
 from maskfab.sweeps.numbers import Series, Swept, axis
-
-Floats = NDArray[np.float64]
 
 BAND = (0.05, 0.95)
 """Shares of the cases between which a band lies."""
